@@ -430,9 +430,11 @@ class Study:
         from minihuman.figures.occupancy import group_participants_by_group, occupancy_figure
 
         logs = [session._selected.session for session in self.sessions]
-        played = [episode for log in logs for episode in log.episodes]
+        episode_plans = [episode.plan for log in logs for episode in log.episodes]
+        place = of
         if name == "learning":
-            place = of or (played[-1].plan.block_name if played else "")
+            if not place and episode_plans:
+                place = episode_plans[-1].block_name
             rewards = collect_rewards(logs)
             episodes = rewards[rewards["block"] == place]
             curves = collect_learning_curves(episodes)
@@ -440,7 +442,8 @@ class Study:
                 title = name_measure("reward", place)
                 return learning_figure(curves, measure="reward", limits=find_reward_limits(episodes), title=title)
         else:
-            place = of or (played[-1].plan.world if played else "")
+            if not place and episode_plans:
+                place = episode_plans[-1].world
             groups = group_participants_by_group(logs, place)
             if groups:
                 return occupancy_figure(place, groups)
@@ -481,9 +484,8 @@ class Study:
             (session.participant, session.group, session.number, len(session), session.end_reason)
             for session in self.sessions[:_MAX_SHOWN_SESSIONS]
         ]  # fmt: skip
+        notes = list(self.exclusions)
         if len(self.sessions) > _MAX_SHOWN_SESSIONS:
-            more = f"; the first {_MAX_SHOWN_SESSIONS} are shown"
-        else:
-            more = ""
-        caption = f"{self.path.name}: {'; '.join(self.exclusions)}{more}"
+            notes.append(f"the first {_MAX_SHOWN_SESSIONS} are shown")
+        caption = f"{self.path.name}: {'; '.join(notes)}"
         return format_html_table(caption, ("participant", "group", "session", "included episodes", "ended"), rows)

@@ -26,6 +26,7 @@ Cell = tuple[int, int]
 STEPS = ((0, -1), (0, 1), (1, 0), (-1, 0))  # of a kitchen's actions: up, down, right, left
 _QUARTER_TURNS_OF_STEPS = (3, 1, 0, 2)  # to the right from east, by the index of the step
 _QUARTER_TURN_RAD = np.pi / 2
+_FIELDS_PER_COOK = 4  # x, y, direction and what is held
 SIDESTEP = 0.3  # how probable it is that a cook whose way is blocked or contested stays or goes anywhere
 
 
@@ -106,19 +107,27 @@ class KitchenView:
     def __init__(self, kitchen: Kitchen, seat: int) -> None:
         row = self.row = kitchen.row
         width, height, cooks = row[:3].tolist()
-        every = row[fields.COOK : fields.COOK + 4 * cooks].reshape(cooks, 4).tolist()
-        x, y, self.facing, self.held_thing = every.pop(seat)
+        cooks_end = fields.COOK + _FIELDS_PER_COOK * cooks
+        others = row[fields.COOK : cooks_end].reshape(cooks, _FIELDS_PER_COOK).tolist()
+        x, y, self.facing, self.held_thing = others.pop(seat)
         self.place = (x, y)
-        self.other_places = {(other[0], other[1]) for other in every}
-        self.held_by_others = [other[3] for other in every]
+        self.other_places = {(other_x, other_y) for other_x, other_y, _, _ in others}
+        self.held_by_others = [held_thing for _, _, _, held_thing in others]
         cells = [divmod(cell, height) for cell in range(width * height)]
-        terrain, things = row[fields.COOK + 4 * cooks :].reshape(2, -1).tolist()
+        terrain, things = row[cooks_end:].reshape(2, -1).tolist()
         self.terrain = dict(zip(cells, terrain, strict=True))
         self.things = dict(zip(cells, things, strict=True))
         self.floor = set(self._cells(fields.FLOOR))
         self.region = self._region(self.place)
-        value_of = {recipe: int(row[fields.VALUES + recipe.count("o") + 4 * recipe.count("t")]) for recipe in RECIPES}
-        self.orders = sorted(filter(value_of.__getitem__, RECIPES), key=lambda recipe: -value_of[recipe])
+        prices = {recipe: self._read_price(recipe) for recipe in RECIPES}
+        wanted_recipes = [recipe for recipe in RECIPES if prices[recipe]]
+        self.orders = sorted(wanted_recipes, key=lambda recipe: -prices[recipe])
+
+    def _read_price(self, recipe: str) -> int:
+        """Return the reward for delivering a soup, by its numbers of onions ("o") and tomatoes ("t")."""
+        n_onions = recipe.count("o")
+        n_tomatoes = recipe.count("t")
+        return int(self.row[fields.VALUES + n_onions + 4 * n_tomatoes])
 
     def choose(self) -> tuple[int, bool]:
         """Return the next action, and whether another cook blocks it."""

@@ -7,6 +7,7 @@ held-out episodes.
 import json
 from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, field
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,13 @@ from minihuman.errors import LearnError
 from minihuman.learn.demonstrations import Demonstrations, read_demonstrations
 from minihuman.learn.policy.file import PolicyCard, get_versions, save_policy
 from minihuman.learn.policy.network import EncoderName, Policy, build_policy
-from minihuman.learn.policy.observation import Observation, ObservationEncoder, ViewMode, get_image_shape
+from minihuman.learn.policy.observation import (
+    EpisodeEncoder,
+    Observation,
+    ObservationEncoder,
+    ViewMode,
+    get_image_shape,
+)
 from minihuman.learn.ppo import episode_seed
 from minihuman.statistics.scores import wilson_interval
 from minihuman.statistics.units import find_units
@@ -70,31 +77,42 @@ def evaluate_policy(
     An episode ends when the world ends it or after ``most_steps``, so at least one of the two must have a limit.
     """
     env: Any = World(world_id, options, trusted=True).env  # with its own step limit
-    world = env.unwrapped
-    team = getattr(world, "team", None)
-    first_action = int(env.action_space.start)
     encoder = eyesight.episode_encoder()
     returns = []
-    steps = []
+    lengths = []
     successes = 0
     for episode in range(episodes):
         raw, _ = env.reset(seed=held_out_seed(seed, episode))
-        total = 0.0
-        length = 0
-        ended = False
-        terminated = False
-        reward = 0.0
-        while not ended:
-            if team is not None:  # what the other bodies do
-                world.joint = [choose(encoder.encode(world, team.observation(body))) for body in range(team.bodies)]
-            raw, reward, terminated, truncated, _ = env.step(first_action + choose(encoder.encode(world, raw)))
-            total = total + float(reward)
-            length = length + 1
-            ended = terminated or truncated or length == most_steps
-        returns.append(total)
-        steps.append(length)
-        successes += terminated and reward > 0
-    return Evaluation(episodes, successes, float(np.mean(returns)), float(np.mean(steps)))
+        episode_return, length, has_succeeded = _play_episode(env, raw, choose, encoder, most_steps)
+        returns.append(episode_return)
+        lengths.append(length)
+        successes += has_succeeded
+    return Evaluation(episodes, successes, float(np.mean(returns)), float(np.mean(lengths)))
+
+
+def _play_episode(
+    env: Any, raw: Any, choose: ChooseAction, encoder: EpisodeEncoder, most_steps: int | None
+) -> tuple[float, int, bool]:
+    """Play an episode from its first observation ``raw``.
+
+    Returns:
+        The episode's return, its number of steps, and whether it terminated with a reward.
+    """
+    world = env.unwrapped
+    team = getattr(world, "team", None)
+    first_action = int(env.action_space.start)
+    episode_return = 0.0
+    length = 0
+    while True:
+        if team is not None:  # what the other bodies do
+            observations = [team.observation(body) for body in range(team.bodies)]
+            world.joint = [choose(encoder.encode(world, observation)) for observation in observations]
+        action = choose(encoder.encode(world, raw))
+        raw, reward, terminated, truncated, _ = env.step(first_action + action)
+        episode_return += float(reward)
+        length += 1
+        if terminated or truncated or length == most_steps:
+            return episode_return, length, bool(terminated and reward > 0)
 
 
 def held_out_seed(seed: int, episode: int) -> int:
@@ -180,10 +198,10 @@ def clone_policy(
 ) -> tuple[Policy, CloningResult]:
     """Train a policy to imitate the training demonstrations; return it with the best validation epoch's weights."""
     torch.manual_seed(settings.seed)
-    steps = _stack(training)
+    steps = _stack_steps(training)
     if settings.mirrored:
         steps = _with_mirror_images(steps, training.action_names, eyes)
-    held_out = _stack(validation)
+    held_out = _stack_steps(validation)
     policy = build_policy(training.space, len(training.action_names), eyes)
     policy.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
     optimiser = torch.optim.Adam(
@@ -247,13 +265,15 @@ def _train_epoch(policy: Policy, optimiser: torch.optim.Adam, steps: Steps, batc
     return float(np.mean(losses))
 
 
-def _stack(demonstrations: Demonstrations) -> Steps:
-    observations = [observation for episode in demonstrations.episodes for observation in episode.observations]
+def _stack_steps(demonstrations: Demonstrations) -> Steps:
+    """Return the images, the missions (None if unobserved) and the actions of all steps, one row per step."""
+    observations = list(chain.from_iterable(episode.observations for episode in demonstrations.episodes))
     images = torch.as_tensor(np.stack([observation["image"] for observation in observations]))
     missions = None
     if "mission" in observations[0]:
         missions = torch.as_tensor(np.stack([observation["mission"] for observation in observations]))
-    return images, missions, torch.as_tensor(np.concatenate([episode.actions for episode in demonstrations.episodes]))
+    actions = torch.as_tensor(np.concatenate([episode.actions for episode in demonstrations.episodes]))
+    return images, missions, actions
 
 
 def _pick(images: torch.Tensor, missions: torch.Tensor | None, rows: torch.Tensor | slice) -> dict[str, torch.Tensor]:
@@ -401,8 +421,13 @@ def build_card_text(
         f"| chance | {chance} | {chance.mean_return:.3f} | - | - | - |",
         "",
     ]
-    lines += [f"Command: `{command}`", "", "Versions: " + ", ".join(f"{k} {v}" for k, v in get_versions().items())]
+    lines += [f"Command: `{command}`", "", f"Versions: {_join_versions()}"]
     return "\n".join(lines) + "\n"
+
+
+def _join_versions() -> str:
+    """Return the packages on which a policy's results depend, with their versions."""
+    return ", ".join(f"{package} {version}" for package, version in get_versions().items())
 
 
 def _numbers(study: CloneStudy, rows: list[CloneEvaluation], chance: Evaluation, command: str) -> dict[str, Any]:

@@ -119,14 +119,16 @@ class LearnerProcess:
         assert self._process is not None
         assert self._reader is not None
         assert self._until_s is not None
-        died = self._process.poll()
-        if died is not None:
+        exit_status = self._process.poll()
+        if exit_status is not None:
             self._reader.join(_LAST_LINE_TIMEOUT_S)
         with suppress(queue.Empty):
             return _read(self._answers.get(block=timeout_s > 0, timeout=timeout_s))
-        if died is not None:
+        if exit_status is not None:
             self._end()
-            cause = f"signal {-died}" if died < 0 else f"exit status {died}"
+            cause = f"exit status {exit_status}"
+            if exit_status < 0:
+                cause = f"signal {-exit_status}"
             return LearnerAnswer("", f"the learner died ({cause})")
         if time.monotonic() >= self._until_s:
             self._end()

@@ -280,8 +280,11 @@ class _SessionLoop:
 
     def _answer(self) -> None:
         """Answer the running part's requests. This comes after the picture, which nothing may delay."""
-        while self._agent is not None and not self._session.over and (want := self._session.request) is not None:
-            answer = self._agent.answer(want, self._session.play, self._clock())
+        while self._agent is not None and not self._session.over:
+            request = self._session.request
+            if request is None:
+                return
+            answer = self._agent.answer(request, self._session.play, self._clock())
             if answer is None:
                 return
             self.take(answer)

@@ -176,20 +176,22 @@ class SharedWindow:
         return next((seat for seat in self._active_seats if not seat.waits), self._active_seats[0])
 
     def _show(self) -> None:
-        """Show the screens that are new."""
-        front = self._front
-        playing = [seat for seat in self._active_seats if isinstance(seat.screen, PlayScreen)]
-        in_view = playing if front in playing else [front]
+        """Show the screens that are in view if any of them is new, and pass each new one's time to its seat."""
+        in_view = [seat for seat in self._active_seats if isinstance(seat.screen, PlayScreen)]
+        if self._front not in in_view:
+            in_view = [self._front]
         coming = [(seat, seat.screen) for seat in in_view if seat.screen is not None]
         displayed = {(seat, id(screen)) for seat, screen in self._displayed}
         new = [(seat, screen) for seat, screen in coming if (seat, id(screen)) not in displayed]
         if not new and len(coming) == len(displayed):
             return
-        frame = self._window.show(
-            _compose_screens([seat.label for seat, _ in coming], [screen for _, screen in coming])
-        )
+        labels = [seat.label for seat, _ in coming]
+        screens = [screen for _, screen in coming]
+        frame = self._window.show(_compose_screens(labels, screens))
         for seat, screen in new:
-            screen_shown = replace(frame, step=screen.step) if isinstance(screen, PlayScreen) else frame
+            screen_shown = frame
+            if isinstance(screen, PlayScreen):
+                screen_shown = replace(frame, step=screen.step)
             seat.put((screen, screen_shown))
         self._displayed = coming
 
@@ -228,7 +230,10 @@ def _compose_screens(labels: Sequence[str], screens: Sequence[Screen]) -> Screen
     first = screens[0]
     label = labels[0]
     if isinstance(first, TextScreen | PageScreen | QuestionScreen):
-        return replace(first, title=f"{label}: {first.title}" if first.title else label)
+        title = label
+        if first.title:
+            title = f"{label}: {first.title}"
+        return replace(first, title=title)
     plays = [screen for screen in screens if isinstance(screen, PlayScreen)]
     if not plays:
         return first

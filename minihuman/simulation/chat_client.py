@@ -16,6 +16,7 @@ from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
+from http import HTTPStatus
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -29,6 +30,7 @@ DEFAULT_URL = "https://api.openai.com/v1"
 MAX_ANSWER_BYTES = 8_000_000
 MAX_ERROR = 300  # characters of what a provider says of an error
 MAX_TOKENS = 1_000_000_000  # that a call can have taken
+_TEMPORARY_STATUSES = (HTTPStatus.REQUEST_TIMEOUT, HTTPStatus.CONFLICT, HTTPStatus.TOO_MANY_REQUESTS)
 MIN_SECRET = 8  # characters: what is shorter is a dummy, and may be part of an answer
 # what a provider's error may hold beside its reason: addresses, keys cut short, ids of requests and accounts, paths
 _PRIVATE = re.compile(
@@ -141,16 +143,15 @@ class ChatClient(ModelClient):
             status, content = self._post(body)
         except (OSError, http.client.HTTPException, ValueError) as error:
             self.close()
+            name = type(error).__name__  # an error's text may hold the address
             if isinstance(error, TimeoutError):
                 name = "timeout"
-            else:
-                name = type(error).__name__
-            # an error's text may hold the address
             raise ModelUnavailableError(name, temporary=not isinstance(error, ValueError)) from None
         latency_ms = (time.perf_counter() - started_s) * 1_000
-        if status != 200:
+        if status != HTTPStatus.OK:
             reason = ": ".join(filter(None, [f"HTTP {status}", self._read_error(content)]))
-            raise ModelUnavailableError(reason, temporary=status in (408, 409, 429) or status >= 500)
+            is_server_error = status >= HTTPStatus.INTERNAL_SERVER_ERROR
+            raise ModelUnavailableError(reason, temporary=is_server_error or status in _TEMPORARY_STATUSES)
         return self._read(content, latency_ms)
 
     def close(self) -> None:

@@ -25,6 +25,8 @@ from minihuman.simulation.participant import KeyPress, SimulatedTeacher, Watched
 from minihuman.simulation.scripted import GridExplorer, press_action
 from minihuman.worlds.adapters.world import World
 
+_MAX_LOG_ODDS = 500.0  # beyond which the exponential overflows
+
 
 @dataclass(frozen=True, slots=True)
 class SupervisorParameters:
@@ -205,13 +207,18 @@ class Rater:
         self._rng = rng
 
     def answer(self, left: float, right: float) -> Literal["left", "right", "equal"]:
-        """Return the side with the better of two true returns, subject to noise."""
+        """Return which of two true returns the rater judges to be better, subject to noise."""
+        difference = right - left
         if self._rng.random() < self._judging.lapse:
-            return "right" if self._rng.random() < 0.5 else "left"
-        if abs(right - left) <= self._judging.indifference:
+            right_probability = 0.5
+        elif abs(difference) <= self._judging.indifference:
             return "equal"
-        chance = 1 / (1 + math.exp(-max(-500.0, min(500.0, self._judging.beta * (right - left)))))
-        return "right" if self._rng.random() < chance else "left"
+        else:
+            log_odds = max(-_MAX_LOG_ODDS, min(_MAX_LOG_ODDS, self._judging.beta * difference))
+            right_probability = 1 / (1 + math.exp(-log_odds))
+        if self._rng.random() < right_probability:
+            return "right"
+        return "left"
 
 
 REPEAT_MS = 250.0  # between keys while in control

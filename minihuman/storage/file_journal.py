@@ -110,25 +110,17 @@ class FileJournal(Journal[Line]):
     def _read_on(self, fd: int) -> Sequence[Line]:
         """Read new lines of an open file; a file that was replaced or changed is read from its start."""
         with self._guard:
-            now = os.fstat(fd)
-            size, mtime_ns = self._size_and_mtime_ns
-            rewritten = now.st_size == size and now.st_mtime_ns != mtime_ns
-            another = (now.st_dev, now.st_ino) != self._which
-            if rewritten or another or read_at(fd, len(self._last), self._last_begin) != self._last:
-                self._forget()
-                self._which = now.st_dev, now.st_ino
-            self._size_and_mtime_ns = now.st_size, now.st_mtime_ns
+            self._forget_if_changed(fd)
             content = b""
-            while piece := read_at(fd, 1 << 20, self._at + len(content)):
+            while piece := read_at(fd, _READ_BYTES, self._at + len(content)):
                 content += piece
             *new_lines, unfinished = content.split(b"\n")
-            finished = content[: len(content) - len(unfinished)]
+            finished = content.removesuffix(unfinished)
             chain = self._chain.copy()
             lines = [self._open(chain, line, self._count + number) for number, line in enumerate(new_lines, 1)]
+            half = None
             if unfinished:
                 half = self._open(chain.copy(), unfinished, self._count + len(new_lines) + 1)
-            else:
-                half = None
             self._chain = chain
             self._lines += [line for line in lines if line is not None]
             self._count += len(new_lines)
@@ -138,10 +130,25 @@ class FileJournal(Journal[Line]):
                 return LinesRead(self._lines)
             return (*self._lines, half)
 
+    def _forget_if_changed(self, fd: int) -> None:
+        """Forget the lines read so far if the file was replaced, or changed other than by adding to it."""
+        status = os.fstat(fd)
+        size, mtime_ns = self._size_and_mtime_ns
+        is_rewritten = status.st_size == size and status.st_mtime_ns != mtime_ns
+        is_another = (status.st_dev, status.st_ino) != self._which
+        if is_rewritten or is_another or read_at(fd, len(self._last), self._last_begin) != self._last:
+            self._forget()
+            self._which = (status.st_dev, status.st_ino)
+        self._size_and_mtime_ns = (status.st_size, status.st_mtime_ns)
+
     def _open(self, chain: LineChain, line: bytes, number: int) -> Line | None:
-        if self._chained and not (line := chain.open(line, number)):
-            return None
-        return self._decode(line, number)
+        """Check and decode a line; return None for a line of a chained journal that a crash cut off."""
+        content = line
+        if self._chained:
+            content = chain.open(line, number)
+            if not content:
+                return None
+        return self._decode(content, number)
 
     @property
     def _last_begin(self) -> int:
@@ -149,6 +156,7 @@ class FileJournal(Journal[Line]):
 
 
 _REMEMBERED = 256  # bytes by which a file that was changed is known
+_READ_BYTES = 1 << 20  # that are read at once
 
 
 class _LockedFile(LockedJournal[Line]):

@@ -78,15 +78,18 @@ class StudyFile:
         Raises:
             OutsideNameError: if it does not have the form ``STUDY/CODE/ses-NN/FILE``.
         """
+        refusal = f"{shorten_name(name)} is refused"
+        wrong_form = f"{refusal}: it is not of the form {_FORM}"
         parts = name.split("/")
-        if len(parts) != 4:
-            raise OutsideNameError(f"{shorten_name(name)} is refused: it is not of the form {_FORM}")
+        if len(parts) != _FORM.count("/") + 1:
+            raise OutsideNameError(wrong_form)
         for part in parts:
-            if reason := explain_refused_name(part):
-                raise OutsideNameError(f"{shorten_name(name)} is refused: {shorten_name(part)}: {reason}")
+            reason = explain_refused_name(part)
+            if reason:
+                raise OutsideNameError(f"{refusal}: {shorten_name(part)}: {reason}")
         study, participant, session, file = parts
         if not _SESSION.fullmatch(session) or participant.startswith("ses-"):
-            raise OutsideNameError(f"{shorten_name(name)} is refused: it is not of the form {_FORM}")
+            raise OutsideNameError(wrong_form)
         return cls(study, participant, session, file)
 
     @property

@@ -113,6 +113,7 @@ class PostgresJournal(Journal[Line], Generic[Line]):
         return int(row[0])
 
     def _read_on(self, cursor: "psycopg.Cursor[Any]", generation: int) -> Sequence[Line]:
+        """Read the lines added since the last call, or all lines if others were removed; return all lines."""
         if generation != self._generation:
             self._generation = generation
             self._last = 0
@@ -121,10 +122,13 @@ class PostgresJournal(Journal[Line], Generic[Line]):
         ask = "select number, line from minihuman_lines where journal = %s and number > %s order by number"
         for number, line in cursor.execute(ask, [self._name, self._last]).fetchall():
             chain = self._chain.copy()
-            content = chain.open(bytes(line), number) if self._chained else bytes(line)
-            decoded = self._decode(content, number) if content else None
-            if decoded is not None:
-                self._lines.append(decoded)
+            content = bytes(line)
+            if self._chained:
+                content = chain.open(content, number)
+            if content:
+                decoded = self._decode(content, number)
+                if decoded is not None:
+                    self._lines.append(decoded)
             self._last = number
             self._chain = chain
         return LinesRead(self._lines)

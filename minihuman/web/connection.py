@@ -347,6 +347,11 @@ class Connection(PageSession):
         self._say_changed()
 
     def _guarded(self, do: Callable[..., bool | None], *arguments: object, **options: object) -> bool | None:
+        """Call a function that works on the session; if it fails, end the session with the reason and return None.
+
+        Raises:
+            MessageError: as the function does.
+        """
         try:
             return do(*arguments, **options)
         except LogError as error:
@@ -354,10 +359,9 @@ class Connection(PageSession):
         except messages.MessageError:
             raise
         except WorldError as error:  # of a picture for the page, which the session itself does not draw
+            log_text = str(error)
             if isinstance(error, WorldCodeError):
                 log_text = error.log_text
-            else:
-                log_text = str(error)
             self.host.stop(Stop(self.host.last_at_ns, "world_error", log_text))
         except Exception as error:  # a bug of ours: this session ends, the others go on
             LOG.exception("a session failed")

@@ -112,11 +112,9 @@ class ConnectionFactory:
             known = self._connections.get(self._connection_keys.get(link_digest, ""))
             if known is not None:
                 return known
-            if (
-                self._is_full()
-                or self._is_disk_low()
-                or (not is_invited and self._is_crowded(network) and not await self._is_issued(hello.token))
-            ):
+            if self._is_full() or self._is_disk_low():
+                return self._refusals.turn_away("busy")
+            if not is_invited and self._is_crowded(network) and not await self._is_issued(hello.token):
                 return self._refusals.turn_away("busy")
             connection = await self._admit_page(hello, transport)
             if isinstance(connection, Connection):

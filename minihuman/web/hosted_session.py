@@ -170,16 +170,17 @@ def resume_host(
 
 def _refuse_other_rules(part: Path, events: Sequence[Event], facts: Mapping[str, str]) -> None:
     """Refuse a log that was begun by another release, or with another version of the worlds."""
-    first = events[0] if events else None
     logged_facts: Mapping[str, str] = {}
-    if isinstance(first, SessionStarted):
-        logged_facts = first.facts
+    if events and isinstance(events[0], SessionStarted):
+        logged_facts = events[0].facts
     for name in {*logged_facts, *facts}:
         is_rule = name in _RULES or name.startswith(SOURCE_FACT)
-        if is_rule and logged_facts.get(name) != facts.get(name):
+        logged = logged_facts.get(name)
+        present = facts.get(name)
+        if is_rule and logged != present:
             raise LogError(
-                f"{part} was recorded with {name} {logged_facts.get(name)!r}, but this server has {facts.get(name)!r}; "
-                "resume it with the version that recorded it"
+                f"{part} was recorded with {name} {logged!r}, but this server has {present!r}; resume it with the "
+                "version that recorded it"
             )
 
 

@@ -207,6 +207,7 @@ _MOST_TRIES = 48  # from one screen
 _FLIP_NS = 16_000_000  # until a screen is there
 _LOOK_NS = 200_000_000  # until an input
 _TICK = "tick"
+_DIGIT_KEYS = 9
 _MOVING = ("step", "controller", "controller_text")  # of a screen that the page goes on with by itself
 
 
@@ -281,7 +282,7 @@ class ScreenPrefetcher:
         if input_name == _TICK and due_ns is not None:
             at_ns = max(at_ns, due_ns)
         try:
-            tried.receive(_input(input_name, at_ns))
+            tried.receive(_make_input(input_name, at_ns))
         except WorldError:  # the world is not available here
             return
         if tried.over or tried.failure is not None or not can_copy_session(tried):
@@ -374,17 +375,18 @@ def list_likely_inputs(session: SessionMachine) -> Iterator[str]:
 def _answers(item: object) -> Iterator[str]:
     match item:
         case OptionList(options=options):
-            yield from _choices(len(options))
+            yield from _name_choices(len(options))
             yield from ("key:down", "key:up")
         case RatingScale(points=points):
-            yield from _choices(len(points))
+            yield from _name_choices(len(points))
             yield from ("key:right", "key:left")
         case ShapeCanvas(shapes=shapes):
             yield from (f"point:{shape.target}" for shape in shapes if shape.target)
 
 
-def _choices(count: int) -> Iterator[str]:
-    for number in range(min(9, count)):
+def _name_choices(count: int) -> Iterator[str]:
+    """Yield the inputs that choose the options of a question which have a digit key."""
+    for number in range(min(_DIGIT_KEYS, count)):
         yield f"key:{number + 1}"
         yield f"point:option:{number}"
 
@@ -397,7 +399,8 @@ def _mark_shown(session: SessionMachine) -> tuple[int, int]:
     return flip_ns, flip_ns + _LOOK_NS
 
 
-def _input(input_name: str, at_ns: int) -> Input:
+def _make_input(input_name: str, at_ns: int) -> Input:
+    """Return the input with a name such as "key:enter" or "point:option:2"; a tick for any other name."""
     kind, _, target = input_name.partition(":")
     match kind:
         case "key":

@@ -280,6 +280,7 @@ class SessionHost:
     # What the page did
 
     def _find_events(self, message: messages.PageMessage, at_ns: int, arrival_ns: int | None) -> list[Event]:
+        """Return the events of a message: notes of what the page reports, or what the session makes of an input."""
         match message:
             case messages.RoundTripMessage():
                 linked = self.link.linked(at_ns, message)
@@ -300,13 +301,11 @@ class SessionHost:
                     return []
                 return [Noted(at_ns, BROWSER_NOTE, f"not taken: {message.text}")]
             case messages.KeyMessage(trusted=False):
-                detail = "up"
+                direction = "up"
                 if message.down:
-                    detail = "down"
-                note = Noted(
-                    at_ns, BROWSER_NOTE, f"key {message.key} {detail} at {message.stamp} ns was made by a script"
-                )
-                return [note, *self._play(message, at_ns)]
+                    direction = "down"
+                text = f"key {message.key} {direction} at {message.stamp} ns was made by a script"
+                return [Noted(at_ns, BROWSER_NOTE, text), *self._play(message, at_ns)]
             case messages.DisplayedMessage(step=step) if step >= 0:
                 return self._step_shown(message, at_ns)
         return self._play(message, at_ns)

@@ -423,9 +423,10 @@ class PygameWindow(BlockingWindow):
     def facts(self) -> dict[str, str]:
         """Return the toolkit, its version, the display's size and refresh rate, and how keys are identified."""
         width, height = self.size_px
+        sdl_version = ".".join(map(str, pygame.get_sdl_version()))
         return {
             "window": "pygame",
-            "window_version": f"pygame-ce {pygame.version.ver}, SDL {'.'.join(map(str, pygame.get_sdl_version()))}",
+            "window_version": f"pygame-ce {pygame.version.ver}, SDL {sdl_version}",
             "window_driver": pygame.display.get_driver(),
             "window_size_px": f"{width}x{height}",
             "fullscreen": str(self._fullscreen).lower(),

@@ -25,7 +25,7 @@ class EditedText:
 
     @property
     def selection(self) -> tuple[int, int]:
-        """Where the selection begins and ends; both are the caret's position if nothing is selected."""
+        """The positions at which the selection begins and ends; both are the caret's if nothing is selected."""
         return min(self.caret, self.anchor), max(self.caret, self.anchor)
 
     @property
@@ -110,11 +110,17 @@ class TextEditor:
             self.move_to(self._reach(is_onward, is_word=is_word), is_shift=is_shift)
 
     def _reach(self, is_onward: bool, *, is_word: bool) -> int:
-        """Return the position to which a step from the caret leads."""
-        find = _find_next if is_onward else _find_previous
+        """Return the position one letter or, with ``is_word``, one word away from the caret."""
+        if is_onward:
+            find = _find_next
+            ahead = 0
+        else:
+            find = _find_previous
+            ahead = -1
         at = find(self.text, self.edited.caret)
-        while is_word and 0 < at < len(self.text) and _is_of_word(self.text[at if is_onward else at - 1]):
-            at = find(self.text, at)
+        if is_word:
+            while 0 < at < len(self.text) and _is_of_word(self.text[at + ahead]):
+                at = find(self.text, at)
         return at
 
     def _delete(self, to: int) -> None:
@@ -160,11 +166,11 @@ class TextEditor:
         return text
 
     def undo(self) -> None:
-        """Take the last change back."""
+        """Undo the last change."""
         self._restore(self._undo, self._redo)
 
     def redo(self) -> None:
-        """Make the change again that was taken back last."""
+        """Redo the change that was undone last."""
         self._restore(self._redo, self._undo)
 
     def _restore(self, source: list[EditedText], other: list[EditedText]) -> None:
@@ -189,14 +195,14 @@ def _is_of_word(letter: str) -> bool:
 
 
 def _extends(text: str, at: int) -> bool:
-    """Return whether the code point at a position belongs to the letter before it: a mark, or what is joined to it."""
+    """Return whether the code point at a position is a mark on the letter before it, or is joined to that letter."""
     letter = text[at]
     is_mark = unicodedata.category(letter).startswith("M") or letter in (_JOINER, "\N{VARIATION SELECTOR-16}")
     return is_mark or text[at - 1] == _JOINER
 
 
 def _find_next(text: str, at: int) -> int:
-    """Return the position behind the letter at a position, with its marks."""
+    """Return the position after the letter at a position and its combining marks."""
     at = min(len(text), at + 1)
     while at < len(text) and _extends(text, at):
         at += 1

@@ -25,6 +25,8 @@ _OLDEST_MS = 60_000
 _EVENT_TIMEOUT_S = 0.002  # the server tells us and the toolkit at once
 _MAX_KEY_TIMES = 4096
 _MAX_PRESSES = 64  # of one key
+_LEAST_KEYCODE = 8
+_KEYCODES = 256
 _FOCUS_IN = 9
 _FOCUS_OUT = 10
 _PROPERTY_NOTIFY = 28
@@ -310,9 +312,12 @@ class X11InputRecord(_Server):
         self._read()
         if not any(move.server_ms == server_ms for move in self._presses[key]):
             self._wait()
-        moves = (move for move in reversed(self._presses[key]) if (server_ms - move.server_ms) % _TICKS < _TICKS // 2)
-        press = next(moves, None)
-        return press is None or press.is_in_window
+        for press in reversed(self._presses[key]):
+            elapsed_ms = (server_ms - press.server_ms) % _TICKS
+            is_earlier = elapsed_ms < _TICKS // 2  # times start again at 0
+            if is_earlier:
+                return press.is_in_window
+        return True
 
     @property
     def is_focused(self) -> bool:
@@ -325,8 +330,9 @@ class X11InputRecord(_Server):
         """Whether the right Alt key types letters on the current layout, so that it does not make shortcuts."""
         self._read()
         codes = {name: code for code, name in self._positions.items()}
-        # LVL3 is no key of a keyboard's: it says AltGr on every layout.
-        keycode = next((codes[name] for name in ("RALT", "ALGR", "LVL3") if name in codes), 0)
+        keycode = 0
+        for name in ("LVL3", "ALGR", "RALT"):  # LVL3 is no key of a keyboard's: it says AltGr on every layout
+            keycode = codes.get(name, keycode)
         return self._x.XkbKeycodeToKeysym(self._display, keycode, 0, 0) in _ALT_GRAPH_KEYSYMS
 
     def is_down(self, key: str) -> bool:
@@ -343,6 +349,11 @@ class X11InputRecord(_Server):
         return [key for key in sorted(self._down) if key != MAIN_BUTTON and not self._presses[key][-1].is_in_window]
 
     def _listen(self, xi: Any) -> None:
+        """Ask the X server for the raw presses and releases of all keyboards and mice.
+
+        Raises:
+            OSError: if the server does not support XInput 2.
+        """
         display = ctypes.c_void_p
         window = ctypes.c_ulong
         xi.XIQueryVersion.argtypes = display, *[ctypes.POINTER(ctypes.c_int)] * 2
@@ -353,7 +364,8 @@ class X11InputRecord(_Server):
             raise OSError("the X server does not support XInput 2")
         bits = (ctypes.c_ubyte * 4)()
         for kind in (*_RAW_PRESSES, *_RAW_RELEASES):
-            bits[kind // 8] |= 1 << kind % 8
+            byte, bit = divmod(kind, 8)
+            bits[byte] |= 1 << bit
         mask = _Mask(_ALL_MASTER_DEVICES, len(bits), ctypes.cast(bits, ctypes.POINTER(ctypes.c_ubyte)))
         xi.XISelectEvents(self._display, self._root, ctypes.byref(mask), 1)
         self._x.XFlush(self._display)
@@ -361,15 +373,16 @@ class X11InputRecord(_Server):
     def _watch(self, window: int) -> None:
         """Record focus changes of a window from now on; keys that are down now count as pressed before."""
         self._x.XSelectInput(self._display, window, _FOCUS_CHANGE_MASK)
-        keys_down = (ctypes.c_ubyte * 32)()
+        keys_down = (ctypes.c_ubyte * (_KEYCODES // 8))()
         self._x.XQueryKeymap(self._display, keys_down)
         focus = ctypes.c_ulong()
         revert_to = ctypes.c_int()
         self._x.XGetInputFocus(self._display, ctypes.byref(focus), ctypes.byref(revert_to))
         self._focused = focus.value == window
         now_ms = time.monotonic_ns() // _NS_PER_MS % _TICKS
-        for keycode in range(8, 256):
-            if keys_down[keycode // 8] >> keycode % 8 & 1:
+        for keycode in range(_LEAST_KEYCODE, _KEYCODES):
+            byte, bit = divmod(keycode, 8)
+            if keys_down[byte] & (1 << bit):
                 self._add_move(_Move(self._name_key(keycode), True, now_ms, is_in_window=False))
 
     def _name_key(self, keycode: int) -> str:

@@ -26,6 +26,7 @@ REACH = 6  # cells that are remembered on each side of the agent
 # The largest object, colour and state codes of a grid cell are 10, 5 and 2: spread over 0 to 255 they are as far apart
 # as a picture's colours. "raw" leaves them in the darkest 4 %, where the published agent saw them.
 SPREAD = (25, 51, 127)
+_CHANNELS = 3  # red, green and blue, or a cell's object, colour and state
 _QUARTER_TURNS = (3, 2, 1, 0)  # that bring what is ahead to the top, by direction
 
 
@@ -107,26 +108,24 @@ class ObservationEncoder:
                 raise LearnError(
                     f"{world} is not a minihuman grid world, which --sight {self.sight} needs; use --sight view"
                 )
-            whole_side = 2 * max(world.state.width, world.state.height) - 1
-            side = whole_side
+            side = 2 * max(world.state.width, world.state.height) - 1
             if self.sight == "remembered":
-                side = min(whole_side, 2 * REACH + 1)
-            return 3, side, side
+                side = min(side, 2 * REACH + 1)
+            return _CHANNELS, side, side
         inner = world.observation_space
         if isinstance(inner, spaces.Dict) and "image" in inner.spaces:
             picture = inner["image"]
         else:
             picture = inner
-        if (
-            not isinstance(picture, spaces.Box)
-            or len(picture.shape) != 3
-            or (picture.shape[-1] != 3 and not hasattr(world, "team"))
-        ):
+        is_image = isinstance(picture, spaces.Box) and len(picture.shape) == 3
+        has_planes = hasattr(world, "team")  # a kitchen's, of any number
+        if not is_image or (picture.shape[-1] != _CHANNELS and not has_planes):
             raise LearnError(
                 f"{world} has the observation space {inner}; choose a world whose observations contain an image with "
                 "three channels"
             )
-        return picture.shape[2], picture.shape[0], picture.shape[1]
+        height, width, channels = picture.shape
+        return channels, height, width
 
 
 def get_image_shape(space: spaces.Dict) -> tuple[int, int, int]:

@@ -5,6 +5,7 @@ Episodes are replayed and checked against the logs; steering, ratings and compar
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,7 @@ from minihuman.activities.episode_clips import EpisodeClip
 from minihuman.activities.preferences.events import PairAnswer
 from minihuman.dataset.selection import Selection
 from minihuman.errors import LearnError
+from minihuman.experiment.plan.session_plan import EpisodePlan
 from minihuman.learn.demonstrations import (
     LoggedEpisode,
     check_equal_options,
@@ -71,23 +73,28 @@ def read_session_dataset(
             f"{logs[0].parent} has no step of block {block!r} before episode {episodes + 1}; play an episode of that "
             "block first"
         )
-    block_plan = own[0].plan
-    compared = {
-        (side.episode, side.attempt) for comparison in log.comparisons for side in (comparison.left, comparison.right)
-    }
-    selected = [
-        (log, episode)
-        for episode in played
-        if episode in own
-        or (
-            (episode.plan.episode, episode.attempt) in compared
-            and (episode.plan.world, episode.plan.options) == (block_plan.world, block_plan.options)
-        )
-    ]
+    compared = _list_compared(log, played, own[0].plan)
+    selected = [(log, episode) for episode in played if episode in own or episode in compared]
     finished = [path for path in sorted(logs) if path.suffix == ".mcap"]
+    running = [path for path in sorted(logs) if path.suffix != ".mcap"]
     sources = [Source(path.name, hash_file(path), len(selected)) for path in finished]
-    sources += [Source(path.name, "", len(selected)) for path in sorted(logs) if path.suffix != ".mcap"]
+    sources += [Source(path.name, "", len(selected)) for path in running]
     return _dataset(selected, eyesight, tuple(sources), (f"block {block!r}, episodes before {episodes + 1}",))
+
+
+def _list_compared(log: SessionLog, episodes: Sequence[EpisodeLog], plan: EpisodePlan) -> list[EpisodeLog]:
+    """Return the episodes that a comparison shows and that have the world and the options of a plan."""
+    compared = set[tuple[int, int]]()
+    for comparison in log.comparisons:
+        compared.add((comparison.left.episode, comparison.left.attempt))
+        compared.add((comparison.right.episode, comparison.right.attempt))
+    return [
+        episode
+        for episode in episodes
+        if (episode.plan.episode, episode.attempt) in compared
+        and episode.plan.world == plan.world
+        and episode.plan.options == plan.options
+    ]
 
 
 def read_study_dataset(
@@ -143,6 +150,7 @@ def _dataset(
 def _list_lessons(
     episodes: Sequence[LoggedEpisode], world: World, encoder: EpisodeEncoder, actions: int
 ) -> Iterator[Lesson]:
+    """Replay episodes, and yield each as a lesson with the probabilities of the world's first ``actions`` actions."""
     for log, episode in episodes:
         observations = list(replay_observations(log, episode, world, encoder))
         n = len(episode.actions)
@@ -161,9 +169,7 @@ def _list_lessons(
             name=_name(log, episode),
             participant=log.plan.participant.id,
             seed=episode.plan.seed,
-            observations={
-                part: np.stack([observation[part] for observation in observations]) for part in observations[0]
-            },
+            observations=_stack_observations(observations),
             actions=np.asarray(episode.actions, np.int64),
             by_person=by_person,
             policy_actions=policy_actions,
@@ -183,7 +189,17 @@ def _corrected(episodes: Sequence[LoggedEpisode]) -> Iterator[tuple[SessionLog, 
                 yield log, correction
 
 
+def _stack_observations(observations: Sequence[Observation]) -> dict[str, NDArray[Any]]:
+    """Return each part of the observations as an array with one row per observation."""
+    return {name: np.stack([observation[name] for observation in observations]) for name in observations[0]}
+
+
 def _list_corrections(episodes: Sequence[LoggedEpisode], world: World, encoder: EpisodeEncoder) -> Iterator[Lesson]:
+    """Replay the corrections of episodes, and yield each as a lesson that begins where the person took over.
+
+    Raises:
+        LearnError: if a correction does not replay as recorded.
+    """
     for log, correction in _corrected(episodes):
         n = len(correction.actions)
         if not n:
@@ -198,18 +214,17 @@ def _list_corrections(episodes: Sequence[LoggedEpisode], world: World, encoder: 
                 hashes.append(world.state_hash())
             world.step(int(action))
         name = make_lesson_name(_session(log), correction.episode, correction.attempt)
-        if not np.array_equal(np.array([*hashes, world.state_hash()], np.uint64), correction.state_hashes):
+        hashes.append(world.state_hash())
+        if not np.array_equal(np.array(hashes, np.uint64), correction.state_hashes):
             raise LearnError(
-                f"{log.path}: a correction of {name} does not replay as recorded; run `minihuman "
-                "verify` to see where it differs"
+                f"{log.path}: a correction of {name} does not replay as recorded; run `minihuman verify` to see where "
+                "it differs"
             )
         yield Lesson(
             name=f"{name}:corrected-{correction.part}-{correction.correction}",
             participant=log.plan.participant.id,
             seed=correction.seed,
-            observations={
-                part: np.stack([observation[part] for observation in observations]) for part in observations[0]
-            },
+            observations=_stack_observations(observations),
             actions=np.asarray(correction.actions, np.int64),
             by_person=np.ones(n, np.bool_),
             policy_actions=np.full(n, NO_QUERY, np.int64),

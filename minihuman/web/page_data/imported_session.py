@@ -144,16 +144,19 @@ class RecordedKeys(Window):
 
     def wait(self, until_ns: int | None) -> list[Input]:
         """Move the clock to the next key, or to ``until_ns``; if neither is due, press Enter to continue."""
-        if self._coming and (until_ns is None or self._coming[0].t_ns <= until_ns):
+        is_due = bool(self._coming) and (until_ns is None or self._coming[0].t_ns <= until_ns)
+        if is_due:
             happened = self._coming.pop(0)
             self._clock.advance_to(happened.t_ns)
             return [happened]
-        if until_ns is not None and (self._coming or self._session.next_tick_ns is not None):
+        is_more_to_come = bool(self._coming) or self._session.next_tick_ns is not None
+        if until_ns is not None and is_more_to_come:
             self._clock.advance_to(until_ns)
             return []
         play = self._play
         now_ns = self._clock()
-        if play is not None and play is self._session.play and play.outcome is None:
+        is_unfinished = play is not None and play is self._session.play and play.outcome is None
+        if is_unfinished:
             return [Stop(now_ns, "window_closed", "the page has no more of this episode")]
         return [KeyDown(now_ns, "enter", "enter"), KeyUp(now_ns, "enter", "enter")]
 

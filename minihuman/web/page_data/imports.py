@@ -93,7 +93,7 @@ def require_same_steps(log: Path, episodes: Sequence[PageEpisode]) -> None:
 
 
 def verify_page_data(file: Path) -> Iterator[tuple[str, bool]]:
-    """Verify a file of page data; yield lines of findings, each with whether it is good news.
+    """Verify a file of page data; yield each finding as a line of text, with whether it is good news.
 
     Raises:
         PageDataError: if the file has no episodes, or one of them is malformed.
@@ -104,12 +104,14 @@ def verify_page_data(file: Path) -> Iterator[tuple[str, bool]]:
     for number, episode in enumerate(episodes, 1):
         verification = verify_episode(episode)
         steps += verification.steps
-        if difference := describe_difference(episode, verification):
+        difference = describe_difference(episode, verification)
+        if difference:
             differs = True
             yield f"episode {number} ({episode.name}): {difference}", False
-    if wrong := check_session_order(episodes):
+    wrong_order = check_session_order(episodes)
+    if wrong_order:
         differs = True
-        yield wrong, False
+        yield wrong_order, False
     if not differs:
         yield f"{len(episodes)} episodes, {steps} steps, consistent with the rules, not witnessed", True
         yield NOT_PROVED, True

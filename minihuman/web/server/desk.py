@@ -100,12 +100,16 @@ class StudyEntry:
         folder = str(self.folder)
         protocol = str(self.protocol)
         data = f"--data={self.folder.parent}"
-        reason = f"--reason={form.get('reason', '')}"
+        given_reason = form.get("reason", "")
+        session_number = form.get("session", 1)
+        links = form.get("links", 1)
+        reason = f"--reason={given_reason}"
+        report_folder = self.folder.parent.parent / REPORTS_FOLDER / self.name
         code = form.get("participant", "")
         window = "--fullscreen"
         if form.get("windowed"):
             window = "--windowed"
-        session = ["run", protocol, data, window, f"--participant={code}", f"--session={form.get('session', 1)}"]
+        session = ["run", protocol, data, window, f"--participant={code}", f"--session={session_number}"]
         words = {
             "next": ["run", protocol, data, window, "--next-slot"],
             "session": session,
@@ -114,10 +118,10 @@ class StudyEntry:
             "check": ["check", protocol],
             "trust": ["check", protocol, "--trust"],
             "doctor": ["doctor", protocol, data, window],
-            "serve": ["serve", protocol, data, "--port=0", f"--links={form.get('links', 1)}", "--watch"],
+            "serve": ["serve", protocol, data, "--port=0", f"--links={links}", "--watch"],
             "watch": ["watch", folder],
             "verify": ["verify", folder],
-            "report": ["report", folder, f"--out={self.folder.parent.parent / REPORTS_FOLDER / self.name}"],
+            "report": ["report", folder, f"--out={report_folder}"],
         }[action]
         if self.protocol is None and protocol in words:
             raise KeyError(action)
@@ -310,6 +314,7 @@ class StartPage:
         return self._page("process", number=number, process=self._get(number))
 
     async def _start(self, request: Request) -> Response:
+        """Start the command of a button, and redirect to the page with its output."""
         _require_own_form(request)
         form = dict(parse_qsl((await request.body()).decode(errors="replace")))
         study = None
@@ -338,7 +343,8 @@ class StartPage:
         return FileResponse(path)
 
     def _file(self, request: Request) -> Response:
-        if (name := request.path_params["name"]) not in self._files:
+        name = request.path_params["name"]
+        if name not in self._files:
             raise HTTPException(404)
         content, kind = self._files[name]
         return Response(content, media_type=kind)
@@ -352,10 +358,11 @@ class StartPage:
             return None, str(error)
 
     def _latest(self, study: StudyEntry | None, command: str) -> CommandProcess | None:
-        mine = (
-            process for process in reversed(self._processes) if process.study == study and process.words[0] == command
-        )
-        return next(mine, None)
+        """Return the latest process of a command for a study; None if there is none."""
+        for process in reversed(self._processes):
+            if process.study == study and process.words[0] == command:
+                return process
+        return None
 
     def _find(self, key: str) -> StudyEntry:
         for study in find_studies(self._folder, self._data):
