@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 
 def read_table_frame(source: Path, selection: Selection, name: str, *, with_excluded: bool) -> "pd.DataFrame":
-    """Read one of a study's or session's tables: the included rows, or all.
+    """Return one of the tables of a study or a session, with the included rows or all rows.
 
     Raises:
         QueryError: if there is no such table.
@@ -44,7 +44,7 @@ def read_table_frame(source: Path, selection: Selection, name: str, *, with_excl
 
 
 def format_html_table(caption: str, heads: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """Format a small table under a caption."""
+    """Return a small table with a caption as HTML."""
     from minihuman.reporting.template import CAPTIONED_TABLE, Table, render_template  # Jinja, which only notebooks need
 
     table = Table(heads, [tuple(map(str, row)) for row in rows], words=0)
@@ -113,7 +113,7 @@ class Episode:
 
     @property
     def outcome(self) -> str:
-        """How the episode ended: goal, timeout, failure, ended, abandoned, agent_failed, or cut_off with its log."""
+        """The episode's ending: goal, timeout, failure, ended, abandoned, agent_failed, or cut_off with the log."""
         return self.recorded.outcome_word
 
     @property
@@ -216,7 +216,7 @@ class Episode:
             self._compare(observation_hash, self.steps)
 
     def figure(self) -> "Figure":
-        """Draw the path over the floor plan."""
+        """Draw the agent's path over the floor plan."""
         from minihuman.figures.path_figures import paths_figure
 
         return paths_figure([(self.world, [self.recorded])], across=1)
@@ -392,7 +392,7 @@ class Study:
 
     @property
     def exclusions(self) -> tuple[str, ...]:
-        """What is included, and what is excluded and why, one line per fact."""
+        """The facts about what is included, and what is excluded and why, one line each."""
         return tuple(self._opened[1].lines())
 
     def table(self, name: str = "episodes", *, with_excluded: bool = False) -> "pd.DataFrame":

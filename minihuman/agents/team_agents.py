@@ -96,13 +96,13 @@ class KitchenSearch(FullViewSearch):
     """A plan for a simulated participant in a kitchen, all of which is in sight; it acts as the agent ``cook``."""
 
     def plan(self) -> list[str]:
-        """Return the next action, as a list of one."""
+        """Return a list that contains only the next action."""
         env = self._world.unwrapped
         return [self._world.action_names[KitchenView(env.team, env.seat).choose()[0]]]
 
 
 class KitchenView:
-    """A kitchen in one state, as one cook sees it."""
+    """One state of a kitchen, as one cook sees it."""
 
     def __init__(self, kitchen: Kitchen, seat: int) -> None:
         row = self.row = kitchen.row
@@ -137,7 +137,7 @@ class KitchenView:
         return fields.STAY, bool(self.other_places)
 
     def _wishes(self) -> list[list[Cell]]:
-        """Return the stations at which to act, as a list for each task, the most urgent task first."""
+        """Return a list of stations for each task, the most urgent task first."""
         pots = self._cells(fields.POT)
         kind = kind_of(self.held_thing)
         active = [cell for cell in pots if self.things[cell] and clock_of(self.things[cell]) >= 0]
@@ -192,7 +192,7 @@ class KitchenView:
         return clock_of(thing) >= int(self.row[fields.TIMES + recipe_of(thing)])
 
     def _takes(self, cell: Cell, kind: int) -> bool:
-        """Tell whether a pot needs an ingredient for the most valuable order that its contents can still become."""
+        """Return whether a pot needs an ingredient for the most valuable order that its contents can still become."""
         thing = self.things[cell]
         if thing and clock_of(thing) >= 0:
             return False
@@ -209,7 +209,7 @@ class KitchenView:
         return False
 
     def _is_complete(self, cell: Cell) -> bool:
-        """Tell whether a pot is ready to be started, because more ingredients would not make a more valuable order."""
+        """Return whether a pot can be started, because more ingredients would not make a more valuable order."""
         waits = self.things[cell] and clock_of(self.things[cell]) < 0 and not self.row[fields.AUTOMATIC]
         return bool(waits) and not (self._takes(cell, fields.ONION) or self._takes(cell, fields.TOMATO))
 

@@ -127,7 +127,7 @@ def train_batch(
 
 
 def _choose_encoder(image_shape: tuple[int, int, int]) -> EncoderName:
-    """Return the name of the network that suits an image shape of (channels, height, width)."""
+    """Return the name of the encoder that suits images of a shape (channels, height, width)."""
     channels, height, _ = image_shape
     if height > 20:
         return "atari"
@@ -334,7 +334,10 @@ class _Run:
         return settings.value * error - gain - settings.entropy * entropy
 
     def _encode(self, raw: Any) -> Batch:
-        """Encode observations on the device: the observation of a whole batch, or a list of single observations."""
+        """Return observations as tensors on the device.
+
+        ``raw`` is the observation of a whole batch, or a list of single observations.
+        """
         if isinstance(raw, list):
             if isinstance(raw[0], dict):
                 raw = {name: [observation[name] for observation in raw] for name in raw[0]}

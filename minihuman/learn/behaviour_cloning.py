@@ -131,7 +131,7 @@ def make_sampling_policy(policy: Policy, seed: int) -> ChooseAction:
 
 
 def make_random_policy(actions: int, seed: int) -> ChooseAction:
-    """Return a function that draws actions uniformly: the baseline for a policy."""
+    """Return a function that draws actions uniformly, as a baseline for policies."""
     rng = np.random.default_rng(seed)
     return lambda _: int(rng.integers(actions))
 
@@ -196,7 +196,7 @@ def split_by_participant(
 def clone_policy(
     training: Demonstrations, validation: Demonstrations, *, eyes: EncoderName, settings: CloningSettings
 ) -> tuple[Policy, CloningResult]:
-    """Train a policy to imitate the training demonstrations; return it with the best validation epoch's weights."""
+    """Train a policy to imitate demonstrations; return it with the weights of the epoch that was best in validation."""
     torch.manual_seed(settings.seed)
     steps = _stack_steps(training)
     if settings.mirrored:
@@ -370,7 +370,7 @@ def _require_new_files(paths: Iterable[Path]) -> None:
 
 
 def _choose_encoder(sight: ViewMode, image_shape: tuple[int, int, int]) -> EncoderName:
-    """Return the name of the network that suits a view mode and an image shape of (channels, height, width)."""
+    """Return the name of the encoder that suits a view mode and images of a shape (channels, height, width)."""
     channels, height, _ = image_shape
     if sight in _EYES:
         return _EYES[sight]

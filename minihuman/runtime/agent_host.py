@@ -185,7 +185,7 @@ class AgentHost(RequestHandler):
     # Pairs
 
     def _offer_clip(self, stretches: ClipSampler, want: ClipRequest, t_ns: int) -> ClipOffered | None:
-        """Return one clip of a pair, which is random or the one on which the learner's ensemble disagrees most."""
+        """Return a clip of a random pair, or of the pair that divides the learner's ensemble; None while it decides."""
         if want.pairing == "random" or self._learner is None:
             return ClipOffered(t_ns, stretches.draw(want))
         if want.place:
@@ -240,7 +240,7 @@ class AgentHost(RequestHandler):
         return Advice(t_ns, want.step, chances)
 
     def _agent(self, policy: str) -> BaseAgent:
-        """Return the agent of a policy, loading it again if another policy has been loaded in its place.
+        """Return the agent of a policy, after loading it again if another policy has taken its place.
 
         Raises:
             MinihumanError: if it cannot be loaded.
@@ -256,7 +256,7 @@ class AgentHost(RequestHandler):
         return make_policy_agent(self._policies.checked(policy))
 
     def _begin(self, agent: BaseAgent, play: RunningEpisode) -> None:
-        """Let the agent begin an episode; in the middle of one, show it all earlier steps, as it may have a memory."""
+        """Let the agent begin an episode; after a resumption, show it all earlier steps, since it may have a memory."""
         if not play.actions:
             agent.begin(play.plan, play.world)
             return

@@ -120,7 +120,7 @@ def run_free_play(play: FreePlay, window: Window, clock: Clock) -> int:
 def _episode(
     play: FreePlay, world: World, keys: Mapping[str, str], window: Window, presses: Iterator[str], seed: int
 ) -> bool:
-    """Play one layout; return whether the person wants another."""
+    """Play one layout; return whether the person wants another one."""
     mission = world.reset(seed).mission
     judge = OutcomeJudge(find_world_rule(play.world).rule)
     steps = 0

@@ -61,7 +61,7 @@ class LearnerProcess:
 
     @property
     def busy(self) -> bool:
-        """Whether a request has no answer yet."""
+        """Whether a request is still unanswered."""
         return self._until_s is not None
 
     @property

@@ -166,7 +166,7 @@ def _draw_contact_sheet(pictures: list[tuple[str, Image.Image]]) -> Image.Image:
 
 
 def _words(screen: Screen, *, but_sums: bool) -> tuple[str, ...]:
-    """Return a screen's title, text, page and question; with ``but_sums``, replace all amounts by 0."""
+    """Return a screen's title, text, page and question, with all amounts replaced by 0 if ``but_sums`` is true."""
     words = tuple(str(getattr(screen, name, "")) for name in ("title", "body", "page", "question"))
     if but_sums:
         return tuple(_SUM.sub("0", text) for text in words)

@@ -229,7 +229,7 @@ class _SessionLoop:
             self._stop(error)
 
     def hold_last_screen(self, last_screen_s: float) -> None:
-        """Keep a failure on the screen until a key, the window's closing, a signal or the time limit."""
+        """Keep a failure on the screen until a key is pressed, the window closes, a signal comes or time is up."""
         if not (self._failed or self.log_error):
             return
         try:
@@ -262,7 +262,7 @@ class _SessionLoop:
             self.take(screen_shown)
 
     def _display(self, screen: Screen) -> ScreenShown | None:
-        """Draw a screen while the log is written, then flip; return None if the log could not be written."""
+        """Draw a screen while the log is written, then display it; return None if the log could not be written."""
         try:
             return self._window.show_after(screen, self._settle_log)
         except LogError as error:

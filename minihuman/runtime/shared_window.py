@@ -63,7 +63,7 @@ class SeatWindow(Window):
 
     @property
     def waits(self) -> bool:
-        """Whether the seat's person has nothing to do."""
+        """Whether the person in this seat has nothing to do."""
         screen = self.screen
         return screen is None or (isinstance(screen, TextScreen) and not screen.prompt and not screen.keys)
 
@@ -75,11 +75,11 @@ class SeatWindow(Window):
         return key in self._keys
 
     def put(self, message: Input | tuple[Screen, ScreenShown] | None = None) -> None:
-        """Pass an input or a displayed screen to the seat's session, or wake it up with None."""
+        """Pass an input or a displayed screen to the seat's session; None only wakes it up."""
         self._inputs.put(message)
 
     def show(self, screen: Screen) -> None:  # type: ignore[override]
-        """Set the screen to be shown; `wait` returns once it was."""
+        """Set the screen to be shown; `wait` returns once it has been shown."""
         self.screen = screen
 
     def show_after(self, screen: Screen, settle_log: Callable[[], None]) -> None:

@@ -174,7 +174,7 @@ class SimulatedWindow(Window, SimulatedPerson):
         return self._simulators[kind]
 
     def _do_usual(self) -> None:
-        """Schedule the usual input for screens that every kind may show."""
+        """Schedule the usual input for a screen that parts of every kind may show."""
         match self._screen:
             case PlayScreen() if self._session.play is not None:  # else the last picture stays
                 self._play(self._session.play)

@@ -85,7 +85,7 @@ class TeamTable:
         return self._now_s()
 
     def depart(self) -> None:
-        """Expect one session fewer in the lobbies, since one of the gathered sessions is over."""
+        """Expect one session fewer in the lobbies, because one of the gathered sessions is over."""
         with self.lock:
             self._gather -= 1
             self.lock.notify_all()
@@ -222,7 +222,7 @@ class TeamTable:
         return running
 
     def answer_ready(self, want: ReadyRequest, member: "TeamMember") -> SeatsReady | TeamLost | None:
-        """Return the start of an episode once all members are ready; None while others are awaited."""
+        """Return the start of an episode once all members are ready; None before."""
         running = self.take_seat(want.team, want.plan.block_name, want.rules, member)
         answer = running.play.answer_ready(want, self._now_s())
         self._notify_concerned(running)

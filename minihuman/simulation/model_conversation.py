@@ -173,7 +173,7 @@ def find_answer_rule(screen: Screen, session: SessionMachine) -> AnswerRule | No
 
 
 def _read_answer_rules(session: SessionMachine) -> int:
-    """Return the number of the rules by which a session's prompts are made."""
+    """Return the version of the rules by which a session's prompts are made."""
     return int(session.part.context.facts.get("answer_rules", "1"))
 
 
@@ -468,7 +468,7 @@ def _compare_prompt(prompt: Prompt, call: ModelCall) -> str:
 
 
 def _leaves_event(happened: Input, event: Event) -> bool:
-    """Tell whether an input of the model is what an event in the log records."""
+    """Return whether an event in the log records an input of the model."""
     match happened, event:
         case (KeyDown() | KeyUp(), KeyPressed()):
             is_down = isinstance(happened, KeyDown)

@@ -71,7 +71,7 @@ class Supervisor:
         self._steered = 0
 
     def plan(self, world: World) -> list[str]:
-        """Look at the world and return the next actions as far as they are known; empty if nothing is known."""
+        """Look at the world and return the next actions, as far as they are known; empty if none is known."""
         more = False
         if self._searcher is None:
             self._path = find_shortest_path(world)
@@ -100,7 +100,7 @@ class Supervisor:
         return bool(self._path) and self.excess_steps >= self._is.patience_steps
 
     def takes_over(self, t_ms: float) -> bool:
-        """Tell whether the supervisor has pressed a key by a given time; call it while the agent is in control."""
+        """Return whether the supervisor has pressed a key by a given time; call this while the agent is in control."""
         if self._due_ms is None and self.exceeds_patience:
             normal = self._rng.normal(self._is.mu_ms, self._is.sigma_ms)
             self._due_ms = t_ms + max(0.0, float(normal + self._rng.exponential(self._is.tau_ms)))
@@ -111,7 +111,7 @@ class Supervisor:
         return bool(self._path)
 
     def hands_back(self) -> bool:
-        """Tell whether the supervisor returns control; call it after each of its own steps and ``plan``."""
+        """Return whether the supervisor returns control; call this after each of its own steps and ``plan``."""
         self._steered += 1
         if self._steered < self._is.min_control_steps:
             return False

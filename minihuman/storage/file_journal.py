@@ -17,7 +17,7 @@ from minihuman.storage.system import current_system
 
 
 class FileJournal(Journal[Line]):
-    """A journal whose lines of JSON are in a file, written under an exclusive lock and each fsynced.
+    """A journal of JSON lines in a file, each of which is written under an exclusive lock and fsynced.
 
     Args:
         path: the file's path; the file and its folder are created by the first write.
@@ -57,7 +57,7 @@ class FileJournal(Journal[Line]):
         return self._chain.unchained
 
     def read(self) -> Sequence[Line]:
-        """Return all lines except one that is just being written."""
+        """Return all lines, without a line that another process is just writing."""
         try:
             with name_file_in_errors(self._path), self._path.open("rb") as file:
                 return self._read_on(file.fileno())
@@ -88,7 +88,7 @@ class FileJournal(Journal[Line]):
                     os.close(fd)
 
     def keep(self, is_kept: Callable[[bytes], bool]) -> None:
-        """Replace the file, durably, by one that has only the kept lines."""
+        """Replace the file durably by a file that has only the kept lines."""
         if not self.begun:
             return
         with self.hold():

@@ -95,7 +95,7 @@ def _digest(content: bytes) -> str:
 
 
 class LinesRead(Sequence[Line]):
-    """A view of the present lines of a list that only grows; long studies would pay for copies."""
+    """A view of the lines that a growing list has now, without a copy, which would be slow in long studies."""
 
     def __init__(self, lines: list[Line]) -> None:
         self._lines = lines
@@ -123,7 +123,7 @@ class LockedJournal(abc.ABC, Generic[Line]):
 
     @property
     def lines(self) -> Sequence[Line]:
-        """Every line, including those added under this lock."""
+        """All lines, including those added under this lock."""
         if self._added:
             return (*self._before, *self._added)
         return self._before
@@ -183,7 +183,7 @@ class Journal(abc.ABC, Generic[Line]):
 
 
 class JournalState(Generic[Line, State]):
-    """The state that results from a journal's lines, kept between reads so that only added lines are processed.
+    """Keeps the state that results from a journal's lines, so that only added lines are processed.
 
     Args:
         make: makes the state of an empty journal.

@@ -31,7 +31,7 @@ def is_system_companion(name: str) -> bool:
 
 
 def explain_refused_name(name: str) -> str:
-    """Return why a name cannot be that of a study, a participant or a file; "" if it can."""
+    """Return the reason why no study, participant or file can have a name; "" if one can."""
     if len(name) > MAX_NAME_LETTERS:
         return f"it has {len(name)} characters; the maximum is {MAX_NAME_LETTERS}"
     if not _NAME.fullmatch(name):
@@ -139,7 +139,7 @@ def _parse_below(name: str, prefix: str) -> StudyFile:
 
 
 def join_inside(folder: Path, name: str) -> Path:
-    """Return the path, inside a folder, of a file that our own code has named, with slashes.
+    """Return the path inside a folder of a file that our own code has named; the name may contain slashes.
 
     Raises:
         OutsideNameError: if a part of the name would lead out of the folder.

@@ -86,7 +86,7 @@ class PostgresJournal(Journal[Line], Generic[Line]):
             yield _LockedRows(cursor, self._name, self._last, lines, self._declaration, chain)
 
     def keep(self, is_kept: Callable[[bytes], bool]) -> None:
-        """Delete the lines that are not kept, and make readers read everything again."""
+        """Delete the lines that are not kept, and make all readers read the journal again."""
         with self._asking(self._database.transaction) as cursor:
             self._locked(cursor)
             rows = cursor.execute(
@@ -105,7 +105,7 @@ class PostgresJournal(Journal[Line], Generic[Line]):
         self._database.close()
 
     def _locked(self, cursor: "psycopg.Cursor[Any]") -> int:
-        """Lock the journal's row, inserting it if necessary; return the journal's generation."""
+        """Lock the journal's row, after inserting it if necessary; return the journal's generation."""
         lock = "select generation from minihuman_journals where name = %s for update"
         while (row := cursor.execute(lock, [self._name]).fetchone()) is None:
             make = "insert into minihuman_journals (name) values (%s) on conflict do nothing"

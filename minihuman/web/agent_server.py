@@ -82,7 +82,7 @@ class ProgramClient(ModelClient):
             self._changed.notify_all()
 
     def answer(self, number: int, text: str) -> bool:
-        """Take the answer to a screen; return False if that screen is not waiting for one."""
+        """Take the answer to a screen; return False if that screen is not waiting for an answer."""
         with self._changed:
             if self._prompt is None or number != self._number:
                 return False

@@ -228,7 +228,7 @@ class Arrivals:
         free_slot(self._study_dir, admission.participant, why)
 
     def release(self, admission: Admission, why: str) -> None:
-        """Offer the slot of a visitor who vanished before they played; a visitor who comes back may still play."""
+        """Offer others the slot of a visitor who vanished before playing; the visitor may still come back."""
         if admission.session > 1:
             return
         reason = f"left without playing: {why.replace('_', ' ')}"
@@ -368,7 +368,7 @@ class Arrivals:
         sync_logs(self._data, f"{self.protocol.study.name}/{participant}/")
 
     def _read_end(self, participant: str, session: int) -> str:
-        """Return why a session ended, according to its log on this machine; "" if anything is unfinished."""
+        """Return the reason why a session ended, by its log on this machine; "" if anything is unfinished."""
         folder = session_folder(self._data, self.protocol.study.name, participant, session)
         if not folder.is_dir() or find_leftovers(folder) or not list_sessions(folder):
             return ""

@@ -97,7 +97,7 @@ class Connection(PageSession):
 
     @property
     def agreed(self) -> bool:
-        """Return whether anything is recorded: the participant consented, or the study asks for no consent."""
+        """Return whether anything is recorded, because the participant consented or the study asks for no consent."""
         return bool(self.hosted.files)
 
     @property
@@ -107,7 +107,7 @@ class Connection(PageSession):
 
     @property
     def is_unproven(self) -> bool:
-        """Return whether only the participant's address is known: no link of the study's, and no participation."""
+        """Return whether a participant came without a link of the study's and has not taken part yet."""
         return bool(self.network) and not self.has_taken_part
 
     def now_ns(self) -> int:
@@ -217,7 +217,7 @@ class Connection(PageSession):
         )
 
     def is_too_slow(self) -> bool:
-        """Tell whether a round trip over HTTP takes longer than the step period of the real-time episode being played.
+        """Return whether a round trip over HTTP takes longer than a step of the real-time episode being played.
 
         An episode that the page computes waits for no round trip. A page with a socket is never too slow: the
         protocol admitted its latency.
@@ -236,7 +236,7 @@ class Connection(PageSession):
         self.presence.hear(monotonic_s())
 
     def bid_farewell(self, *, is_left: bool) -> None:
-        """Record that the page was closed, or was left for another page."""
+        """Record that the page was closed, or that the participant left it for another page."""
         self.presence.bid_farewell(monotonic_s(), is_left=is_left)
 
     def spend(self, n_bytes: int) -> bool:
@@ -272,7 +272,7 @@ class Connection(PageSession):
         return self.host.safe(self.lease.count_acknowledgeable(monotonic_s()))
 
     def count_unsaved(self) -> int:
-        """Count the page's messages that were received but may not be on the disk yet."""
+        """Return how many of the page's messages were received but may not be on the disk yet."""
         return max(0, self.host.outbox.through - self.safe())
 
     def take(self, numbered: messages.NumberedMessage, *, more: bool = False) -> None:
@@ -317,7 +317,7 @@ class Connection(PageSession):
         return has_news
 
     def grow(self) -> bool:
-        """Look one scene further ahead; return False if nothing is left or looking ahead has failed."""
+        """Explore one more scene ahead; return False if none is left or looking ahead has failed."""
         if self._is_blind:
             return False
         try:

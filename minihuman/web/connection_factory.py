@@ -147,7 +147,7 @@ class ConnectionFactory:
         return len(self._connections) >= self._web.max_concurrent_sessions
 
     def _is_disk_low(self) -> bool:
-        """Return whether the disk has no more room than is reserved for finishing the logs of the running sessions."""
+        """Return whether the disk has only the room that is reserved for finishing the logs of running sessions."""
         folder = next(path for path in (self._data, *self._data.absolute().parents) if path.is_dir())
         is_low = shutil.disk_usage(folder).free < RESERVE_BYTES
         if is_low:

@@ -286,7 +286,7 @@ class SessionRecording:
 
 
 def _seal(log: Path) -> bool:
-    """Seal a log and copy it to the remote store; return False if that failed.
+    """Seal a log and copy it to the remote store; return False if either failed.
 
     A failure costs no participant their code, because the log is on this machine.
     """

@@ -113,7 +113,7 @@ class Outbox:
 
     @property
     def screen_name(self) -> int:
-        """Return the page's name of the session's current screen."""
+        """Return the name by which the page knows the session's current screen."""
         return self._page.screen_name
 
     def is_present(self, message: messages.DisplayedMessage) -> bool:
@@ -125,7 +125,7 @@ class Outbox:
     def describe_correction(
         self, message: messages.DisplayedMessage, at_ns: int, submit_ns: int, flip_ns: int
     ) -> Event | None:
-        """Return an event if a joint step turned out differently from the picture displayed for it; None otherwise."""
+        """Return an event if a joint step turned out differently from its displayed picture; otherwise None."""
         if self._ahead.graph is None:
             return None
         play = self.steps.find_corrected(message, self._ahead.graph.pictures)
@@ -209,7 +209,7 @@ class Outbox:
         self.outgoing.add(build_rules(play, self._session.part.part.plan, computed=world_state, keep=keep))
 
     def _computes(self, play: RunningEpisode) -> bool:
-        """Return whether the page computes an episode."""
+        """Return whether the page is to compute an episode."""
         computed = getattr(self._session.part.part.plan, "computed", "server")
         return self.page_computes and computed == "page" and can_compute(play)
 
@@ -341,7 +341,7 @@ class Outbox:
 
     @property
     def _next_tick_ns(self) -> int | None:
-        """Return when the page must send a tick; a page that computes real-time steps makes them without ticks."""
+        """Return the time at which the page must send a tick; None for a page that computes real-time steps itself."""
         session = self._session
         if session.over:
             return None

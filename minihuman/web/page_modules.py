@@ -12,7 +12,7 @@ _ROOT = "/static"
 
 
 def find_module_address(module: str) -> str:
-    """Return the address at which the page loads a kind's module, given as "package:file"."""
+    """Return the address at which the page loads a kind's module, which is named as "package:file"."""
     package, _, file = module.partition(":")
     return f"{_ROOT}/{package.replace('.', '/')}/{file}"
 

@@ -133,7 +133,7 @@ class LookAheadGraph:
         self.root = self._find_scene(actual)
 
     def grow(self) -> bool:
-        """Try one action not yet tried in the present scene; return False if all are known."""
+        """Try one action that is untried in the present scene; return False if there is none."""
         return any(self.look(action) for action in self._actions)
 
     def look(self, action: int) -> bool:
@@ -213,7 +213,7 @@ _MOVING = ("step", "controller", "controller_text")  # of a screen that the page
 
 @dataclass(slots=True)
 class _CopiedScreen:
-    """A screen, with the copy of the session that shows it."""
+    """A screen, with the copied session that shows it."""
 
     name: int
     session: SessionMachine
@@ -304,7 +304,7 @@ class ScreenPrefetcher:
 
 
 def _locate_beginning(play: RunningEpisode | None) -> tuple[int, int]:
-    """Return the episode that begins with a screen and the scene that it begins in; both are -1 if none begins."""
+    """Return the number of the episode that begins with a screen, and its first scene; both are -1 if none begins."""
     if play is None:
         return -1, -1
     return play.plan.episode, name_scene(play.world.scene_hash())
@@ -392,7 +392,7 @@ def _name_choices(count: int) -> Iterator[str]:
 
 
 def _mark_shown(session: SessionMachine) -> tuple[int, int]:
-    """Report the screen as displayed; return the display time and the earliest time of an input after it."""
+    """Tell a session that its screen was displayed; return the display time and the earliest time of the next input."""
     flip_ns = session.now_ns + _FLIP_NS
     if isinstance(session.screen, BlankScreen | TextScreen | PlayScreen):
         session.receive(ScreenShown(flip_ns, flip_ns, flip_ns))

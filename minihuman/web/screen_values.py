@@ -58,7 +58,7 @@ def _locale(screen: screens.Screen) -> ScreenLocale:
 
 
 def _activity(screen: screens.ActivityScreen, number: NumberPicture) -> dict[str, Any]:
-    """Convert an activity kind's own screen; if the kind has no view for pages, convert its picture to a page."""
+    """Convert an activity kind's own screen; if the kind has no view for pages, send its picture as a page."""
     view = screen.page_view
     if view is None:
         return dict(_picture(screen, number))
@@ -128,7 +128,7 @@ def _play(screen: screens.PlayScreen, number: NumberPicture) -> dict[str, Any]:
 
 
 def _number_film(pictures: Sequence[NDArray[np.uint8]], step: int, number: NumberPicture) -> list[int]:
-    """Number only the film's current picture; the others are drawn later and are `PENDING_PICTURE`."""
+    """Return the numbers of a film's pictures; all but the current one are drawn later and are `PENDING_PICTURE`."""
     current = min(step, len(pictures) - 1)
     numbers = [PENDING_PICTURE] * len(pictures)
     if pictures:

@@ -35,7 +35,7 @@ class SegmentClock:
         self._claimed_ns = _NOTED_AHEAD_NS
 
     def at(self, monotonic_ns: int) -> int:
-        """Return the session's time at a monotonic time of the server."""
+        """Return the session's time, in nanoseconds, at a monotonic time of the server."""
         return monotonic_ns - self._zero_ns
 
     def catch_up(self, ahead_ns: int, *, wall_ns: int, monotonic_ns: int) -> str:
@@ -59,7 +59,7 @@ class SegmentClock:
         return f"{CLOCK_NOTE} was claimed to be {ahead_s:.3f} s ahead of the server's; {counted_s:.3f} s count"
 
     def allows(self, at_ns: int, now_ns: int) -> bool:
-        """Return whether a page's clock can plausibly read ``at_ns`` when the session's time is ``now_ns``."""
+        """Return whether it is plausible that a page's clock reads ``at_ns`` when the session's time is ``now_ns``."""
         return at_ns <= now_ns + _AHEAD_NS + now_ns // 1000
 
     def check(self, number: int, at_ns: int, now_ns: int) -> str:

@@ -94,7 +94,7 @@ class SessionHost:
         return not plays_joint_turns
 
     def safe(self, durable: int | None = None) -> int:
-        """Return the last of the page's messages that may be acknowledged, which is on the disk with all before it.
+        """Return the number up to which all of the page's messages are on the disk and can be acknowledged.
 
         Args:
             durable: how many of the recorder's writes count; None for all that are on the disk, -1 for none at all.
@@ -318,7 +318,7 @@ class SessionHost:
         return self.session.receive(page_input, at_ns=at_ns, draws=self._draws)
 
     def _step_shown(self, message: messages.DisplayedMessage, at_ns: int) -> list[Event]:
-        """Return the events of a displayed step's picture, with notes on how it differs from the session's."""
+        """Return the events of a step's displayed picture, with notes on how the picture differs from the session's."""
         steps = self.outbox.steps
         if not steps.knows(message):
             steps.keep_early(message)
@@ -337,7 +337,7 @@ class SessionHost:
     # Messages to the page
 
     def grow(self) -> bool:
-        """Look one scene or one screen further ahead; return False if nothing is left."""
+        """Explore one more scene or screen ahead; return False if nothing is left."""
         return self.outbox.grow(self.link.rtt_ns or _FAR_RTT_NS)
 
     def restart(self, *, computes: bool | None = None) -> None:

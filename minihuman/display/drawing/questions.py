@@ -114,7 +114,7 @@ def _measure_question_room(screen: QuestionScreen) -> float:
 
 
 def _fit_options(sheet: Sheet, item: OptionList, wide: float, high: float) -> tuple[list[list[str]], int] | None:
-    """Return the lines of every option and the largest type size at which all options fit; None if there is none."""
+    """Return the lines of every option in the largest type in which all fit, and its size; None if there is none."""
     type_px = round(sheet.high * _TYPE)
     while type_px >= sheet.min_type_px:
         rows = [sheet.wrap(option, type_px, wide - type_px * 4) for option in item.options]

@@ -86,7 +86,7 @@ def repaint_screen(frame: NDArray[np.uint8], previous: Screen | None, screen: Sc
 
 
 def _differ_in_picture(previous: PlayScreen, screen: PlayScreen) -> bool:
-    """Tell whether two screens of play differ only in their pictures, of one size, and in who is in control."""
+    """Return whether two play screens differ only in pictures of the same size and in who is in control."""
     if previous.mark or screen.mark:
         return False
     if previous.picture.shape != screen.picture.shape or _play_frame(previous) != _play_frame(screen):

@@ -94,7 +94,7 @@ class Spot:
         return self.left <= x < self.right and self.top <= y < self.bottom
 
     def along(self, x: float) -> float:
-        """Return the position of x along the spot, from 0 to 1."""
+        """Return the position of an x along the spot, from 0 to 1."""
         share = min(1.0, max(0.0, (x - self.left) / max(1.0, self.right - self.left)))
         if self.rtl:
             return 1.0 - share

@@ -12,7 +12,7 @@ FieldBox = tuple[float, float, float, float]  # left, top, right, bottom, in pix
 
 @dataclass(frozen=True, slots=True)
 class FieldView(TextField):
-    """A field that a window edits: the selection is between caret and anchor, a composition before the caret."""
+    """A field that a window edits, with its selection (from anchor to caret) or the composition before the caret."""
 
     anchor: int = 0
     is_composing: bool = False
@@ -50,7 +50,7 @@ class FieldLayout:
 
 
 def lay_out_field(sheet: Sheet, field: TextField, box: FieldBox, type_px: int) -> FieldLayout:
-    """Break a field's text into lines; of more lines than fit, those up to the caret's are visible."""
+    """Break a field's text into lines; if not all fit, the last visible line is the caret's."""
     left, top, right, bottom = box
     pad = type_px * 0.6
     spans = _break_lines(sheet, field.text, type_px, right - left - 2 * pad)
@@ -62,7 +62,7 @@ def lay_out_field(sheet: Sheet, field: TextField, box: FieldBox, type_px: int) -
 
 
 def _break_lines(sheet: Sheet, text: str, type_px: int, wide: float) -> list[tuple[int, int]]:
-    """Break a text at line feeds and behind blanks; every position is in a line."""
+    """Return where each line of a text begins and ends, breaking it at line feeds and after spaces."""
     spans: list[tuple[int, int]] = []
     begin = 0
     for paragraph in text.split("\n"):
@@ -89,7 +89,7 @@ def _break_paragraph(
 
 
 def _count_fitting(sheet: Sheet, text: str, type_px: int, wide: float) -> int:
-    """Return how many of a text's characters fit into a line, at least one; found by bisection."""
+    """Return how many of a text's characters fit into a line, at least one, by bisection."""
     low = 1
     high = len(text)
     while low < high:

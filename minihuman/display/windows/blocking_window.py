@@ -171,7 +171,7 @@ class BlockingWindow(Window):
 
     @abc.abstractmethod
     def _want(self, *, text: bool, pointer: bool) -> None:
-        """Turn text input and the pointer on or off; their inputs are reported only while they are on."""
+        """Turn text input and the pointer on or off; while off, they are not reported."""
 
     @abc.abstractmethod
     def post_key(self, key: str) -> None:
@@ -208,7 +208,7 @@ class BlockingWindow(Window):
         return self._put(self._field.open(screen), await_log)
 
     def _on_its_way(self, moving: PlayScreen) -> PlayScreen:
-        """Return a moving screen as it will look one frame from now; after the motion, the screen itself."""
+        """Return how a moving screen will look one frame from now; after the motion, return the screen itself."""
         assert moving.motion is not None
         share = (self._clock() + _FRAME_NS - self._moves_from_ns) / moving.motion.lasts_ns
         if share < 1:
@@ -307,7 +307,7 @@ class BlockingWindow(Window):
                 return []
 
     def _edit_field(self, arrived: Sequence[Input]) -> list[Input]:
-        """Let the field on the screen edit by inputs, and show it; return those that are the session's."""
+        """Apply inputs to the field on the screen, and show the field; return the inputs that are for the session."""
         remaining = self._field.take(arrived, self.size_px)
         if not self._field.is_active:
             return remaining
@@ -324,7 +324,7 @@ class BlockingWindow(Window):
         return self._ordered(self._repeater.release(t_ns, key, symbol))
 
     def _ordered(self, inputs: Sequence[KeyDown | KeyUp]) -> list[Input]:
-        """Return key inputs after noting the time of the last one."""
+        """Record the time of the last key input, and return the inputs unchanged."""
         if inputs:
             self._last_key_ns = inputs[-1].t_ns
         return [*inputs]

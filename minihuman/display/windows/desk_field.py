@@ -40,11 +40,11 @@ class Clipboard(abc.ABC):
 
     @abc.abstractmethod
     def read(self) -> str:
-        """Return its text; "" if it has none."""
+        """Return the clipboard's text; "" if it has none."""
 
     @abc.abstractmethod
     def write(self, text: str) -> None:
-        """Replace its text."""
+        """Replace the clipboard's text."""
 
 
 class OwnClipboard(Clipboard):
@@ -64,7 +64,7 @@ class OwnClipboard(Clipboard):
 
 @dataclass(frozen=True, slots=True)
 class _Question:
-    """What tells one field from another."""
+    """The properties that distinguish one field from another."""
 
     title: str
     question: str
@@ -112,7 +112,7 @@ class DeskField:
         return self._due_ns
 
     def open(self, screen: Screen) -> Screen:
-        """Take a screen of the session; return it as the window shows it, with the field's present text."""
+        """Begin to edit the field of a screen, if it has one; return the screen with the field's present text."""
         self._screen = None
         if not isinstance(screen, QuestionScreen) or not isinstance(screen.item, TextField) or not screen.item.native:
             return screen
@@ -159,7 +159,7 @@ class DeskField:
         self._was_composed = self._was_composed or bool(text)
 
     def take(self, inputs: Iterable[Input], size_px: Size) -> list[Input]:
-        """Edit by inputs; return those that are the session's, each after what it finds settled.
+        """Apply inputs to the field; return those that are for the session, each after any text that settled before it.
 
         What comes after a press that may lead to another screen waits for that screen.
         """
@@ -187,7 +187,7 @@ class DeskField:
             self._modifiers.clear()
 
     def _takes(self, happened: Input, size_px: Size) -> bool:
-        """Edit by an input; return False if it is the session's."""
+        """Apply an input to the field; return False if the input is for the session."""
         if isinstance(happened, KeyUp) and happened.key in self._own_keys:
             self._own_keys.discard(happened.key)
             return True
@@ -264,7 +264,7 @@ class DeskField:
         return min(len(self._editor.text), locate_in_field(self.show_current(), size_px, x, y))
 
     def _edit(self, t_ns: int, edit: Callable[[], None]) -> None:
-        """Edit, and note when changes began if the text is another one now."""
+        """Apply an edit, and record when changes began if it changed the text."""
         before = self._editor.text
         edit()
         if self._editor.text != before:
@@ -273,7 +273,7 @@ class DeskField:
             self._due_ns = t_ns + SETTLE_NS
 
     def settle(self, t_ns: int) -> list[Input]:
-        """Return the report of the text if it is another one than the session has."""
+        """Return the input that reports the text, if it differs from the session's; otherwise none."""
         began_ns = self._began_ns
         if began_ns is None or self._editor.text == self._reported:
             self._began_ns = None

@@ -51,7 +51,7 @@ def encode_mission(mission: str) -> NDArray[np.float32]:
 
 @dataclass(frozen=True, slots=True)
 class ObservationEncoder:
-    """Settings of how a world's observations are encoded for a policy."""
+    """The settings by which a world's observations are encoded for a policy."""
 
     missions: bool  # whether the mission differs between episodes and is observed
     scaling: Scaling = "spread"  # what becomes of grid codes; pictures are left as they are
@@ -200,7 +200,7 @@ def _codes(cells: Any) -> NDArray[np.uint8]:
 
 
 def _cut_surroundings(world: GridEngine, reach: int, codes: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Cut the cells within reach of the agent out of a grid, turned so that the agent faces up; 0 outside the grid."""
+    """Return the cells of a grid within reach of the agent, turned so that the agent faces up; 0 outside the grid."""
     state = world.state
     canvas = np.zeros((state.width + 2 * reach, state.height + 2 * reach, 3), np.uint8)
     canvas[reach : reach + state.width, reach : reach + state.height] = codes

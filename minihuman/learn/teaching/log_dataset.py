@@ -181,7 +181,7 @@ def _list_lessons(
 
 
 def _corrected(episodes: Sequence[LoggedEpisode]) -> Iterator[tuple[SessionLog, CorrectionRecord]]:
-    """Yield the corrections of selected episodes, each with its session's log."""
+    """Yield the corrections of the given episodes, each with the log of its session."""
     episode_keys = {(log.path, episode.plan.episode, episode.attempt) for log, episode in episodes}
     for log in {log.path: log for log, _ in episodes}.values():
         for correction in log.corrections:
@@ -256,7 +256,7 @@ def _ratings(episodes: Sequence[LoggedEpisode]) -> Iterator[LessonRating]:
 
 
 def _comparisons(episodes: Sequence[LoggedEpisode]) -> Iterator[Comparison]:
-    """Yield the comparisons whose two episodes are both selected."""
+    """Yield the comparisons whose two episodes are both among the given ones."""
     names = {(log.path, episode.plan.episode, episode.attempt): _name(log, episode) for log, episode in episodes}
     for log in {log.path: log for log, _ in episodes}.values():
         for comparison in log.comparisons:
@@ -270,7 +270,7 @@ def _comparisons(episodes: Sequence[LoggedEpisode]) -> Iterator[Comparison]:
 
 
 def make_fragment(side: EpisodeClip, lesson: str) -> LessonFragment:
-    """Return the fragment of a lesson that a clip showed."""
+    """Return a clip as a fragment of its episode's lesson."""
     return LessonFragment(lesson, side.first, len(side.actions) - 1)
 
 

@@ -395,7 +395,7 @@ def optimise_policy(
     seed: int,
     start: Policy | None = None,
 ) -> Policy:
-    """Return a policy trained with PPO on the rewards of ``worth``, starting from ``start`` or from fresh weights."""
+    """Return a policy trained with PPO on the rewards of ``worth``, from ``start`` or else from fresh weights."""
     world = RewardModelEnv(dataset, worth, seed=seed)
     ppo = PpoSettings(n_steps=settings.n_steps, n_epochs=settings.n_epochs, learning_rate=settings.learning_rate)
     state = np.random.get_state()

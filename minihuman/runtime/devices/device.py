@@ -140,7 +140,7 @@ class DeviceRecorder(WrappedRecorder):
         return self._recorder.close()
 
     def _take_waiting(self) -> list[Sampled]:
-        """Take the waiting samples; those from before or after the session are dropped."""
+        """Return the samples that arrived since the last call, without those from before or after the session."""
         waiting = self._waiting
         self._waiting = []
         if not self._running:

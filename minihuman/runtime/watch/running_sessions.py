@@ -30,7 +30,7 @@ LOG = logging.getLogger("minihuman")
 
 
 class LowPriorityWorker:
-    """Runs functions, one after the other, in a thread of low priority (Linux): a session that has a key gets the core.
+    """Runs functions one after the other in a thread that has low priority on Linux, so that sessions come first.
 
     The thread keeps a share of a busy machine. A thread of the idle class would have none while two programs run, and
     while it waits for a core inside Python code it holds the interpreter, so that the whole process would stand still.

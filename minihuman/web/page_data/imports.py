@@ -40,7 +40,7 @@ class ImportedFile:
 
     @property
     def text(self) -> str:
-        """Describe the outcome in one sentence."""
+        """Return the outcome as one sentence."""
         if self.error is not None:
             return str(self.error)
         if self.log is None:
@@ -80,7 +80,7 @@ def require_same_steps(log: Path, episodes: Sequence[PageEpisode]) -> None:
     """Require that the recorded session has the same actions and rewards as the page's data.
 
     Raises:
-        PageDataError: if it has not.
+        PageDataError: if they differ.
     """
     recorded = read_log(log).episodes
     for number, (episode, played) in enumerate(zip(episodes, recorded, strict=False), 1):

@@ -91,7 +91,7 @@ class PageEpisode(msgspec.Struct, frozen=True):
 
 
 def name_key(key: str) -> str:
-    """Return our name of a key from its `KeyboardEvent.key`; "" if we have none."""
+    """Return our name of a key by its `KeyboardEvent.key`; "" if we have none."""
     if len(key) == 1 and key.isascii() and key.isalnum():
         return key.lower()
     return _PUNCTUATION.get(key) or KEY_CODES.get(key, "")
@@ -246,7 +246,7 @@ def verify_episode(episode: PageEpisode, *, checks_world: bool = True) -> Action
 
 
 def describe_difference(episode: PageEpisode, verification: ActionsVerification) -> str:
-    """Return, as a sentence, the first way in which an episode differs from its replay; "" if there is none."""
+    """Return a sentence on how an episode first differs from its replay; "" if it does not."""
     if verification.difference:
         return verification.difference
     return next(_list_differences(episode, verification), "")
@@ -352,7 +352,7 @@ def _find_end(verification: ActionsVerification, otherwise: str) -> str:
 
 
 def check_session_order(episodes: Sequence[PageEpisode]) -> str:
-    """Return which episode cannot follow the one before it, because that one was left or ended later; "" if all can.
+    """Return which episode cannot follow the one before it, which was left or ended later; "" if all can.
 
     Clock adjustments of up to one second are tolerated.
     """

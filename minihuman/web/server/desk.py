@@ -187,7 +187,7 @@ class CommandProcess:
 
     @property
     def verdict(self) -> str:
-        """Return the command's state or outcome, as one word."""
+        """Return one word for the command's state or outcome."""
         return _VERDICTS.get(self._process.poll(), "ended")
 
     def output(self) -> str:
@@ -351,7 +351,7 @@ class StartPage:
 
     @staticmethod
     def _attempt(read: Callable[[], T]) -> tuple[T | None, str]:
-        """Return what a function reads and "", or None and the reason why it cannot be read."""
+        """Return what a function reads, with ""; or None, with the reason why it cannot be read."""
         try:
             return read(), ""
         except (MinihumanError, OSError) as error:
