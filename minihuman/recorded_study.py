@@ -201,7 +201,7 @@ class Episode:
         with closing(World(recorded.plan.world, recorded.world_options)) as world:
             observation_hash = world.reset(recorded.plan.seed).observation_hash
             for place, action in enumerate(recorded.actions):
-                self._compare(observation_hash, place)
+                self._compare_observation(observation_hash, place)
                 observation = copy.deepcopy(world.observation)  # as a world may use its arrays again
                 change = world.step(int(action))
                 observation_hash = change.observation_hash
@@ -213,7 +213,7 @@ class Episode:
                     terminated=bool(recorded.terminated[place]),
                     truncated=bool(recorded.truncated[place]),
                 )
-            self._compare(observation_hash, self.steps)
+            self._compare_observation(observation_hash, self.steps)
 
     def figure(self) -> "Figure":
         """Draw the agent's path over the floor plan."""
@@ -221,7 +221,7 @@ class Episode:
 
         return paths_figure([(self.world, [self.recorded])], across=1)
 
-    def _compare(self, observation_hash: int, step: int) -> None:
+    def _compare_observation(self, observation_hash: int, step: int) -> None:
         if observation_hash != int(self.recorded.observation_hashes[step]):
             place = f"{self.participant}: {self.recorded.name} step {step}"
             raise LogError(

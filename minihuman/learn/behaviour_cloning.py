@@ -247,7 +247,7 @@ def _compare_with_people(policy: Policy, steps: Steps) -> tuple[float, float]:
     """
     images, missions, actions = steps
     with torch.no_grad():
-        log_probs = policy.log_probabilities(_pick(images, missions, slice(None)))
+        log_probs = policy.log_probabilities(_pick_rows(images, missions, slice(None)))
     loss = float(functional.nll_loss(log_probs, actions))
     return loss, float((log_probs.argmax(dim=1) == actions).float().mean())
 
@@ -257,7 +257,7 @@ def _train_epoch(policy: Policy, optimiser: torch.optim.Adam, steps: Steps, batc
     images, missions, actions = steps
     losses = []
     for rows in torch.split(torch.randperm(len(actions)), batch_size):
-        loss = functional.nll_loss(policy.log_probabilities(_pick(images, missions, rows)), actions[rows])
+        loss = functional.nll_loss(policy.log_probabilities(_pick_rows(images, missions, rows)), actions[rows])
         optimiser.zero_grad()
         loss.backward()  # type: ignore[no-untyped-call]
         optimiser.step()
@@ -276,7 +276,9 @@ def _stack_steps(demonstrations: Demonstrations) -> Steps:
     return images, missions, actions
 
 
-def _pick(images: torch.Tensor, missions: torch.Tensor | None, rows: torch.Tensor | slice) -> dict[str, torch.Tensor]:
+def _pick_rows(
+    images: torch.Tensor, missions: torch.Tensor | None, rows: torch.Tensor | slice
+) -> dict[str, torch.Tensor]:
     if missions is None:
         return {"image": images[rows]}
     return {"image": images[rows], "mission": missions[rows]}
@@ -357,8 +359,8 @@ def clone_study(source: Path, out: Path, study: CloneStudy, *, command: str) -> 
     chance = _play(random, demonstrations, study)
     text = build_card_text(study, demonstrations, rows, chance, command)
     out.parent.mkdir(parents=True, exist_ok=True)
-    save_policy(policy, _card(demonstrations, eyes, study), out)
-    write_atomically(json.dumps(_numbers(study, rows, chance, command), indent=1), files[".json"])
+    save_policy(policy, _build_card(demonstrations, eyes, study), out)
+    write_atomically(json.dumps(_collect_numbers(study, rows, chance, command), indent=1), files[".json"])
     write_atomically(text, files[".md"])
     return text
 
@@ -430,7 +432,9 @@ def _join_versions() -> str:
     return ", ".join(f"{package} {version}" for package, version in get_versions().items())
 
 
-def _numbers(study: CloneStudy, rows: list[CloneEvaluation], chance: Evaluation, command: str) -> dict[str, Any]:
+def _collect_numbers(
+    study: CloneStudy, rows: list[CloneEvaluation], chance: Evaluation, command: str
+) -> dict[str, Any]:
     return {
         "study": asdict(study),
         "rows": [asdict(row) | {"success": row.played.rate, "interval": row.played.interval} for row in rows],
@@ -452,7 +456,7 @@ def _play(choose: ChooseAction, demonstrations: Demonstrations, study: CloneStud
     )
 
 
-def _card(demonstrations: Demonstrations, eyes: EncoderName, study: CloneStudy) -> PolicyCard:
+def _build_card(demonstrations: Demonstrations, eyes: EncoderName, study: CloneStudy) -> PolicyCard:
     return PolicyCard(
         world=study.world,
         world_options=demonstrations.options,

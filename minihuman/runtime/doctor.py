@@ -108,8 +108,8 @@ def examine_machine(
     yield _clock_resolution()
     yield _languages()
     if protocol is not None:
-        yield _texts(protocol)
-    yield from _display(window, protocol, fullscreen=fullscreen)
+        yield _check_texts(protocol)
+    yield from _check_display(window, protocol, fullscreen=fullscreen)
     yield from _measure_disk(data)
 
 
@@ -152,7 +152,7 @@ def _languages() -> Finding:
     return Finding("languages", "; ".join([drawable, *without_face]))
 
 
-def _texts(protocol: Protocol) -> Finding:
+def _check_texts(protocol: Protocol) -> Finding:
     """Check whether every text of a study can be read on this machine's screens."""
     problems = list(dict.fromkeys(find_illegible_in_study(protocol)))
     if not problems:
@@ -164,7 +164,7 @@ def _texts(protocol: Protocol) -> Finding:
     return Finding("texts", first_problem + more_problems, "a text of the study cannot be read here")
 
 
-def _display(name: str, protocol: Protocol | None, *, fullscreen: bool) -> Iterator[Finding]:
+def _check_display(name: str, protocol: Protocol | None, *, fullscreen: bool) -> Iterator[Finding]:
     """Open a window, and check its display, its keys, its timing and, for a study, the pictures of its worlds."""
     try:
         window = open_window(name, time.perf_counter_ns, fullscreen=fullscreen)
@@ -181,7 +181,7 @@ def _display(name: str, protocol: Protocol | None, *, fullscreen: bool) -> Itera
             has_refresh_rate = facts["refresh_hz_reported"] != "unknown"
             yield from _measure_frames(window, synced=has_vsync and has_refresh_rate)
             if protocol is not None:
-                yield from _pictures(window, protocol)
+                yield from _measure_pictures(window, protocol)
     finally:
         window.close()
 
@@ -193,7 +193,7 @@ def _key_identity(identity: str) -> Finding:
     return Finding("keys", f"known by {identity}", unfit_because)
 
 
-def _pictures(window: BlockingWindow, protocol: Protocol) -> Iterator[Finding]:
+def _measure_pictures(window: BlockingWindow, protocol: Protocol) -> Iterator[Finding]:
     """Measure the time from a step to its picture's flip in the study's own worlds, at this window's size."""
     for block in protocol.blocks:
         with closing(World(block.world, block.options)) as world:

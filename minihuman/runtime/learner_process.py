@@ -103,7 +103,7 @@ class LearnerProcess:
         assert self._until_s is not None, "nothing was asked"
         timeout_s = _LOOK_INTERVAL_S if patient else 0.0
         while True:
-            answer = self._look(timeout_s)
+            answer = self._poll_answer(timeout_s)
             if answer is not None:
                 self._until_s = None
                 return answer
@@ -115,7 +115,7 @@ class LearnerProcess:
         self._end()
         self._until_s = None
 
-    def _look(self, timeout_s: float) -> LearnerAnswer | None:
+    def _poll_answer(self, timeout_s: float) -> LearnerAnswer | None:
         assert self._process is not None
         assert self._reader is not None
         assert self._until_s is not None
@@ -123,7 +123,7 @@ class LearnerProcess:
         if exit_status is not None:
             self._reader.join(_LAST_LINE_TIMEOUT_S)
         with suppress(queue.Empty):
-            return _read(self._answers.get(block=timeout_s > 0, timeout=timeout_s))
+            return _parse_answer(self._answers.get(block=timeout_s > 0, timeout=timeout_s))
         if exit_status is not None:
             self._end()
             cause = f"exit status {exit_status}"
@@ -155,7 +155,7 @@ def _read_lines(stream: IO[bytes], lines: "queue.SimpleQueue[bytes]") -> None:
             lines.put(line)
 
 
-def _read(line: bytes) -> LearnerAnswer:
+def _parse_answer(line: bytes) -> LearnerAnswer:
     try:
         answer = json.loads(line)
         return LearnerAnswer(str(answer["file"]), str(answer["failure"]))

@@ -199,7 +199,7 @@ class SharedWindow:
         match happened:
             case KeyDown(key=key):
                 if not happened.repeat or key not in self._down:
-                    self._down[key] = self._owners(key)
+                    self._down[key] = self._find_owners(key)
                 seats = self._down[key]
             case KeyUp(key=key):
                 seats = self._down.pop(key, self.seats)
@@ -210,7 +210,7 @@ class SharedWindow:
         for seat in seats:
             seat.put(happened)
 
-    def _owners(self, key: str) -> Sequence[SeatWindow]:
+    def _find_owners(self, key: str) -> Sequence[SeatWindow]:
         """Return the seats that receive a key, judging by what people see.
 
         Keys that stop a session, and all keys while a question about the sessions is shown, go to every active seat.

@@ -89,7 +89,7 @@ class SimulatedWindow(Window, SimulatedPerson):
     def wait(self, until_ns: int | None) -> list[Input]:
         """Advance the clock to the player's next input, or to ``until_ns``; return the input."""
         if not any(isinstance(happened, KeyDown | PointerPressed | TextInput) for happened in self._coming):
-            self._think()
+            self._schedule_next()
         if not self._coming or (until_ns is not None and until_ns < self._coming[0].t_ns):
             assert until_ns is not None, "neither a key nor a deadline: this would wait for ever"
             if until_ns > self._last_ns + LONGEST_NS:
@@ -154,7 +154,7 @@ class SimulatedWindow(Window, SimulatedPerson):
 
     # What is pressed next
 
-    def _think(self) -> None:
+    def _schedule_next(self) -> None:
         """Schedule the player's next input."""
         part = self._session.part
         if self._session.phase is part.phase:

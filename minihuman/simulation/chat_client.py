@@ -189,10 +189,10 @@ class ChatClient(ModelClient):
             usage = completion.get("usage") or {}
             message = choice["message"]
             return ChatAnswer(
-                text=self._clean(message.get("content")),
-                reasoning=self._clean(message.get("reasoning") or message.get("reasoning_content")),
-                model=_FOLDER.sub("", self._clean(completion.get("model"))) or self.model,
-                finish_reason=self._clean(choice.get("finish_reason")),
+                text=self._remove_key(message.get("content")),
+                reasoning=self._remove_key(message.get("reasoning") or message.get("reasoning_content")),
+                model=_FOLDER.sub("", self._remove_key(completion.get("model"))) or self.model,
+                finish_reason=self._remove_key(choice.get("finish_reason")),
                 prompt_tokens=min(MAX_TOKENS, max(0, int(usage.get("prompt_tokens") or 0))),
                 completion_tokens=min(MAX_TOKENS, max(0, int(usage.get("completion_tokens") or 0))),
                 latency_ms=latency_ms,
@@ -203,12 +203,12 @@ class ChatClient(ModelClient):
     def _read_error(self, content: bytes) -> str:
         """Return a provider's error text in one line, without the key and the address; "" if there is none."""
         try:
-            message = self._clean(json.loads(content)["error"]["message"])
+            message = self._remove_key(json.loads(content)["error"]["message"])
         except _NOT_A_COMPLETION:
             return ""
         return _PRIVATE.sub("[...]", " ".join(message.replace(self._host, "[...]").split()))[:MAX_ERROR]
 
-    def _clean(self, text: Any) -> str:
+    def _remove_key(self, text: Any) -> str:
         """Return a text without the key, in case a server echoes it."""
         if not isinstance(text, str):
             return ""

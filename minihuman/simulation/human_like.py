@@ -283,7 +283,7 @@ class HumanLikeParticipant(SimulatedParticipant):
         """Return the key of the next planned action, or a key pressed by a lapse, on a detour or as a trial."""
         path = self._plan_path(search)
         if self._rng.random() < self.person.lapse:
-            return self._any(self._pool)
+            return self._draw_key(self._pool)
         if not self._detour and self._understood:
             self._detour = self._draw_detour()
         if self._detour:
@@ -291,7 +291,7 @@ class HumanLikeParticipant(SimulatedParticipant):
         for key, action in self._understood.items():
             if path[:1] == [action]:
                 return key
-        return self._untried()
+        return self._choose_untried()
 
     def _draw_detour(self) -> list[str]:
         """Return the keys of a wrong turn, if the person makes one now; otherwise an empty list."""
@@ -299,7 +299,7 @@ class HumanLikeParticipant(SimulatedParticipant):
         if self._rng.random() >= wrong_turn_probability:
             return []
         length = int(self._rng.geometric(1 / self.person.wrong_turn_steps))
-        return [self._any(sorted(self._understood)) for _ in range(length)]
+        return [self._draw_key(sorted(self._understood)) for _ in range(length)]
 
     def _plan_path(self, search: GoalSearch) -> list[str]:
         """Return the planned actions; after a search that took too long, none for the rest of the episode."""
@@ -310,13 +310,13 @@ class HumanLikeParticipant(SimulatedParticipant):
                 self._lost = True
         return []
 
-    def _untried(self) -> str:
+    def _choose_untried(self) -> str:
         """Return a key whose effect is unknown, at random among those pressed least often without effect."""
         unknown = [key for key in self._pool if key not in self._understood] or list(self._pool)
         fewest = min(self._fruitless.get(key, 0) for key in unknown)
-        return self._any([key for key in unknown if self._fruitless.get(key, 0) == fewest])
+        return self._draw_key([key for key in unknown if self._fruitless.get(key, 0) == fewest])
 
-    def _any(self, keys: list[str] | tuple[str, ...]) -> str:
+    def _draw_key(self, keys: list[str] | tuple[str, ...]) -> str:
         return keys[int(self._rng.integers(len(keys)))]
 
 

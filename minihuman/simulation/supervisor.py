@@ -263,22 +263,22 @@ class SupervisorParticipant(SimulatedTeacher):
         Raises:
             SimulationError: if there is no plan, or the action has no key.
         """
-        return self._next(world, self._supervisor.plan(world))
+        return self._press_next(world, self._supervisor.plan(world))
 
     def watch(self, world: World, watched: WatchedStep) -> KeyPress | None:
         """Return the key press that takes over, plays, hands back or rates; None to wait."""
         if watched.good:
-            return self._rate(world, watched)
+            return self._rate_step(world, watched)
         path = self._supervisor.plan(world)
         if watched.who == "agent":
             takes_over = bool(watched.hand_back) and self._supervisor.takes_over(watched.t_ms)
             if not takes_over:
                 return None
-            return self._next(world, path)
+            return self._press_next(world, path)
         if watched.hand_back and watched.step == self._steered_to and self._supervisor.hands_back():
             return KeyPress(watched.hand_back, REPEAT_MS)
         self._steered_to = watched.step + 1
-        return self._next(world, path)
+        return self._press_next(world, path)
 
     def correct(self, episode: EpisodeClip) -> int | None:
         """Return the step from which to correct an episode; None if there is nothing to correct.
@@ -303,7 +303,7 @@ class SupervisorParticipant(SimulatedTeacher):
             return "cannot_tell", COMPARISON_MS
         return self._rater.answer(gained[0], gained[1]), COMPARISON_MS
 
-    def _rate(self, world: World, watched: WatchedStep) -> KeyPress | None:
+    def _rate_step(self, world: World, watched: WatchedStep) -> KeyPress | None:
         """Return the key press that rates the last step, or None.
 
         A step is not rated if the state before it was not seen, as when a press was still due.
@@ -325,7 +325,7 @@ class SupervisorParticipant(SimulatedTeacher):
         key = watched.good if value > 0 else watched.bad
         return KeyPress(key, t_ms - watched.t_ms)
 
-    def _next(self, world: World, path: list[str]) -> KeyPress:
+    def _press_next(self, world: World, path: list[str]) -> KeyPress:
         if not path:
             raise SimulationError(
                 f"{world.id}: the supervisor found no plan in what it has seen; show it the whole world with "

@@ -166,11 +166,11 @@ class ProgramSessions:
                 raise TooManySessionsError(f"{MAX_SESSIONS} sessions run already; try again later")
             secret = secrets.token_urlsafe(16)
             client = self.clients[secret] = ProgramClient(name, self.protocol.model.timeout_s)
-            self.threads.append(threading.Thread(target=self._play, args=(client,), daemon=True))
+            self.threads.append(threading.Thread(target=self._play_session, args=(client,), daemon=True))
             self.threads[-1].start()
         return secret, client
 
-    def _play(self, client: ProgramClient) -> None:
+    def _play_session(self, client: ProgramClient) -> None:
         data = self.data / MODELS_FOLDER
 
         def make_client(_: ModelSpec) -> ProgramClient:

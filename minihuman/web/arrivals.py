@@ -169,7 +169,7 @@ class Arrivals:
         if not self._is_proven(arrival, platform_visitor):
             return Rejection("unknown")
         try:
-            return self._admit(arrival, platform_visitor)
+            return self._admit_visitor(arrival, platform_visitor)
         except LeaseHeldError:
             return Rejection("wait")
         except (AllocationError, LogError) as error:
@@ -209,10 +209,10 @@ class Arrivals:
             participant=admission.participant,
             session=admission.session,
             utc_offset_min=admission.utc_offset_min,
-            publish=partial(self._publish, admission.lease),
+            publish=partial(self._publish_log, admission.lease),
         )
 
-    def _publish(self, lease: Lease | None, log: Path) -> None:
+    def _publish_log(self, lease: Lease | None, log: Path) -> None:
         """Store a log where every server can read it, if there are other servers."""
         if self.leases is not None and lease is not None:
             self.leases.publish(lease, log)
@@ -241,7 +241,7 @@ class Arrivals:
             return ""
         return platform_visitor.id
 
-    def _admit(self, arrival: Arrival, platform_visitor: PlatformVisitor | None) -> Admission | Rejection:
+    def _admit_visitor(self, arrival: Arrival, platform_visitor: PlatformVisitor | None) -> Admission | Rejection:
         link_key = ""
         if is_token(arrival.token):
             link_key = hash_link_token(arrival.token)
@@ -334,7 +334,7 @@ class Arrivals:
             end_reason = self._read_end(participant, session)
             is_hosted_here = f"{participant}/{session}" in self.hosted
             if not end_reason and self.leases is not None and not is_hosted_here:
-                lease = self._lease(self.leases, participant, session)
+                lease = self._lease_session(self.leases, participant, session)
                 end_reason = lease.grant.ended or self._read_end(participant, session)
             if not end_reason:
                 return session, lease
@@ -343,7 +343,7 @@ class Arrivals:
                 return end_reason
         return end_reason
 
-    def _lease(self, leases: SessionLeases, participant: str, session: int) -> Lease:
+    def _lease_session(self, leases: SessionLeases, participant: str, session: int) -> Lease:
         """Lease a session, and restore the files that another server left of it."""
         lease = leases.acquire(name_session(self.protocol.study.name, participant, session))
         try:

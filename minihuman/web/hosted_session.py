@@ -255,7 +255,7 @@ class SessionRecording:
 
     def _store_log(self, log: Path, *, is_final: bool) -> None:
         """Seal the log, and store it in the database if it may be needed and the remote store lacks it."""
-        is_in_store = _seal(log)
+        is_in_store = _seal_log(log)
         if self._leases is None or self._lease is None:
             return
         is_needed = not is_final
@@ -285,7 +285,7 @@ class SessionRecording:
                     put_aside(file.segment_path.part, SUPERSEDED)
 
 
-def _seal(log: Path) -> bool:
+def _seal_log(log: Path) -> bool:
     """Seal a log and copy it to the remote store; return False if either failed.
 
     A failure costs no participant their code, because the log is on this machine.

@@ -363,7 +363,7 @@ def list_likely_inputs(session: SessionMachine) -> Iterator[str]:
             yield from (f"point:{button.name}" for button in buttons if button.name == "back")
         case QuestionScreen(item=item, buttons=buttons):
             yield from ("key:enter", "key:tab", "point:go_on")
-            yield from _answers(item)
+            yield from _name_answers(item)
             yield from (
                 input_name
                 for button in buttons
@@ -372,7 +372,7 @@ def list_likely_inputs(session: SessionMachine) -> Iterator[str]:
             )
 
 
-def _answers(item: object) -> Iterator[str]:
+def _name_answers(item: object) -> Iterator[str]:
     match item:
         case OptionList(options=options):
             yield from _name_choices(len(options))

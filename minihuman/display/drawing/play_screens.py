@@ -214,7 +214,7 @@ def _draw_legend(sheet: Sheet, play_frame: PlayFrame) -> None:
         x = (width - _measure_legend_px(sheet, row, type_px)) / 2
         y = legend_y + (number - middle_row) * row_px - raised_px
         for cap, word in row:
-            keycap_width = _cap_px(sheet, cap, type_px)
+            keycap_width = _measure_cap_px(sheet, cap, type_px)
             keycap_box = (x, y - keycap_height / 2, x + keycap_width, y + keycap_height / 2)
             draw_keycap(
                 sheet.draw, cap, "", keycap_box, language=play_frame.locale.language, least_px=sheet.min_type_px
@@ -247,7 +247,7 @@ def _break_legend(sheet: Sheet, keys: list[_Key], type_px: int, wide: float) -> 
     return rows
 
 
-def _cap_px(sheet: Sheet, cap: str, type_px: int) -> float:
+def _measure_cap_px(sheet: Sheet, cap: str, type_px: int) -> float:
     """Return the width of a drawn key in pixels."""
     return max(type_px * 2.0, (sheet.width_px(cap, type_px) + type_px) * 1.1)
 
@@ -255,7 +255,7 @@ def _cap_px(sheet: Sheet, cap: str, type_px: int) -> float:
 def _measure_legend_px(sheet: Sheet, keys: list[_Key], type_px: int) -> float:
     """Return the length of a line of the legend in pixels."""
     gap_px = type_px * _CAP_GAP
-    lengths = [_cap_px(sheet, cap, type_px) + gap_px + sheet.width_px(word, type_px) for cap, word in keys]
+    lengths = [_measure_cap_px(sheet, cap, type_px) + gap_px + sheet.width_px(word, type_px) for cap, word in keys]
     return sum(lengths) + type_px * _GAP * (len(keys) - 1)
 
 

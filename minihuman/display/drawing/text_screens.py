@@ -85,7 +85,9 @@ def _draw_paragraphs(sheet: Sheet, body: str, box: tuple[float, float, float, fl
     height_px = bottom - top
     _, window_height = sheet.size_px
     fitted_lines, type_px = sheet.fitted(body, round(window_height * BODY_TYPE_SIZE), width_px, height_px)
-    narrowest_px = _narrowest(sheet, body, type_px, width_px, len(fitted_lines))  # with as many lines, so more even
+    narrowest_px = _find_narrowest_px(
+        sheet, body, type_px, width_px, len(fitted_lines)
+    )  # with as many lines, so more even
     lines = text.style_lines(sheet.wrap(body, type_px, narrowest_px))
     middle = (left + right) / 2
     line_px = type_px * LINE_HEIGHT
@@ -101,7 +103,7 @@ def _draw_paragraphs(sheet: Sheet, body: str, box: tuple[float, float, float, fl
         y += line_px
 
 
-def _narrowest(sheet: Sheet, body: str, type_px: int, wide: float, lines: int) -> float:
+def _find_narrowest_px(sheet: Sheet, body: str, type_px: int, wide: float, lines: int) -> float:
     """Return the width of the narrowest column that needs no additional lines, so that no last word stands alone.
 
     A text of more than three lines keeps the full width. The width is exact to about a letter.

@@ -168,7 +168,7 @@ class DeskField:
         self._waiting = []
         for place, happened in enumerate(coming):
             self._follow_modifiers(happened)
-            if self._takes(happened, size_px):
+            if self._apply_input(happened, size_px):
                 continue
             if self.is_active and not isinstance(happened, KeyUp | ScreenShown | PointerReleased):
                 remaining += self.settle(happened.t_ns)
@@ -186,7 +186,7 @@ class DeskField:
         elif isinstance(happened, FocusChanged):
             self._modifiers.clear()
 
-    def _takes(self, happened: Input, size_px: Size) -> bool:
+    def _apply_input(self, happened: Input, size_px: Size) -> bool:
         """Apply an input to the field; return False if the input is for the session."""
         if isinstance(happened, KeyUp) and happened.key in self._own_keys:
             self._own_keys.discard(happened.key)
@@ -197,7 +197,7 @@ class DeskField:
             case TextInput():
                 change: TextChange = "composed" if self._was_composed else "typed"
                 self._was_composed = False
-                self._edit(happened.t_ns, lambda: self._editor.insert(happened.text, change))
+                self._apply_edit(happened.t_ns, lambda: self._editor.insert(happened.text, change))
             case KeyDown():
                 return self._take_key(happened)
             case PointerPressed(target="field") if happened.cause == "finger":
@@ -220,19 +220,19 @@ class DeskField:
         self._keys += not press.repeat
         if self._editor.composition:  # the input method's
             return True
-        self._edit(press.t_ns, lambda: self._press_key(press.key, is_command=is_command))
+        self._apply_edit(press.t_ns, lambda: self._press_key(press.key, is_command=is_command))
         return True
 
     def _press_key(self, key: str, *, is_command: bool) -> None:
         is_shift = bool(self._modifiers.intersection(_SHIFT_KEYS))
         if is_command and key in ("a", "c", "x", "v", "y", "z"):
-            self._command(key, is_shift=is_shift)
+            self._apply_command(key, is_shift=is_shift)
         elif key in ("up", "down"):
             self._editor.press_key("home" if key == "up" else "end", is_shift=is_shift)
         else:
             self._editor.press_key(key, is_shift=is_shift, is_word=is_command)
 
-    def _command(self, key: str, *, is_shift: bool) -> None:
+    def _apply_command(self, key: str, *, is_shift: bool) -> None:
         editor = self._editor
         match key:
             case "a":
@@ -263,7 +263,7 @@ class DeskField:
     def _locate(self, x: float, y: float, size_px: Size) -> int:
         return min(len(self._editor.text), locate_in_field(self.show_current(), size_px, x, y))
 
-    def _edit(self, t_ns: int, edit: Callable[[], None]) -> None:
+    def _apply_edit(self, t_ns: int, edit: Callable[[], None]) -> None:
         """Apply an edit, and record when changes began if it changed the text."""
         before = self._editor.text
         edit()

@@ -72,7 +72,7 @@ class TextEditor:
             return
         begin, end = self.edited.selection
         whole = self.edited.text[:begin] + kept + self.edited.text[end:]
-        self._change(EditedText(whole, begin + len(kept), begin + len(kept)), change)
+        self._apply_change(EditedText(whole, begin + len(kept), begin + len(kept)), change)
 
     def _can_hold(self, letter: str) -> bool:
         if letter == _LINE_FEED:
@@ -89,9 +89,9 @@ class TextEditor:
         """
         match key:
             case "backspace" | "delete":
-                self._delete(self._reach(key == "delete", is_word=is_word))
+                self._delete(self._find_step_end(key == "delete", is_word=is_word))
             case "left" | "right":
-                self._step((key == "right") != self._rtl, is_shift=is_shift, is_word=is_word)
+                self._move_step((key == "right") != self._rtl, is_shift=is_shift, is_word=is_word)
             case "home":
                 self.move_to(0 if is_word else self._line_begin(), is_shift=is_shift)
             case "end":
@@ -102,14 +102,14 @@ class TextEditor:
                 return False
         return True
 
-    def _step(self, is_onward: bool, *, is_shift: bool, is_word: bool) -> None:
+    def _move_step(self, is_onward: bool, *, is_shift: bool, is_word: bool) -> None:
         begin, end = self.edited.selection
         if begin != end and not is_shift:
             self.move_to(end if is_onward else begin)
         else:
-            self.move_to(self._reach(is_onward, is_word=is_word), is_shift=is_shift)
+            self.move_to(self._find_step_end(is_onward, is_word=is_word), is_shift=is_shift)
 
-    def _reach(self, is_onward: bool, *, is_word: bool) -> int:
+    def _find_step_end(self, is_onward: bool, *, is_word: bool) -> int:
         """Return the position one letter or, with ``is_word``, one word away from the caret."""
         if is_onward:
             find = _find_next
@@ -128,7 +128,7 @@ class TextEditor:
         if begin == end:
             begin, end = sorted((self.edited.caret, to))
         if begin != end:
-            self._change(EditedText(self.text[:begin] + self.text[end:], begin, begin), "typed")
+            self._apply_change(EditedText(self.text[:begin] + self.text[end:], begin, begin), "typed")
 
     def _line_begin(self) -> int:
         return self.text.rfind(_LINE_FEED, 0, self.edited.caret) + 1
@@ -180,7 +180,7 @@ class TextEditor:
             self.changes.add("undone")
             self._is_typing = False
 
-    def _change(self, edited: EditedText, change: TextChange) -> None:
+    def _apply_change(self, edited: EditedText, change: TextChange) -> None:
         is_letter = change == "typed" and len(edited.text) == len(self.text) + 1
         if not (is_letter and self._is_typing):
             self._undo = [*self._undo[1 - _MAX_UNDO :], self.edited]
@@ -194,7 +194,7 @@ def _is_of_word(letter: str) -> bool:
     return letter.isalnum() or letter == "_" or unicodedata.category(letter).startswith("M")
 
 
-def _extends(text: str, at: int) -> bool:
+def _extends_letter(text: str, at: int) -> bool:
     """Return whether the code point at a position is a mark on the letter before it, or is joined to that letter."""
     letter = text[at]
     is_mark = unicodedata.category(letter).startswith("M") or letter in (_JOINER, "\N{VARIATION SELECTOR-16}")
@@ -204,7 +204,7 @@ def _extends(text: str, at: int) -> bool:
 def _find_next(text: str, at: int) -> int:
     """Return the position after the letter at a position and its combining marks."""
     at = min(len(text), at + 1)
-    while at < len(text) and _extends(text, at):
+    while at < len(text) and _extends_letter(text, at):
         at += 1
     return at
 
@@ -212,6 +212,6 @@ def _find_next(text: str, at: int) -> int:
 def _find_previous(text: str, at: int) -> int:
     """Return the position before the letter that ends at a position."""
     at = max(0, at - 1)
-    while at > 0 and _extends(text, at):
+    while at > 0 and _extends_letter(text, at):
         at -= 1
     return at

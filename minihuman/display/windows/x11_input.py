@@ -131,7 +131,7 @@ class _Server:
 
     def __init__(self) -> None:
         self._x = ctypes.CDLL("libX11.so.6")
-        self._declare()
+        self._declare_functions()
         self._display = ctypes.c_void_p(self._x.XOpenDisplay(None))
         if not self._display:
             raise OSError("no X server is available")
@@ -149,7 +149,7 @@ class _Server:
             self._x.XCloseDisplay(self._display)
             self._display = ctypes.c_void_p()
 
-    def _declare(self) -> None:
+    def _declare_functions(self) -> None:
         display = ctypes.c_void_p
         window = ctypes.c_ulong
         event = ctypes.POINTER(_Event)
@@ -270,11 +270,11 @@ class X11InputRecord(_Server):
         self._positions = read_key_positions(self._x, self._display)
         self._socket_fd = self._x.XConnectionNumber(self._display)
         try:
-            self._listen(ctypes.CDLL("libXi.so.6"))
+            self._select_raw_events(ctypes.CDLL("libXi.so.6"))
         except OSError:
             self.close()
             raise
-        self._watch(window)
+        self._watch_focus(window)
 
     def find_moves(self, keys: Sequence[tuple[str, bool]]) -> list[KeyMove]:
         """Return the recorded time of key events (name, down), given in the order in which a window received them.
@@ -282,9 +282,9 @@ class X11InputRecord(_Server):
         Each is the latest matching event before that of the following one; earlier events were typed in other windows
         and are discarded. For a press that the toolkit invented, the record of the key's last press is used.
         """
-        self._read()
+        self._read_events()
         if keys and keys[-1] not in [(move.key, move.down) for move in self._moves]:
-            self._wait()
+            self._wait_for_events()
         recorded = list(self._moves)
         matches = _match_moves(keys, recorded)
         last = max((place for place in matches if place is not None), default=-1)
@@ -309,9 +309,9 @@ class X11InputRecord(_Server):
 
     def is_press_in_window(self, key: str, server_ms: int) -> bool:
         """Return whether a press that a window received was made in it; a repeat counts like its first press."""
-        self._read()
+        self._read_events()
         if not any(move.server_ms == server_ms for move in self._presses[key]):
-            self._wait()
+            self._wait_for_events()
         for press in reversed(self._presses[key]):
             elapsed_ms = (server_ms - press.server_ms) % _TICKS
             is_earlier = elapsed_ms < _TICKS // 2  # times start again at 0
@@ -322,13 +322,13 @@ class X11InputRecord(_Server):
     @property
     def is_focused(self) -> bool:
         """Whether the window has the focus."""
-        self._read()
+        self._read_events()
         return self._focused
 
     @property
     def has_alt_graph(self) -> bool:
         """Whether the right Alt key types letters on the current layout, so that it does not make shortcuts."""
-        self._read()
+        self._read_events()
         codes = {name: code for code, name in self._positions.items()}
         keycode = 0
         for name in ("LVL3", "ALGR", "RALT"):  # LVL3 is no key of a keyboard's: it says AltGr on every layout
@@ -337,18 +337,18 @@ class X11InputRecord(_Server):
 
     def is_down(self, key: str) -> bool:
         """Return whether a key is down, regardless of the window in which it was pressed."""
-        self._read()
+        self._read_events()
         return key in self._down
 
     def find_held_keys(self) -> list[str]:
         """Return the keys that were down when the window got the focus and are still down."""
-        self._read()
+        self._read_events()
         if not self._focus_is_new:
-            self._wait()
+            self._wait_for_events()
         self._focus_is_new = False
         return [key for key in sorted(self._down) if key != MAIN_BUTTON and not self._presses[key][-1].is_in_window]
 
-    def _listen(self, xi: Any) -> None:
+    def _select_raw_events(self, xi: Any) -> None:
         """Ask the X server for the raw presses and releases of all keyboards and mice.
 
         Raises:
@@ -370,7 +370,7 @@ class X11InputRecord(_Server):
         xi.XISelectEvents(self._display, self._root, ctypes.byref(mask), 1)
         self._x.XFlush(self._display)
 
-    def _watch(self, window: int) -> None:
+    def _watch_focus(self, window: int) -> None:
         """Record focus changes of a window from now on; keys that are down now count as pressed before."""
         self._x.XSelectInput(self._display, window, _FOCUS_CHANGE_MASK)
         keys_down = (ctypes.c_ubyte * (_KEYCODES // 8))()
@@ -388,12 +388,12 @@ class X11InputRecord(_Server):
     def _name_key(self, keycode: int) -> str:
         return key_from_xkb(self._positions.get(keycode, ""), keycode)
 
-    def _wait(self) -> None:
+    def _wait_for_events(self) -> None:
         """Wait briefly for the server, which can report an event to the toolkit before it reports it here."""
         select.select([self._socket_fd], [], [], _EVENT_TIMEOUT_S)
-        self._read()
+        self._read_events()
 
-    def _read(self) -> None:
+    def _read_events(self) -> None:
         """Record all events that have arrived."""
         event = _Event()
         while self._x.XPending(self._display):

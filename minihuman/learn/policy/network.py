@@ -114,10 +114,10 @@ class CodeEncoder(nn.Module):
 
     def forward(self, image: torch.Tensor) -> torch.Tensor:
         """Return features float32[batch, 64] of spread codes with values in 0 to 1."""
-        features: torch.Tensor = self.layers(torch.cat([hot.flatten(1) for hot in self._hot(image)], dim=1).float())
+        features: torch.Tensor = self.layers(torch.cat([hot.flatten(1) for hot in self._one_hot(image)], dim=1).float())
         return features
 
-    def _hot(self, image: torch.Tensor) -> list[torch.Tensor]:
+    def _one_hot(self, image: torch.Tensor) -> list[torch.Tensor]:
         """Return the one-hot kinds, colours and states of cells, each int64[batch, rows, columns, values]."""
         codes = (image * 255 / self.spread).round_().long()
         return [nn.functional.one_hot(codes[:, part], size) for part, size in enumerate(CODES)]
@@ -136,7 +136,7 @@ class LocalCodeEncoder(CodeEncoder):
 
     def forward(self, image: torch.Tensor) -> torch.Tensor:
         """Return features float32[batch, 64] of spread codes with values in 0 to 1."""
-        features: torch.Tensor = self.layers(torch.cat(self._hot(image), dim=3).float().permute(0, 3, 1, 2))
+        features: torch.Tensor = self.layers(torch.cat(self._one_hot(image), dim=3).float().permute(0, 3, 1, 2))
         return features
 
 

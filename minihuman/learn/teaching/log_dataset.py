@@ -79,7 +79,7 @@ def read_session_dataset(
     running = [path for path in sorted(logs) if path.suffix != ".mcap"]
     sources = [Source(path.name, hash_file(path), len(selected)) for path in finished]
     sources += [Source(path.name, "", len(selected)) for path in running]
-    return _dataset(selected, eyesight, tuple(sources), (f"block {block!r}, episodes before {episodes + 1}",))
+    return _build_dataset(selected, eyesight, tuple(sources), (f"block {block!r}, episodes before {episodes + 1}",))
 
 
 def _list_compared(log: SessionLog, episodes: Sequence[EpisodeLog], plan: EpisodePlan) -> list[EpisodeLog]:
@@ -108,7 +108,7 @@ def read_study_dataset(
     selected, summary = select_episodes(source, world, selection or Selection())
     logs = {log.path: sum(other.path == log.path for other, _ in selected) for log, _ in selected}
     sources = tuple(_describe_source(path, lessons) for path, lessons in logs.items())
-    return _dataset(selected, eyesight, sources, tuple(summary.lines()))
+    return _build_dataset(selected, eyesight, sources, tuple(summary.lines()))
 
 
 def _describe_source(path: Path, lessons: int) -> Source:
@@ -119,14 +119,16 @@ def _describe_source(path: Path, lessons: int) -> Source:
     return Source(path.name, sha256, lessons)
 
 
-def _dataset(
+def _build_dataset(
     episodes: Sequence[LoggedEpisode],
     eyesight: ObservationEncoder,
     sources: tuple[Source, ...],
     selection: tuple[str, ...],
 ) -> Dataset:
     plan = check_equal_options(episodes)
-    corrected = (int(correction.actions.max()) for _, correction in _corrected(episodes) if len(correction.actions))
+    corrected = (
+        int(correction.actions.max()) for _, correction in _select_corrections(episodes) if len(correction.actions)
+    )
     names = list_used_actions(episodes, least=max(corrected, default=0))
     world = World(plan.world, plan.options)
     world.reset(plan.seed)
@@ -140,8 +142,8 @@ def _dataset(
         eyesight=eyesight,
         space=eyesight.space(world.unwrapped),
         lessons=lessons,
-        ratings=tuple(_ratings(episodes)),
-        comparisons=tuple(_comparisons(episodes)),
+        ratings=tuple(_list_ratings(episodes)),
+        comparisons=tuple(_list_comparisons(episodes)),
         sources=sources,
         selection=selection,
     )
@@ -166,7 +168,7 @@ def _list_lessons(
             if taught.probabilities.any():
                 probabilities = np.ascontiguousarray(taught.probabilities[:, :actions])
         yield Lesson(
-            name=_name(log, episode),
+            name=_name_lesson(log, episode),
             participant=log.plan.participant.id,
             seed=episode.plan.seed,
             observations=_stack_observations(observations),
@@ -180,7 +182,7 @@ def _list_lessons(
         )
 
 
-def _corrected(episodes: Sequence[LoggedEpisode]) -> Iterator[tuple[SessionLog, CorrectionRecord]]:
+def _select_corrections(episodes: Sequence[LoggedEpisode]) -> Iterator[tuple[SessionLog, CorrectionRecord]]:
     """Yield the corrections of the given episodes, each with the log of its session."""
     episode_keys = {(log.path, episode.plan.episode, episode.attempt) for log, episode in episodes}
     for log in {log.path: log for log, _ in episodes}.values():
@@ -200,7 +202,7 @@ def _list_corrections(episodes: Sequence[LoggedEpisode], world: World, encoder: 
     Raises:
         LearnError: if a correction does not replay as recorded.
     """
-    for log, correction in _corrected(episodes):
+    for log, correction in _select_corrections(episodes):
         n = len(correction.actions)
         if not n:
             continue
@@ -248,16 +250,16 @@ def _shown_ns(episode: EpisodeLog) -> NDArray[np.int64]:
     return display_times_ns
 
 
-def _ratings(episodes: Sequence[LoggedEpisode]) -> Iterator[LessonRating]:
+def _list_ratings(episodes: Sequence[LoggedEpisode]) -> Iterator[LessonRating]:
     for log, episode in episodes:
         if episode.taught is not None:
             for rated in episode.taught.ratings:
-                yield LessonRating(rated.pressed_ns, rated.value, _name(log, episode))
+                yield LessonRating(rated.pressed_ns, rated.value, _name_lesson(log, episode))
 
 
-def _comparisons(episodes: Sequence[LoggedEpisode]) -> Iterator[Comparison]:
+def _list_comparisons(episodes: Sequence[LoggedEpisode]) -> Iterator[Comparison]:
     """Yield the comparisons whose two episodes are both among the given ones."""
-    names = {(log.path, episode.plan.episode, episode.attempt): _name(log, episode) for log, episode in episodes}
+    names = {(log.path, episode.plan.episode, episode.attempt): _name_lesson(log, episode) for log, episode in episodes}
     for log in {log.path: log for log, _ in episodes}.values():
         for comparison in log.comparisons:
             places = [(log.path, side.episode, side.attempt) for side in (comparison.left, comparison.right)]
@@ -274,7 +276,7 @@ def make_fragment(side: EpisodeClip, lesson: str) -> LessonFragment:
     return LessonFragment(lesson, side.first, len(side.actions) - 1)
 
 
-def _name(log: SessionLog, episode: EpisodeLog) -> str:
+def _name_lesson(log: SessionLog, episode: EpisodeLog) -> str:
     return make_lesson_name(_session(log), episode.plan.episode, episode.attempt)
 
 

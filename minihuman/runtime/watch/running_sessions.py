@@ -229,7 +229,7 @@ class ScreenPreview:
         if live.episode is None:
             return b""
         try:
-            return self._draw(live, live.episode.plan.episode)
+            return self._draw_picture(live, live.episode.plan.episode)
         except Exception:  # of a lab's own world: the session logs it itself
             LOG.debug("no picture of a session's world", exc_info=True)
             self.close()
@@ -244,7 +244,7 @@ class ScreenPreview:
         self._at = (-1, 0)
         self._png = b""
 
-    def _draw(self, live: LiveSession, episode: int) -> bytes:
+    def _draw_picture(self, live: LiveSession, episode: int) -> bytes:
         assert live.episode is not None
         plan = live.episode.plan
         n_steps = len(live.actions)
@@ -298,7 +298,7 @@ class RunningSessions:
         names = {str(part.relative_to(self._study_dir)): part for part in self._parts() if is_being_recorded(part)}
         for gone in self._watched.keys() - names.keys():
             self._watched.pop(gone).picture.close()
-        return {name: self._facts(name, part) for name, part in names.items()}
+        return {name: self._collect_facts(name, part) for name, part in names.items()}
 
     def picture(self, name: str) -> bytes:
         """Return what the participant of a running session sees now, as PNG; b"" if no such session is running."""
@@ -313,17 +313,17 @@ class RunningSessions:
             return SegmentPath.of_part(self._study_dir / name).log
         return None
 
-    def _facts(self, name: str, part: Path) -> dict[str, object]:
+    def _collect_facts(self, name: str, part: Path) -> dict[str, object]:
         watched = self._watched.setdefault(name, _Watched())
         now_s = time.monotonic()
         if now_s >= watched.again_s:
-            self._read(watched, part)
+            self._read_part(watched, part)
             watched.again_s = now_s + (time.monotonic() - now_s) / _READ_SHARE * len(self._watched)
         silent_s = max(0.0, time.time() - watched.written_s)
         return {**watched.live.facts(silent_s), "problem": watched.problem}
 
     @staticmethod
-    def _read(watched: _Watched, part: Path) -> None:
+    def _read_part(watched: _Watched, part: Path) -> None:
         try:
             status = part.stat()
             size = status.st_size
