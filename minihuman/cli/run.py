@@ -214,6 +214,7 @@ def _say(line: str) -> None:
 
 
 def _serve_agents(protocol: Path, port: int, data: Path, *, trust: bool, mcp: bool) -> None:
+    """Serve a study to programs over HTTP or, if ``mcp``, to one program on the standard input and output."""
     from minihuman.admin.protocol_file import read_protocol
     from minihuman.web.agent_server import ProgramSessions, make_agent_server, make_mcp_server
 

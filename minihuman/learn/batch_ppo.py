@@ -144,6 +144,7 @@ def _write_curve(progress: list[CurvePoint], path: Path) -> None:
 
 
 def _make_batch(world: str, count: int, **options: Any) -> gymnasium.vector.VectorEnv[Any, Any, Any]:
+    """Make a batch of worlds, in which each world begins its next episode in the step that ends one."""
     try:
         return gymnasium.make_vec(
             world,

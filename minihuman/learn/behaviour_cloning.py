@@ -285,6 +285,7 @@ def _pick_rows(
 
 
 def _with_mirror_images(steps: Steps, action_names: tuple[str, ...], eyes: EncoderName) -> Steps:
+    """Return steps, followed by the same steps with mirrored images and with left and right actions swapped."""
     images, missions, actions = steps
     sideways = 2  # grid codes are [column, row]
     if eyes == "atari":
@@ -435,6 +436,7 @@ def _join_versions() -> str:
 def _collect_numbers(
     study: CloneStudy, rows: list[CloneEvaluation], chance: Evaluation, command: str
 ) -> dict[str, Any]:
+    """Return the results of a cloning study as values for JSON."""
     return {
         "study": asdict(study),
         "rows": [asdict(row) | {"success": row.played.rate, "interval": row.played.interval} for row in rows],
@@ -445,6 +447,7 @@ def _collect_numbers(
 
 
 def _play(choose: ChooseAction, demonstrations: Demonstrations, study: CloneStudy) -> Evaluation:
+    """Evaluate a player on the held-out episodes of a cloning study."""
     return evaluate_policy(
         choose,
         study.world,
@@ -457,6 +460,7 @@ def _play(choose: ChooseAction, demonstrations: Demonstrations, study: CloneStud
 
 
 def _build_card(demonstrations: Demonstrations, eyes: EncoderName, study: CloneStudy) -> PolicyCard:
+    """Return the card of a policy that was cloned from demonstrations."""
     return PolicyCard(
         world=study.world,
         world_options=demonstrations.options,

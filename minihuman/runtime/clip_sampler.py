@@ -85,6 +85,7 @@ class ClipSampler:
 
 
 def _make_clip(place: _ClipStart, steps: int) -> EpisodeClip:
+    """Return the clip of an episode that begins at a place and is ``steps`` long."""
     episode, first = place
     plan = episode.plan
     return EpisodeClip(

@@ -57,6 +57,7 @@ def run_demo(data: Path, *, window: str, fullscreen: bool, say: PrintLine) -> It
 
 
 def _play_demo(protocol: Protocol, data: Path, *, window: str, fullscreen: bool, say: PrintLine) -> Path:
+    """Play the demo's session in a window or, without a display, by a simulated participant; return its log."""
     check_worlds(protocol)
     clock = SessionClock()
     try:
@@ -74,6 +75,7 @@ def _play_demo(protocol: Protocol, data: Path, *, window: str, fullscreen: bool,
 
 
 def _make_outputs(log: SessionLog) -> Iterator[tuple[str, Path]]:
+    """Draw a log's figures and save its replay; yield the name and path of each output."""
     from minihuman.figures.gallery import draw_session  # matplotlib and rerun take seconds: after the session,
     from minihuman.replay.recording import save_recording  # not before its window opens
 

@@ -196,6 +196,7 @@ class SharedWindow:
         self._displayed = coming
 
     def _route(self, happened: Input) -> None:
+        """Pass an input to the seats that it is for."""
         match happened:
             case KeyDown(key=key):
                 if not happened.repeat or key not in self._down:

@@ -172,6 +172,7 @@ class TeamTable:
     def _form_team(
         self, want: TeamRequest, lobby: "Lobby[TeamMember]", partners: "list[LobbyEntry[TeamMember]]"
     ) -> None:
+        """Seat and record a team of waiting members, and notify them."""
         entries = list_team_entries(self._study_dir)
         recorded = [RecordedTeam(entry.team, entry.index) for entry in entries if not entry.solo]
         seated = lobby.seat(partners, recorded)
@@ -189,6 +190,7 @@ class TeamTable:
         *,
         is_solo: bool = False,
     ) -> None:
+        """Write a new team to the study's team log."""
         session = next(iter(members.values())).plan.session
         codes = {str(seat): member.plan.participant.id for seat, member in members.items()}
         record_team(self._study_dir, TeamRecorded(name, index, block, session, codes, kinds, now_text(), is_solo))
@@ -250,6 +252,7 @@ class TeamTable:
     def _submit_input(
         self, running: RunningTeam, want: JointRequest, episode: TeamEpisode
     ) -> JointTaken | TeamLost | None:
+        """Submit a member's input to the present step; return the joint action if that closes the step."""
         play = running.play
         play.learn_steps(want.plan.episode, episode.joint_actions, episode.sources)
         answer = play.submit(want, self._now_s(), is_real_time=episode.real_time)
@@ -327,6 +330,7 @@ class TeamMember(RequestHandler):
     def _ask(
         self, want: TeamRequest | ReadyRequest | JointRequest, play: RunningEpisode | None
     ) -> Team | SeatsReady | JointTaken | TeamLost | MessageGiven | SeatSighted | None:
+        """Return the table's present answer to a request; None if there is none yet."""
         if not self._is_in_page:
             self.signs.hear(self.table.read_clock_s())
         match want:

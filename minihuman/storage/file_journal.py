@@ -98,6 +98,7 @@ class FileJournal(Journal[Line]):
                 file.write(b"".join(line + b"\n" for line in lines))
 
     def _forget(self) -> None:
+        """Discard everything that was read, so that the next read begins at the file's start."""
         self._lines: list[Line] = []
         self._count = 0  # lines, those that were passed over too
         self._at = 0  # bytes that were read

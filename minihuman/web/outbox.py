@@ -178,6 +178,7 @@ class Outbox:
             self._begin_episode(next_play)
 
     def _follow_step(self, step: EpisodeStep, *, ended: bool) -> None:
+        """Move the look-ahead along a step of the session, and send the scenes that it found."""
         play = None
         if not ended:
             play = self._session.play
@@ -203,6 +204,7 @@ class Outbox:
         self._page.send_scenes(self._ahead.graph)
 
     def _send_rules(self, play: RunningEpisode, keep: int) -> None:
+        """Send the rules of an episode, with the world's state if the page computes it."""
         world_state = None
         if self._ahead.computed is not None:
             world_state = self._page.send_world_state(self._ahead.computed)
@@ -285,6 +287,7 @@ class Outbox:
         return self._session.play
 
     def _send_screen(self, tick_ns: int | None) -> None:
+        """Send the session's screen, unless the page has it or advances to it by itself."""
         session = self._session
         page = self._page
         screen = session.screen

@@ -166,6 +166,7 @@ class PageProtocol:
         return None
 
     def _acknowledge(self, number: int) -> None:
+        """Discard messages that the page has, and note whether it was too far behind to look ahead for."""
         outgoing = self._session.outgoing
         was_behind = outgoing.n_unacknowledged > PREFETCH_BACKLOG
         outgoing.acknowledge(number)

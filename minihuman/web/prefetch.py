@@ -276,6 +276,7 @@ class ScreenPrefetcher:
             self._to_do.extend((copied, input_name) for input_name in list_likely_inputs(copied.session))
 
     def _try_input(self, copied: _CopiedScreen, input_name: str) -> None:
+        """Try an input in a copy of the session, and record the screen that it leads to."""
         tried = copy_session(copied.session, self._lend)
         _, at_ns = _mark_shown(tried)
         due_ns = tried.next_tick_ns
@@ -373,6 +374,7 @@ def list_likely_inputs(session: SessionMachine) -> Iterator[str]:
 
 
 def _name_answers(item: object) -> Iterator[str]:
+    """Yield the names of the inputs that are likely at a question with a certain widget."""
     match item:
         case OptionList(options=options):
             yield from _name_choices(len(options))

@@ -311,6 +311,7 @@ class SessionHost:
         return self._play(message, at_ns)
 
     def _play(self, message: messages.PageMessage, at_ns: int) -> list[Event]:
+        """Give the session the input that a message stands for; return the resulting events."""
         is_present = isinstance(message, messages.DisplayedMessage) and self.outbox.is_present(message)
         page_input = self._inputs.convert(message, at_ns, is_present=is_present)
         if page_input is None:

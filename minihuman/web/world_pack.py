@@ -137,6 +137,7 @@ class _PackWriter:
         self.worlds.append(title | packed_seeds | {"actions": list(env.action_names)} | starts)
 
     def _write_starts(self, env: Any, world: CatalogueEntry) -> dict[str, Any]:
+        """Write how a world's episodes begin; return the entry of the index that says so."""
         packed_seeds = {"first_seed": self.seeds.start, "seeds": len(self.seeds)}
         if isinstance(env, FirstPersonEnv):
             self._modules.add("first_person")

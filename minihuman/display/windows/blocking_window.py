@@ -217,6 +217,7 @@ class BlockingWindow(Window):
         return moving
 
     def _put(self, screen: Screen, await_log: Callable[[], None]) -> ScreenShown:
+        """Draw a screen, wait until its events are in the log, and display it; return its times."""
         width, height = self.size_px
         if self._frame.shape[:2] != (height, width):
             self._screen = None
@@ -430,6 +431,7 @@ def open_window(name: str, clock: Clock, *, fullscreen: bool = False, size_px: S
 
 
 def _open(name: str, clock: Clock, *, fullscreen: bool, size_px: Size) -> Window:
+    """Open the window with a name, and show that it is opening."""
     if name not in list_windows():
         raise WindowError(f"unknown window {name!r}; use one of {', '.join((AUTO_WINDOW, *list_windows()))}")
     window = call_plugin(

@@ -205,6 +205,7 @@ def _open_record(clock: Clock, window: int | None) -> X11InputRecord | None:
 
 
 def _open_native_window(*, fullscreen: bool, size_px: Size) -> "PygletNativeWindow":
+    """Open a pyglet window and start its event loop."""
     try:
         import pyglet
 

@@ -103,6 +103,7 @@ class ObservationEncoder:
         return observation
 
     def _image_shape(self, world: Any) -> tuple[int, int, int]:
+        """Return the shape of the encoded image in a world as channels, height and width."""
         if self.sight != "view":
             if not isinstance(world, GridEngine):
                 raise LearnError(

@@ -125,6 +125,7 @@ def _build_dataset(
     sources: tuple[Source, ...],
     selection: tuple[str, ...],
 ) -> Dataset:
+    """Replay episodes and return them as a dataset, with their corrections, ratings and comparisons."""
     plan = check_equal_options(episodes)
     corrected = (
         int(correction.actions.max()) for _, correction in _select_corrections(episodes) if len(correction.actions)

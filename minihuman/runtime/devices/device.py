@@ -148,6 +148,7 @@ class DeviceRecorder(WrappedRecorder):
         return waiting
 
     def _record_samples(self) -> None:
+        """Poll the devices until the session ends, and write samples that have waited too long for an event."""
         while not self._stopped.wait(POLL_INTERVAL_S):
             try:
                 fresh = list(chain.from_iterable(map(self._fresh, self._devices)))

@@ -170,6 +170,7 @@ class LslMarkerRecorder(WrappedRecorder):
         return bool(self._outlet.wait_for_consumers(timeout_s))
 
     def _run(self) -> None:
+        """Send the markers of queued events until the queue holds None."""
         while (events := self._queue.get()) is not None:
             for event in events:
                 if isinstance(event, EpisodeStarted):

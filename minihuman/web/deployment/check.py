@@ -158,6 +158,7 @@ class _Page:
             await asyncio.sleep(0.2 + 0.6 * self._rng.random())
 
     async def _converse(self, host: str) -> None:
+        """Connect to a server, say hello, and play until the connection or the session ends."""
         self._screen = ""
         self._due_ns = None
         self._heard = 0
@@ -181,6 +182,7 @@ class _Page:
         return max(self._last_ns + 1, round((time.monotonic() - self._zero_s) * 1e9))
 
     async def _send_numbered(self, socket: ClientConnection, **fields: Any) -> None:
+        """Send a message under the next number, and keep it until the server acknowledges it."""
         self._last_number += 1
         self._last_ns = self._now_ns()
         message = {"t": "n", "n": self._last_number, "at": self._last_ns, "what": fields}
@@ -188,6 +190,7 @@ class _Page:
         await socket.send(json.dumps(message))
 
     async def _keep_acting(self, socket: ClientConnection) -> None:
+        """Press keys, send ticks and acknowledge messages until the task is cancelled."""
         acknowledged = 0
         press_s = time.monotonic() + _KEY_PERIOD_S * self._rng.random()
         while True:
@@ -224,6 +227,7 @@ class _Page:
                 yield json.loads(part)
 
     async def _handle_message(self, message: dict[str, Any], socket: ClientConnection, host: str) -> None:
+        """Follow one message of the server, and answer it if it needs an answer."""
         if "n" in message and "m" in message:
             self._heard = message["n"]
             message = message["m"]

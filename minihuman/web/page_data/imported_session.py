@@ -106,6 +106,7 @@ def _plan_session(episodes: Sequence[PageEpisode], study: str, index: int) -> Se
 
 
 def _record(episodes: Sequence[PageEpisode], plan: SessionPlan, data: Path, digest: str) -> Path | None:
+    """Play verified episodes again as a session and record it; return the path of its log."""
     clock = VirtualClock()
     facts = {
         "player": "human",
@@ -169,6 +170,7 @@ class RecordedKeys(Window):
 
 
 def _list_inputs(episode: PageEpisode, shown_ns: int) -> Iterator[Input]:
+    """Yield an episode's key presses and releases, and its end if the page was left, in order of time."""
     inputs: list[Input] = []
     names = episode.physical_keys
     for key, rt_ms, held_ms in zip(episode.keys, episode.rt_ms, episode.held_ms, strict=True):
@@ -219,6 +221,7 @@ def _describe_condition(episode: PageEpisode) -> tuple[Any, ...]:
 
 
 def _describe_block(number: int, episodes: Sequence[PageEpisode]) -> dict[str, Any]:
+    """Return the protocol's block for a run of episodes, numbered from 1."""
     first = episodes[0]
     keys = _list_session_keys(episodes)
     with closing(World(first.world, first.options)) as world:

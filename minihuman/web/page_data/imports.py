@@ -60,6 +60,7 @@ def import_files(paths: Iterable[Path], study: Path) -> Iterator[ImportedFile]:
 
 
 def _import_file(file: Path, study: Path) -> ImportedFile:
+    """Import one file as a session, and return the outcome; an error is part of the outcome."""
     try:
         episodes = _read_verified(file)
         log = write_session(episodes, study.absolute())

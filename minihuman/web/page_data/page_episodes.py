@@ -140,6 +140,7 @@ def _read_text(path: Path) -> str:
 
 
 def _read_json_rows(text: str, path: Path) -> list[dict[str, Any]]:
+    """Return the rows of the trials in jsPsych's JSON, or of the episodes in a saved game."""
     try:
         content = json.loads(text)
     except (ValueError, RecursionError) as error:

@@ -166,6 +166,7 @@ class WebServer:
     # A socket
 
     async def _socket(self, socket: WebSocket) -> None:
+        """Serve a page over a web socket, unless the page is foreign or the server is full."""
         page = PageSocket(socket)
         if not is_same_origin(socket.headers.get("origin"), socket.headers.get("host")):
             await page.close(FOREIGN)

@@ -129,6 +129,7 @@ class StudyEntry:
 
 
 def _state(row: SessionRow, running: set[str]) -> str:
+    """Return one word for the state of a session."""
     summary = row.summary
     if summary is None:
         return "unreadable"
@@ -279,6 +280,7 @@ class StartPage:
         )
 
     def _show_home(self, _: Request) -> Response:
+        """Answer with the list of studies and running commands."""
         return self._page(
             "home",
             studies=[(study, *self._try_to_read(study.counts)) for study in find_studies(self._folder, self._data)],
@@ -290,6 +292,7 @@ class StartPage:
         )
 
     def _study(self, request: Request) -> Response:
+        """Answer with the page of one study: its sessions, those due next, its problems and its commands."""
         study = self._find_study(request.query_params.get("key", ""))
         sessions, problem = self._try_to_read(study.sessions)
         due, undecided = self._try_to_read(study.due)

@@ -253,6 +253,7 @@ class PollingEntrance:
         return await self._answer_on(line, poll, request)
 
     async def _answer_on(self, line: PollingLine, poll: PollRequest, request: Request) -> Response:
+        """Pass a request to its line, and answer with what the line returns."""
         try:
             if poll.texts is not None:
                 await line.bring(poll.n, poll.texts)
