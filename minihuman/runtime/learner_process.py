@@ -137,6 +137,7 @@ class LearnerProcess:
         return None
 
     def _end(self) -> None:
+        """Kill the process, if there is one, and close its streams."""
         if self._process is None:
             return
         self._process.kill()

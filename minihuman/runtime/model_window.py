@@ -130,6 +130,7 @@ class ModelWindow(Window):
         self._client.close()
 
     def _answer_screen(self) -> None:
+        """Let the model answer the screen, or press the key that leads on from a screen without an answer."""
         rule = find_answer_rule(self._screen, self._session)
         if rule is not None:
             if self._waiting_screen is not self._screen:

@@ -291,6 +291,7 @@ class _SessionLoop:
             self._show()
 
     def _next_inputs(self) -> list[Input]:
+        """Wait for the next inputs, including the session's tick and a signal that arrived."""
         tick_ns = self._session.next_tick_ns
         until_ns = self._clock() + SIGNAL_CHECK_INTERVAL_NS
         if tick_ns is not None:

@@ -186,6 +186,7 @@ class SimulatedWindow(Window, SimulatedPerson):
                 self.press_key("enter")
 
     def _play(self, play: RunningEpisode) -> None:
+        """Schedule the player's next key press, or a withheld response, in an episode."""
         if self._withheld == (play, play.steps):
             return
         self.begin_episode(play)

@@ -152,7 +152,7 @@ class ChatClient(ModelClient):
             reason = ": ".join(filter(None, [f"HTTP {status}", self._read_error(content)]))
             is_server_error = status >= HTTPStatus.INTERNAL_SERVER_ERROR
             raise ModelUnavailableError(reason, temporary=is_server_error or status in _TEMPORARY_STATUSES)
-        return self._read(content, latency_ms)
+        return self._parse_answer(content, latency_ms)
 
     def close(self) -> None:
         """Close the connection; the next request opens a new one."""
@@ -161,6 +161,7 @@ class ChatClient(ModelClient):
             self._connection = None
 
     def _post(self, body: bytes) -> tuple[int, bytes]:
+        """Send a request, connecting if necessary, within the time limit; return the status and the content."""
         if self._connection is None:
             if self._tls is None:
                 self._connection = http.client.HTTPConnection(self._host, self._port, timeout=self._timeout_s)
@@ -172,6 +173,7 @@ class ChatClient(ModelClient):
         return call_within(self._timeout_s, exchange, shut=partial(_shut, self._connection))
 
     def _exchange(self, connection: http.client.HTTPConnection, body: bytes) -> tuple[int, bytes]:
+        """Send a request over a connection; return the status and the content of the response."""
         headers = {"Content-Type": "application/json"}
         if self._key:
             headers["Authorization"] = f"Bearer {self._key}"
@@ -182,7 +184,12 @@ class ChatClient(ModelClient):
             raise http.client.HTTPException
         return response.status, content
 
-    def _read(self, content: bytes, latency_ms: float) -> ChatAnswer:
+    def _parse_answer(self, content: bytes, latency_ms: float) -> ChatAnswer:
+        """Return the answer that a completion contains.
+
+        Raises:
+            ModelUnavailableError: if the content is not a chat completion.
+        """
         try:
             completion = json.loads(content)
             choice = completion["choices"][0]

@@ -110,6 +110,7 @@ class AnswerRule:
         return None
 
     def _read_key(self, word: str) -> str | None:
+        """Return an answer such as "key 3" or the word for waiting; None if it is neither."""
         key = dict(self.named).get(word, word.removeprefix("key ").strip())
         if key in self.keys:
             return f"key {key}"
@@ -124,6 +125,7 @@ class AnswerRule:
         return None
 
     def _read_options(self, word: str) -> str | None:
+        """Return an answer that chooses options by number; None if a number is not valid."""
         if not _NUMBERS.fullmatch(word):
             return None
         numbers = [int(number) for number in re.findall(r"\d+", word)]
@@ -135,6 +137,7 @@ class AnswerRule:
 
 
 def _read_slider(word: str) -> str | None:
+    """Return an answer such as "slide 50.0"; None if it is no number from 0 to 100."""
     try:
         number = float(word)
     except ValueError:

@@ -242,6 +242,7 @@ class Arrivals:
         return platform_visitor.id
 
     def _admit_visitor(self, arrival: Arrival, platform_visitor: PlatformVisitor | None) -> Admission | Rejection:
+        """Find or enrol the participant that a visitor is; return the admission, or why there is none."""
         link_key = ""
         if is_token(arrival.token):
             link_key = hash_link_token(arrival.token)
@@ -284,6 +285,7 @@ class Arrivals:
     def _plan_admission(
         self, participant: str, session: int, plan: SessionPlan | None, utc_offset_min: int | None
     ) -> Admission | Rejection:
+        """Return the admission to a participant's session, with its plan or its live log."""
         folder = session_folder(self._data, self.protocol.study.name, participant, session)
         part = next(iter(list_log_files(folder, f"*{PART_SUFFIX}")), None)
         key = f"{participant}/{session}"

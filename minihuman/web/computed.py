@@ -131,6 +131,7 @@ def _describe_grid(
 def _describe_first_person(
     env: "FirstPersonEnv", plan: EpisodePlan, picture_px: tuple[int, int]
 ) -> tuple[WorldState, list[ArraysMessage], PageLook]:
+    """Return a first-person world's state, the arrays that the page needs, and its look."""
     state, scene, look = describe(env, plan.palette, picture_px)
     tables = pack_arrays(scene.tables)
     textures = [_pack_texture(pixels.tobytes()) for pixels in scene.textures]

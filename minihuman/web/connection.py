@@ -199,6 +199,7 @@ class Connection(PageSession):
         return self._build_welcome(resumes=False), socket_number, 0
 
     def _build_welcome(self, *, resumes: bool) -> messages.Welcome:
+        """Return the answer to a hello, which says where both streams stand."""
         plan = self.host.session.plan
         quit_text = {"quit_title": InterfaceWords(plan.language, plan.words)["quit.title"]}
         return messages.Welcome(
@@ -296,6 +297,7 @@ class Connection(PageSession):
             raise
 
     def _take_new(self, numbered: messages.NumberedMessage, *, more: bool) -> None:
+        """Give the session a message that was not received before."""
         arrival_ns = current_system().clock.monotonic_ns()
         self.host.note(self._clock.check(numbered.n, numbered.at, self._clock.at(arrival_ns)))
         if self.host.over:

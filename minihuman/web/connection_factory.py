@@ -125,6 +125,7 @@ class ConnectionFactory:
             return connection
 
     def _refuse_browser(self, hello: Hello) -> Refusal | None:
+        """Return the refusal of a browser that is not eligible; None if it is."""
         protocol = self._arrivals.protocol
         reason = check_eligibility(
             self._web,
@@ -183,6 +184,7 @@ class ConnectionFactory:
         self._connections[own_key] = connection
 
     async def _admit_page(self, hello: Hello, transport: TransportName) -> Connection | Refusal:
+        """Admit a page's visitor and start or resume the session; return its connection, or the refusal."""
         try:
             arrival = Arrival(hello.token, hello.platform, find_utc_offset_min(hello.facts))
             admission = await asyncio.to_thread(self._arrivals.arrive, arrival)
@@ -220,6 +222,7 @@ class ConnectionFactory:
         return connection
 
     def _make_connection(self, admission: Admission, hosted: HostedSession) -> Connection:
+        """Return the connection of an admitted participant to a hosted session."""
         connection = Connection(
             admission,
             hosted,
@@ -253,6 +256,7 @@ class ConnectionFactory:
     def _start_or_resume(
         self, admission: Admission, facts: dict[str, str], wake: Callable[[], None], ask_team: Callable[[], None]
     ) -> HostedSession:
+        """Resume the session of a live log, or start a host for a new segment."""
         if admission.part is not None:
             if is_being_recorded(admission.part):
                 raise LogError(f"{admission.part} is being written by another server; reload the page in a moment")

@@ -245,6 +245,7 @@ class SessionRecording:
         leases.end(lease, final_reason)
 
     def _close_log(self) -> None:
+        """Finish the log, and record whether that failed."""
         try:
             self.log = self._hosted.recorder.close()
         except LogError as error:

@@ -312,6 +312,7 @@ class Keycap:
 
 
 def _layout() -> dict[str, Keycap]:
+    """Return the keycap of each key of an ISO keyboard, by the key's name."""
     caps: dict[str, Keycap] = {}
     for number, (x, row) in enumerate(_ROWS):
         for entry in row.split():

@@ -75,6 +75,7 @@ def _break_lines(sheet: Sheet, text: str, type_px: int, wide: float) -> list[tup
 def _break_paragraph(
     sheet: Sheet, text: str, span: tuple[int, int], type_px: int, wide: float
 ) -> list[tuple[int, int]]:
+    """Return where each line of a paragraph begins and ends; lines end after spaces, if possible."""
     begin, end = span
     spans = []
     while sheet.width_px(text[begin:end].rstrip(" "), type_px) > wide and end - begin > 1:
@@ -152,6 +153,7 @@ def _draw_selection(
 
 
 def _draw_caret(sheet: Sheet, field: TextField, layout: FieldLayout) -> None:
+    """Draw the caret in the line that it is in."""
     rows = [row for row, (begin, _) in enumerate(layout.lines) if begin <= field.caret]
     row = max(rows, default=0)
     before = field.text[layout.lines[row][0] : field.caret]

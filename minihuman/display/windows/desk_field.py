@@ -179,6 +179,7 @@ class DeskField:
         return remaining
 
     def _follow_modifiers(self, happened: Input) -> None:
+        """Record which modifier keys are down."""
         if isinstance(happened, KeyDown) and happened.key in (*_SHIFT_KEYS, *_COMMAND_KEYS):
             self._modifiers.add(happened.key)
         elif isinstance(happened, KeyUp):
@@ -211,6 +212,7 @@ class DeskField:
         return True
 
     def _take_key(self, press: KeyDown) -> bool:
+        """Apply a key press to the field; return False if the key is for the session."""
         is_command = bool(self._modifiers.intersection(_COMMAND_KEYS)) or press.cause == "shortcut"
         if press.cause == "held_before_focus" or press.key in _SESSION_KEYS:
             return False
@@ -224,6 +226,7 @@ class DeskField:
         return True
 
     def _press_key(self, key: str, *, is_command: bool) -> None:
+        """Carry out a shortcut, or let the key move the caret or delete."""
         is_shift = bool(self._modifiers.intersection(_SHIFT_KEYS))
         if is_command and key in ("a", "c", "x", "v", "y", "z"):
             self._apply_command(key, is_shift=is_shift)
@@ -233,6 +236,7 @@ class DeskField:
             self._editor.press_key(key, is_shift=is_shift, is_word=is_command)
 
     def _apply_command(self, key: str, *, is_shift: bool) -> None:
+        """Carry out a shortcut: select all, copy, cut, paste, undo or redo."""
         editor = self._editor
         match key:
             case "a":
@@ -252,6 +256,7 @@ class DeskField:
                 editor.undo()
 
     def _press_pointer(self, press: PointerPressed, size_px: Size) -> None:
+        """Move the caret to a position, or select its word at a double click."""
         position = self._locate(press.x, press.y, size_px)
         if press.t_ns - self._pressed_ns < _DOUBLE_CLICK_NS:
             self._editor.select_word(position)

@@ -106,6 +106,7 @@ class PygletNativeWindow(pyglet.window.Window):  # type: ignore[misc]  # pyglet 
         self._key_reported = False
 
     def _key_of_x11(self, event: Any) -> bool:
+        """Report the key of an X event by its position; return False for other events."""
         if ON_X11 and event.type in (xlib.ButtonPress, xlib.ButtonRelease):
             self.button_ms = event.xbutton.time
         if not ON_X11 or event.type not in (xlib.KeyPress, xlib.KeyRelease):
@@ -133,6 +134,7 @@ class PygletNativeWindow(pyglet.window.Window):  # type: ignore[misc]  # pyglet 
         return self._key_of_symbol(False, symbol, modifiers)
 
     def _key_of_symbol(self, down: bool, symbol: int, modifiers: int) -> bool:
+        """Report a key by pyglet's symbol, unless it was reported by its position."""
         if self._key_reported:  # by position, just now
             return bool(EVENT_HANDLED)
         name = pyglet.window.key.symbol_string(symbol)

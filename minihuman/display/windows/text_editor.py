@@ -181,6 +181,7 @@ class TextEditor:
             self._is_typing = False
 
     def _apply_change(self, edited: EditedText, change: TextChange) -> None:
+        """Replace the text, after keeping the old one for undo unless typing goes on."""
         is_letter = change == "typed" and len(edited.text) == len(self.text) + 1
         if not (is_letter and self._is_typing):
             self._undo = [*self._undo[1 - _MAX_UNDO :], self.edited]

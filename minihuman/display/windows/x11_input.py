@@ -150,6 +150,7 @@ class _Server:
             self._display = ctypes.c_void_p()
 
     def _declare_functions(self) -> None:
+        """Declare the types of the functions of Xlib that are called."""
         display = ctypes.c_void_p
         window = ctypes.c_ulong
         event = ctypes.POINTER(_Event)
@@ -432,6 +433,7 @@ class X11InputRecord(_Server):
                 self._presses[key][-1].is_in_window = False
 
     def _add_move(self, move: _Move) -> None:
+        """Record a press or a release."""
         self._moves.append(move)
         if move.down:
             self._presses[move.key].append(move)

@@ -151,7 +151,7 @@ class DeviceRecorder(WrappedRecorder):
         """Poll the devices until the session ends, and write samples that have waited too long for an event."""
         while not self._stopped.wait(POLL_INTERVAL_S):
             try:
-                fresh = list(chain.from_iterable(map(self._fresh, self._devices)))
+                fresh = list(chain.from_iterable(map(self._read_samples, self._devices)))
                 with self._lock:
                     now_s = time.monotonic()
                     if not self._waiting:
@@ -165,7 +165,8 @@ class DeviceRecorder(WrappedRecorder):
                 self._failure = error
                 return
 
-    def _fresh(self, name: str) -> Iterator[Sampled]:
+    def _read_samples(self, name: str) -> Iterator[Sampled]:
+        """Yield a device's new samples since the session began, with times that never go back."""
         for sample in self._devices[name].read():
             last_ns = self._last_ns.get(name, 0)
             if sample.t_ns < self._from_ns:

@@ -107,6 +107,7 @@ class DashboardServer:
             return [str(error)]
 
     def _build_state(self) -> dict[str, object]:
+        """Return the state of the study that the page shows, as JSON values."""
         return {
             "study": self._study_dir.name,
             "sessions": self._sessions.look(),
@@ -128,6 +129,8 @@ AnswerRequest = Callable[[str, dict[str, list[str]], bytes | None], tuple[str, b
 
 
 def _make_handler(prefix: str, answer: AnswerRequest) -> type[GuardedHandler]:
+    """Return the class that handles requests below the secret prefix by calling ``answer``."""
+
     class Handler(GuardedHandler):
         """Passes on requests below the secret prefix, and answers all others with 404."""
 

@@ -138,6 +138,7 @@ class LiveSession:
             self.notes.append((note.t_ns, note.kind, note.text))
 
     def _take_episode_event(self, event: events.EpisodeStarted | events.Stepped | events.EpisodeEnded) -> None:
+        """Update the present episode with an event."""
         match event:
             case events.EpisodeStarted():
                 self.episode = event
@@ -190,6 +191,7 @@ class LiveSession:
         }
 
     def _connection_facts(self) -> dict[str, object]:
+        """Return the round-trip times of the session's page; None where no page is measured."""
         if self.link is None:
             return {"rtt_ms": None, "least_rtt_ms": None}
         return {
@@ -198,6 +200,7 @@ class LiveSession:
         }
 
     def _episode_facts(self) -> dict[str, object]:
+        """Return the facts about the present episode and its block."""
         if self.episode is None:
             names = {"block": "", "world": "", "mission": ""}
             return {**names, "block_number": 0, "episode": 0, "episodes": 0, "most_steps": 0}
@@ -245,6 +248,7 @@ class ScreenPreview:
         self._png = b""
 
     def _draw_picture(self, live: LiveSession, episode: int) -> bytes:
+        """Step the preview's world up to the log's last step, and return its picture as PNG."""
         assert live.episode is not None
         plan = live.episode.plan
         n_steps = len(live.actions)
@@ -314,6 +318,7 @@ class RunningSessions:
         return None
 
     def _collect_facts(self, name: str, part: Path) -> dict[str, object]:
+        """Return the facts of a running session, after reading its log again if that is due."""
         watched = self._watched.setdefault(name, _Watched())
         now_s = time.monotonic()
         if now_s >= watched.again_s:
@@ -324,6 +329,7 @@ class RunningSessions:
 
     @staticmethod
     def _read_part(watched: _Watched, part: Path) -> None:
+        """Read a live log again if it has grown."""
         try:
             status = part.stat()
             size = status.st_size

@@ -83,6 +83,7 @@ def _require_imported(taken_slots: Sequence[SlotTaken], study: Path) -> None:
 
 
 def _take_slot(plan: SessionPlan, digest: str) -> SlotTaken:
+    """Return the enrolment of an imported session's participant."""
     participant = plan.participant
     return SlotTaken(
         plan.allocation_sha256 or "",

@@ -155,6 +155,7 @@ def _read_json_rows(text: str, path: Path) -> list[dict[str, Any]]:
 
 
 def _read_csv_rows(text: str) -> list[dict[str, Any]]:
+    """Return the rows of the episodes in jsPsych's CSV."""
     rows = [row for row in csv.DictReader(io.StringIO(text)) if row.get("trial_type") == TRIAL_TYPE]
     texts = {
         field.name
@@ -181,6 +182,7 @@ def _read_cell(cell: str | None) -> Any:
 
 
 def _check_trial_order(rows: Sequence[Mapping[str, Any]], path: Path) -> None:
+    """Refuse rows whose trials are out of order, as when several participants share a file."""
     numbers = [row["trial_index"] for row in rows if isinstance(row.get("trial_index"), int)]
     for before, after in pairwise(numbers):
         if after <= before:
