@@ -182,14 +182,7 @@ class _LockedFile(LockedJournal[Line]):
         size = os.fstat(self._fd).st_size
         tail = max(0, size - _LONGEST)
         start = read_at(self._fd, _LONGEST, tail).rpartition(b"\n")[2]
-        end = b"" if not start else b"\n"
-        if start and self._chain is not None:
-            # else it would read as whole
-            if start.endswith(b"}") and TAIL.search(start) is None:
-                end = b" \n"
-            else:
-                end = b"\n"
-            self._chain.pass_over(start + end[:-1])
+        end = self._complete_line(start)
         encoded = [msgspec.json.encode(line) for line in lines]
         if self._chain is not None:
             encoded = [self._chain.seal(line) for line in encoded]
@@ -207,6 +200,17 @@ class _LockedFile(LockedJournal[Line]):
             with suppress(OSError):
                 disk.truncate(self._fd, size)
             raise
+
+    def _complete_line(self, start: bytes) -> bytes:
+        """Return the bytes that complete a line of which a crash left the start; b"" if the file ends with a line."""
+        if not start:
+            return b""
+        end = b"\n"
+        if self._chain is not None:
+            if start.endswith(b"}") and TAIL.search(start) is None:
+                end = b" \n"  # else it would read as whole
+            self._chain.pass_over(start + end.removesuffix(b"\n"))
+        return end
 
 
 _LONGEST = 1 << 20  # bytes of a line

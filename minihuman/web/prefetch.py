@@ -22,6 +22,7 @@ from minihuman.experiment.machine.inputs import Input, KeyDown, PointerPressed, 
 from minihuman.experiment.machine.running_episode import RunningEpisode, WorldFailedError, catch_world_errors
 from minihuman.experiment.machine.screens import (
     BlankScreen,
+    Button,
     FilmsScreen,
     OptionList,
     PageScreen,
@@ -361,16 +362,17 @@ def list_likely_inputs(session: SessionMachine) -> Iterator[str]:
             yield "key:enter"
         case PageScreen(buttons=buttons):
             yield from ("key:enter", "point:go_on", "key:right", "key:left")
-            yield from (f"point:{button.name}" for button in buttons if button.name == "back")
+            if _has_back_button(buttons):
+                yield "point:back"
         case QuestionScreen(item=item, buttons=buttons):
             yield from ("key:enter", "key:tab", "point:go_on")
             yield from _name_answers(item)
-            yield from (
-                input_name
-                for button in buttons
-                if button.name == "back"
-                for input_name in ("key:page_up", "point:back")
-            )
+            if _has_back_button(buttons):
+                yield from ("key:page_up", "point:back")
+
+
+def _has_back_button(buttons: Sequence[Button]) -> bool:
+    return any(button.name == "back" for button in buttons)
 
 
 def _name_answers(item: object) -> Iterator[str]:

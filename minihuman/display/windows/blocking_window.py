@@ -364,11 +364,11 @@ class BlockingWindow(Window):
         if is_press == is_button_down:  # a second press, or what follows a press that was not seen
             return []
         if isinstance(self._screen, PlayScreen):
-            inside = locate_in_picture(self._screen, self.size_px, x, y)
             if kind is not PointerMoved:  # a press that led here is over
                 self._pressed_in = None
-            if kind is PointerPressed and inside:
-                return [kind(t_ns, *inside, "picture", cause=cause)]
+            place = locate_in_picture(self._screen, self.size_px, x, y)
+            if kind is PointerPressed and place is not None:
+                return [kind(t_ns, *place, "picture", cause=cause)]
             return []
         if self._pressed_in is None:
             target, along = find_spot(self._screen, self.size_px, x, y)
