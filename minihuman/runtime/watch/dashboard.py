@@ -129,8 +129,6 @@ AnswerRequest = Callable[[str, dict[str, list[str]], bytes | None], tuple[str, b
 
 
 def _make_handler(prefix: str, answer: AnswerRequest) -> type[GuardedHandler]:
-    """Return the class that handles requests below the secret prefix by calling ``answer``."""
-
     class Handler(GuardedHandler):
         """Passes on requests below the secret prefix, and answers all others with 404."""
 
@@ -163,8 +161,8 @@ def _make_handler(prefix: str, answer: AnswerRequest) -> type[GuardedHandler]:
             self.send_response(status)
             self.send_header("Content-Type", kind)
             self.send_header("Content-Length", str(len(content)))
-            for header in _HEADERS.items():
-                self.send_header(*header)
+            for name, header in _HEADERS.items():
+                self.send_header(name, header)
             self.end_headers()
             self.wfile.write(content)
 
