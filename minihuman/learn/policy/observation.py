@@ -118,14 +118,15 @@ class ObservationEncoder:
             picture = inner["image"]
         else:
             picture = inner
-        is_image = isinstance(picture, spaces.Box) and len(picture.shape) == 3
+        shape = picture.shape if isinstance(picture, spaces.Box) else ()
         has_planes = hasattr(world, "team")  # a kitchen's, of any number
-        if not is_image or (picture.shape[-1] != _CHANNELS and not has_planes):
+        has_channels = len(shape) == 3 and (shape[-1] == _CHANNELS or has_planes)
+        if not has_channels:
             raise LearnError(
                 f"{world} has the observation space {inner}; choose a world whose observations contain an image with "
                 "three channels"
             )
-        height, width, channels = picture.shape
+        height, width, channels = shape
         return channels, height, width
 
 
