@@ -195,12 +195,16 @@ def _require_none_interrupted(protocol: Path, data: Path, study: "Protocol") -> 
     interrupted = find_interrupted_session(data / study.study.name)
     if interrupted is None:
         return
-    session = f" --session {interrupted.session}" if interrupted.session > 1 else ""
-    folder = "" if data == Path("sessions") else f" --data {data}"
+    command = f"minihuman run {protocol}"
+    if data != Path("sessions"):
+        command += f" --data {data}"
+    command += f" --participant {interrupted.participant}"
+    if interrupted.session > 1:
+        command += f" --session {interrupted.session}"
     raise AllocationError(
         f"session {interrupted.session} of {interrupted.participant} was cut off after "
-        f"{interrupted.episodes_completed} of {interrupted.episodes_planned} episodes; resume it: minihuman run "
-        f"{protocol}{folder} --participant {interrupted.participant}{session}; or take the next slot with --next-slot"
+        f"{interrupted.episodes_completed} of {interrupted.episodes_planned} episodes; resume it: {command}; or take "
+        "the next slot with --next-slot"
     )
 
 

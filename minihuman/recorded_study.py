@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 
 def read_table_frame(source: Path, selection: Selection, name: str, *, with_excluded: bool) -> "pd.DataFrame":
-    """Read one of a study's or session's tables: the included rows, or all.
+    """Return one of the tables of a study or a session, with the included rows or all rows.
 
     Raises:
         QueryError: if there is no such table.
@@ -44,7 +44,7 @@ def read_table_frame(source: Path, selection: Selection, name: str, *, with_excl
 
 
 def format_html_table(caption: str, heads: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """Format a small table under a caption."""
+    """Return a small table with a caption as HTML."""
     from minihuman.reporting.template import CAPTIONED_TABLE, Table, render_template  # Jinja, which only notebooks need
 
     table = Table(heads, [tuple(map(str, row)) for row in rows], words=0)
@@ -113,7 +113,7 @@ class Episode:
 
     @property
     def outcome(self) -> str:
-        """How the episode ended: goal, timeout, failure, ended, abandoned, agent_failed, or cut_off with its log."""
+        """The episode's ending: goal, timeout, failure, ended, abandoned, agent_failed, or cut_off with the log."""
         return self.recorded.outcome_word
 
     @property
@@ -201,7 +201,7 @@ class Episode:
         with closing(World(recorded.plan.world, recorded.world_options)) as world:
             observation_hash = world.reset(recorded.plan.seed).observation_hash
             for place, action in enumerate(recorded.actions):
-                self._compare(observation_hash, place)
+                self._compare_observation(observation_hash, place)
                 observation = copy.deepcopy(world.observation)  # as a world may use its arrays again
                 change = world.step(int(action))
                 observation_hash = change.observation_hash
@@ -213,15 +213,15 @@ class Episode:
                     terminated=bool(recorded.terminated[place]),
                     truncated=bool(recorded.truncated[place]),
                 )
-            self._compare(observation_hash, self.steps)
+            self._compare_observation(observation_hash, self.steps)
 
     def figure(self) -> "Figure":
-        """Draw the path over the floor plan."""
+        """Draw the agent's path over the floor plan."""
         from minihuman.figures.path_figures import paths_figure
 
         return paths_figure([(self.world, [self.recorded])], across=1)
 
-    def _compare(self, observation_hash: int, step: int) -> None:
+    def _compare_observation(self, observation_hash: int, step: int) -> None:
         if observation_hash != int(self.recorded.observation_hashes[step]):
             place = f"{self.participant}: {self.recorded.name} step {step}"
             raise LogError(
@@ -392,7 +392,7 @@ class Study:
 
     @property
     def exclusions(self) -> tuple[str, ...]:
-        """What is included, and what is excluded and why, one line per fact."""
+        """The facts about what is included, and what is excluded and why, one line each."""
         return tuple(self._opened[1].lines())
 
     def table(self, name: str = "episodes", *, with_excluded: bool = False) -> "pd.DataFrame":
@@ -430,9 +430,11 @@ class Study:
         from minihuman.figures.occupancy import group_participants_by_group, occupancy_figure
 
         logs = [session._selected.session for session in self.sessions]
-        played = [episode for log in logs for episode in log.episodes]
+        episode_plans = [episode.plan for log in logs for episode in log.episodes]
+        place = of
         if name == "learning":
-            place = of or (played[-1].plan.block_name if played else "")
+            if not place and episode_plans:
+                place = episode_plans[-1].block_name
             rewards = collect_rewards(logs)
             episodes = rewards[rewards["block"] == place]
             curves = collect_learning_curves(episodes)
@@ -440,7 +442,8 @@ class Study:
                 title = name_measure("reward", place)
                 return learning_figure(curves, measure="reward", limits=find_reward_limits(episodes), title=title)
         else:
-            place = of or (played[-1].plan.world if played else "")
+            if not place and episode_plans:
+                place = episode_plans[-1].world
             groups = group_participants_by_group(logs, place)
             if groups:
                 return occupancy_figure(place, groups)
@@ -481,9 +484,8 @@ class Study:
             (session.participant, session.group, session.number, len(session), session.end_reason)
             for session in self.sessions[:_MAX_SHOWN_SESSIONS]
         ]  # fmt: skip
+        notes = list(self.exclusions)
         if len(self.sessions) > _MAX_SHOWN_SESSIONS:
-            more = f"; the first {_MAX_SHOWN_SESSIONS} are shown"
-        else:
-            more = ""
-        caption = f"{self.path.name}: {'; '.join(self.exclusions)}{more}"
+            notes.append(f"the first {_MAX_SHOWN_SESSIONS} are shown")
+        caption = f"{self.path.name}: {'; '.join(notes)}"
         return format_html_table(caption, ("participant", "group", "session", "included episodes", "ended"), rows)

@@ -91,7 +91,7 @@ class OptimalAgent(BaseAgent):
 
 
 def is_registered_agent(name: str) -> bool:
-    """Tell whether a protocol's ``policy`` names a registered agent rather than a file."""
+    """Return whether a protocol's ``policy`` names a registered agent rather than a file."""
     return name.partition(":")[0] in list_plugin_names(AGENT_GROUP)
 
 

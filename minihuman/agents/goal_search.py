@@ -41,7 +41,7 @@ class GoalSearch(abc.ABC):
 
     @abc.abstractmethod
     def plan(self) -> list[str]:
-        """Return the next actions as far as they are decided; empty if nothing is left to try.
+        """Return the next actions, as far as they are decided; empty if nothing is left to try.
 
         Raises:
             WorldError: if planning would take too long.
@@ -57,7 +57,7 @@ class GoalSearch(abc.ABC):
 
 
 class FullViewSearch(GoalSearch):
-    """A search that follows the shortest path, for worlds that are entirely in sight or name no targets."""
+    """A search that follows the shortest path, for worlds that are fully visible or name no targets."""
 
     def __init__(self, world: World) -> None:
         self._world = world
@@ -126,7 +126,7 @@ class RoomSearch(GoalSearch):
         self._known_path = FullViewSearch(world)  # once all targets have been seen
 
     def plan(self) -> list[str]:
-        """Return a path to the targets once all have been seen, and otherwise to where more can be seen."""
+        """Return a path to the targets once all have been seen, and before that to where more can be seen."""
         memory = self._memory
         memory.look()
         targets = self._env.targets()

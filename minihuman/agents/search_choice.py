@@ -11,7 +11,7 @@ from minihuman.worlds.inside.env import GridFromInside
 
 
 def build_search(world: World, view: str, noise: JudgementNoise, rng: np.random.Generator) -> GoalSearch:
-    """Build the goal search that suits a world; with a full view nothing needs to be found.
+    """Build the goal search that suits a world; with a full view, it searches for nothing and follows the path.
 
     Raises:
         SimulationError: if no planner knows the world's goal.

@@ -26,6 +26,7 @@ Cell = tuple[int, int]
 STEPS = ((0, -1), (0, 1), (1, 0), (-1, 0))  # of a kitchen's actions: up, down, right, left
 _QUARTER_TURNS_OF_STEPS = (3, 1, 0, 2)  # to the right from east, by the index of the step
 _QUARTER_TURN_RAD = np.pi / 2
+_FIELDS_PER_COOK = 4  # x, y, direction and what is held
 SIDESTEP = 0.3  # how probable it is that a cook whose way is blocked or contested stays or goes anywhere
 
 
@@ -95,77 +96,89 @@ class KitchenSearch(FullViewSearch):
     """A plan for a simulated participant in a kitchen, all of which is in sight; it acts as the agent ``cook``."""
 
     def plan(self) -> list[str]:
-        """Return the next action, as a list of one."""
+        """Return a list that contains only the next action."""
         env = self._world.unwrapped
         return [self._world.action_names[KitchenView(env.team, env.seat).choose()[0]]]
 
 
 class KitchenView:
-    """A kitchen in one state, as one cook sees it."""
+    """One state of a kitchen, as one cook sees it."""
 
     def __init__(self, kitchen: Kitchen, seat: int) -> None:
         row = self.row = kitchen.row
         width, height, cooks = row[:3].tolist()
-        every = row[fields.COOK : fields.COOK + 4 * cooks].reshape(cooks, 4).tolist()
-        x, y, self.facing, self.held_thing = every.pop(seat)
+        cooks_end = fields.COOK + _FIELDS_PER_COOK * cooks
+        others = row[fields.COOK : cooks_end].reshape(cooks, _FIELDS_PER_COOK).tolist()
+        x, y, self.facing, self.held_thing = others.pop(seat)
         self.place = (x, y)
-        self.other_places = {(other[0], other[1]) for other in every}
-        self.held_by_others = [other[3] for other in every]
+        self.other_places = {(other_x, other_y) for other_x, other_y, _, _ in others}
+        self.held_by_others = [held_thing for _, _, _, held_thing in others]
         cells = [divmod(cell, height) for cell in range(width * height)]
-        terrain, things = row[fields.COOK + 4 * cooks :].reshape(2, -1).tolist()
+        terrain, things = row[cooks_end:].reshape(2, -1).tolist()
         self.terrain = dict(zip(cells, terrain, strict=True))
         self.things = dict(zip(cells, things, strict=True))
-        self.floor = set(self._cells(fields.FLOOR))
-        self.region = self._region(self.place)
-        value_of = {recipe: int(row[fields.VALUES + recipe.count("o") + 4 * recipe.count("t")]) for recipe in RECIPES}
-        self.orders = sorted(filter(value_of.__getitem__, RECIPES), key=lambda recipe: -value_of[recipe])
+        self.floor = set(self._find_cells(fields.FLOOR))
+        self.region = self._find_region(self.place)
+        prices = {recipe: self._read_price(recipe) for recipe in RECIPES}
+        wanted_recipes = [recipe for recipe in RECIPES if prices[recipe]]
+        self.orders = sorted(wanted_recipes, key=lambda recipe: -prices[recipe])
+
+    def _read_price(self, recipe: str) -> int:
+        """Return the reward for delivering a soup, by its numbers of onions ("o") and tomatoes ("t")."""
+        n_onions = recipe.count("o")
+        n_tomatoes = recipe.count("t")
+        return int(self.row[fields.VALUES + n_onions + 4 * n_tomatoes])
 
     def choose(self) -> tuple[int, bool]:
         """Return the next action, and whether another cook blocks it."""
-        for stations in self._wishes():
+        for stations in self._list_tasks():
             if self._reaches(stations):
                 return self._approach(stations)
         return fields.STAY, bool(self.other_places)
 
-    def _wishes(self) -> list[list[Cell]]:
-        """Return the stations at which to act, as a list for each task, the most urgent task first."""
-        pots = self._cells(fields.POT)
+    def _list_tasks(self) -> list[list[Cell]]:
+        """Return a list of stations for each task, the most urgent task first."""
+        pots = self._find_cells(fields.POT)
         kind = kind_of(self.held_thing)
         active = [cell for cell in pots if self.things[cell] and clock_of(self.things[cell]) >= 0]
         if kind == fields.SOUP:
-            return [self._cells(fields.HATCH), self._shared_counters()]
+            return [self._find_cells(fields.HATCH), self._shared_counters()]
         if kind == fields.DISH:
             ready = [cell for cell in active if self._is_ready(cell)]
             return [ready, active, [cell for cell in pots if self.things[cell]], self._shared_counters()]
         if kind != fields.NOTHING:
-            return [[cell for cell in pots if self._takes(cell, kind)], self._shared_counters(), self._counters(0)]
+            return [
+                [cell for cell in pots if self._needs_ingredient(cell, kind)],
+                self._shared_counters(),
+                self._counters(0),
+            ]
         dishes = self._counters(fields.DISH)
         brought = self.held_by_others.count(fields.DISH)
         if not self._reaches(active):
             brought += len(dishes)
         wishes = [[cell for cell in pots if self._is_complete(cell)], self._counters(fields.SOUP)]
         if len(active) > brought:
-            wishes.append(dishes + self._cells(fields.DISHES))
+            wishes.append(dishes + self._find_cells(fields.DISHES))
         for kind, source in ((fields.ONION, fields.ONIONS), (fields.TOMATO, fields.TOMATOES)):
-            if any(self._takes(cell, kind) for cell in pots):
+            if any(self._needs_ingredient(cell, kind) for cell in pots):
                 if self._reaches(pots):
                     wishes.append(self._counters(kind))
-                wishes.append(self._cells(source))
+                wishes.append(self._find_cells(source))
         return wishes
 
-    def _cells(self, terrain: int) -> list[Cell]:
+    def _find_cells(self, terrain: int) -> list[Cell]:
         return [cell for cell, cell_terrain in self.terrain.items() if cell_terrain == terrain]
 
     def _counters(self, kind: int) -> list[Cell]:
         """Return the counters that hold an object of a kind; 0 stands for empty counters."""
-        return [cell for cell in self._cells(fields.COUNTER) if kind_of(self.things[cell]) == kind]
+        return [cell for cell in self._find_cells(fields.COUNTER) if kind_of(self.things[cell]) == kind]
 
     def _shared_counters(self) -> list[Cell]:
         """Return the free counters that can be reached by a cook whose part of the floor this cook cannot reach."""
-        apart = [self._region(other) for other in self.other_places if other not in self.region]
+        apart = [self._find_region(other) for other in self.other_places if other not in self.region]
         return [cell for cell in self._counters(0) if any(not region.isdisjoint(beside(cell)) for region in apart)]
 
-    def _region(self, place: Cell) -> set[Cell]:
+    def _find_region(self, place: Cell) -> set[Cell]:
         """Return the floor cells that can be reached from a place if other cooks make way."""
         region = {place}
         waiting = [place]
@@ -182,8 +195,8 @@ class KitchenView:
         thing = self.things[cell]
         return clock_of(thing) >= int(self.row[fields.TIMES + recipe_of(thing)])
 
-    def _takes(self, cell: Cell, kind: int) -> bool:
-        """Tell whether a pot needs an ingredient for the most valuable order that its contents can still become."""
+    def _needs_ingredient(self, cell: Cell, kind: int) -> bool:
+        """Return whether a pot needs an ingredient for the most valuable order that its contents can still become."""
         thing = self.things[cell]
         if thing and clock_of(thing) >= 0:
             return False
@@ -200,9 +213,11 @@ class KitchenView:
         return False
 
     def _is_complete(self, cell: Cell) -> bool:
-        """Tell whether a pot is ready to be started, because more ingredients would not make a more valuable order."""
+        """Return whether a pot can be started, because more ingredients would not make a more valuable order."""
         waits = self.things[cell] and clock_of(self.things[cell]) < 0 and not self.row[fields.AUTOMATIC]
-        return bool(waits) and not (self._takes(cell, fields.ONION) or self._takes(cell, fields.TOMATO))
+        return bool(waits) and not (
+            self._needs_ingredient(cell, fields.ONION) or self._needs_ingredient(cell, fields.TOMATO)
+        )
 
     def _approach(self, stations: list[Cell]) -> tuple[int, bool]:
         """Return the action that walks to the nearest station and uses it, and whether another cook blocks the way.

@@ -119,19 +119,17 @@ def find_missing_requirements(module: str) -> list[str]:
         requirement, _, marker = line.partition(";")
         extra = marker.partition("extra ==")[2].strip(" '\"")
         required = _name_requirement(requirement)
+        is_replay_viewer = not extra and required == "rerun-sdk"
+        is_optional = is_replay_viewer or "sys_platform" in marker
         if required == name:
             extras[extra].insert(0, requirement.strip())
-        elif (
-            name != "jinja2"  # what asks for it first needs no more
-            and "sys_platform" not in marker
-            and (extra or required != "rerun-sdk")
-            and not _can_import(required)
-        ):
+        elif name != "jinja2" and not is_optional and not _can_import(required):  # jinja2's first user needs no more
             extras[extra].append(requirement.strip())
-    bringing = [extra for extra, needed in extras.items() if _name_requirement(needed[0]) == name]
-    if bringing:
-        return extras[min(bringing, key=lambda extra: (bool(extra), len(extras[extra])))]
-    return []
+    providing_extras = [extra for extra, missing in extras.items() if _name_requirement(missing[0]) == name]
+    if not providing_extras:
+        return []
+    smallest = min(providing_extras, key=lambda extra: (bool(extra), len(extras[extra])))
+    return extras[smallest]
 
 
 def _name_requirement(requirement: str) -> str:

@@ -62,7 +62,7 @@ def clone(
         world=world,
         sight=sight,
         missions=missions,
-        sizes=_numbers(sizes),
+        sizes=_parse_numbers(sizes),
         evaluation_episodes=episodes,
         selection=selection,
         cloning=CloningSettings(mirrored=mirrored, seed=seed),
@@ -70,7 +70,7 @@ def clone(
     print(clone_study(source, out, study, command=command_line()), end="")
 
 
-def _numbers(text: str) -> tuple[int, ...]:
+def _parse_numbers(text: str) -> tuple[int, ...]:
     try:
         return tuple(int(part) for part in text.split(",") if part)
     except ValueError:

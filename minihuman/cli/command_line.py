@@ -197,6 +197,7 @@ class _Command(click.Command):
 
 
 def _make_parameter(parameter: inspect.Parameter) -> click.Parameter:
+    """Convert an annotated parameter of a function into an argument or an option of its command."""
     annotation, declared = get_args(parameter.annotation)[:2]
     required = parameter.default is inspect.Parameter.empty
     default = None
@@ -209,10 +210,11 @@ def _make_parameter(parameter: inspect.Parameter) -> click.Parameter:
     if isinstance(declared, Argument):
         return _Argument(parameter.name, declared, nargs=-1 if many else 1, **settings)
     assert isinstance(declared, Option)
-    names = list(declared.names) or [f"--{parameter.name.replace('_', '-')}"]
+    dashed_name = parameter.name.replace("_", "-")
+    names = list(declared.names) or [f"--{dashed_name}"]
     if kind is bool:
         if not declared.names:
-            names = [f"{names[0]}/--no-{names[0][2:]}"]
+            names = [f"--{dashed_name}/--no-{dashed_name}"]
         del settings["type"]
         settings["is_flag"] = True
         show_default = any("/" in name for name in names) and default is not None

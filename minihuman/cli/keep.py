@@ -241,7 +241,7 @@ def import_(
     ] = None,
     json: JsonOption = False,
 ) -> None:
-    """Import what web pages recorded without a server.
+    """Import episodes that a web page recorded without a server.
 
     Each file is a participant's session. Its episodes are replayed, and a file that differs is refused. With
     `--protocol`, data are records of a site: the session runs again by the page's messages, and differences are

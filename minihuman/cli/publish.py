@@ -259,7 +259,8 @@ def pack(
     from minihuman.web.world_pack import pack_worlds, parse_seeds
 
     packed = pack_worlds(out, parse_seeds(seeds), worlds)
-    print(f"{len(packed.worlds)} worlds, {packed.size_bytes / 1e6:.1f} MB in {out}")
+    size_mb = packed.size_bytes / 1e6
+    print(f"{len(packed.worlds)} worlds, {size_mb:.1f} MB in {out}")
     if packed.packed_states:
         print(f"seeds {seeds} alone: {', '.join(packed.packed_states)}")
 

@@ -214,6 +214,7 @@ def _say(line: str) -> None:
 
 
 def _serve_agents(protocol: Path, port: int, data: Path, *, trust: bool, mcp: bool) -> None:
+    """Serve a study to programs over HTTP or, if ``mcp``, to one program on the standard input and output."""
     from minihuman.admin.protocol_file import read_protocol
     from minihuman.web.agent_server import ProgramSessions, make_agent_server, make_mcp_server
 
@@ -340,11 +341,14 @@ def _require_whole_sessions(logs: list[Path], player: str) -> None:
     short = []
     for path in logs:
         log = read_log(path)
+        n_planned = len(log.plan.episodes)
         n_ended = sum(episode.outcome not in (None, "abandoned") for episode in log.episodes)
-        if log.end_reason == "player_failed" and n_ended < len(log.plan.episodes):
-            short.append(f"{path}, with {n_ended} of {len(log.plan.episodes)} episodes")
+        if log.end_reason == "player_failed" and n_ended < n_planned:
+            short.append(f"{path}, with {n_ended} of {n_planned} episodes")
     if short:
-        sessions = "1 session" if len(short) == 1 else f"{len(short)} sessions"
+        sessions = "1 session"
+        if len(short) > 1:
+            sessions = f"{len(short)} sessions"
         raise SimulationError(
             f"{player} ended {sessions} before the last episode, without a valid answer or at a limit; the first is "
             f"{short[0]}"

@@ -33,6 +33,7 @@ from minihuman.worlds.team import TeamWorld
 
 Batch = dict[str, torch.Tensor]  # what worlds show: uint8[n, channels, height, width], float32[n, 9]
 RECENT = 100  # episodes that a point of the curve is over
+_OBSERVATION_PREFIX = "seen "  # of the fields of a rollout that are observations
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +58,7 @@ class BatchPpoSettings:
 
 @dataclass(frozen=True, slots=True)
 class CurvePoint:
-    """One point of the learning curve: the state of a training run after an update."""
+    """A point of the learning curve: the state of a training run after an update."""
 
     steps: int
     episodes: int
@@ -126,7 +127,7 @@ def train_batch(
 
 
 def _choose_encoder(image_shape: tuple[int, int, int]) -> EncoderName:
-    """Return the name of the network that suits an image shape of (channels, height, width)."""
+    """Return the name of the encoder that suits images of a shape (channels, height, width)."""
     channels, height, _ = image_shape
     if height > 20:
         return "atari"
@@ -143,6 +144,7 @@ def _write_curve(progress: list[CurvePoint], path: Path) -> None:
 
 
 def _make_batch(world: str, count: int, **options: Any) -> gymnasium.vector.VectorEnv[Any, Any, Any]:
+    """Make a batch of worlds, in which each world begins its next episode in the step that ends one."""
     try:
         return gymnasium.make_vec(
             world,
@@ -156,7 +158,7 @@ def _make_batch(world: str, count: int, **options: Any) -> gymnasium.vector.Vect
 
 
 class _Seats:
-    """A batch of team worlds in which every seat counts as a world of its own, so that one policy plays with itself.
+    """A batch of team worlds in which each seat counts as a separate world, so that one policy plays with itself.
 
     Shaping rewards for useful steps (`TeamBatch.shaping`, where a world has them) decrease to 0 by the middle of the
     training run, as in Carroll et al., "On the Utility of Learning about Humans for Human-AI Coordination" (2019).
@@ -186,7 +188,7 @@ _encode_mission = lru_cache(maxsize=1024)(encode_mission)
 
 
 class _Run:
-    """A training run: its worlds, their current observations, and the network's memory of each world."""
+    """A training run, with its worlds, their current observations, and the network's memory of each world."""
 
     def __init__(
         self,
@@ -223,13 +225,14 @@ class _Run:
         return CurvePoint(self.steps, self.episodes, mean, success, time.process_time())
 
     def _collect(self) -> Batch:
+        """Act for a rollout; return its steps by field, each of shape [rollout, worlds, ...], with advantages."""
         settings = self._settings
         policy = self._policy
         steps_by_field: dict[str, list[torch.Tensor]] = {}
         rewards = torch.zeros(settings.rollout, settings.worlds)
         with torch.no_grad():
             for t in range(settings.rollout):
-                step_fields = {f"seen {name}": part for name, part in self._observations.items()}
+                step_fields = {_OBSERVATION_PREFIX + name: part for name, part in self._observations.items()}
                 log_probs, values, self._hidden = policy.think_on(self._observations, self._hidden, self._starts)
                 actions = torch.multinomial(log_probs.exp(), 1).squeeze(1)
                 chosen = log_probs.gather(1, actions[:, None]).squeeze(1)
@@ -246,16 +249,23 @@ class _Run:
         rollout = {name: torch.stack(parts) for name, parts in steps_by_field.items()}
         rewards = rewards.to(settings.device)
         ends = torch.cat((rollout["starts"][1:], self._starts[None]))
-        following = torch.cat((rollout["values"][1:], last.T))
-        advantage = torch.zeros_like(last.squeeze(1))
-        advantages = []
-        for t in reversed(range(settings.rollout)):
-            goes_on = settings.discount * (1 - ends[t])
-            surprise = rewards[t] + goes_on * following[t] - rollout["values"][t]
-            advantage = surprise + goes_on * settings.trace * advantage
-            advantages.append(advantage)
-        rollout["advantages"] = torch.stack(advantages[::-1])
+        next_values = torch.cat((rollout["values"][1:], last.T))
+        rollout["advantages"] = self._estimate_advantages(rewards, rollout["values"], next_values, ends)
         return rollout
+
+    def _estimate_advantages(
+        self, rewards: torch.Tensor, values: torch.Tensor, next_values: torch.Tensor, ends: torch.Tensor
+    ) -> torch.Tensor:
+        """Return the generalised advantage estimate of each step; all arrays have the shape [rollout, worlds]."""
+        settings = self._settings
+        advantage = torch.zeros_like(next_values[-1])
+        newest_first = []
+        for t in reversed(range(settings.rollout)):
+            discount = settings.discount * (1 - ends[t])
+            temporal_difference = rewards[t] + discount * next_values[t] - values[t]
+            advantage = temporal_difference + discount * settings.trace * advantage
+            newest_first.append(advantage)
+        return torch.stack(newest_first[::-1])
 
     def _step(self, actions: NDArray[np.int64]) -> torch.Tensor:
         """Step every world; return rewards float32[n].
@@ -282,8 +292,8 @@ class _Run:
         return torch.from_numpy(rewards)
 
     def _learn(self, rollout: Batch, hidden: torch.Tensor) -> None:
+        """Update the policy from a rollout, whose memory at the first step is ``hidden``."""
         settings = self._settings
-        policy = self._policy
         returns = rollout["advantages"] + rollout["values"]
         if settings.memory:
             parts = settings.worlds
@@ -299,26 +309,36 @@ class _Run:
                     minibatch = {name: part.flatten(0, 1)[chosen][None] for name, part in rollout.items()}
                     return_targets = returns.flatten()[chosen]
                     start_hidden = hidden[:0]
-                observations = {
-                    name.removeprefix("seen "): part for name, part in minibatch.items() if name.startswith("seen ")
-                }
-                log_probs, values = policy.think_through(observations, start_hidden, minibatch["starts"])
-                log_prob = log_probs.gather(1, minibatch["actions"].flatten()[:, None]).squeeze(1)
-                advantages = minibatch["advantages"].flatten()
-                advantages = (advantages - advantages.mean()) / (advantages.std() + 1e-8)
-                ratio = (log_prob - minibatch["log_probs"].flatten()).exp()
-                clipped = ratio.clamp(1 - settings.clip, 1 + settings.clip)
-                gain = torch.min(ratio * advantages, clipped * advantages).mean()
-                entropy = -(log_probs.exp() * log_probs).sum(dim=1).mean()
-                error = (values.squeeze(1) - return_targets).square().mean()
-                loss = settings.value * error - gain - settings.entropy * entropy
+                loss = self._compute_loss(minibatch, return_targets, start_hidden)
                 self._optimizer.zero_grad(set_to_none=True)
                 loss.backward()  # type: ignore[no-untyped-call]
-                nn.utils.clip_grad_norm_(policy.parameters(), settings.gradient)
+                nn.utils.clip_grad_norm_(self._policy.parameters(), settings.gradient)
                 self._optimizer.step()
 
+    def _compute_loss(self, minibatch: Batch, return_targets: torch.Tensor, start_hidden: torch.Tensor) -> torch.Tensor:
+        """Return PPO's loss on a minibatch: clipped policy gain, value error and entropy."""
+        settings = self._settings
+        observations = {
+            name.removeprefix(_OBSERVATION_PREFIX): part
+            for name, part in minibatch.items()
+            if name.startswith(_OBSERVATION_PREFIX)
+        }
+        log_probs, values = self._policy.think_through(observations, start_hidden, minibatch["starts"])
+        log_prob = log_probs.gather(1, minibatch["actions"].flatten()[:, None]).squeeze(1)
+        advantages = minibatch["advantages"].flatten()
+        advantages = (advantages - advantages.mean()) / (advantages.std() + 1e-8)
+        ratio = (log_prob - minibatch["log_probs"].flatten()).exp()
+        clipped = ratio.clamp(1 - settings.clip, 1 + settings.clip)
+        gain = torch.min(ratio * advantages, clipped * advantages).mean()
+        entropy = -(log_probs.exp() * log_probs).sum(dim=1).mean()
+        error = (values.squeeze(1) - return_targets).square().mean()
+        return settings.value * error - gain - settings.entropy * entropy
+
     def _encode(self, raw: Any) -> Batch:
-        """Encode observations on the device: the observation of a whole batch, or a list of single observations."""
+        """Return observations as tensors on the device.
+
+        ``raw`` is the observation of a whole batch, or a list of single observations.
+        """
         if isinstance(raw, list):
             if isinstance(raw[0], dict):
                 raw = {name: [observation[name] for observation in raw] for name in raw[0]}

@@ -7,6 +7,7 @@ held-out episodes.
 import json
 from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, field
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,13 @@ from minihuman.errors import LearnError
 from minihuman.learn.demonstrations import Demonstrations, read_demonstrations
 from minihuman.learn.policy.file import PolicyCard, get_versions, save_policy
 from minihuman.learn.policy.network import EncoderName, Policy, build_policy
-from minihuman.learn.policy.observation import Observation, ObservationEncoder, ViewMode, get_image_shape
+from minihuman.learn.policy.observation import (
+    EpisodeEncoder,
+    Observation,
+    ObservationEncoder,
+    ViewMode,
+    get_image_shape,
+)
 from minihuman.learn.ppo import episode_seed
 from minihuman.statistics.scores import wilson_interval
 from minihuman.statistics.units import find_units
@@ -70,31 +77,42 @@ def evaluate_policy(
     An episode ends when the world ends it or after ``most_steps``, so at least one of the two must have a limit.
     """
     env: Any = World(world_id, options, trusted=True).env  # with its own step limit
-    world = env.unwrapped
-    team = getattr(world, "team", None)
-    first_action = int(env.action_space.start)
     encoder = eyesight.episode_encoder()
     returns = []
-    steps = []
+    lengths = []
     successes = 0
     for episode in range(episodes):
         raw, _ = env.reset(seed=held_out_seed(seed, episode))
-        total = 0.0
-        length = 0
-        ended = False
-        terminated = False
-        reward = 0.0
-        while not ended:
-            if team is not None:  # what the other bodies do
-                world.joint = [choose(encoder.encode(world, team.observation(body))) for body in range(team.bodies)]
-            raw, reward, terminated, truncated, _ = env.step(first_action + choose(encoder.encode(world, raw)))
-            total = total + float(reward)
-            length = length + 1
-            ended = terminated or truncated or length == most_steps
-        returns.append(total)
-        steps.append(length)
-        successes += terminated and reward > 0
-    return Evaluation(episodes, successes, float(np.mean(returns)), float(np.mean(steps)))
+        episode_return, length, has_succeeded = _play_episode(env, raw, choose, encoder, most_steps)
+        returns.append(episode_return)
+        lengths.append(length)
+        successes += has_succeeded
+    return Evaluation(episodes, successes, float(np.mean(returns)), float(np.mean(lengths)))
+
+
+def _play_episode(
+    env: Any, raw: Any, choose: ChooseAction, encoder: EpisodeEncoder, most_steps: int | None
+) -> tuple[float, int, bool]:
+    """Play an episode from its first observation ``raw``.
+
+    Returns:
+        The episode's return, its number of steps, and whether it terminated with a reward.
+    """
+    world = env.unwrapped
+    team = getattr(world, "team", None)
+    first_action = int(env.action_space.start)
+    episode_return = 0.0
+    length = 0
+    while True:
+        if team is not None:  # what the other bodies do
+            observations = [team.observation(body) for body in range(team.bodies)]
+            world.joint = [choose(encoder.encode(world, observation)) for observation in observations]
+        action = choose(encoder.encode(world, raw))
+        raw, reward, terminated, truncated, _ = env.step(first_action + action)
+        episode_return += float(reward)
+        length += 1
+        if terminated or truncated or length == most_steps:
+            return episode_return, length, bool(terminated and reward > 0)
 
 
 def held_out_seed(seed: int, episode: int) -> int:
@@ -113,7 +131,7 @@ def make_sampling_policy(policy: Policy, seed: int) -> ChooseAction:
 
 
 def make_random_policy(actions: int, seed: int) -> ChooseAction:
-    """Return a function that draws actions uniformly: the baseline for a policy."""
+    """Return a function that draws actions uniformly, as a baseline for policies."""
     rng = np.random.default_rng(seed)
     return lambda _: int(rng.integers(actions))
 
@@ -178,12 +196,12 @@ def split_by_participant(
 def clone_policy(
     training: Demonstrations, validation: Demonstrations, *, eyes: EncoderName, settings: CloningSettings
 ) -> tuple[Policy, CloningResult]:
-    """Train a policy to imitate the training demonstrations; return it with the best validation epoch's weights."""
+    """Train a policy to imitate demonstrations; return it with the weights of the epoch that was best in validation."""
     torch.manual_seed(settings.seed)
-    steps = _stack(training)
+    steps = _stack_steps(training)
     if settings.mirrored:
         steps = _with_mirror_images(steps, training.action_names, eyes)
-    held_out = _stack(validation)
+    held_out = _stack_steps(validation)
     policy = build_policy(training.space, len(training.action_names), eyes)
     policy.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
     optimiser = torch.optim.Adam(
@@ -229,7 +247,7 @@ def _compare_with_people(policy: Policy, steps: Steps) -> tuple[float, float]:
     """
     images, missions, actions = steps
     with torch.no_grad():
-        log_probs = policy.log_probabilities(_pick(images, missions, slice(None)))
+        log_probs = policy.log_probabilities(_pick_rows(images, missions, slice(None)))
     loss = float(functional.nll_loss(log_probs, actions))
     return loss, float((log_probs.argmax(dim=1) == actions).float().mean())
 
@@ -239,7 +257,7 @@ def _train_epoch(policy: Policy, optimiser: torch.optim.Adam, steps: Steps, batc
     images, missions, actions = steps
     losses = []
     for rows in torch.split(torch.randperm(len(actions)), batch_size):
-        loss = functional.nll_loss(policy.log_probabilities(_pick(images, missions, rows)), actions[rows])
+        loss = functional.nll_loss(policy.log_probabilities(_pick_rows(images, missions, rows)), actions[rows])
         optimiser.zero_grad()
         loss.backward()  # type: ignore[no-untyped-call]
         optimiser.step()
@@ -247,22 +265,27 @@ def _train_epoch(policy: Policy, optimiser: torch.optim.Adam, steps: Steps, batc
     return float(np.mean(losses))
 
 
-def _stack(demonstrations: Demonstrations) -> Steps:
-    observations = [observation for episode in demonstrations.episodes for observation in episode.observations]
+def _stack_steps(demonstrations: Demonstrations) -> Steps:
+    """Return the images, the missions (None if unobserved) and the actions of all steps, one row per step."""
+    observations = list(chain.from_iterable(episode.observations for episode in demonstrations.episodes))
     images = torch.as_tensor(np.stack([observation["image"] for observation in observations]))
     missions = None
     if "mission" in observations[0]:
         missions = torch.as_tensor(np.stack([observation["mission"] for observation in observations]))
-    return images, missions, torch.as_tensor(np.concatenate([episode.actions for episode in demonstrations.episodes]))
+    actions = torch.as_tensor(np.concatenate([episode.actions for episode in demonstrations.episodes]))
+    return images, missions, actions
 
 
-def _pick(images: torch.Tensor, missions: torch.Tensor | None, rows: torch.Tensor | slice) -> dict[str, torch.Tensor]:
+def _pick_rows(
+    images: torch.Tensor, missions: torch.Tensor | None, rows: torch.Tensor | slice
+) -> dict[str, torch.Tensor]:
     if missions is None:
         return {"image": images[rows]}
     return {"image": images[rows], "mission": missions[rows]}
 
 
 def _with_mirror_images(steps: Steps, action_names: tuple[str, ...], eyes: EncoderName) -> Steps:
+    """Return steps, followed by the same steps with mirrored images and with left and right actions swapped."""
     images, missions, actions = steps
     sideways = 2  # grid codes are [column, row]
     if eyes == "atari":
@@ -337,8 +360,8 @@ def clone_study(source: Path, out: Path, study: CloneStudy, *, command: str) -> 
     chance = _play(random, demonstrations, study)
     text = build_card_text(study, demonstrations, rows, chance, command)
     out.parent.mkdir(parents=True, exist_ok=True)
-    save_policy(policy, _card(demonstrations, eyes, study), out)
-    write_atomically(json.dumps(_numbers(study, rows, chance, command), indent=1), files[".json"])
+    save_policy(policy, _build_card(demonstrations, eyes, study), out)
+    write_atomically(json.dumps(_collect_numbers(study, rows, chance, command), indent=1), files[".json"])
     write_atomically(text, files[".md"])
     return text
 
@@ -350,7 +373,7 @@ def _require_new_files(paths: Iterable[Path]) -> None:
 
 
 def _choose_encoder(sight: ViewMode, image_shape: tuple[int, int, int]) -> EncoderName:
-    """Return the name of the network that suits a view mode and an image shape of (channels, height, width)."""
+    """Return the name of the encoder that suits a view mode and images of a shape (channels, height, width)."""
     channels, height, _ = image_shape
     if sight in _EYES:
         return _EYES[sight]
@@ -401,11 +424,19 @@ def build_card_text(
         f"| chance | {chance} | {chance.mean_return:.3f} | - | - | - |",
         "",
     ]
-    lines += [f"Command: `{command}`", "", "Versions: " + ", ".join(f"{k} {v}" for k, v in get_versions().items())]
+    lines += [f"Command: `{command}`", "", f"Versions: {_join_versions()}"]
     return "\n".join(lines) + "\n"
 
 
-def _numbers(study: CloneStudy, rows: list[CloneEvaluation], chance: Evaluation, command: str) -> dict[str, Any]:
+def _join_versions() -> str:
+    """Return the packages on which a policy's results depend, with their versions."""
+    return ", ".join(f"{package} {version}" for package, version in get_versions().items())
+
+
+def _collect_numbers(
+    study: CloneStudy, rows: list[CloneEvaluation], chance: Evaluation, command: str
+) -> dict[str, Any]:
+    """Return the results of a cloning study as values for JSON."""
     return {
         "study": asdict(study),
         "rows": [asdict(row) | {"success": row.played.rate, "interval": row.played.interval} for row in rows],
@@ -416,6 +447,7 @@ def _numbers(study: CloneStudy, rows: list[CloneEvaluation], chance: Evaluation,
 
 
 def _play(choose: ChooseAction, demonstrations: Demonstrations, study: CloneStudy) -> Evaluation:
+    """Evaluate a player on the held-out episodes of a cloning study."""
     return evaluate_policy(
         choose,
         study.world,
@@ -427,7 +459,8 @@ def _play(choose: ChooseAction, demonstrations: Demonstrations, study: CloneStud
     )
 
 
-def _card(demonstrations: Demonstrations, eyes: EncoderName, study: CloneStudy) -> PolicyCard:
+def _build_card(demonstrations: Demonstrations, eyes: EncoderName, study: CloneStudy) -> PolicyCard:
+    """Return the card of a policy that was cloned from demonstrations."""
     return PolicyCard(
         world=study.world,
         world_options=demonstrations.options,

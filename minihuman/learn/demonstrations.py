@@ -51,11 +51,11 @@ class Demonstrations:
 
     @property
     def participants(self) -> tuple[str, ...]:
-        """The participants, in the order of their logs."""
+        """The participants who gave demonstrations, in the order of their logs."""
         return tuple(dict.fromkeys(episode.participant for episode in self.episodes))
 
     def by(self, participants: Sequence[str]) -> "Demonstrations":
-        """Return the demonstrations of some participants."""
+        """Return only the demonstrations of the given participants."""
         return replace(self, episodes=tuple(e for e in self.episodes if e.participant in participants))
 
     def first(self, count: int) -> "Demonstrations":
@@ -151,7 +151,7 @@ def check_equal_options(episodes: Sequence[LoggedEpisode]) -> EpisodePlan:
 
 
 def list_used_actions(episodes: Sequence[LoggedEpisode], least: int = 0) -> tuple[str, ...]:
-    """Return the world's first action names, up to the last action that is used.
+    """Return the names of the world's actions up to the last one that is used.
 
     An action is used if a key is assigned to it, or if it is the no-op of a tick. All actions up to number ``least``
     are returned in any case.

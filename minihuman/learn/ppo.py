@@ -224,7 +224,7 @@ class LeanPpo(PPO):
 
 
 class _Chooser:
-    """Draws an action as Stable-Baselines3 does, and returns it with its value and log-probability."""
+    """Draws actions as Stable-Baselines3 does, and returns each with its value and log-probability."""
 
     def __init__(self, policy: Policy) -> None:
         if policy.device.type == "cpu":

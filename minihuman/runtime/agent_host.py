@@ -44,6 +44,7 @@ from minihuman.runtime.team_host import TeamTable
 from minihuman.worlds.adapters.world import World
 
 LOG = logging.getLogger("minihuman")
+_SEED_STRIDE = 1_000_003  # between the seeds of two participants
 N_CANDIDATE_PAIRS = 10  # pairs that are looked at for one that is disagreed on
 
 
@@ -94,11 +95,11 @@ class AgentHost(RequestHandler):
         """Return the input that answers a request of the session; None if there is no answer yet."""
         match want:
             case PolicyRequest(learning=True):
-                return self._learnt(want, t_ns)
+                return self._learn_policy(want, t_ns)
             case PolicyRequest():
                 return self._find_first_policy(want, t_ns)
             case AdviceRequest() if play is not None:
-                return self._advice(want, play, t_ns)
+                return self._ask_advice(want, play, t_ns)
             case ClipRequest() if self._stretches is not None:
                 return self._offer_clip(self._stretches, want, t_ns)
             case EpisodeRequest() if self._stretches is not None:
@@ -113,11 +114,15 @@ class AgentHost(RequestHandler):
     # Policies
 
     def _find_first_policy(self, want: PolicyRequest, t_ns: int) -> NewPolicy:
-        name = self._latest if want.policy == LATEST_POLICY else want.policy
+        """Adopt the policy with which a part begins: after an interruption, the one that played last."""
         earlier = self._earlier.get(want.part)
         if earlier is not None:
             return self._adopt_policy(earlier, t_ns)
-        if not name or is_registered_agent(name) or name == self._latest:
+        name = want.policy
+        if name == LATEST_POLICY:
+            name = self._latest
+        is_loadable = not name or is_registered_agent(name) or name == self._latest
+        if is_loadable:
             return self._adopt_policy(name, t_ns)
         try:
             return self._adopt_policy(self._policies.keep(self._files[name]), t_ns)
@@ -137,24 +142,12 @@ class AgentHost(RequestHandler):
         self._latest = policy or self._latest
         return NewPolicy(t_ns, policy)
 
-    def _learnt(self, want: PolicyRequest, t_ns: int) -> NewPolicy | None:
+    def _learn_policy(self, want: PolicyRequest, t_ns: int) -> NewPolicy | None:
+        """Ask the learner for the next policy and adopt its answer; return None while there is none."""
         if self._learner is None:
             return NewPolicy(t_ns, want.policy, "there is no learner here")
         if not self._learner.busy:
-            if self._policies.path(want.policy).is_file():
-                start = str(self._policies.checked(want.policy))
-            else:
-                start = ""
-            request = LearnerRequest(
-                logs=[str(path) for path in self._logs()],
-                part=want.name,
-                episodes=want.episode,
-                learner=want.agent.learner,
-                seed=self._seed + want.episode,
-                start=start,
-                budget_s=self._limit_learning_s(want.agent.budget_s),
-            )
-            self._learner.ask(request)
+            self._learner.ask(self._build_policy_request(want))
         answer = self._learner.answer(patient=self._patient)
         if answer is None:
             return None
@@ -168,6 +161,21 @@ class AgentHost(RequestHandler):
             return NewPolicy(t_ns, want.policy, f"the policy cannot be kept: {describe_failure(error)}")
         return self._adopt_policy(policy, t_ns)
 
+    def _build_policy_request(self, want: PolicyRequest) -> LearnerRequest:
+        """Return the request for a policy that continues from the present one if that is a policy file."""
+        start = ""
+        if self._policies.path(want.policy).is_file():
+            start = str(self._policies.checked(want.policy))
+        return LearnerRequest(
+            logs=[str(path) for path in self._logs()],
+            part=want.name,
+            episodes=want.episode,
+            learner=want.agent.learner,
+            seed=self._seed + want.episode,
+            start=start,
+            budget_s=self._limit_learning_s(want.agent.budget_s),
+        )
+
     def _limit_learning_s(self, budget_s: float) -> float:
         """Return the learner's time limit: the given one, or none if the learner is unhurried."""
         if self._unhurried:
@@ -177,7 +185,7 @@ class AgentHost(RequestHandler):
     # Pairs
 
     def _offer_clip(self, stretches: ClipSampler, want: ClipRequest, t_ns: int) -> ClipOffered | None:
-        """Return one clip of a pair, which is random or the one on which the learner's ensemble disagrees most."""
+        """Return a clip of a random pair, or of the pair that divides the learner's ensemble; None while it decides."""
         if want.pairing == "random" or self._learner is None:
             return ClipOffered(t_ns, stretches.draw(want))
         if want.place:
@@ -207,21 +215,24 @@ class AgentHost(RequestHandler):
             return None
         if answer.failure:
             LOG.warning("any pair comes instead of one that is disagreed on: %s", answer.failure)
-        place = int(answer.file) if answer.file.isdecimal() else 0
-        self._pair = self._disputed[min(place, len(self._disputed) - 1)]
+        index = 0
+        if answer.file.isdecimal():
+            index = min(int(answer.file), len(self._disputed) - 1)
+        self._pair = self._disputed[index]
         self._disputed = []
         return ClipOffered(t_ns, self._pair[0])
 
     # Advice
 
-    def _advice(self, want: AdviceRequest, play: RunningEpisode, t_ns: int) -> ActivityInput | None:
-        now = (want.policy, play.plan.episode)
+    def _ask_advice(self, want: AdviceRequest, play: RunningEpisode, t_ns: int) -> ActivityInput | None:
+        """Return the agent's probability of each action in the running episode, or why it has none."""
+        policy_and_episode = (want.policy, play.plan.episode)
         try:
             with limit_answer_time():
                 agent = self._agent(want.policy)
-                if self._last_begun != now:
+                if self._last_begun != policy_and_episode:
                     self._begin(agent, play)
-                    self._last_begun = now
+                    self._last_begun = policy_and_episode
                 chances = tuple(float(chance) for chance in agent.action_probabilities(play.world))
         except Exception as error:  # of a lab's own agent: the person can still play
             LOG.warning("the agent failed: %s at %s: %s", type(error).__name__, locate_error(error), error)
@@ -229,7 +240,7 @@ class AgentHost(RequestHandler):
         return Advice(t_ns, want.step, chances)
 
     def _agent(self, policy: str) -> BaseAgent:
-        """Return the agent of a policy, loading it again if another policy has been loaded in its place.
+        """Return the agent of a policy, after loading it again if another policy has taken its place.
 
         Raises:
             MinihumanError: if it cannot be loaded.
@@ -245,7 +256,7 @@ class AgentHost(RequestHandler):
         return make_policy_agent(self._policies.checked(policy))
 
     def _begin(self, agent: BaseAgent, play: RunningEpisode) -> None:
-        """Let the agent begin an episode; in the middle of one, show it all earlier steps, as it may have a memory."""
+        """Let the agent begin an episode; after a resumption, show it all earlier steps, since it may have a memory."""
         if not play.actions:
             agent.begin(play.plan, play.world)
             return
@@ -309,25 +320,28 @@ class AgentHostedPlan(typing.Protocol):
 
 
 def make_policy_host(context: HostContext) -> AgentHost:
-    """Make the host that answers requests for agents, clips and episodes."""
+    """Make the host that answers a session's requests for agents, clips and episodes."""
     plan = context.plan
     plans: list[AgentHostedPlan] = [part.plan for part in plan.parts if getattr(part.plan, "host", "") == AGENT_HOST]
-    learner = LearnerProcess() if any(hosted.needs_learner for hosted in plans) else None
-    if learner is not None:
+    learner = None
+    if any(hosted.needs_learner for hosted in plans):
+        learner = LearnerProcess()
         learner.start()
     if any(hosted.plays_policy_file(context.protocol.files) for hosted in plans):
         with suppress(MinihumanError):  # reported when a policy is to play
             load_agent_class(POLICY_AGENT)  # seconds, for what it imports: now, and not between two episodes
-    session_folder = SegmentPath.of_plan(context.data, plan).log.parent
-    earlier = _policies_by_episode(read_log(session_folder).part_events) if plan.segment > 1 else {}
+    earlier = _policies_by_episode(context.logged)
+    if plan.segment > 1:
+        session_folder = SegmentPath.of_plan(context.data, plan).log.parent
+        earlier = _policies_by_episode(read_log(session_folder).part_events) | earlier
     return AgentHost(
         PolicyStore(context.data / plan.study),
         context.protocol.files,
         logs=context.list_logs,
         learner=learner,
-        earlier=earlier | _policies_by_episode(context.logged),
+        earlier=earlier,
         stretches=ClipSampler(context.list_logs, seed=plan.study_seed, index=plan.participant.index),
-        seed=plan.study_seed + 1_000_003 * plan.participant.index,
+        seed=plan.study_seed + _SEED_STRIDE * plan.participant.index,
         patient=context.patient,
         unhurried=context.patient,
     )

@@ -62,14 +62,14 @@ class ClipSampler:
         """Return one of the block's latest episodes as a whole; None if there are no more."""
         if self._part != want.part:
             self._part = want.part
-            self._places = [(episode, 0) for episode in self._episodes(want.source)]
+            self._places = [(episode, 0) for episode in self._list_episodes(want.source)]
         latest = self._places[-want.count :]
         if want.number >= len(latest):
             return None
         episode, _ = latest[want.number]
         return _make_clip((episode, 0), len(episode.actions))
 
-    def _episodes(self, block: str) -> list[EpisodeLog]:
+    def _list_episodes(self, block: str) -> list[EpisodeLog]:
         logs = self._logs()
         if not logs:
             return []
@@ -79,12 +79,13 @@ class ClipSampler:
     def _list_starts(self, want: ClipRequest) -> list[_ClipStart]:
         return [
             (episode, first)
-            for episode in self._episodes(want.source)
+            for episode in self._list_episodes(want.source)
             for first in range(max(1, len(episode.actions) - want.steps + 1))
         ]
 
 
 def _make_clip(place: _ClipStart, steps: int) -> EpisodeClip:
+    """Return the clip of an episode that begins at a place and is ``steps`` long."""
     episode, first = place
     plan = episode.plan
     return EpisodeClip(

@@ -43,7 +43,7 @@ def run_demo(data: Path, *, window: str, fullscreen: bool, say: PrintLine) -> It
         WindowError: if the requested window cannot be opened here.
     """
     log = read_log(
-        _play(read_protocol(find_shipped_protocol("demo")), data, window=window, fullscreen=fullscreen, say=say)
+        _play_demo(read_protocol(find_shipped_protocol("demo")), data, window=window, fullscreen=fullscreen, say=say)
     )
     yield "log", log.path
     proof = verify_episodes(log)
@@ -56,7 +56,8 @@ def run_demo(data: Path, *, window: str, fullscreen: bool, say: PrintLine) -> It
         say("no episode was begun, so there is nothing to draw or replay")
 
 
-def _play(protocol: Protocol, data: Path, *, window: str, fullscreen: bool, say: PrintLine) -> Path:
+def _play_demo(protocol: Protocol, data: Path, *, window: str, fullscreen: bool, say: PrintLine) -> Path:
+    """Play the demo's session in a window or, without a display, by a simulated participant; return its log."""
     check_worlds(protocol)
     clock = SessionClock()
     try:
@@ -74,6 +75,7 @@ def _play(protocol: Protocol, data: Path, *, window: str, fullscreen: bool, say:
 
 
 def _make_outputs(log: SessionLog) -> Iterator[tuple[str, Path]]:
+    """Draw a log's figures and save its replay; yield the name and path of each output."""
     from minihuman.figures.gallery import draw_session  # matplotlib and rerun take seconds: after the session,
     from minihuman.replay.recording import save_recording  # not before its window opens
 
@@ -106,21 +108,21 @@ def run_free_play(play: FreePlay, window: Window, clock: Clock) -> int:
     """
     world = World(play.world, trusted=True)
     keys = assign_usual_keys(world)
-    presses = _presses(window, clock)
+    presses = _yield_presses(window, clock)
     n_layouts = 0
     try:
         while True:
             n_layouts += 1
-            if not _episode(play, world, keys, window, presses, play.seed + n_layouts - 1):
+            if not _play_layout(play, world, keys, window, presses, play.seed + n_layouts - 1):
                 return n_layouts
     finally:
         world.close()
 
 
-def _episode(
+def _play_layout(
     play: FreePlay, world: World, keys: Mapping[str, str], window: Window, presses: Iterator[str], seed: int
 ) -> bool:
-    """Play one layout; return whether the person wants another."""
+    """Play one layout; return whether the person wants another one."""
     mission = world.reset(seed).mission
     judge = OutcomeJudge(find_world_rule(play.world).rule)
     steps = 0
@@ -151,7 +153,7 @@ def _next_key(presses: Iterator[str], accepted: set[str]) -> str | None:
     return next((key for key in presses if key in accepted), None)
 
 
-def _presses(window: Window, clock: Clock) -> Iterator[str]:
+def _yield_presses(window: Window, clock: Clock) -> Iterator[str]:
     """Yield every key press, including repeats of held keys, until Escape or the window is closed."""
     while True:
         for happened in window.wait(clock() + _AIR_NS):

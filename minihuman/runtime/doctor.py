@@ -34,7 +34,11 @@ _WARM = 10  # steps before any is counted
 MAX_PICTURE_MS = 1000 / 30  # two frames of the commonest display
 
 
-def _times_ms(window: BlockingWindow, block: BlockSpec, world: World) -> list[float]:
+_NS_PER_MS = 1e6
+
+
+def _measure_steps_ms(window: BlockingWindow, block: BlockSpec, world: World) -> list[float]:
+    """Return the times from the beginning of a step to the flip of its picture."""
     times_ms = []
     over = True
     actions = cycle(block.actions)
@@ -44,14 +48,17 @@ def _times_ms(window: BlockingWindow, block: BlockSpec, world: World) -> list[fl
         started_ns = time.perf_counter_ns()
         happened = world.step(world.action_names.index(next(actions)))
         picture = world.frame(block.view, window.picture_px, block.palette)
-        flip_ns = window.show(PlayScreen(picture, "measuring this study's pictures", block.name, step=number)).flip_ns
-        times_ms.append((flip_ns - started_ns) / 1e6)
+        screen = PlayScreen(picture, "measuring this study's pictures", block.name, step=number)
+        times_ms.append((window.show(screen).flip_ns - started_ns) / _NS_PER_MS)
         over = happened.terminated or happened.truncated
     return times_ms
 
 
 _FRAMES = 90
+_WARM_FRAMES = 15  # before any is counted
 _KEYS = 30
+_SLEEP_BEFORE_KEY_S = 0.02
+_LONGEST_WAIT_NS = 2_000_000_000  # for a key that was put into the queue
 _SYNCS = 100
 _SYNC_BYTES = 4096  # about one step of a session
 _LATENESS_MS = 5.0  # a key's picture may come this much later than the display's own period
@@ -97,13 +104,13 @@ def examine_machine(
         fullscreen: whether to measure the whole screen, as participants will see it.
         protocol: a study whose texts and worlds are to be checked, too.
     """
-    yield _versions()
+    yield _list_versions()
     yield _clock_resolution()
     yield _languages()
     if protocol is not None:
-        yield _texts(protocol)
-    yield from _display(window, protocol, fullscreen=fullscreen)
-    yield from _disk(data)
+        yield _check_texts(protocol)
+    yield from _check_display(window, protocol, fullscreen=fullscreen)
+    yield from _measure_disk(data)
 
 
 def format_verdict(findings: list[Finding]) -> str:
@@ -114,23 +121,26 @@ def format_verdict(findings: list[Finding]) -> str:
     return f"This machine is not fit to run participants, because {'; '.join(reasons)}."
 
 
-def _versions() -> Finding:
-    versions = [f"{platform.system()} {platform.machine()}", f"Python {platform.python_version()}"]
-    versions.append(f"minihuman {__version__}")
+def _list_versions() -> Finding:
+    """Return the versions of the system, of Python, and of this package and those that sessions need."""
+    system = platform.system()
+    processor = platform.machine()
+    python_version = platform.python_version()
+    versions = [f"{system} {processor}", f"Python {python_version}", f"minihuman {__version__}"]
     for package in _PACKAGES:
         try:
-            versions.append(f"{package} {version(package)}")
+            package_version = version(package)
         except PackageNotFoundError:
-            versions.append(f"{package} missing")
+            package_version = "missing"
+        versions.append(f"{package} {package_version}")
     return Finding("versions", ", ".join(versions))
 
 
 def _clock_resolution() -> Finding:
     resolution_ns = time.get_clock_info("perf_counter").resolution * 1e9
-    if resolution_ns > 1e6:
+    coarse = ""
+    if resolution_ns > _NS_PER_MS:
         coarse = "its clock ticks slower than once a millisecond"
-    else:
-        coarse = ""
     return Finding("clock", f"monotonic, {resolution_ns:.0f} ns", coarse)
 
 
@@ -142,19 +152,20 @@ def _languages() -> Finding:
     return Finding("languages", "; ".join([drawable, *without_face]))
 
 
-def _texts(protocol: Protocol) -> Finding:
+def _check_texts(protocol: Protocol) -> Finding:
     """Check whether every text of a study can be read on this machine's screens."""
     problems = list(dict.fromkeys(find_illegible_in_study(protocol)))
     if not problems:
         return Finding("texts", f"every text of the study can be read, in {protocol.study.language!r}")
-    if len(problems) > 1:
-        more_problems = f" (and {len(problems) - 1} more; minihuman check names all)"
-    else:
-        more_problems = ""
-    return Finding("texts", problems[0] + more_problems, "a text of the study cannot be read here")
+    first_problem, *others = problems
+    more_problems = ""
+    if others:
+        more_problems = f" (and {len(others)} more; minihuman check names all)"
+    return Finding("texts", first_problem + more_problems, "a text of the study cannot be read here")
 
 
-def _display(name: str, protocol: Protocol | None, *, fullscreen: bool) -> Iterator[Finding]:
+def _check_display(name: str, protocol: Protocol | None, *, fullscreen: bool) -> Iterator[Finding]:
+    """Open a window, and check its display, its keys, its timing and, for a study, the pictures of its worlds."""
     try:
         window = open_window(name, time.perf_counter_ns, fullscreen=fullscreen)
     except WindowError as error:
@@ -162,12 +173,15 @@ def _display(name: str, protocol: Protocol | None, *, fullscreen: bool) -> Itera
         return
     try:
         facts = window.facts()
-        yield Finding("display", ", ".join(f"{key} {value}" for key, value in facts.items() if key != "key_identity"))
+        properties = [f"{name} {fact}" for name, fact in facts.items() if name != "key_identity"]
+        yield Finding("display", ", ".join(properties))
         yield _key_identity(facts.get("key_identity", "unknown"))
         if isinstance(window, BlockingWindow):
-            yield from _frames(window, synced=facts["vsync"] == "on" and facts["refresh_hz_reported"] != "unknown")
+            has_vsync = facts["vsync"] == "on"
+            has_refresh_rate = facts["refresh_hz_reported"] != "unknown"
+            yield from _measure_frames(window, synced=has_vsync and has_refresh_rate)
             if protocol is not None:
-                yield from _pictures(window, protocol)
+                yield from _measure_pictures(window, protocol)
     finally:
         window.close()
 
@@ -179,11 +193,12 @@ def _key_identity(identity: str) -> Finding:
     return Finding("keys", f"known by {identity}", unfit_because)
 
 
-def _pictures(window: BlockingWindow, protocol: Protocol) -> Iterator[Finding]:
+def _measure_pictures(window: BlockingWindow, protocol: Protocol) -> Iterator[Finding]:
     """Measure the time from a step to its picture's flip in the study's own worlds, at this window's size."""
     for block in protocol.blocks:
         with closing(World(block.world, block.options)) as world:
-            median, p95 = np.percentile(_times_ms(window, block, world)[_WARM:], (50, 95))
+            times_ms = _measure_steps_ms(window, block, world)
+        median, p95 = np.percentile(times_ms[_WARM:], (50, 95))
         late = ""
         if median > MAX_PICTURE_MS:
             late = f"a picture of block {block.name} takes {median:.0f} ms, over {MAX_PICTURE_MS:.0f}"
@@ -191,14 +206,17 @@ def _pictures(window: BlockingWindow, protocol: Protocol) -> Iterator[Finding]:
         yield Finding(f"block {block.name}", delays, late)
 
 
-def _frames(window: BlockingWindow, *, synced: bool) -> Iterator[Finding]:
-    flips_ns = [window.show(screen).flip_ns for screen in _flicker(window, _FRAMES)]
-    between_ms = np.diff(flips_ns[_FRAMES // 6 :]) / 1e6
+def _measure_frames(window: BlockingWindow, *, synced: bool) -> Iterator[Finding]:
+    """Measure the time between flips, and from a key press to the flip of its picture.
+
+    ``synced`` says whether a flip waits for the display.
+    """
+    flips_ns = [window.show(screen).flip_ns for screen in _yield_flicker(window, _FRAMES)]
+    between_ms = np.diff(flips_ns[_WARM_FRAMES:]) / _NS_PER_MS
     p50, p95, p99 = np.percentile(between_ms, (50, 95, 99))
+    slow = ""
     if p99 > _SLOWEST_FRAME_MS:
         slow = f"1 frame in 100 takes over {_SLOWEST_FRAME_MS:.0f} ms"
-    else:
-        slow = ""
     if synced:
         refresh = f"{1000 / p50:.1f} Hz measured"
         period_ms = float(p50)
@@ -207,50 +225,62 @@ def _frames(window: BlockingWindow, *, synced: bool) -> Iterator[Finding]:
         period_ms = _UNKNOWN_PERIOD_MS
     yield Finding("refresh", refresh)
     yield Finding("frame time", f"median {p50:.2f} ms, 95 % {p95:.2f} ms, 99 % {p99:.2f} ms", slow)
-    late_ms = _key_to_flip_ms(window)
-    median, p95 = np.percentile(late_ms, (50, 95))
+    median, p95 = np.percentile(_measure_key_to_flip_ms(window), (50, 95))
     too_late = ""
     if median > period_ms + _LATENESS_MS:
         too_late = f"a key's picture takes {median:.1f} ms"
     yield Finding("key to flip", f"median {median:.2f} ms, 95 % {p95:.2f} ms, {_KEYS} synthetic keys", too_late)
 
 
-def _key_to_flip_ms(window: BlockingWindow) -> list[float]:
-    """Measure the time from a key put into the sleeping window's queue to the flip of the picture that it causes."""
+def _measure_key_to_flip_ms(window: BlockingWindow) -> list[float]:
+    """Return the times from a key put into the sleeping window's queue to the flip of the picture that it causes."""
     late_ms = []
-    for screen in _flicker(window, _KEYS):
+    for screen in _yield_flicker(window, _KEYS):
         sent_ns: list[int] = []
 
         def send(sent_ns: list[int] = sent_ns) -> None:
             sent_ns.append(time.perf_counter_ns())
             window.post_key("space")
 
-        finger = threading.Timer(0.02, send)
+        finger = threading.Timer(_SLEEP_BEFORE_KEY_S, send)
         finger.start()
-        until_ns = time.perf_counter_ns() + 2_000_000_000
+        until_ns = time.perf_counter_ns() + _LONGEST_WAIT_NS
         while not any(isinstance(happened, KeyDown) for happened in window.wait(until_ns)):
             assert time.perf_counter_ns() < until_ns, "a key put into the toolkit's queue did not come out of it"
-        late_ms.append((window.show(screen).flip_ns - sent_ns[0]) / 1e6)
+        late_ms.append((window.show(screen).flip_ns - sent_ns[0]) / _NS_PER_MS)
         finger.join()
     return late_ms
 
 
-def _flicker(window: BlockingWindow, count: int) -> Iterator[Screen]:
+def _yield_flicker(window: BlockingWindow, count: int) -> Iterator[Screen]:
     """Yield play screens of realistic size, each different from the one before."""
     width, height = window.picture_px
     for number in range(count):
-        picture = np.full((height, width, 3), 60 + 60 * (number % 2), np.uint8)
+        grey = 60 if number % 2 == 0 else 120
+        picture = np.full((height, width, 3), grey, np.uint8)
         yield PlayScreen(picture, "measuring the display", "this takes a few seconds")
 
 
-def _disk(data: Path) -> Iterator[Finding]:
+def _measure_disk(data: Path) -> Iterator[Finding]:
+    """Measure the free space of the disk with the data folder, and the time of a durable write to it."""
     make_private_folder(data)
-    free = shutil.disk_usage(data).free
-    if free < _LEAST_FREE_BYTES:
-        full = f"only {free / 1e9:.1f} GB are free under {data}"
-    else:
-        full = ""
-    yield Finding("free space", f"{free / 1e9:.1f} GB under {data}", full)
+    free_bytes = shutil.disk_usage(data).free
+    free_gb = free_bytes / 1e9
+    full = ""
+    if free_bytes < _LEAST_FREE_BYTES:
+        full = f"only {free_gb:.1f} GB are free under {data}"
+    yield Finding("free space", f"{free_gb:.1f} GB under {data}", full)
+    times_ms = _measure_syncs_ms(data)
+    median, p99 = np.percentile(times_ms, (50, 99))
+    worst = max(times_ms)
+    slow = ""
+    if p99 > _SLOWEST_SYNC_MS:
+        slow = f"1 fsync in 100 takes over {_SLOWEST_SYNC_MS:.0f} ms under {data}"
+    yield Finding("fsync", f"median {median:.2f} ms, 99 % {p99:.2f} ms, worst {worst:.2f} ms", slow)
+
+
+def _measure_syncs_ms(data: Path) -> list[float]:
+    """Return the times of durable writes to a temporary file in a folder."""
     times_ms = []
     with tempfile.TemporaryFile(dir=data) as file:
         for _ in range(_SYNCS):
@@ -258,10 +288,5 @@ def _disk(data: Path) -> Iterator[Finding]:
             file.flush()
             started_ns = time.perf_counter_ns()
             sync_file(file.fileno())
-            times_ms.append((time.perf_counter_ns() - started_ns) / 1e6)
-    median, p99 = np.percentile(times_ms, (50, 99))
-    if p99 > _SLOWEST_SYNC_MS:
-        slow = f"1 fsync in 100 takes over {_SLOWEST_SYNC_MS:.0f} ms under {data}"
-    else:
-        slow = ""
-    yield Finding("fsync", f"median {median:.2f} ms, 99 % {p99:.2f} ms, worst {max(times_ms):.2f} ms", slow)
+            times_ms.append((time.perf_counter_ns() - started_ns) / _NS_PER_MS)
+    return times_ms

@@ -32,7 +32,7 @@ class GroupDrawHost(RequestHandler):
         self._next: RequestHandler | None = None
 
     def answer(self, want: ActivityRequest, play: RunningEpisode | None, t_ns: int) -> ActivityInput | None:
-        """Return the plan of the drawn group; after the draw, return the next host's answers.
+        """Draw the group and return its plan; after the draw, return the next host's answer.
 
         Raises:
             AllocationError: if there is no slot to draw.

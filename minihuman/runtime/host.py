@@ -98,21 +98,22 @@ def _open_window_devices(plan: SessionPlan, window: Window) -> dict[str, str]:
 
 
 def describe_ending(log: Path, protocol: Path) -> str:
-    """Describe in one line how a log's session ended, how far it came, and how to resume it."""
+    """Return one line on how a log's session ended, how far it came, and how to resume it."""
     summary = summarize_session([log])
+    digest = record_log_end(log)
     progress = f"{summary.episodes_completed} of {summary.episodes_planned} episodes"
     if summary.complete or summary.end_reason in FINAL_END_REASONS:
-        return f"{summary.end_reason}: {progress}; sealed {record_log_end(log)}"
-    session = f" --session {summary.session}" if summary.session > 1 else ""
-    return (
-        f"ended by {summary.end_reason} after {progress}; sealed {record_log_end(log)}; goes on with: "
-        f"minihuman run {protocol} --participant {summary.participant}{session}"
-    )
+        return f"{summary.end_reason}: {progress}; sealed {digest}"
+    command = f"minihuman run {protocol} --participant {summary.participant}"
+    if summary.session > 1:
+        command += f" --session {summary.session}"
+    return f"ended by {summary.end_reason} after {progress}; sealed {digest}; goes on with: {command}"
 
 
 def _fit_four_to_three(room_px: tuple[int, int] | None) -> tuple[int, int] | None:
     """Return the largest 4:3 picture that fits, so that every display shows the same angle of a first-person world."""
     if room_px is None:
         return None
-    width = min(room_px[0], room_px[1] * 4 // 3)
+    room_width, room_height = room_px
+    width = min(room_width, room_height * 4 // 3)
     return width, width * 3 // 4

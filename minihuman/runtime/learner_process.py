@@ -61,7 +61,7 @@ class LearnerProcess:
 
     @property
     def busy(self) -> bool:
-        """Whether a request has no answer yet."""
+        """Whether a request is still unanswered."""
         return self._until_s is not None
 
     @property
@@ -103,7 +103,7 @@ class LearnerProcess:
         assert self._until_s is not None, "nothing was asked"
         timeout_s = _LOOK_INTERVAL_S if patient else 0.0
         while True:
-            answer = self._look(timeout_s)
+            answer = self._poll_answer(timeout_s)
             if answer is not None:
                 self._until_s = None
                 return answer
@@ -115,18 +115,21 @@ class LearnerProcess:
         self._end()
         self._until_s = None
 
-    def _look(self, timeout_s: float) -> LearnerAnswer | None:
+    def _poll_answer(self, timeout_s: float) -> LearnerAnswer | None:
+        """Wait up to ``timeout_s`` for an answer; return it, or the reason why there will be none; None before."""
         assert self._process is not None
         assert self._reader is not None
         assert self._until_s is not None
-        died = self._process.poll()
-        if died is not None:
+        exit_status = self._process.poll()
+        if exit_status is not None:
             self._reader.join(_LAST_LINE_TIMEOUT_S)
         with suppress(queue.Empty):
-            return _read(self._answers.get(block=timeout_s > 0, timeout=timeout_s))
-        if died is not None:
+            return _parse_answer(self._answers.get(block=timeout_s > 0, timeout=timeout_s))
+        if exit_status is not None:
             self._end()
-            cause = f"signal {-died}" if died < 0 else f"exit status {died}"
+            cause = f"exit status {exit_status}"
+            if exit_status < 0:
+                cause = f"signal {-exit_status}"
             return LearnerAnswer("", f"the learner died ({cause})")
         if time.monotonic() >= self._until_s:
             self._end()
@@ -134,6 +137,7 @@ class LearnerProcess:
         return None
 
     def _end(self) -> None:
+        """Kill the process, if there is one, and close its streams."""
         if self._process is None:
             return
         self._process.kill()
@@ -153,7 +157,7 @@ def _read_lines(stream: IO[bytes], lines: "queue.SimpleQueue[bytes]") -> None:
             lines.put(line)
 
 
-def _read(line: bytes) -> LearnerAnswer:
+def _parse_answer(line: bytes) -> LearnerAnswer:
     try:
         answer = json.loads(line)
         return LearnerAnswer(str(answer["file"]), str(answer["failure"]))

@@ -71,7 +71,7 @@ def collect_machine_facts() -> dict[str, str]:
         "agent_rules": AGENT_RULES,
         "presence_rules": PRESENCE_RULES,
         "python": platform.python_version(),
-        "system": f"{platform.system()} {_numbers(platform.release())}",
+        "system": f"{platform.system()} {_strip_builder_suffix(platform.release())}",
         "machine": platform.machine(),
         "version_minihuman": minihuman.__version__,
     }
@@ -107,14 +107,15 @@ def collect_world_facts(worlds: Iterable[str]) -> dict[str, str]:
 
 def _collect_package_versions(worlds: Iterable[str]) -> dict[str, str]:
     """Return the versions of the worlds' distributions, except those that every machine's facts have."""
-    modules = {_find_drawing_package(find_registered_module(world)) for world in worlds} - {
-        "",
-        "minihuman",
-        "gymnasium",
-    }
-    names = _list_distributions() if modules else {}
-    distributions = {name for module in modules for name in names.get(module, ()) if name not in _PACKAGES}
-    return {f"version_{name}": version(name) for name in sorted(distributions)}
+    modules = {_find_drawing_package(find_registered_module(world)) for world in worlds}
+    modules -= {"", "minihuman", "gymnasium"}
+    if not modules:
+        return {}
+    names = _list_distributions()
+    distributions = set[str]()
+    for module in modules:
+        distributions.update(names.get(module, ()))
+    return {f"version_{name}": version(name) for name in sorted(distributions - set(_PACKAGES))}
 
 
 def _find_drawing_package(module: str) -> str:
@@ -129,10 +130,11 @@ def _list_distributions() -> Mapping[str, list[str]]:
     return packages_distributions()
 
 
-def _numbers(release: str) -> str:
+def _strip_builder_suffix(release: str) -> str:
     """Return a kernel's version without its builder's suffix, which may name a machine or a person."""
-    match = re.match(r"[0-9.]+", release)
-    return match[0] if match else ""
+    match = re.match(r"[0-9.]*", release)
+    assert match is not None
+    return match[0]
 
 
 @cache

@@ -20,12 +20,12 @@ PLAYER_PREFIX = "model:"
 
 
 class RunStoppedError(MinihumanError, RuntimeError):
-    """The run is over before its sessions are; the same command resumes them."""
+    """The run stopped before its sessions were complete; the same command resumes them."""
 
 
 @dataclass(slots=True)
 class ModelRun:
-    """A run of a model: the expenses of all its sessions, its limits, and whether it has to stop."""
+    """Counts the expenses of all sessions of a model's run, and says whether the run has to stop."""
 
     name: str  # "model:NAME", or "http:NAME" of a program
     make_client: Callable[[ModelSpec], ModelClient]

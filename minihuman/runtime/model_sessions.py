@@ -122,7 +122,7 @@ def require_playable(protocol: Protocol) -> None:
 
 
 def _find_cut_off(study_dir: Path, player: str) -> Iterator[Path | str]:
-    """Yield what a stopped run left: live files of this model, and codes of slots whose session has no plan yet."""
+    """Yield what a stopped run left: the live files of this model, and the codes of slots without a planned session."""
     for slot in read_enrolled(study_dir):
         folder = study_dir / slot.participant
         parts = list_log_files(folder, f"ses-*/*{PART_SUFFIX}")
@@ -139,7 +139,7 @@ def _find_cut_off(study_dir: Path, player: str) -> Iterator[Path | str]:
 
 @contextmanager
 def _hold_slots(data: Path) -> Iterator[None]:
-    """Let one session at a time, of all threads and processes, choose its slot and create its live file."""
+    """Hold the lock under which one session at a time, in any process, chooses its slot and creates its live file."""
     with hold_lock(data / ".slots.lock"):
         yield
 
@@ -209,7 +209,7 @@ def _build_session(plan: SessionPlan, run: ModelRun, spec: ModelSpec) -> Session
 def _resume_session(
     left: LeftoverSegment, spec: ModelSpec, record: ConversationRecord, log: McapRecorder
 ) -> SessionMachine:
-    """Replay the logged part of a session, which also restores its conversation in the record."""
+    """Rebuild a session by replaying its logged events, which also restores its conversation in the record."""
 
     def follow(session: SessionMachine, event: Event | None) -> None:
         if event is None or isinstance(event, ModelCall):

@@ -7,10 +7,9 @@ from pathlib import Path
 from minihuman.display.windows.window import VirtualClock, Window
 from minihuman.errors import MinihumanError
 from minihuman.experiment.machine.activity import ENTER_KEYS
-from minihuman.experiment.machine.events import (
-    ModelCall,
-)
+from minihuman.experiment.machine.events import ModelCall
 from minihuman.experiment.machine.inputs import Input, KeyDown, KeyUp, PointerPressed, ScreenShown, Stop, TextInput
+from minihuman.experiment.machine.running_episode import RunningEpisode
 from minihuman.experiment.machine.screens import BlankScreen, PageScreen, PlayScreen, Screen, TextScreen
 from minihuman.experiment.machine.session import SessionMachine
 from minihuman.experiment.protocol.specs import ModelSpec
@@ -24,6 +23,7 @@ from minihuman.simulation.model_conversation import (
     WAIT,
     AnswerRule,
     ConversationRecord,
+    Prompt,
     count_price,
     find_answer_rule,
 )
@@ -40,7 +40,10 @@ MAX_USELESS_KEYS = 100  # in a row, without a step
 MAX_SAME_QUESTION = 20
 
 
-RETRY_WAIT_S = 0.5  # doubled each time, 30 s at most
+RETRY_WAIT_S = 0.5  # doubled each time
+
+
+MAX_RETRY_WAIT_S = 30.0
 
 
 class ModelWindow(Window):
@@ -127,6 +130,7 @@ class ModelWindow(Window):
         self._client.close()
 
     def _answer_screen(self) -> None:
+        """Let the model answer the screen, or press the key that leads on from a screen without an answer."""
         rule = find_answer_rule(self._screen, self._session)
         if rule is not None:
             if self._waiting_screen is not self._screen:
@@ -147,7 +151,9 @@ class ModelWindow(Window):
         self._record.add([KeyDown(down_ns, key, key), KeyUp(down_ns + round(HOLD_MS * NS_PER_MS), key, key)])
 
     def _decide(self, rule: AnswerRule) -> None:
-        if reason := self._find_end():
+        """Get the model's answer to the screen, and end the session if a limit is reached or no answer is valid."""
+        reason = self._find_end()
+        if reason:
             self._stop(reason)
             return
         call = self._ask(rule)
@@ -164,9 +170,17 @@ class ModelWindow(Window):
 
     def _find_end(self) -> str:
         """Return the reason for ending the session instead of asking again; "" if there is none."""
+        reason = self._find_reached_limit()
+        if reason:
+            return reason
+        if self._session.play is not None:
+            return self._count_useless_key(self._session.play)
+        return self._count_question()
+
+    def _find_reached_limit(self) -> str:
+        """Return which of the protocol's limits the session has reached; "" if none."""
         spec = self._spec
         spent = self._record.spent
-        session = self._session
         for limit, used, unit in (
             (spec.max_price, spent.price, spec.currency or "money"),
             (spec.max_session_tokens, spent.tokens, "tokens"),
@@ -174,16 +188,22 @@ class ModelWindow(Window):
         ):
             if limit and used >= limit:
                 return f"the session's limit of {limit:g} {unit} is reached"
-        if session.play is not None:
-            now = session.play.plan.episode, session.play.steps
-            if now == self._step:
-                self._useless = self._useless + (self._attempt == 1)
-            else:
-                self._useless = 0
-            self._step = now
-            if self._useless > MAX_USELESS_KEYS:
-                return f"{MAX_USELESS_KEYS} keys in a row led to no step"
-            return ""
+        return ""
+
+    def _count_useless_key(self, play: RunningEpisode) -> str:
+        """Count the last key if it led to no step; return why the session ends if there were too many, otherwise ""."""
+        episode_and_step = (play.plan.episode, play.steps)
+        if episode_and_step != self._step:
+            self._useless = 0
+        elif self._attempt == 1:
+            self._useless += 1
+        self._step = episode_and_step
+        if self._useless > MAX_USELESS_KEYS:
+            return f"{MAX_USELESS_KEYS} keys in a row led to no step"
+        return ""
+
+    def _count_question(self) -> str:
+        """Count how often the screen's question was asked; return why the session ends if too often, otherwise ""."""
         question = getattr(self._screen, "question", "")
         if question == self._last_question:
             self._n_times_asked += 1
@@ -204,40 +224,50 @@ class ModelWindow(Window):
             ModelUnavailableError: if the model gives no answer.
             RunStoppedError: if the run has to stop.
         """
-        session = self._session
-        record = self._record
-        spec = self._spec
-        prompt = record.conversation.build_prompt(self._screen, rule, session)
-        for failures in range(spec.retries + 1):
+        prompt = self._record.conversation.build_prompt(self._screen, rule, self._session)
+        for failures in range(self._spec.retries + 1):
             self._run.check()
-            request = ModelCall(
-                self._clock(),
-                call=1 + (0 if record.call is None else record.call.call),
-                state="asked",
-                episode=session.next_episode,
-                step=0 if session.play is None else session.play.steps,
-                screen=rule.screen,
-                attempt=self._attempt,
-                prompt_sha256=prompt.sha256,
-                picture_sha256=prompt.picture_sha256,
-                provider=spec.provider,
-                model=self._client.model,
-                temperature=spec.temperature,
-                max_tokens=spec.max_tokens,
-                prompt_tokens=prompt.tokens,
-            )
-            record.rule = rule
+            request = self._build_call(prompt, rule)
+            self._record.rule = rule
             self._take(request)
             try:
-                return self._read(request, rule, self._client.ask(prompt))
+                return self._read_answer(request, rule, self._client.ask(prompt))
             except ModelUnavailableError as error:
                 self._take(replace(request, state="failed", prompt_tokens=0, error=error.reason))
-                if failures == spec.retries or not error.temporary:
+                if failures == self._spec.retries or not error.temporary:
                     raise
-            time.sleep(min(30.0, RETRY_WAIT_S * 2**failures))
+            time.sleep(min(MAX_RETRY_WAIT_S, RETRY_WAIT_S * 2**failures))
         raise AssertionError("the last failure is raised")
 
-    def _read(self, request: ModelCall, rule: AnswerRule, answer: ChatAnswer) -> ModelCall:
+    def _build_call(self, prompt: Prompt, rule: AnswerRule) -> ModelCall:
+        """Return the record of a call that is about to be sent."""
+        session = self._session
+        spec = self._spec
+        earlier_calls = 0
+        if self._record.call is not None:
+            earlier_calls = self._record.call.call
+        steps = 0
+        if session.play is not None:
+            steps = session.play.steps
+        return ModelCall(
+            self._clock(),
+            call=earlier_calls + 1,
+            state="asked",
+            episode=session.next_episode,
+            step=steps,
+            screen=rule.screen,
+            attempt=self._attempt,
+            prompt_sha256=prompt.sha256,
+            picture_sha256=prompt.picture_sha256,
+            provider=spec.provider,
+            model=self._client.model,
+            temperature=spec.temperature,
+            max_tokens=spec.max_tokens,
+            prompt_tokens=prompt.tokens,
+        )
+
+    def _read_answer(self, request: ModelCall, rule: AnswerRule, answer: ChatAnswer) -> ModelCall:
+        """Take the model's answer to a request, and return the answered call."""
         reading = rule.read(answer.text)
         call = replace(
             request,

@@ -78,7 +78,7 @@ class _Camera(SimulatedWindow):
             kind: object = (plan.block_name, state)
             name = f"{plan.block_name}-{name}"
         else:
-            kind = (name, _words(screen, but_sums=name in ("feedback", "closing")))
+            kind = (name, _list_texts(screen, but_sums=name in ("feedback", "closing")))
         is_empty = isinstance(screen, BlankScreen) and not screen.cross
         if kind not in self._screen_kinds and not is_empty:
             self._screen_kinds.add(kind)
@@ -165,8 +165,8 @@ def _draw_contact_sheet(pictures: list[tuple[str, Image.Image]]) -> Image.Image:
     return sheet
 
 
-def _words(screen: Screen, *, but_sums: bool) -> tuple[str, ...]:
-    """Return a screen's title, text, page and question; with ``but_sums``, replace all amounts by 0."""
+def _list_texts(screen: Screen, *, but_sums: bool) -> tuple[str, ...]:
+    """Return a screen's title, text, page and question, with all amounts replaced by 0 if ``but_sums`` is true."""
     words = tuple(str(getattr(screen, name, "")) for name in ("title", "body", "page", "question"))
     if but_sums:
         return tuple(_SUM.sub("0", text) for text in words)

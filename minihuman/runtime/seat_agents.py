@@ -136,6 +136,7 @@ class SeatAgents:
         self._agents.clear()
 
     def _load(self, seat: int, purpose: str) -> BaseAgent:
+        """Return the agent of a seat; in the seat of a person who left, the team's stand-in."""
         kind = self._team.seats[seat]
         if kind == PERSON:
             kind = self._rules.stand_in

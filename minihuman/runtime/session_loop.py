@@ -229,7 +229,7 @@ class _SessionLoop:
             self._stop(error)
 
     def hold_last_screen(self, last_screen_s: float) -> None:
-        """Keep a failure on the screen until a key, the window's closing, a signal or the time limit."""
+        """Keep a failure on the screen until a key is pressed, the window closes, a signal comes or time is up."""
         if not (self._failed or self.log_error):
             return
         try:
@@ -262,7 +262,7 @@ class _SessionLoop:
             self.take(screen_shown)
 
     def _display(self, screen: Screen) -> ScreenShown | None:
-        """Draw a screen while the log is written, then flip; return None if the log could not be written."""
+        """Draw a screen while the log is written, then display it; return None if the log could not be written."""
         try:
             return self._window.show_after(screen, self._settle_log)
         except LogError as error:
@@ -280,14 +280,18 @@ class _SessionLoop:
 
     def _answer(self) -> None:
         """Answer the running part's requests. This comes after the picture, which nothing may delay."""
-        while self._agent is not None and not self._session.over and (want := self._session.request) is not None:
-            answer = self._agent.answer(want, self._session.play, self._clock())
+        while self._agent is not None and not self._session.over:
+            request = self._session.request
+            if request is None:
+                return
+            answer = self._agent.answer(request, self._session.play, self._clock())
             if answer is None:
                 return
             self.take(answer)
             self._show()
 
     def _next_inputs(self) -> list[Input]:
+        """Wait for the next inputs, including the session's tick and a signal that arrived."""
         tick_ns = self._session.next_tick_ns
         until_ns = self._clock() + SIGNAL_CHECK_INTERVAL_NS
         if tick_ns is not None:

@@ -63,7 +63,7 @@ class SeatWindow(Window):
 
     @property
     def waits(self) -> bool:
-        """Whether the seat's person has nothing to do."""
+        """Whether the person in this seat has nothing to do."""
         screen = self.screen
         return screen is None or (isinstance(screen, TextScreen) and not screen.prompt and not screen.keys)
 
@@ -75,11 +75,11 @@ class SeatWindow(Window):
         return key in self._keys
 
     def put(self, message: Input | tuple[Screen, ScreenShown] | None = None) -> None:
-        """Pass an input or a displayed screen to the seat's session, or wake it up with None."""
+        """Pass an input or a displayed screen to the seat's session; None only wakes it up."""
         self._inputs.put(message)
 
     def show(self, screen: Screen) -> None:  # type: ignore[override]
-        """Set the screen to be shown; `wait` returns once it was."""
+        """Set the screen to be shown; `wait` returns once it has been shown."""
         self.screen = screen
 
     def show_after(self, screen: Screen, settle_log: Callable[[], None]) -> None:
@@ -176,28 +176,31 @@ class SharedWindow:
         return next((seat for seat in self._active_seats if not seat.waits), self._active_seats[0])
 
     def _show(self) -> None:
-        """Show the screens that are new."""
-        front = self._front
-        playing = [seat for seat in self._active_seats if isinstance(seat.screen, PlayScreen)]
-        in_view = playing if front in playing else [front]
+        """Show the screens that are in view if any of them is new, and pass each new one's time to its seat."""
+        in_view = [seat for seat in self._active_seats if isinstance(seat.screen, PlayScreen)]
+        if self._front not in in_view:
+            in_view = [self._front]
         coming = [(seat, seat.screen) for seat in in_view if seat.screen is not None]
         displayed = {(seat, id(screen)) for seat, screen in self._displayed}
         new = [(seat, screen) for seat, screen in coming if (seat, id(screen)) not in displayed]
         if not new and len(coming) == len(displayed):
             return
-        frame = self._window.show(
-            _compose_screens([seat.label for seat, _ in coming], [screen for _, screen in coming])
-        )
+        labels = [seat.label for seat, _ in coming]
+        screens = [screen for _, screen in coming]
+        frame = self._window.show(_compose_screens(labels, screens))
         for seat, screen in new:
-            screen_shown = replace(frame, step=screen.step) if isinstance(screen, PlayScreen) else frame
+            screen_shown = frame
+            if isinstance(screen, PlayScreen):
+                screen_shown = replace(frame, step=screen.step)
             seat.put((screen, screen_shown))
         self._displayed = coming
 
     def _route(self, happened: Input) -> None:
+        """Pass an input to the seats that it is for."""
         match happened:
             case KeyDown(key=key):
                 if not happened.repeat or key not in self._down:
-                    self._down[key] = self._owners(key)
+                    self._down[key] = self._find_owners(key)
                 seats = self._down[key]
             case KeyUp(key=key):
                 seats = self._down.pop(key, self.seats)
@@ -208,7 +211,7 @@ class SharedWindow:
         for seat in seats:
             seat.put(happened)
 
-    def _owners(self, key: str) -> Sequence[SeatWindow]:
+    def _find_owners(self, key: str) -> Sequence[SeatWindow]:
         """Return the seats that receive a key, judging by what people see.
 
         Keys that stop a session, and all keys while a question about the sessions is shown, go to every active seat.
@@ -228,7 +231,10 @@ def _compose_screens(labels: Sequence[str], screens: Sequence[Screen]) -> Screen
     first = screens[0]
     label = labels[0]
     if isinstance(first, TextScreen | PageScreen | QuestionScreen):
-        return replace(first, title=f"{label}: {first.title}" if first.title else label)
+        title = label
+        if first.title:
+            title = f"{label}: {first.title}"
+        return replace(first, title=title)
     plays = [screen for screen in screens if isinstance(screen, PlayScreen)]
     if not plays:
         return first

@@ -116,7 +116,9 @@ def _play_sessions(
 ) -> Iterator[Path]:
     """Play all sessions of one person; if the first leaves no data, count the person in ``left``."""
     place = plan.participant.index
-    log, reason = _play(protocol, plan, person, data, facts, before=left[place], teams=teams, make_world=make_world)
+    log, reason = _play_session(
+        protocol, plan, person, data, facts, before=left[place], teams=teams, make_world=make_world
+    )
     if log is None:
         free_slot(data / plan.study, plan.participant.id, reason)
         left[place] += 1
@@ -126,7 +128,7 @@ def _play_sessions(
         if reason != "complete":
             break
         plan = plan_next_session(protocol, data, participant=plan.participant.id, session=session, any_day=True)
-        log, reason = _play(protocol, plan, person, data, facts, teams=teams, make_world=make_world)
+        log, reason = _play_session(protocol, plan, person, data, facts, teams=teams, make_world=make_world)
         if log is not None:
             yield log
 
@@ -158,7 +160,7 @@ def _require_player(protocol: Protocol, player: str, seed: int) -> None:
                         return
 
 
-def _play(
+def _play_session(
     protocol: Protocol,
     plan: SessionPlan,
     player: SimulatedParticipant,
@@ -180,13 +182,14 @@ def _play(
     try:
         path = run_session(session, window, recorder, clock, agent=agent, finished=record_log_end)
     except PlayerFailedError as error:
-        raise PlayerFailedError(f"{facts['player']}: {error}; {_free(data, plan, error)}", error.reason) from error
+        log_place = _free_slot(data, plan, error)
+        raise PlayerFailedError(f"{facts['player']}: {error}; {log_place}", error.reason) from error
     if session.failure is not None:
         raise describe_world_failure(session, path) from session.failure
     return path, session.end_reason
 
 
-def _free(data: Path, plan: SessionPlan, error: PlayerFailedError) -> str:
+def _free_slot(data: Path, plan: SessionPlan, error: PlayerFailedError) -> str:
     """Free the slot of a player that failed; return a sentence that says where its log is."""
     study_dir = data / plan.study
     code = plan.participant.id

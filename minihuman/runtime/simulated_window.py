@@ -89,7 +89,7 @@ class SimulatedWindow(Window, SimulatedPerson):
     def wait(self, until_ns: int | None) -> list[Input]:
         """Advance the clock to the player's next input, or to ``until_ns``; return the input."""
         if not any(isinstance(happened, KeyDown | PointerPressed | TextInput) for happened in self._coming):
-            self._think()
+            self._schedule_next()
         if not self._coming or (until_ns is not None and until_ns < self._coming[0].t_ns):
             assert until_ns is not None, "neither a key nor a deadline: this would wait for ever"
             if until_ns > self._last_ns + LONGEST_NS:
@@ -154,7 +154,7 @@ class SimulatedWindow(Window, SimulatedPerson):
 
     # What is pressed next
 
-    def _think(self) -> None:
+    def _schedule_next(self) -> None:
         """Schedule the player's next input."""
         part = self._session.part
         if self._session.phase is part.phase:
@@ -174,7 +174,7 @@ class SimulatedWindow(Window, SimulatedPerson):
         return self._simulators[kind]
 
     def _do_usual(self) -> None:
-        """Schedule the usual input for screens that every kind may show."""
+        """Schedule the usual input for a screen that parts of every kind may show."""
         match self._screen:
             case PlayScreen() if self._session.play is not None:  # else the last picture stays
                 self._play(self._session.play)
@@ -186,6 +186,7 @@ class SimulatedWindow(Window, SimulatedPerson):
                 self.press_key("enter")
 
     def _play(self, play: RunningEpisode) -> None:
+        """Schedule the player's next key press, or a withheld response, in an episode."""
         if self._withheld == (play, play.steps):
             return
         self.begin_episode(play)

@@ -85,12 +85,12 @@ class TeamTable:
         return self._now_s()
 
     def depart(self) -> None:
-        """Expect one session fewer in the lobbies, since one of the gathered sessions is over."""
+        """Expect one session fewer in the lobbies, because one of the gathered sessions is over."""
         with self.lock:
             self._gather -= 1
             self.lock.notify_all()
 
-    def _notify(self, members: "Iterable[TeamMember]") -> None:
+    def _notify_members(self, members: "Iterable[TeamMember]") -> None:
         self.lock.notify_all()
         for member in tuple(members):
             member.changed()
@@ -99,7 +99,7 @@ class TeamTable:
         """Notify the members whose next answer may differ from their last."""
         seats = running.play.pop_concerned()
         if seats:
-            self._notify(member for seat, member in running.members.items() if seat in seats)
+            self._notify_members(member for seat, member in running.members.items() if seat in seats)
 
     # Forming
 
@@ -135,7 +135,7 @@ class TeamTable:
         index = member.plan.participant.index
         seat = plan.persons[0]
         name = name_team(self._protocol.study.seed, index, is_solo=True)
-        self._record(want.block, name, index, {seat: member}, plan.seats, is_solo=True)
+        self._record_team(want.block, name, index, {seat: member}, plan.seats, is_solo=True)
         return Team(name, index, seat, plan.seats)
 
     def _list_places(self, group: str) -> list[int]:
@@ -154,7 +154,7 @@ class TeamTable:
         if entry.team is None:
             partners = lobby.match(entry, present_since_s)
             if partners is not None:
-                self._form(want, lobby, partners)
+                self._form_team(want, lobby, partners)
 
     def _leave_lobby(
         self, want: TeamRequest, lobby: "Lobby[TeamMember]", entry: "LobbyEntry[TeamMember]"
@@ -165,19 +165,22 @@ class TeamTable:
             if not self._gather and self._now_s() - entry.since_s < rules.lobby_s:
                 return None
             if rules.partner_leaves != "end":
-                self._form(want, lobby, [entry])
+                self._form_team(want, lobby, [entry])
         lobby.leave(entry.member)
         return entry.team or TeamLost(0, "no_partner")
 
-    def _form(self, want: TeamRequest, lobby: "Lobby[TeamMember]", partners: "list[LobbyEntry[TeamMember]]") -> None:
+    def _form_team(
+        self, want: TeamRequest, lobby: "Lobby[TeamMember]", partners: "list[LobbyEntry[TeamMember]]"
+    ) -> None:
+        """Seat and record a team of waiting members, and notify them."""
         entries = list_team_entries(self._study_dir)
         recorded = [RecordedTeam(entry.team, entry.index) for entry in entries if not entry.solo]
         seated = lobby.seat(partners, recorded)
-        self._record(want.block, seated.name, seated.index, seated.members, seated.kinds)
+        self._record_team(want.block, seated.name, seated.index, seated.members, seated.kinds)
         seated.admit()
-        self._notify(entry.member for entry in partners)
+        self._notify_members(entry.member for entry in partners)
 
-    def _record(
+    def _record_team(
         self,
         block: str,
         name: str,
@@ -187,6 +190,7 @@ class TeamTable:
         *,
         is_solo: bool = False,
     ) -> None:
+        """Write a new team to the study's team log."""
         session = next(iter(members.values())).plan.session
         codes = {str(seat): member.plan.participant.id for seat, member in members.items()}
         record_team(self._study_dir, TeamRecorded(name, index, block, session, codes, kinds, now_text(), is_solo))
@@ -222,7 +226,7 @@ class TeamTable:
         return running
 
     def answer_ready(self, want: ReadyRequest, member: "TeamMember") -> SeatsReady | TeamLost | None:
-        """Return the start of an episode once all members are ready; None while others are awaited."""
+        """Return the start of an episode once all members are ready; None before."""
         running = self.take_seat(want.team, want.plan.block_name, want.rules, member)
         answer = running.play.answer_ready(want, self._now_s())
         self._notify_concerned(running)
@@ -241,11 +245,14 @@ class TeamTable:
         if answer is None:
             answer = running.play.find_news(want, now_s, is_real_time=episode.real_time)
         if answer is None:
-            answer = self._submit(running, want, episode)
+            answer = self._submit_input(running, want, episode)
         self._notify_concerned(running)
         return answer
 
-    def _submit(self, running: RunningTeam, want: JointRequest, episode: TeamEpisode) -> JointTaken | TeamLost | None:
+    def _submit_input(
+        self, running: RunningTeam, want: JointRequest, episode: TeamEpisode
+    ) -> JointTaken | TeamLost | None:
+        """Submit a member's input to the present step; return the joint action if that closes the step."""
         play = running.play
         play.learn_steps(want.plan.episode, episode.joint_actions, episode.sources)
         answer = play.submit(want, self._now_s(), is_real_time=episode.real_time)
@@ -323,6 +330,7 @@ class TeamMember(RequestHandler):
     def _ask(
         self, want: TeamRequest | ReadyRequest | JointRequest, play: RunningEpisode | None
     ) -> Team | SeatsReady | JointTaken | TeamLost | MessageGiven | SeatSighted | None:
+        """Return the table's present answer to a request; None if there is none yet."""
         if not self._is_in_page:
             self.signs.hear(self.table.read_clock_s())
         match want:

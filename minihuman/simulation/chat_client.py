@@ -16,6 +16,7 @@ from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
+from http import HTTPStatus
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -29,6 +30,7 @@ DEFAULT_URL = "https://api.openai.com/v1"
 MAX_ANSWER_BYTES = 8_000_000
 MAX_ERROR = 300  # characters of what a provider says of an error
 MAX_TOKENS = 1_000_000_000  # that a call can have taken
+_TEMPORARY_STATUSES = (HTTPStatus.REQUEST_TIMEOUT, HTTPStatus.CONFLICT, HTTPStatus.TOO_MANY_REQUESTS)
 MIN_SECRET = 8  # characters: what is shorter is a dummy, and may be part of an answer
 # what a provider's error may hold beside its reason: addresses, keys cut short, ids of requests and accounts, paths
 _PRIVATE = re.compile(
@@ -141,17 +143,16 @@ class ChatClient(ModelClient):
             status, content = self._post(body)
         except (OSError, http.client.HTTPException, ValueError) as error:
             self.close()
+            name = type(error).__name__  # an error's text may hold the address
             if isinstance(error, TimeoutError):
                 name = "timeout"
-            else:
-                name = type(error).__name__
-            # an error's text may hold the address
             raise ModelUnavailableError(name, temporary=not isinstance(error, ValueError)) from None
         latency_ms = (time.perf_counter() - started_s) * 1_000
-        if status != 200:
+        if status != HTTPStatus.OK:
             reason = ": ".join(filter(None, [f"HTTP {status}", self._read_error(content)]))
-            raise ModelUnavailableError(reason, temporary=status in (408, 409, 429) or status >= 500)
-        return self._read(content, latency_ms)
+            is_server_error = status >= HTTPStatus.INTERNAL_SERVER_ERROR
+            raise ModelUnavailableError(reason, temporary=is_server_error or status in _TEMPORARY_STATUSES)
+        return self._parse_answer(content, latency_ms)
 
     def close(self) -> None:
         """Close the connection; the next request opens a new one."""
@@ -160,6 +161,7 @@ class ChatClient(ModelClient):
             self._connection = None
 
     def _post(self, body: bytes) -> tuple[int, bytes]:
+        """Send a request, connecting if necessary, within the time limit; return the status and the content."""
         if self._connection is None:
             if self._tls is None:
                 self._connection = http.client.HTTPConnection(self._host, self._port, timeout=self._timeout_s)
@@ -171,6 +173,7 @@ class ChatClient(ModelClient):
         return call_within(self._timeout_s, exchange, shut=partial(_shut, self._connection))
 
     def _exchange(self, connection: http.client.HTTPConnection, body: bytes) -> tuple[int, bytes]:
+        """Send a request over a connection; return the status and the content of the response."""
         headers = {"Content-Type": "application/json"}
         if self._key:
             headers["Authorization"] = f"Bearer {self._key}"
@@ -181,17 +184,22 @@ class ChatClient(ModelClient):
             raise http.client.HTTPException
         return response.status, content
 
-    def _read(self, content: bytes, latency_ms: float) -> ChatAnswer:
+    def _parse_answer(self, content: bytes, latency_ms: float) -> ChatAnswer:
+        """Return the answer that a completion contains.
+
+        Raises:
+            ModelUnavailableError: if the content is not a chat completion.
+        """
         try:
             completion = json.loads(content)
             choice = completion["choices"][0]
             usage = completion.get("usage") or {}
             message = choice["message"]
             return ChatAnswer(
-                text=self._clean(message.get("content")),
-                reasoning=self._clean(message.get("reasoning") or message.get("reasoning_content")),
-                model=_FOLDER.sub("", self._clean(completion.get("model"))) or self.model,
-                finish_reason=self._clean(choice.get("finish_reason")),
+                text=self._remove_key(message.get("content")),
+                reasoning=self._remove_key(message.get("reasoning") or message.get("reasoning_content")),
+                model=_FOLDER.sub("", self._remove_key(completion.get("model"))) or self.model,
+                finish_reason=self._remove_key(choice.get("finish_reason")),
                 prompt_tokens=min(MAX_TOKENS, max(0, int(usage.get("prompt_tokens") or 0))),
                 completion_tokens=min(MAX_TOKENS, max(0, int(usage.get("completion_tokens") or 0))),
                 latency_ms=latency_ms,
@@ -202,12 +210,12 @@ class ChatClient(ModelClient):
     def _read_error(self, content: bytes) -> str:
         """Return a provider's error text in one line, without the key and the address; "" if there is none."""
         try:
-            message = self._clean(json.loads(content)["error"]["message"])
+            message = self._remove_key(json.loads(content)["error"]["message"])
         except _NOT_A_COMPLETION:
             return ""
         return _PRIVATE.sub("[...]", " ".join(message.replace(self._host, "[...]").split()))[:MAX_ERROR]
 
-    def _clean(self, text: Any) -> str:
+    def _remove_key(self, text: Any) -> str:
         """Return a text without the key, in case a server echoes it."""
         if not isinstance(text, str):
             return ""

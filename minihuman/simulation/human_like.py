@@ -27,6 +27,7 @@ from minihuman.worlds.hashing import hash64
 
 _CHANCES = ("lapse", "wrong_turn", "practice", "key_forgetting", "pause", "autocorrelation")
 _LONGEST_S = 60.0  # that a press may take
+_PAUSE_RANGE_MS = (1500, 5000)
 
 
 EARLIER_NAMES = {
@@ -112,15 +113,15 @@ class ParticipantParameters:
         else:  # both parts keep their distribution: normal, and exponential by the normal's quantiles
             innovation_sd = math.sqrt(1 - self.autocorrelation**2)
             state[:] = self.autocorrelation * state + innovation_sd * rng.standard_normal(2)
-            sampled_ms = (
-                self.mu_ms + self.sigma_ms * state[0] - self.tau_ms * math.log(math.erfc(state[1] / math.sqrt(2)) / 2)
-            )
+            upper_tail = math.erfc(state[1] / math.sqrt(2)) / 2
+            sampled_ms = self.mu_ms + self.sigma_ms * state[0] - self.tau_ms * math.log(upper_tail)
         if self.pause and rng.random() < self.pause:
-            extra_ms += rng.uniform(1500, 5000)
+            extra_ms += rng.uniform(*_PAUSE_RANGE_MS)
         factor = self.practice_factor(presses) * (1 + self.fatigue * presses / 1000)
         if again:
             factor *= self.repeat_factor
-        return float(min(max(self.floor_ms, sampled_ms * factor + extra_ms), _LONGEST_S * 1000))
+        reaction_ms = max(self.floor_ms, sampled_ms * factor + extra_ms)
+        return float(min(reaction_ms, _LONGEST_S * 1000))
 
 
 PARAMETER_SPREADS = {  # the standard deviation of each parameter's logarithm between people
@@ -246,7 +247,7 @@ class HumanLikeParticipant(SimulatedParticipant):
         else:
             self._learn(*self._last, view_hash)
             self._search.forget(-math.expm1(-self.person.forgetting_rate_per_s * self._passed_ms / 1000))
-        key = self._choose(self._search)
+        key = self._choose_key(self._search)
         again = self._last is not None and key == self._last[0]
         self._passed_ms = self.person.reaction_ms(
             self._rng, presses=self._presses, again=again, extra_ms=extra_ms, state=self._state
@@ -278,20 +279,27 @@ class HumanLikeParticipant(SimulatedParticipant):
             if not self._no_effect:
                 self._understood[key] = action
 
-    def _choose(self, search: GoalSearch) -> str:
+    def _choose_key(self, search: GoalSearch) -> str:
+        """Return the key of the next planned action, or a key pressed by a lapse, on a detour or as a trial."""
         path = self._plan_path(search)
         if self._rng.random() < self.person.lapse:
-            return self._any(self._pool)
-        wrong_turn = self.person.wrong_turn * self.person.practice_factor(self._presses)
-        if not self._detour and self._understood and self._rng.random() < wrong_turn:
-            length = int(self._rng.geometric(1 / self.person.wrong_turn_steps))
-            self._detour = [self._any(sorted(self._understood)) for _ in range(length)]
+            return self._draw_key(self._pool)
+        if not self._detour and self._understood:
+            self._detour = self._draw_detour()
         if self._detour:
             return self._detour.pop()
         for key, action in self._understood.items():
             if path[:1] == [action]:
                 return key
-        return self._untried()
+        return self._choose_untried()
+
+    def _draw_detour(self) -> list[str]:
+        """Return the keys of a wrong turn, if the person makes one now; otherwise an empty list."""
+        wrong_turn_probability = self.person.wrong_turn * self.person.practice_factor(self._presses)
+        if self._rng.random() >= wrong_turn_probability:
+            return []
+        length = int(self._rng.geometric(1 / self.person.wrong_turn_steps))
+        return [self._draw_key(sorted(self._understood)) for _ in range(length)]
 
     def _plan_path(self, search: GoalSearch) -> list[str]:
         """Return the planned actions; after a search that took too long, none for the rest of the episode."""
@@ -302,13 +310,13 @@ class HumanLikeParticipant(SimulatedParticipant):
                 self._lost = True
         return []
 
-    def _untried(self) -> str:
+    def _choose_untried(self) -> str:
         """Return a key whose effect is unknown, at random among those pressed least often without effect."""
         unknown = [key for key in self._pool if key not in self._understood] or list(self._pool)
         fewest = min(self._fruitless.get(key, 0) for key in unknown)
-        return self._any([key for key in unknown if self._fruitless.get(key, 0) == fewest])
+        return self._draw_key([key for key in unknown if self._fruitless.get(key, 0) == fewest])
 
-    def _any(self, keys: list[str] | tuple[str, ...]) -> str:
+    def _draw_key(self, keys: list[str] | tuple[str, ...]) -> str:
         return keys[int(self._rng.integers(len(keys)))]
 
 

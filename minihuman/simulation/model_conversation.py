@@ -110,6 +110,7 @@ class AnswerRule:
         return None
 
     def _read_key(self, word: str) -> str | None:
+        """Return an answer such as "key 3" or the word for waiting; None if it is neither."""
         key = dict(self.named).get(word, word.removeprefix("key ").strip())
         if key in self.keys:
             return f"key {key}"
@@ -124,6 +125,7 @@ class AnswerRule:
         return None
 
     def _read_options(self, word: str) -> str | None:
+        """Return an answer that chooses options by number; None if a number is not valid."""
         if not _NUMBERS.fullmatch(word):
             return None
         numbers = [int(number) for number in re.findall(r"\d+", word)]
@@ -135,6 +137,7 @@ class AnswerRule:
 
 
 def _read_slider(word: str) -> str | None:
+    """Return an answer such as "slide 50.0"; None if it is no number from 0 to 100."""
     try:
         number = float(word)
     except ValueError:
@@ -173,30 +176,29 @@ def find_answer_rule(screen: Screen, session: SessionMachine) -> AnswerRule | No
 
 
 def _read_answer_rules(session: SessionMachine) -> int:
-    """Return the number of the rules by which a session's prompts are made."""
+    """Return the version of the rules by which a session's prompts are made."""
     return int(session.part.context.facts.get("answer_rules", "1"))
 
 
+def _name_options(count: int) -> tuple[str, ...]:
+    """Return the names of the spots of a question's first ``count`` options."""
+    return tuple(f"option:{number}" for number in range(count))
+
+
 def _find_question_rule(item: Any) -> AnswerRule:
+    """Return the answers that a question accepts, by its widget."""
     match item:
         case OptionList(options=options, many=many, chosen=chosen):
-            targets = tuple(f"option:{number}" for number in range(len(options)))
+            request = "Answer with one option's number."
             if many:
                 request = "Answer with the numbers of all that apply."
-            else:
-                request = "Answer with one option's number."
-            return AnswerRule("question", request, targets=targets, many=many, chosen=chosen)
+            return AnswerRule("question", request, targets=_name_options(len(options)), many=many, chosen=chosen)
         case RatingScale(points=points):
-            targets = tuple(f"option:{number}" for number in range(len(points)))
-            return AnswerRule("question", f"Answer with one number from 1 to {len(points)}.", targets=targets)
+            request = f"Answer with one number from 1 to {len(points)}."
+            return AnswerRule("question", request, targets=_name_options(len(points)))
         case RatingMatrix(rows=rows, points=points):
-            targets = tuple(f"option:{number}" for number in range(len(rows) * len(points)))
-            return AnswerRule(
-                "question",
-                "Answer with the numbers of one point for each statement.",
-                targets=targets,
-                many=True,
-            )
+            request = "Answer with the numbers of one point for each statement."
+            return AnswerRule("question", request, targets=_name_options(len(rows) * len(points)), many=True)
         case ShapeCanvas(shapes=shapes):
             answers = [shape for shape in shapes if shape.target]
             targets = tuple(shape.target for shape in answers)
@@ -215,12 +217,12 @@ def list_inputs(reading: str, rule: AnswerRule, t_ns: int) -> list[Input]:
     action, _, argument = reading.partition(" ")
     match action:
         case "key":
-            return [KeyDown(t_ns, argument, argument), KeyUp(t_ns + round(HOLD_MS * NS_PER_MS), argument, argument)]
+            up_ns = t_ns + round(HOLD_MS * NS_PER_MS)
+            return [KeyDown(t_ns, argument, argument), KeyUp(up_ns, argument, argument)]
         case "button":
             return _click(t_ns, argument)
         case "choose":
-            numbers = _list_chosen(argument, rule)
-            clicks = [(rule.targets[number], 0.5) for number in numbers]
+            clicks = [(rule.targets[number], _MIDDLE) for number in _list_chosen(argument, rule)]
         case "slide":
             clicks = [("slider", float(argument) / 100)]
         case "text":
@@ -229,13 +231,16 @@ def list_inputs(reading: str, rule: AnswerRule, t_ns: int) -> list[Input]:
             if reading == WAIT:
                 return []
             return _click(t_ns, "go_on")  # skip
-    step_ns = round(2 * HOLD_MS * NS_PER_MS)
-    inputs: list[Input] = [kind(t_ns, "backspace") for _ in range(rule.typed) for kind in (KeyDown, KeyUp)]
+    inputs: list[Input] = []
+    for _ in range(rule.typed):
+        inputs += [KeyDown(t_ns, "backspace"), KeyUp(t_ns, "backspace")]
     if action == "text":
         inputs.append(TextInput(t_ns, argument))
+    step_ns = round(2 * HOLD_MS * NS_PER_MS)
     for number, (target, along) in enumerate(clicks):
         inputs += _click(t_ns + number * step_ns, target, along)
-    return inputs + _click(t_ns + max(1, len(clicks)) * step_ns, "go_on")
+    n_steps = max(1, len(clicks))
+    return inputs + _click(t_ns + n_steps * step_ns, "go_on")
 
 
 def _list_chosen(argument: str, rule: AnswerRule) -> list[int]:
@@ -248,9 +253,16 @@ def _list_chosen(argument: str, rule: AnswerRule) -> list[int]:
     return sorted({*indices})
 
 
-def _click(t_ns: int, target: str, along: float = 0.5) -> list[Input]:
+_MIDDLE = 0.5  # of the screen, or of a spot
+
+
+def _click(t_ns: int, target: str, along: float = _MIDDLE) -> list[Input]:
+    """Return a press and a release on a spot, at a position along it from 0 to 1."""
     up_ns = t_ns + round(HOLD_MS * NS_PER_MS)
-    return [PointerPressed(t_ns, 0.5, 0.5, target, along), PointerReleased(up_ns, 0.5, 0.5, target, along)]
+    return [
+        PointerPressed(t_ns, _MIDDLE, _MIDDLE, target, along),
+        PointerReleased(up_ns, _MIDDLE, _MIDDLE, target, along),
+    ]
 
 
 @dataclass(frozen=True, slots=True)
@@ -338,9 +350,12 @@ class Conversation:
     def _list_history(self, answer_rules: int) -> list[tuple[str, str]]:
         """Return the earlier screens and answers that a prompt repeats, the last ``history`` of them."""
         n_repeated = self._spec.history
-        if answer_rules < 3:
-            return self._past[len(self._past) - n_repeated :] if n_repeated else []
-        return self._past[max(0, len(self._past) - n_repeated) :]
+        if n_repeated == 0:
+            return []
+        begin = len(self._past) - n_repeated
+        if answer_rules >= 3:  # earlier rules counted a negative begin from the end, and logs must replay
+            begin = max(0, begin)
+        return self._past[begin:]
 
     def _draw(self, screen: Screen) -> NDArray[np.uint8] | None:
         """Draw the whole screen as uint8[height, width, 3]; return None if the prompt needs no picture."""
@@ -351,7 +366,7 @@ class Conversation:
         return self._canvas
 
     def take(self, call: ModelCall) -> None:
-        """Record an answer, whether or not it is valid."""
+        """Record a call's answer, whether or not it is valid."""
         self._past.append((self._question, call.answer))
         self._since = []
         if call.verdict != "valid" and self._spec.invalid == "retry":
@@ -410,26 +425,20 @@ class ConversationRecord:
         if call is None:
             self.conversation.see(session.screen)
             return ""
-        wrong = ""
+        difference = ""
         if call.state == "asked":
             self.rule = find_answer_rule(session.screen, session)
             if self.rule is None:
                 return f"call {call.call}: the screen asks for no answer"
             prompt = self.conversation.build_prompt(session.screen, self.rule, session)
-            if (prompt.sha256, prompt.picture_sha256) != (call.prompt_sha256, call.picture_sha256):
-                if prompt.picture_sha256 != call.picture_sha256:
-                    which = "picture"
-                else:
-                    which = "prompt"
-                wrong = (
-                    f"call {call.call}: the {which} sent has digest {getattr(call, f'{which}_sha256')[:16]}, here not"
-                )
+            difference = _compare_prompt(prompt, call)
         elif call.state == "answered" and self.rule is not None:
             reading = self.rule.read(call.answer)
-            if (reading or "", "valid" if reading else "invalid") != (call.reading, call.verdict):
-                wrong = f"call {call.call}: the answer is read as {call.reading!r} in the log, now {reading!r}"
+            verdict = "valid" if reading else "invalid"
+            if (reading or "", verdict) != (call.reading, call.verdict):
+                difference = f"call {call.call}: the answer is read as {call.reading!r} in the log, now {reading!r}"
         self.take(call)
-        return wrong
+        return difference
 
     def take(self, call: ModelCall) -> None:
         """Record a call."""
@@ -452,8 +461,17 @@ class ConversationRecord:
                 return
 
 
+def _compare_prompt(prompt: Prompt, call: ModelCall) -> str:
+    """Return how a prompt differs from the logged call that sent it; "" if it does not."""
+    if prompt.picture_sha256 != call.picture_sha256:
+        return f"call {call.call}: the picture sent has digest {call.picture_sha256[:16]}, here not"
+    if prompt.sha256 != call.prompt_sha256:
+        return f"call {call.call}: the prompt sent has digest {call.prompt_sha256[:16]}, here not"
+    return ""
+
+
 def _leaves_event(happened: Input, event: Event) -> bool:
-    """Tell whether an input of the model is what an event in the log records."""
+    """Return whether an event in the log records an input of the model."""
     match happened, event:
         case (KeyDown() | KeyUp(), KeyPressed()):
             is_down = isinstance(happened, KeyDown)

@@ -36,7 +36,7 @@ class SimulatedPerson(abc.ABC):
 
     @abc.abstractmethod
     def begin_episode(self, play: RunningEpisode) -> None:
-        """Show an episode to the participant, if it is a new one."""
+        """Show an episode to the participant, unless the participant knows it already."""
 
     @abc.abstractmethod
     def press_key(self, key: str, delay_ms: float = READING_MS, hold_ms: float = HOLD_MS) -> None:
@@ -71,12 +71,12 @@ class PartSimulator(abc.ABC):
 
     @abc.abstractmethod
     def act(self, part: Activity, screen: Screen) -> bool:
-        """Give the inputs that the screen asks for, if any are due; return False for a screen that all kinds share."""
+        """Make the inputs that the screen asks for, if any are due; return False for a screen that all kinds share."""
 
 
 @contextmanager
 def name_failures() -> Iterator[None]:
-    """Turn every error of a simulated player, and a player that takes too long, into a PlayerFailedError.
+    """Replace any error of a simulated player by a PlayerFailedError, and raise one if the player takes too long.
 
     Raises:
         PlayerFailedError: if the player raises any exception or takes too long.

@@ -17,6 +17,9 @@ import numpy as np
 
 from minihuman.experiment.stimuli import NO_RESPONSE, Stimulus
 
+_LAPSE_RANGE_MS = (200, 900)  # in which a response comes that is independent of the stimulus
+_INITIAL_VALUE = 0.5  # of a response whose reward is unknown
+
 
 @dataclass(frozen=True, slots=True)
 class ResponseParameters:
@@ -89,10 +92,12 @@ class TrialResponder:
         choice = stimulus.choice
         if self._rng.random() < self.parameters.lapse:
             response = responses[int(self._rng.integers(len(responses)))]
-            arrival_ms = float(self._rng.uniform(200, 900))
+            arrival_ms = float(self._rng.uniform(*_LAPSE_RANGE_MS))
         else:
             response, arrival_ms = self._race(self._find_drifts(stimulus, responses, choice))
-        if self._is_stopped(stimulus, arrival_ms) or (deadline_ms and arrival_ms >= deadline_ms):
+        is_stopped = self._is_stopped(stimulus, arrival_ms)
+        is_late = deadline_ms != 0 and arrival_ms >= deadline_ms
+        if is_stopped or is_late:
             response = NO_RESPONSE
         elif not stimulus.correct_response:
             self._last = stimulus, choice, response
@@ -106,13 +111,11 @@ class TrialResponder:
         return bool(stimulus.stop_delay_ms + stop_ms < arrival_ms)
 
     def _find_drifts(self, stimulus: Stimulus, responses: Sequence[str], choice: int) -> dict[str, float]:
+        """Return the drift of each response's accumulator."""
         parameters = self.parameters
         correct = stimulus.go_response or stimulus.correct_response
         if not correct:
-            values = {name: self._values.get((choice, name), 0.5) for name in responses}
-            weights = {name: math.exp(parameters.inverse_temperature * value) for name, value in values.items()}
-            total = sum(weights.values())
-            return {name: parameters.drift_correct * weight / total for name, weight in weights.items()}
+            return self._find_learnt_drifts(responses, choice)
         self._may_withhold |= correct == NO_RESPONSE
         drifts = dict.fromkeys(responses, parameters.drift_error)
         if self._may_withhold:
@@ -123,6 +126,16 @@ class TrialResponder:
             if name in drifts:
                 drifts[name] += parameters.drift_automatic
         return drifts
+
+    def _find_learnt_drifts(self, responses: Sequence[str], choice: int) -> dict[str, float]:
+        """Return drifts in proportion to the softmax of the learnt values, for a trial without a correct response."""
+        parameters = self.parameters
+        weights = {}
+        for name in responses:
+            learnt_value = self._values.get((choice, name), _INITIAL_VALUE)
+            weights[name] = math.exp(parameters.inverse_temperature * learnt_value)
+        total = sum(weights.values())
+        return {name: parameters.drift_correct * weight / total for name, weight in weights.items()}
 
     def _race(self, drifts: Mapping[str, float]) -> tuple[str, float]:
         """Return the response whose accumulator arrives first, and its time."""

@@ -1,6 +1,6 @@
 """Describes a screen in words, for participants that read it instead of seeing it."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import numpy as np
@@ -23,7 +23,7 @@ from minihuman.experiment.protocol.specs import ModelSpec
 
 
 def join_texts(*texts: str) -> str:
-    """Join texts by blank lines, without the empty ones."""
+    """Join texts with blank lines between them, leaving out empty texts."""
     return "\n\n".join(text.strip() for text in texts if text.strip())
 
 
@@ -43,20 +43,23 @@ def describe_screen(screen: Screen, session: SessionMachine, spec: ModelSpec) ->
             yield screen.note
 
 
+def _number_lines(texts: Iterable[str]) -> str:
+    """Return texts as lines that are numbered from 1."""
+    return "\n".join(f"{number}. {text}" for number, text in enumerate(texts, 1))
+
+
 def _describe_item(item: Any) -> str:
+    """Describe the answers that a question's widget offers."""
     match item:
         case OptionList(options=options):
-            return "\n".join(f"{number}. {option}" for number, option in enumerate(options, 1))
+            return _number_lines(options)
         case RatingScale(points=points, low=low, high=high):
-            return join_texts(
-                "\n".join(f"{number}. {point}" for number, point in enumerate(points, 1)), f"{low} ... {high}"
-            )
+            return join_texts(_number_lines(points), f"{low} ... {high}")
         case RatingMatrix(rows=rows, points=points, low=low, high=high):
-            cells = enumerate(((row, point) for row in rows for point in points), 1)
-            return join_texts("\n".join(f"{n}. {row}: {point}" for n, (row, point) in cells), f"{low} ... {high}")
+            cells = [f"{row}: {point}" for row in rows for point in points]
+            return join_texts(_number_lines(cells), f"{low} ... {high}")
         case ShapeCanvas(shapes=shapes):
-            answers = [shape for shape in shapes if shape.target]
-            return "\n".join(f"{number}. {_describe_shape(shape)}" for number, shape in enumerate(answers, 1))
+            return _number_lines(_describe_shape(shape) for shape in shapes if shape.target)
         case Slider(low=low, high=high):
             return f"{low} ... {high}"
         case TextField(unit=unit):
@@ -65,17 +68,19 @@ def _describe_item(item: Any) -> str:
 
 
 def _describe_shape(shape: CanvasShape) -> str:
-    """Describe a shape by its label and its colour; a label alone where the colour is the theme's."""
+    """Describe a shape by its label and, if it has a colour of its own, by the colour."""
     return " ".join(filter(None, [shape.label, shape.fill]))
 
 
 def list_observation(session: SessionMachine) -> Any:
-    """Return the world's observation with its arrays as lists; None unless a world with a dict is played."""
+    """Return the observation of the world that is played, with its arrays as lists; None if it is not a dict."""
     if session.play is None:
         return None
     observation = session.play.world.observation
     if not isinstance(observation, dict):
         return None
-    return {
-        name: part.tolist() if isinstance(part, np.ndarray | np.generic) else part for name, part in observation.items()
-    }
+    lists = dict(observation)
+    for name, part in observation.items():
+        if isinstance(part, np.ndarray | np.generic):
+            lists[name] = part.tolist()
+    return lists

@@ -98,12 +98,12 @@ class GridExplorer:
         return int(self._explorer.memory.seen.sum())
 
     def plan(self) -> list[str]:
-        """Return the next actions, as far as they are decided."""
+        """Return the next actions, as far as the explorer has decided on them."""
         return [self._env.action_names[action] for action in self._explorer.way(self._env.state)]
 
 
 class ExploringParticipant(SimulatedParticipant):
-    """A participant who explores the unseen, and carries out the mission once it knows how; in kitchens it cooks."""
+    """A participant who explores unseen cells and carries out the mission once it knows how; in kitchens it cooks."""
 
     def __init__(self, argument: str, rng: np.random.Generator) -> None:
         self._key_of: dict[str, str] = {}

@@ -25,6 +25,8 @@ from minihuman.simulation.participant import KeyPress, SimulatedTeacher, Watched
 from minihuman.simulation.scripted import GridExplorer, press_action
 from minihuman.worlds.adapters.world import World
 
+_MAX_LOG_ODDS = 500.0  # beyond which the exponential overflows
+
 
 @dataclass(frozen=True, slots=True)
 class SupervisorParameters:
@@ -69,7 +71,7 @@ class Supervisor:
         self._steered = 0
 
     def plan(self, world: World) -> list[str]:
-        """Look at the world and return the next actions as far as they are known; empty if nothing is known."""
+        """Look at the world and return the next actions, as far as they are known; empty if none is known."""
         more = False
         if self._searcher is None:
             self._path = find_shortest_path(world)
@@ -98,7 +100,7 @@ class Supervisor:
         return bool(self._path) and self.excess_steps >= self._is.patience_steps
 
     def takes_over(self, t_ms: float) -> bool:
-        """Tell whether the supervisor has pressed a key by a given time; call it while the agent is in control."""
+        """Return whether the supervisor has pressed a key by a given time; call this while the agent is in control."""
         if self._due_ms is None and self.exceeds_patience:
             normal = self._rng.normal(self._is.mu_ms, self._is.sigma_ms)
             self._due_ms = t_ms + max(0.0, float(normal + self._rng.exponential(self._is.tau_ms)))
@@ -109,7 +111,7 @@ class Supervisor:
         return bool(self._path)
 
     def hands_back(self) -> bool:
-        """Tell whether the supervisor returns control; call it after each of its own steps and ``plan``."""
+        """Return whether the supervisor returns control; call this after each of its own steps and ``plan``."""
         self._steered += 1
         if self._steered < self._is.min_control_steps:
             return False
@@ -205,13 +207,18 @@ class Rater:
         self._rng = rng
 
     def answer(self, left: float, right: float) -> Literal["left", "right", "equal"]:
-        """Return the side with the better of two true returns, subject to noise."""
+        """Return which of two true returns the rater judges to be better, subject to noise."""
+        difference = right - left
         if self._rng.random() < self._judging.lapse:
-            return "right" if self._rng.random() < 0.5 else "left"
-        if abs(right - left) <= self._judging.indifference:
+            right_probability = 0.5
+        elif abs(difference) <= self._judging.indifference:
             return "equal"
-        chance = 1 / (1 + math.exp(-max(-500.0, min(500.0, self._judging.beta * (right - left)))))
-        return "right" if self._rng.random() < chance else "left"
+        else:
+            log_odds = max(-_MAX_LOG_ODDS, min(_MAX_LOG_ODDS, self._judging.beta * difference))
+            right_probability = 1 / (1 + math.exp(-log_odds))
+        if self._rng.random() < right_probability:
+            return "right"
+        return "left"
 
 
 REPEAT_MS = 250.0  # between keys while in control
@@ -256,22 +263,22 @@ class SupervisorParticipant(SimulatedTeacher):
         Raises:
             SimulationError: if there is no plan, or the action has no key.
         """
-        return self._next(world, self._supervisor.plan(world))
+        return self._press_next(world, self._supervisor.plan(world))
 
     def watch(self, world: World, watched: WatchedStep) -> KeyPress | None:
         """Return the key press that takes over, plays, hands back or rates; None to wait."""
         if watched.good:
-            return self._rate(world, watched)
+            return self._rate_step(world, watched)
         path = self._supervisor.plan(world)
         if watched.who == "agent":
             takes_over = bool(watched.hand_back) and self._supervisor.takes_over(watched.t_ms)
             if not takes_over:
                 return None
-            return self._next(world, path)
+            return self._press_next(world, path)
         if watched.hand_back and watched.step == self._steered_to and self._supervisor.hands_back():
             return KeyPress(watched.hand_back, REPEAT_MS)
         self._steered_to = watched.step + 1
-        return self._next(world, path)
+        return self._press_next(world, path)
 
     def correct(self, episode: EpisodeClip) -> int | None:
         """Return the step from which to correct an episode; None if there is nothing to correct.
@@ -296,7 +303,7 @@ class SupervisorParticipant(SimulatedTeacher):
             return "cannot_tell", COMPARISON_MS
         return self._rater.answer(gained[0], gained[1]), COMPARISON_MS
 
-    def _rate(self, world: World, watched: WatchedStep) -> KeyPress | None:
+    def _rate_step(self, world: World, watched: WatchedStep) -> KeyPress | None:
         """Return the key press that rates the last step, or None.
 
         A step is not rated if the state before it was not seen, as when a press was still due.
@@ -318,7 +325,8 @@ class SupervisorParticipant(SimulatedTeacher):
         key = watched.good if value > 0 else watched.bad
         return KeyPress(key, t_ms - watched.t_ms)
 
-    def _next(self, world: World, path: list[str]) -> KeyPress:
+    def _press_next(self, world: World, path: list[str]) -> KeyPress:
+        """Return a press of the key of a path's first action, at the pace of repeated presses."""
         if not path:
             raise SimulationError(
                 f"{world.id}: the supervisor found no plan in what it has seen; show it the whole world with "

@@ -83,6 +83,7 @@ class Database:
                 self._connection = None
 
     def _connected(self) -> "psycopg.Connection[Any]":
+        """Return the open connection, after connecting and creating the tables if necessary."""
         if self._connection is None or self._connection.closed:
             connection = psycopg.connect(self._url, autocommit=True, connect_timeout=_CONNECT_TIMEOUT_S)
             self._connection = connection

@@ -16,7 +16,7 @@ T = TypeVar("T")
 
 @contextmanager
 def cut_off_late(timeout_s: float, shut: Callable[[], None]) -> Iterator[threading.Timer]:
-    """Call ``shut``, which must release whatever the caller waits for, if the context lasts too long.
+    """Call ``shut`` if the context lasts too long; ``shut`` must release whatever the caller waits for.
 
     Yields:
         The timer, which is alive until it has called ``shut``.

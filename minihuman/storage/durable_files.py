@@ -61,7 +61,7 @@ class _RawFile(RawIOBase):
 
 @contextmanager
 def write_durably(path: Path, mode: int = 0o600, *, new: bool = False) -> Iterator[BufferedWriter]:
-    """Create or overwrite a file. On exit its content is durable, but not yet its name in its folder.
+    """Open a file to be created or overwritten; at the end of the context its content is durable, but not yet its name.
 
     Args:
         path: the file's path.
@@ -84,7 +84,7 @@ def write_durably(path: Path, mode: int = 0o600, *, new: bool = False) -> Iterat
 
 
 def write_again(path: Path, *, begin: int = 0) -> None:
-    """Write a file's bytes from ``begin`` on once more, unchanged, and make them durable.
+    """Rewrite a file's bytes from position ``begin`` onwards, unchanged, and make them durable.
 
     After a failed fsync the system may show bytes that the disk lacks, and later fsyncs skip them: only what is written
     again reaches the disk. The caller holds the file's lock.

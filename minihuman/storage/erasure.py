@@ -25,6 +25,7 @@ def erase(path: Path) -> list[OSError]:
 
 
 def _erase_entry(path: Path) -> Iterator[OSError]:
+    """Erase a file, a link or a folder, and yield an error for everything that could not be erased."""
     disk = current_system().disk
     is_folder = path.is_dir() and not path.is_symlink()
     if is_folder:
@@ -45,6 +46,7 @@ def _erase_entry(path: Path) -> Iterator[OSError]:
 
 
 def _erase_content(folder: Path) -> Iterator[OSError]:
+    """Erase everything in a folder, and yield an error for everything that could not be erased."""
     try:
         paths = sorted(folder.iterdir())
     except OSError as error:

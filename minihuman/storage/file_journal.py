@@ -17,7 +17,7 @@ from minihuman.storage.system import current_system
 
 
 class FileJournal(Journal[Line]):
-    """A journal whose lines of JSON are in a file, written under an exclusive lock and each fsynced.
+    """A journal of JSON lines in a file, each of which is written under an exclusive lock and fsynced.
 
     Args:
         path: the file's path; the file and its folder are created by the first write.
@@ -57,7 +57,7 @@ class FileJournal(Journal[Line]):
         return self._chain.unchained
 
     def read(self) -> Sequence[Line]:
-        """Return all lines except one that is just being written."""
+        """Return all lines, without a line that another process is just writing."""
         try:
             with name_file_in_errors(self._path), self._path.open("rb") as file:
                 return self._read_on(file.fileno())
@@ -88,7 +88,7 @@ class FileJournal(Journal[Line]):
                     os.close(fd)
 
     def keep(self, is_kept: Callable[[bytes], bool]) -> None:
-        """Replace the file, durably, by one that has only the kept lines."""
+        """Replace the file durably by a file that has only the kept lines."""
         if not self.begun:
             return
         with self.hold():
@@ -98,6 +98,7 @@ class FileJournal(Journal[Line]):
                 file.write(b"".join(line + b"\n" for line in lines))
 
     def _forget(self) -> None:
+        """Discard everything that was read, so that the next read begins at the file's start."""
         self._lines: list[Line] = []
         self._count = 0  # lines, those that were passed over too
         self._at = 0  # bytes that were read
@@ -110,25 +111,17 @@ class FileJournal(Journal[Line]):
     def _read_on(self, fd: int) -> Sequence[Line]:
         """Read new lines of an open file; a file that was replaced or changed is read from its start."""
         with self._guard:
-            now = os.fstat(fd)
-            size, mtime_ns = self._size_and_mtime_ns
-            rewritten = now.st_size == size and now.st_mtime_ns != mtime_ns
-            another = (now.st_dev, now.st_ino) != self._which
-            if rewritten or another or read_at(fd, len(self._last), self._last_begin) != self._last:
-                self._forget()
-                self._which = now.st_dev, now.st_ino
-            self._size_and_mtime_ns = now.st_size, now.st_mtime_ns
+            self._forget_if_changed(fd)
             content = b""
-            while piece := read_at(fd, 1 << 20, self._at + len(content)):
+            while piece := read_at(fd, _READ_BYTES, self._at + len(content)):
                 content += piece
             *new_lines, unfinished = content.split(b"\n")
-            finished = content[: len(content) - len(unfinished)]
+            finished = content.removesuffix(unfinished)
             chain = self._chain.copy()
             lines = [self._open(chain, line, self._count + number) for number, line in enumerate(new_lines, 1)]
+            half = None
             if unfinished:
                 half = self._open(chain.copy(), unfinished, self._count + len(new_lines) + 1)
-            else:
-                half = None
             self._chain = chain
             self._lines += [line for line in lines if line is not None]
             self._count += len(new_lines)
@@ -138,10 +131,25 @@ class FileJournal(Journal[Line]):
                 return LinesRead(self._lines)
             return (*self._lines, half)
 
+    def _forget_if_changed(self, fd: int) -> None:
+        """Forget the lines read so far if the file was replaced, or changed other than by adding to it."""
+        status = os.fstat(fd)
+        size, mtime_ns = self._size_and_mtime_ns
+        is_rewritten = status.st_size == size and status.st_mtime_ns != mtime_ns
+        is_another = (status.st_dev, status.st_ino) != self._which
+        if is_rewritten or is_another or read_at(fd, len(self._last), self._last_begin) != self._last:
+            self._forget()
+            self._which = (status.st_dev, status.st_ino)
+        self._size_and_mtime_ns = (status.st_size, status.st_mtime_ns)
+
     def _open(self, chain: LineChain, line: bytes, number: int) -> Line | None:
-        if self._chained and not (line := chain.open(line, number)):
-            return None
-        return self._decode(line, number)
+        """Check and decode a line; return None for a line of a chained journal that a crash cut off."""
+        content = line
+        if self._chained:
+            content = chain.open(line, number)
+            if not content:
+                return None
+        return self._decode(content, number)
 
     @property
     def _last_begin(self) -> int:
@@ -149,6 +157,7 @@ class FileJournal(Journal[Line]):
 
 
 _REMEMBERED = 256  # bytes by which a file that was changed is known
+_READ_BYTES = 1 << 20  # that are read at once
 
 
 class _LockedFile(LockedJournal[Line]):
@@ -173,14 +182,7 @@ class _LockedFile(LockedJournal[Line]):
         size = os.fstat(self._fd).st_size
         tail = max(0, size - _LONGEST)
         start = read_at(self._fd, _LONGEST, tail).rpartition(b"\n")[2]
-        end = b"" if not start else b"\n"
-        if start and self._chain is not None:
-            # else it would read as whole
-            if start.endswith(b"}") and TAIL.search(start) is None:
-                end = b" \n"
-            else:
-                end = b"\n"
-            self._chain.pass_over(start + end[:-1])
+        end = self._complete_line(start)
         encoded = [msgspec.json.encode(line) for line in lines]
         if self._chain is not None:
             encoded = [self._chain.seal(line) for line in encoded]
@@ -198,6 +200,17 @@ class _LockedFile(LockedJournal[Line]):
             with suppress(OSError):
                 disk.truncate(self._fd, size)
             raise
+
+    def _complete_line(self, start: bytes) -> bytes:
+        """Return the bytes that complete a line of which a crash left the start; b"" if the file ends with a line."""
+        if not start:
+            return b""
+        end = b"\n"
+        if self._chain is not None:
+            if start.endswith(b"}") and TAIL.search(start) is None:
+                end = b" \n"  # else it would read as whole
+            self._chain.pass_over(start + end.removesuffix(b"\n"))
+        return end
 
 
 _LONGEST = 1 << 20  # bytes of a line

@@ -65,18 +65,26 @@ class LineChain:
         self.pass_over(line)
         tail = TAIL.search(line)
         if tail is None or tail.end() == len(line):
-            if line.endswith(b"}") and any(name in line for name in _TAIL_NAMES):
-                raise self._damaged(number, "it was changed")
-            if not line.strip(b"\0 ") or (line.startswith(b"{") and not line.endswith(b"}")):
-                return b""  # a power cut may leave a line's size alone
-            self.unchained += 1
-            return line
-        body = line[: tail.end(1) + 1]
-        if line[tail.end() :] != b"}" or tail[2].decode() != _digest(body):
+            return self._open_unchained(line, number)
+        previous = tail[1].decode()
+        digest = tail[2].decode()
+        body = line[: tail.end(1) + 1]  # up to the quote after the head of the chain
+        if line[tail.end() :] != b"}" or digest != _digest(body):
             raise self._damaged(number, "it was changed")
-        if tail[1].decode() != head:
+        if previous != head:
             raise self._damaged(number, "a line before it was changed, added or removed")
         return line[: tail.start()] + b"}"
+
+    def _open_unchained(self, line: bytes, number: int) -> bytes:
+        """Check a line that an earlier version wrote or a crash cut off; return it, b"" if it was cut off."""
+        if line.endswith(b"}") and any(name in line for name in _TAIL_NAMES):
+            raise self._damaged(number, "it was changed")
+        is_blank = not line.strip(b"\0 ")  # a power cut may leave a line's size alone
+        is_half = line.startswith(b"{") and not line.endswith(b"}")
+        if is_blank or is_half:
+            return b""
+        self.unchained += 1
+        return line
 
     def _damaged(self, number: int, reason: str) -> LogError:
         return LogError(f"{self._journal}:{number}: cannot be believed: {reason}; restore the file from a copy")
@@ -87,7 +95,7 @@ def _digest(content: bytes) -> str:
 
 
 class LinesRead(Sequence[Line]):
-    """A view of the present lines of a list that only grows; long studies would pay for copies."""
+    """A view of the lines that a growing list has now, without a copy, which would be slow in long studies."""
 
     def __init__(self, lines: list[Line]) -> None:
         self._lines = lines
@@ -115,7 +123,7 @@ class LockedJournal(abc.ABC, Generic[Line]):
 
     @property
     def lines(self) -> Sequence[Line]:
-        """Every line, including those added under this lock."""
+        """All lines, including those added under this lock."""
         if self._added:
             return (*self._before, *self._added)
         return self._before
@@ -175,7 +183,7 @@ class Journal(abc.ABC, Generic[Line]):
 
 
 class JournalState(Generic[Line, State]):
-    """The state that results from a journal's lines, kept between reads so that only added lines are processed.
+    """Keeps the state that results from a journal's lines, so that only added lines are processed.
 
     Args:
         make: makes the state of an empty journal.
@@ -193,11 +201,17 @@ class JournalState(Generic[Line, State]):
     def after(self, lines: Sequence[Line]) -> State:
         """Return the state after all lines of the journal. The next call may change the returned object."""
         with self._guard:
-            if self._count > len(lines) or (self._count and lines[self._count - 1] is not self._last):  # read anew
+            if not self._continues(lines):
                 self._state = self._make()
                 self._count = 0
             for line in lines[self._count :]:
                 self._take(self._state, line)
+                self._last = line
             self._count = len(lines)
-            self._last = lines[-1] if lines else self._last
             return self._state
+
+    def _continues(self, lines: Sequence[Line]) -> bool:
+        """Return whether lines begin with those that the state has; otherwise the journal was read anew."""
+        if self._count == 0:
+            return True
+        return self._count <= len(lines) and lines[self._count - 1] is self._last

@@ -20,7 +20,7 @@ RENEWAL_INTERVAL_S = 3.0
 
 
 class LeaseHeldError(LogError):
-    """Another server hosts the session; it was asked to hand it over."""
+    """Another server hosts the session, and was asked to hand it over."""
 
 
 class LeaseLostError(LogError):
@@ -69,7 +69,7 @@ class LeaseTable(abc.ABC):
 
     @abc.abstractmethod
     def renew(self, renewals: Sequence[LeaseRenewal]) -> dict[str, bool]:
-        """Renew leases and add pieces to copies, all or none; a piece replaces the copy from its start on.
+        """Renew leases and add pieces to copies, all or none; a piece replaces the copy from its own position onwards.
 
         Returns:
             For each session that is still held, whether another server requests it.
@@ -136,7 +136,7 @@ class PostgresLeaseTable(LeaseTable):
         self._renewals = Database(url, _TABLES, purpose, timeout_s=_TIMEOUT_S)  # never wait for a server that acquires
 
     def acquire(self, session: str) -> LeaseGrant | None:
-        """Lease a session, or mark it as requested, in one statement that uses the time of its start."""
+        """Lease a session, or mark it as requested, in one SQL statement, so that one time counts throughout."""
         ask = """
             insert into minihuman_leases as had (session, name, fence, until)
                 values (%s, %s, 1, now() + make_interval(secs => %s))

@@ -31,7 +31,7 @@ def is_system_companion(name: str) -> bool:
 
 
 def explain_refused_name(name: str) -> str:
-    """Return why a name cannot be that of a study, a participant or a file; "" if it can."""
+    """Return the reason why no study, participant or file can have a name; "" if one can."""
     if len(name) > MAX_NAME_LETTERS:
         return f"it has {len(name)} characters; the maximum is {MAX_NAME_LETTERS}"
     if not _NAME.fullmatch(name):
@@ -78,15 +78,18 @@ class StudyFile:
         Raises:
             OutsideNameError: if it does not have the form ``STUDY/CODE/ses-NN/FILE``.
         """
+        refusal = f"{shorten_name(name)} is refused"
+        wrong_form = f"{refusal}: it is not of the form {_FORM}"
         parts = name.split("/")
-        if len(parts) != 4:
-            raise OutsideNameError(f"{shorten_name(name)} is refused: it is not of the form {_FORM}")
+        if len(parts) != _FORM.count("/") + 1:
+            raise OutsideNameError(wrong_form)
         for part in parts:
-            if reason := explain_refused_name(part):
-                raise OutsideNameError(f"{shorten_name(name)} is refused: {shorten_name(part)}: {reason}")
+            reason = explain_refused_name(part)
+            if reason:
+                raise OutsideNameError(f"{refusal}: {shorten_name(part)}: {reason}")
         study, participant, session, file = parts
         if not _SESSION.fullmatch(session) or participant.startswith("ses-"):
-            raise OutsideNameError(f"{shorten_name(name)} is refused: it is not of the form {_FORM}")
+            raise OutsideNameError(wrong_form)
         return cls(study, participant, session, file)
 
     @property
@@ -136,7 +139,7 @@ def _parse_below(name: str, prefix: str) -> StudyFile:
 
 
 def join_inside(folder: Path, name: str) -> Path:
-    """Return the path, inside a folder, of a file that our own code has named, with slashes.
+    """Return the path inside a folder of a file that our own code has named; the name may contain slashes.
 
     Raises:
         OutsideNameError: if a part of the name would lead out of the folder.

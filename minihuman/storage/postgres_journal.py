@@ -86,7 +86,7 @@ class PostgresJournal(Journal[Line], Generic[Line]):
             yield _LockedRows(cursor, self._name, self._last, lines, self._declaration, chain)
 
     def keep(self, is_kept: Callable[[bytes], bool]) -> None:
-        """Delete the lines that are not kept, and make readers read everything again."""
+        """Delete the lines that are not kept, and make all readers read the journal again."""
         with self._asking(self._database.transaction) as cursor:
             self._locked(cursor)
             rows = cursor.execute(
@@ -105,7 +105,7 @@ class PostgresJournal(Journal[Line], Generic[Line]):
         self._database.close()
 
     def _locked(self, cursor: "psycopg.Cursor[Any]") -> int:
-        """Lock the journal's row, inserting it if necessary; return the journal's generation."""
+        """Lock the journal's row, after inserting it if necessary; return the journal's generation."""
         lock = "select generation from minihuman_journals where name = %s for update"
         while (row := cursor.execute(lock, [self._name]).fetchone()) is None:
             make = "insert into minihuman_journals (name) values (%s) on conflict do nothing"
@@ -113,6 +113,7 @@ class PostgresJournal(Journal[Line], Generic[Line]):
         return int(row[0])
 
     def _read_on(self, cursor: "psycopg.Cursor[Any]", generation: int) -> Sequence[Line]:
+        """Read the lines added since the last call, or all lines if others were removed; return all lines."""
         if generation != self._generation:
             self._generation = generation
             self._last = 0
@@ -121,10 +122,13 @@ class PostgresJournal(Journal[Line], Generic[Line]):
         ask = "select number, line from minihuman_lines where journal = %s and number > %s order by number"
         for number, line in cursor.execute(ask, [self._name, self._last]).fetchall():
             chain = self._chain.copy()
-            content = chain.open(bytes(line), number) if self._chained else bytes(line)
-            decoded = self._decode(content, number) if content else None
-            if decoded is not None:
-                self._lines.append(decoded)
+            content = bytes(line)
+            if self._chained:
+                content = chain.open(content, number)
+            if content:
+                decoded = self._decode(content, number)
+                if decoded is not None:
+                    self._lines.append(decoded)
             self._last = number
             self._chain = chain
         return LinesRead(self._lines)

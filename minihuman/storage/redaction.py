@@ -30,7 +30,7 @@ def redact(text: str) -> str:
 
 
 def _find_secrets() -> list[str]:
-    """Return the secrets in the environment, longest first, both as they are and unquoted as from an address."""
+    """Return the secrets in the environment, both as they are and as decoded from an address, longest first."""
     secrets: set[str] = set()
     for name, text in os.environ.items():
         if _SECRET_VARIABLE.search(name):

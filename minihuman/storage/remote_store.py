@@ -71,7 +71,7 @@ class RemoteStore(abc.ABC):
 
     @abc.abstractmethod
     def versions(self, prefix: str) -> dict[str, str]:
-        """Return the version of each file whose name begins with ``prefix``, which is its MD5 if possible.
+        """Return the version, an MD5 if possible, of each file whose name begins with ``prefix``.
 
         Raises:
             RemoteStoreError: if the files cannot be listed.
@@ -94,7 +94,7 @@ class RemoteStore(abc.ABC):
         """
 
     def erase(self, owner: str, names: Iterable[str]) -> None:
-        """Delete a participant's files, and whatever a crash left of them.
+        """Delete a participant's files, and the remains of files that a crash interrupted.
 
         Args:
             owner: the participant's code.
@@ -145,7 +145,7 @@ class FolderStore(RemoteStore):
         return {name: compute_md5(join_inside(self._folder, name)) for name in self.names(prefix)}
 
     def names(self, prefix: str) -> list[str]:
-        """Return the names that begin with ``prefix``, without reading the files."""
+        """Return the names of the files that begin with ``prefix``, without reading the files."""
         return list_files(self._folder, prefix)
 
     def remove(self, name: str) -> None:
@@ -154,7 +154,7 @@ class FolderStore(RemoteStore):
             self._remove(name)
 
     def erase(self, owner: str, names: Iterable[str]) -> None:
-        """Delete a participant's files, their empty folders, and what a crash left of unfinished files."""
+        """Delete a participant's files, their empty folders, and the remains of unfinished files."""
         with self._raise_as_store_error(f"all of {owner}"), self._locked():
             sync_folder(self._folder)  # the unfinished file may have been theirs
             for name in names:
@@ -172,7 +172,7 @@ class FolderStore(RemoteStore):
             self._remove_empty_folders(path.parent)
 
     def _remove_empty_folders(self, folder: Path) -> None:
-        """Make removals from a folder durable, and remove it and the folders above it that are then empty."""
+        """Make removals from a folder durable, then remove the folder and its parents as far as they are empty."""
         sync_folder(folder)  # first: once the folder is gone, nothing says that its files may come back
         with suppress(OSError):  # not empty
             while folder != self._folder:

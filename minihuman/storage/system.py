@@ -18,7 +18,7 @@ from minihuman import operating_system
 
 
 class FileSystem:
-    """Changes files on the machine's disk; each method raises ``OSError`` if it fails.
+    """Changes files on the machine's disk; every method raises ``OSError`` if it fails.
 
     A subclass may be another disk, such as one that fails or one that loses power.
     """

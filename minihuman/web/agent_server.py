@@ -82,7 +82,7 @@ class ProgramClient(ModelClient):
             self._changed.notify_all()
 
     def answer(self, number: int, text: str) -> bool:
-        """Take the answer to a screen; return False if that screen is not waiting for one."""
+        """Take the answer to a screen; return False if that screen is not waiting for an answer."""
         with self._changed:
             if self._prompt is None or number != self._number:
                 return False
@@ -166,11 +166,12 @@ class ProgramSessions:
                 raise TooManySessionsError(f"{MAX_SESSIONS} sessions run already; try again later")
             secret = secrets.token_urlsafe(16)
             client = self.clients[secret] = ProgramClient(name, self.protocol.model.timeout_s)
-            self.threads.append(threading.Thread(target=self._play, args=(client,), daemon=True))
+            self.threads.append(threading.Thread(target=self._play_session, args=(client,), daemon=True))
             self.threads[-1].start()
         return secret, client
 
-    def _play(self, client: ProgramClient) -> None:
+    def _play_session(self, client: ProgramClient) -> None:
+        """Run a program's session to its end, and tell the program how it ended."""
         data = self.data / MODELS_FOLDER
 
         def make_client(_: ModelSpec) -> ProgramClient:
@@ -222,6 +223,7 @@ class AgentRequestHandler(GuardedHandler):
             self._answer(client, body)
 
     def _begin(self, body: dict[str, Any]) -> None:
+        """Begin a session, and reply with its secret and its first screen."""
         try:
             secret, client = self.programs.begin(body.get("name"))
         except BadRequestError as error:
@@ -232,6 +234,7 @@ class AgentRequestHandler(GuardedHandler):
             self._reply(201, {"session": f"/sessions/{secret}", **client.read_screen()})
 
     def _answer(self, client: ProgramClient, body: dict[str, Any]) -> None:
+        """Answer a screen, and reply with the next one."""
         number = body.get("number")
         answer = body.get("answer")
         if not isinstance(number, int) or not isinstance(answer, str):
@@ -262,6 +265,7 @@ class AgentRequestHandler(GuardedHandler):
         self._reply(status, {"error": error})
 
     def _read_body(self) -> dict[str, Any] | None:
+        """Return the request's body as a JSON object; refuse any other body and return None."""
         length = read_length(self.headers.get("Content-Length", ""), MAX_BODY_BYTES)
         if length is None:
             self._refuse(413, f"send a body of at most {MAX_BODY_BYTES} bytes with its length")
@@ -279,6 +283,7 @@ class AgentRequestHandler(GuardedHandler):
         return body
 
     def _reply(self, status: int, values: dict[str, Any]) -> None:
+        """Reply with JSON."""
         content = json.dumps(values).encode()
         self.send_response(status)
         self.send_header("Content-Type", "application/json")

@@ -54,6 +54,6 @@ def sign_arrival(key: bytes, study: str, platform: str, person: str) -> str:
 
 
 def is_signed(key: bytes, study: str, platform: str, person: str, signature: str) -> bool:
-    """Return whether a signature is this visitor's; without a key, always return False."""
+    """Return whether a signature belongs to this visitor; without a key, none does."""
     expected = sign_arrival(key, study, platform, person)
     return bool(key) and hmac.compare_digest(expected.encode(), signature.encode())

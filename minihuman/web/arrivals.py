@@ -169,7 +169,7 @@ class Arrivals:
         if not self._is_proven(arrival, platform_visitor):
             return Rejection("unknown")
         try:
-            return self._admit(arrival, platform_visitor)
+            return self._admit_visitor(arrival, platform_visitor)
         except LeaseHeldError:
             return Rejection("wait")
         except (AllocationError, LogError) as error:
@@ -209,10 +209,10 @@ class Arrivals:
             participant=admission.participant,
             session=admission.session,
             utc_offset_min=admission.utc_offset_min,
-            publish=partial(self._publish, admission.lease),
+            publish=partial(self._publish_log, admission.lease),
         )
 
-    def _publish(self, lease: Lease | None, log: Path) -> None:
+    def _publish_log(self, lease: Lease | None, log: Path) -> None:
         """Store a log where every server can read it, if there are other servers."""
         if self.leases is not None and lease is not None:
             self.leases.publish(lease, log)
@@ -228,7 +228,7 @@ class Arrivals:
         free_slot(self._study_dir, admission.participant, why)
 
     def release(self, admission: Admission, why: str) -> None:
-        """Offer the slot of a visitor who vanished before they played; a visitor who comes back may still play."""
+        """Offer others the slot of a visitor who vanished before playing; the visitor may still come back."""
         if admission.session > 1:
             return
         reason = f"left without playing: {why.replace('_', ' ')}"
@@ -241,7 +241,8 @@ class Arrivals:
             return ""
         return platform_visitor.id
 
-    def _admit(self, arrival: Arrival, platform_visitor: PlatformVisitor | None) -> Admission | Rejection:
+    def _admit_visitor(self, arrival: Arrival, platform_visitor: PlatformVisitor | None) -> Admission | Rejection:
+        """Find or enrol the participant that a visitor is; return the admission, or why there is none."""
         link_key = ""
         if is_token(arrival.token):
             link_key = hash_link_token(arrival.token)
@@ -284,6 +285,7 @@ class Arrivals:
     def _plan_admission(
         self, participant: str, session: int, plan: SessionPlan | None, utc_offset_min: int | None
     ) -> Admission | Rejection:
+        """Return the admission to a participant's session, with its plan or its live log."""
         folder = session_folder(self._data, self.protocol.study.name, participant, session)
         part = next(iter(list_log_files(folder, f"*{PART_SUFFIX}")), None)
         key = f"{participant}/{session}"
@@ -334,7 +336,7 @@ class Arrivals:
             end_reason = self._read_end(participant, session)
             is_hosted_here = f"{participant}/{session}" in self.hosted
             if not end_reason and self.leases is not None and not is_hosted_here:
-                lease = self._lease(self.leases, participant, session)
+                lease = self._lease_session(self.leases, participant, session)
                 end_reason = lease.grant.ended or self._read_end(participant, session)
             if not end_reason:
                 return session, lease
@@ -343,7 +345,7 @@ class Arrivals:
                 return end_reason
         return end_reason
 
-    def _lease(self, leases: SessionLeases, participant: str, session: int) -> Lease:
+    def _lease_session(self, leases: SessionLeases, participant: str, session: int) -> Lease:
         """Lease a session, and restore the files that another server left of it."""
         lease = leases.acquire(name_session(self.protocol.study.name, participant, session))
         try:
@@ -368,7 +370,7 @@ class Arrivals:
         sync_logs(self._data, f"{self.protocol.study.name}/{participant}/")
 
     def _read_end(self, participant: str, session: int) -> str:
-        """Return why a session ended, according to its log on this machine; "" if anything is unfinished."""
+        """Return the reason why a session ended, by its log on this machine; "" if anything is unfinished."""
         folder = session_folder(self._data, self.protocol.study.name, participant, session)
         if not folder.is_dir() or find_leftovers(folder) or not list_sessions(folder):
             return ""

@@ -90,7 +90,7 @@ class ComputedEpisode:
         )
 
     def compare(self, message: KeyMessage | TickMessage, events: Sequence[Event]) -> str:
-        """Compare the page's step for a message with the session's; return a new difference in words, or ""."""
+        """Compare the page's step for a message with the session's; describe a new difference, or return ""."""
         stepped = next((event for event in events if isinstance(event, Stepped)), None)
         own = ""
         if stepped is not None:
@@ -120,7 +120,7 @@ class ComputedEpisode:
 def _describe_grid(
     env: GridEngine, plan: EpisodePlan, picture_px: tuple[int, int]
 ) -> tuple[WorldState, list[ArraysMessage], None]:
-    """Return the part of the state that no step changes, and the arrays that the page needs."""
+    """Return the part of a grid world's state that no step changes, and the arrays that the page needs."""
     assert plan.view != "text", "no page computes it"
     tile_px, palette = env.tiles(plan.view, picture_px, plan.palette)
     tiles = pack_atlas(tile_px, palette, env.kinds)
@@ -131,6 +131,7 @@ def _describe_grid(
 def _describe_first_person(
     env: "FirstPersonEnv", plan: EpisodePlan, picture_px: tuple[int, int]
 ) -> tuple[WorldState, list[ArraysMessage], PageLook]:
+    """Return a first-person world's state, the arrays that the page needs, and its look."""
     state, scene, look = describe(env, plan.palette, picture_px)
     tables = pack_arrays(scene.tables)
     textures = [_pack_texture(pixels.tobytes()) for pixels in scene.textures]

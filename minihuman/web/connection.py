@@ -97,7 +97,7 @@ class Connection(PageSession):
 
     @property
     def agreed(self) -> bool:
-        """Return whether anything is recorded: the participant consented, or the study asks for no consent."""
+        """Return whether anything is recorded, because the participant consented or the study asks for no consent."""
         return bool(self.hosted.files)
 
     @property
@@ -107,7 +107,7 @@ class Connection(PageSession):
 
     @property
     def is_unproven(self) -> bool:
-        """Return whether only the participant's address is known: no link of the study's, and no participation."""
+        """Return whether a participant came without a link of the study's and has not taken part yet."""
         return bool(self.network) and not self.has_taken_part
 
     def now_ns(self) -> int:
@@ -199,6 +199,7 @@ class Connection(PageSession):
         return self._build_welcome(resumes=False), socket_number, 0
 
     def _build_welcome(self, *, resumes: bool) -> messages.Welcome:
+        """Return the answer to a hello, which says where both streams stand."""
         plan = self.host.session.plan
         quit_text = {"quit_title": InterfaceWords(plan.language, plan.words)["quit.title"]}
         return messages.Welcome(
@@ -217,7 +218,7 @@ class Connection(PageSession):
         )
 
     def is_too_slow(self) -> bool:
-        """Tell whether a round trip over HTTP takes longer than the step period of the real-time episode being played.
+        """Return whether a round trip over HTTP takes longer than a step of the real-time episode being played.
 
         An episode that the page computes waits for no round trip. A page with a socket is never too slow: the
         protocol admitted its latency.
@@ -236,7 +237,7 @@ class Connection(PageSession):
         self.presence.hear(monotonic_s())
 
     def bid_farewell(self, *, is_left: bool) -> None:
-        """Record that the page was closed, or was left for another page."""
+        """Record that the page was closed, or that the participant left it for another page."""
         self.presence.bid_farewell(monotonic_s(), is_left=is_left)
 
     def spend(self, n_bytes: int) -> bool:
@@ -272,7 +273,7 @@ class Connection(PageSession):
         return self.host.safe(self.lease.count_acknowledgeable(monotonic_s()))
 
     def count_unsaved(self) -> int:
-        """Count the page's messages that were received but may not be on the disk yet."""
+        """Return how many of the page's messages were received but may not be on the disk yet."""
         return max(0, self.host.outbox.through - self.safe())
 
     def take(self, numbered: messages.NumberedMessage, *, more: bool = False) -> None:
@@ -296,6 +297,7 @@ class Connection(PageSession):
             raise
 
     def _take_new(self, numbered: messages.NumberedMessage, *, more: bool) -> None:
+        """Give the session a message that was not received before."""
         arrival_ns = current_system().clock.monotonic_ns()
         self.host.note(self._clock.check(numbered.n, numbered.at, self._clock.at(arrival_ns)))
         if self.host.over:
@@ -317,7 +319,7 @@ class Connection(PageSession):
         return has_news
 
     def grow(self) -> bool:
-        """Look one scene further ahead; return False if nothing is left or looking ahead has failed."""
+        """Explore one more scene ahead; return False if none is left or looking ahead has failed."""
         if self._is_blind:
             return False
         try:
@@ -347,6 +349,11 @@ class Connection(PageSession):
         self._say_changed()
 
     def _guarded(self, do: Callable[..., bool | None], *arguments: object, **options: object) -> bool | None:
+        """Call a function that works on the session; if it fails, end the session with the reason and return None.
+
+        Raises:
+            MessageError: as the function does.
+        """
         try:
             return do(*arguments, **options)
         except LogError as error:
@@ -354,10 +361,9 @@ class Connection(PageSession):
         except messages.MessageError:
             raise
         except WorldError as error:  # of a picture for the page, which the session itself does not draw
+            log_text = str(error)
             if isinstance(error, WorldCodeError):
                 log_text = error.log_text
-            else:
-                log_text = str(error)
             self.host.stop(Stop(self.host.last_at_ns, "world_error", log_text))
         except Exception as error:  # a bug of ours: this session ends, the others go on
             LOG.exception("a session failed")

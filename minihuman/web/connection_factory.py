@@ -112,11 +112,9 @@ class ConnectionFactory:
             known = self._connections.get(self._connection_keys.get(link_digest, ""))
             if known is not None:
                 return known
-            if (
-                self._is_full()
-                or self._is_disk_low()
-                or (not is_invited and self._is_crowded(network) and not await self._is_issued(hello.token))
-            ):
+            if self._is_full() or self._is_disk_low():
+                return self._refusals.turn_away("busy")
+            if not is_invited and self._is_crowded(network) and not await self._is_issued(hello.token):
                 return self._refusals.turn_away("busy")
             connection = await self._admit_page(hello, transport)
             if isinstance(connection, Connection):
@@ -127,6 +125,7 @@ class ConnectionFactory:
             return connection
 
     def _refuse_browser(self, hello: Hello) -> Refusal | None:
+        """Return the refusal of a browser that is not eligible; None if it is."""
         protocol = self._arrivals.protocol
         reason = check_eligibility(
             self._web,
@@ -149,7 +148,7 @@ class ConnectionFactory:
         return len(self._connections) >= self._web.max_concurrent_sessions
 
     def _is_disk_low(self) -> bool:
-        """Return whether the disk has no more room than is reserved for finishing the logs of the running sessions."""
+        """Return whether the disk has only the room that is reserved for finishing the logs of running sessions."""
         folder = next(path for path in (self._data, *self._data.absolute().parents) if path.is_dir())
         is_low = shutil.disk_usage(folder).free < RESERVE_BYTES
         if is_low:
@@ -185,6 +184,7 @@ class ConnectionFactory:
         self._connections[own_key] = connection
 
     async def _admit_page(self, hello: Hello, transport: TransportName) -> Connection | Refusal:
+        """Admit a page's visitor and start or resume the session; return its connection, or the refusal."""
         try:
             arrival = Arrival(hello.token, hello.platform, find_utc_offset_min(hello.facts))
             admission = await asyncio.to_thread(self._arrivals.arrive, arrival)
@@ -222,6 +222,7 @@ class ConnectionFactory:
         return connection
 
     def _make_connection(self, admission: Admission, hosted: HostedSession) -> Connection:
+        """Return the connection of an admitted participant to a hosted session."""
         connection = Connection(
             admission,
             hosted,
@@ -255,6 +256,7 @@ class ConnectionFactory:
     def _start_or_resume(
         self, admission: Admission, facts: dict[str, str], wake: Callable[[], None], ask_team: Callable[[], None]
     ) -> HostedSession:
+        """Resume the session of a live log, or start a host for a new segment."""
         if admission.part is not None:
             if is_being_recorded(admission.part):
                 raise LogError(f"{admission.part} is being written by another server; reload the page in a moment")

@@ -192,7 +192,7 @@ class Completion:
 
 
 def classify_ending(reason: EndReason, *, agreed: bool, part_kind: str = "") -> WebEnding:
-    """Return the kind of ending that the participant's last page shows.
+    """Return the kind of ending to show on the participant's last page.
 
     Args:
         reason: the reason for which the session ended.

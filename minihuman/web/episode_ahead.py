@@ -120,7 +120,7 @@ class EpisodeAhead:
             self.graph.blind |= step_ns > self.plan.step_period_ms * 1e6
 
     def lend(self, world_id: str, options: dict[str, Any]) -> World | None:
-        """Lend the look-ahead world if it has this id and these options; return None otherwise.
+        """Return the look-ahead world if it has this id and these options; None otherwise.
 
         The borrower may reset it, because the graph restores one of its scenes before each step.
         """
@@ -129,7 +129,7 @@ class EpisodeAhead:
         return self._find_world(self.plan)
 
     def _find_world(self, plan: EpisodePlan) -> World:
-        """Return the look-ahead world for an episode, which is the last episode's if that suits."""
+        """Return a look-ahead world for an episode, reusing the last episode's if that suits."""
         own = self._own_world
         if own is None or (own.id, own.options) != (plan.world, plan.options):
             if own is not None:

@@ -69,7 +69,7 @@ class EpisodeSteps:
             self._early = message
 
     def take_early(self) -> DisplayedMessage | None:
-        """Return the message kept by ``keep_early`` once its step is closed; None before."""
+        """Return and discard the message kept by ``keep_early`` once its step is closed; return None before."""
         early = self._early
         if early is None or not self.knows(early):
             return None

@@ -170,16 +170,17 @@ def resume_host(
 
 def _refuse_other_rules(part: Path, events: Sequence[Event], facts: Mapping[str, str]) -> None:
     """Refuse a log that was begun by another release, or with another version of the worlds."""
-    first = events[0] if events else None
     logged_facts: Mapping[str, str] = {}
-    if isinstance(first, SessionStarted):
-        logged_facts = first.facts
+    if events and isinstance(events[0], SessionStarted):
+        logged_facts = events[0].facts
     for name in {*logged_facts, *facts}:
         is_rule = name in _RULES or name.startswith(SOURCE_FACT)
-        if is_rule and logged_facts.get(name) != facts.get(name):
+        logged = logged_facts.get(name)
+        present = facts.get(name)
+        if is_rule and logged != present:
             raise LogError(
-                f"{part} was recorded with {name} {logged_facts.get(name)!r}, but this server has {facts.get(name)!r}; "
-                "resume it with the version that recorded it"
+                f"{part} was recorded with {name} {logged!r}, but this server has {present!r}; resume it with the "
+                "version that recorded it"
             )
 
 
@@ -244,6 +245,7 @@ class SessionRecording:
         leases.end(lease, final_reason)
 
     def _close_log(self) -> None:
+        """Finish the log, and record whether that failed."""
         try:
             self.log = self._hosted.recorder.close()
         except LogError as error:
@@ -254,7 +256,7 @@ class SessionRecording:
 
     def _store_log(self, log: Path, *, is_final: bool) -> None:
         """Seal the log, and store it in the database if it may be needed and the remote store lacks it."""
-        is_in_store = _seal(log)
+        is_in_store = _seal_log(log)
         if self._leases is None or self._lease is None:
             return
         is_needed = not is_final
@@ -284,8 +286,8 @@ class SessionRecording:
                     put_aside(file.segment_path.part, SUPERSEDED)
 
 
-def _seal(log: Path) -> bool:
-    """Seal a log and copy it to the remote store; return False if that failed.
+def _seal_log(log: Path) -> bool:
+    """Seal a log and copy it to the remote store; return False if either failed.
 
     A failure costs no participant their code, because the log is on this machine.
     """

@@ -76,18 +76,23 @@ def decode_page_message(text: str | bytes) -> Hello | NumberedMessage | PageAck 
 
 
 def _expand_message(short: Any) -> NumberedMessage:
-    at_ns = 1000 * short.at
+    """Return the message for which a short array stands; its times are in microseconds.
+
+    Raises:
+        ValueError: if a time lies before the session's start.
+    """
+    at_ns = _NS_PER_US * short.at
     kind = type(short)
     if kind is _Tick:
         return NumberedMessage(short.n, at_ns, TickMessage(short.digest))
     if kind is _Press:
         _require_since_start(short.ago, short.at)
-        stamp_ns = at_ns - 1000 * short.ago
+        stamp_ns = at_ns - _NS_PER_US * short.ago
         press = KeyMessage(short.key, short.down == 1, stamp_ns, short.symbol, short.repeat, digest=short.digest)
         return NumberedMessage(short.n, at_ns, press)
     _require_since_start(max(short.flip, short.submit), short.at)
-    flip_ns = at_ns - 1000 * short.flip
-    submit_ns = at_ns - 1000 * short.submit
+    flip_ns = at_ns - _NS_PER_US * short.flip
+    submit_ns = at_ns - _NS_PER_US * short.submit
     display = DisplayedMessage(submit_ns, flip_ns, episode=short.episode, step=short.step, node=short.node)
     return NumberedMessage(short.n, at_ns, display)
 
@@ -99,6 +104,7 @@ def _require_since_start(ago_us: int, at_us: int) -> None:
 
 
 _ENCODER = msgspec.json.Encoder()
+_NS_PER_US = 1000
 
 
 class _NumberedServerMessage(msgspec.Struct):

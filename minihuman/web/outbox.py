@@ -113,7 +113,7 @@ class Outbox:
 
     @property
     def screen_name(self) -> int:
-        """Return the page's name of the session's current screen."""
+        """Return the name by which the page knows the session's current screen."""
         return self._page.screen_name
 
     def is_present(self, message: messages.DisplayedMessage) -> bool:
@@ -125,7 +125,7 @@ class Outbox:
     def describe_correction(
         self, message: messages.DisplayedMessage, at_ns: int, submit_ns: int, flip_ns: int
     ) -> Event | None:
-        """Return an event if a joint step turned out differently from the picture displayed for it; None otherwise."""
+        """Return an event if a joint step turned out differently from its displayed picture; otherwise None."""
         if self._ahead.graph is None:
             return None
         play = self.steps.find_corrected(message, self._ahead.graph.pictures)
@@ -178,6 +178,7 @@ class Outbox:
             self._begin_episode(next_play)
 
     def _follow_step(self, step: EpisodeStep, *, ended: bool) -> None:
+        """Move the look-ahead along a step of the session, and send the scenes that it found."""
         play = None
         if not ended:
             play = self._session.play
@@ -203,13 +204,14 @@ class Outbox:
         self._page.send_scenes(self._ahead.graph)
 
     def _send_rules(self, play: RunningEpisode, keep: int) -> None:
+        """Send the rules of an episode, with the world's state if the page computes it."""
         world_state = None
         if self._ahead.computed is not None:
             world_state = self._page.send_world_state(self._ahead.computed)
         self.outgoing.add(build_rules(play, self._session.part.part.plan, computed=world_state, keep=keep))
 
     def _computes(self, play: RunningEpisode) -> bool:
-        """Return whether the page computes an episode."""
+        """Return whether the page is to compute an episode."""
         computed = getattr(self._session.part.part.plan, "computed", "server")
         return self.page_computes and computed == "page" and can_compute(play)
 
@@ -285,6 +287,7 @@ class Outbox:
         return self._session.play
 
     def _send_screen(self, tick_ns: int | None) -> None:
+        """Send the session's screen, unless the page has it or advances to it by itself."""
         session = self._session
         page = self._page
         screen = session.screen
@@ -341,7 +344,7 @@ class Outbox:
 
     @property
     def _next_tick_ns(self) -> int | None:
-        """Return when the page must send a tick; a page that computes real-time steps makes them without ticks."""
+        """Return the time at which the page must send a tick; None for a page that computes real-time steps itself."""
         session = self._session
         if session.over:
             return None

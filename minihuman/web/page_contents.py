@@ -1,4 +1,4 @@
-"""What a page has: numbered messages that it may not have received yet, pictures, arrays, and prefetched screens.
+"""The contents of a page: messages that it may not have received yet, pictures, arrays, and prefetched screens.
 
 A page that knows nothing gets new, empty contents. This module uses no socket.
 """
@@ -75,7 +75,7 @@ class PageContents:
     # Ahead
 
     def grow(self, session: SessionMachine, rtt_ns: int) -> bool:
-        """Draw one picture of a film, or look one screen further ahead; return False if nothing is left."""
+        """Draw one more picture of a film, or explore one more screen ahead; return False if nothing is left."""
         frame = self._films.grow()
         if frame is not None:
             self.send(frame)

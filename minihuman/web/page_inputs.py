@@ -114,11 +114,11 @@ _CONTROL_CHARACTERS = re.compile(r"[\x00-\x08\x0b-\x1f\x7f]")
 
 
 def clean_field_text(text: str) -> str:
-    """Remove the control characters that a page's field removes, too; everything else stays as it is."""
+    """Return a text without the control characters that a page's field removes, too."""
     return _CONTROL_CHARACTERS.sub("", text)
 
 
 def order_flip(message: messages.DisplayedMessage, at_ns: int) -> tuple[int, int]:
-    """Return when a picture was submitted and when it was displayed, both no later than the message that reports it."""
+    """Return when a picture was submitted and displayed, both no later than the message that reports it."""
     flip_ns = min(message.flip, at_ns)
     return min(message.submit, flip_ns), flip_ns

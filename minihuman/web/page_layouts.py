@@ -1,4 +1,4 @@
-"""Says for pages how grid worlds are laid out from seeds: `page/layouts.js` draws them with the compiled layouts.
+"""Describes to pages how grid worlds are laid out from seeds; `page/layouts.js` lays them out with compiled layouts.
 
 What it needs to know of a world is the name of its layout with its numbers or its program, the header of its empty row,
 and the words of its missions.
@@ -28,7 +28,7 @@ _BLOCK = ("JOIN", "LEFT", "RIGHT", "CLAUSES", "CLAUSE", "VERB", "THING", "OTHER"
 
 
 def read_layout_modules() -> dict[str, Any]:
-    """Return what the manifest says of each module of layouts: its file, and its functions by name.
+    """Return, for each compiled module of layouts, its file and its functions by name, from the manifest.
 
     Raises:
         WorldError: if they were compiled from other sources than these.
@@ -58,7 +58,10 @@ def _name_layout(recipe: Recipe) -> str:
 
 
 def describe_layout(env: Any) -> dict[str, Any]:
-    """Return how a page lays out a world that `find_layout_module` found, before its first reset."""
+    """Describe to a page how it lays out a world, before the world's first reset.
+
+    The world is one for which `find_layout_module` found a module.
+    """
     recipe: Recipe = env.recipe
     program: list[list[int | str]] = []
     if isinstance(recipe, LevelRecipe):
@@ -78,7 +81,7 @@ def _write_exactly(number: int) -> int | str:
 
 
 def describe_language() -> dict[str, Any]:
-    """Return where in an instruction's block its parts are, and the words for their numbers."""
+    """Return the positions of the parts of an encoded instruction, and the words for their codes."""
     verbs = [""] * (max(VERBS.values()) + 1)
     for clause, number in VERBS.items():
         verbs[number] = f"{clause.words} {{}}"

@@ -12,7 +12,7 @@ _ROOT = "/static"
 
 
 def find_module_address(module: str) -> str:
-    """Return the address at which the page loads a kind's module, given as "package:file"."""
+    """Return the address at which the page loads a kind's module, which is named as "package:file"."""
     package, _, file = module.partition(":")
     return f"{_ROOT}/{package.replace('.', '/')}/{file}"
 
@@ -33,6 +33,7 @@ def list_page_modules() -> Iterator[tuple[str, Path]]:
 
 
 def _list_modules_of_kind(name: str) -> list[str]:
+    """Return the page modules of a kind's screens, after checking that their files exist."""
     try:
         screens = find_kind(name).screens
     except ProtocolError:  # a kind that cannot be loaded here has no screens here

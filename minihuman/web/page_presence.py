@@ -84,13 +84,13 @@ class PagePresence:
         self.signs.act(now_s)
 
     def absence_s(self, now_s: float) -> float:
-        """Return for how many seconds no page has been connected; 0 while one is."""
+        """Return for how many seconds no page has been connected; 0 while a page is connected."""
         if self.is_here:
             return 0.0
         return now_s - self._seen_s
 
     def inactivity_s(self, now_s: float) -> float:
-        """Return for how many seconds the participant has done nothing."""
+        """Return the time since the participant's last act, in seconds."""
         return now_s - self._acted_s
 
 

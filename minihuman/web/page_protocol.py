@@ -79,7 +79,7 @@ class PageSession(abc.ABC):
 
     @abc.abstractmethod
     def bid_farewell(self, *, is_left: bool) -> None:
-        """Record that the page was closed, or was left for another page."""
+        """Record that the page was closed, or that the participant left it for another page."""
 
     @abc.abstractmethod
     def spend(self, n_bytes: int) -> bool:
@@ -130,7 +130,7 @@ class PageProtocol:
         self._was_behind = False
 
     def admits(self, now_s: float) -> bool:
-        """Return whether another message is within the rate limit; otherwise it has to wait."""
+        """Return whether the rate limit admits another message now; otherwise the message has to wait."""
         return self._rate_limit.take(now_s)
 
     def receive(self, text: str, *, more: bool) -> str | None:
@@ -166,6 +166,7 @@ class PageProtocol:
         return None
 
     def _acknowledge(self, number: int) -> None:
+        """Discard messages that the page has, and note whether it was too far behind to look ahead for."""
         outgoing = self._session.outgoing
         was_behind = outgoing.n_unacknowledged > PREFETCH_BACKLOG
         outgoing.acknowledge(number)
@@ -200,7 +201,7 @@ class PageProtocol:
 
     @property
     def can_wait(self) -> bool:
-        """Return whether the pending messages may be delayed at no cost to a page that is ahead."""
+        """Return whether the pending messages may be delayed, because the page is ahead and loses nothing."""
         return all(
             isinstance(message, messages.EpisodeState) and message.tick is None and not message.who
             for _, message in self._outgoing.after(self._sent)

@@ -86,29 +86,38 @@ class _Writer:
         return self._write_structure(annotation)
 
     def _write_structure(self, annotation: Any) -> str:
+        """Return a type without a name of its own in TypeScript."""
         origin = get_origin(annotation)
         arguments = get_args(annotation)
         if annotation in _PRIMITIVES:
             return _PRIMITIVES[annotation]
         if origin is Annotated:
-            for extra in arguments[1:]:
+            plain_form, *extras = arguments
+            for extra in extras:
                 if isinstance(extra, PageType):
                     return self._write_type(extra.form)
-            return self._write_type(arguments[0])
+            return self._write_type(plain_form)
         if origin is NotRequired:
             return self._write_type(arguments[0])
         if origin is Literal:
             return " | ".join(f'"{word}"' for word in arguments)
         if origin in (UnionType, Union):
-            words = (word for argument in arguments for word in self._write_type(argument).split(" | "))
-            return " | ".join(dict.fromkeys(words))
+            return self._write_union(arguments)
         if origin is dict:
-            return f"Record<{self._write_type(arguments[0])}, {self._write_type(arguments[1])}>"
+            key_type, value_type = map(self._write_type, arguments)
+            return f"Record<{key_type}, {value_type}>"
         if origin is list:
-            return f"{_enclose(self._write_type(arguments[0]))}[]"
+            element_type = _enclose(self._write_type(arguments[0]))
+            return f"{element_type}[]"
         if origin is tuple:
             return self._write_tuple(arguments)
         return self._name_interface(annotation)
+
+    def _write_union(self, arguments: tuple[Any, ...]) -> str:
+        alternatives: list[str] = []
+        for argument in arguments:
+            alternatives += self._write_type(argument).split(" | ")
+        return " | ".join(dict.fromkeys(alternatives))
 
     def _write_tuple(self, arguments: tuple[Any, ...]) -> str:
         if arguments[1:] == (Ellipsis,):
@@ -123,16 +132,16 @@ class _Writer:
         return form.__name__
 
     def _write_interface(self, form: type) -> str:
+        """Return the declaration of a class as an interface, with the first paragraph of its docstring."""
         summary = (inspect.getdoc(form) or "").partition("\n\n")[0].replace("\n", " ")
         lines = [f"/** {summary} */", f"export interface {form.__name__} {{"]
-        if issubclass(form, msgspec.Struct) and form.__struct_config__.tag is not None:
-            lines.append(f'  {form.__struct_config__.tag_field}: "{form.__struct_config__.tag}";')
-        is_sent_by_page = form in self._sent_by_page
+        if issubclass(form, msgspec.Struct):
+            config = form.__struct_config__
+            if config.tag is not None:
+                lines.append(f'  {config.tag_field}: "{config.tag}";')
+        may_lack_fields = form in self._sent_by_page or is_typeddict(form)
         for field in _list_fields(form):
-            if field.is_optional and (is_sent_by_page or is_typeddict(form)):
-                mark = "?"
-            else:
-                mark = ""
+            mark = "?" if field.is_optional and may_lack_fields else ""
             lines.append(f"  {field.name}{mark}: {self._write_type(field.annotation)};")
         return "\n".join([*lines, "}", ""])
 
@@ -144,12 +153,19 @@ def _enclose(text: str) -> str:
 
 
 def _list_fields(form: type) -> Iterator[_Field]:
+    """Yield the fields of a struct, a typed dictionary or a dataclass.
+
+    Raises:
+        TypeError: if the class is none of these.
+    """
     if issubclass(form, msgspec.Struct):
         for field in msgspec.structs.fields(form):
             yield _Field(field.encode_name, field.type, not field.required)
     elif is_typeddict(form):
-        added = _load_page_fields() if form is PlayValues else []
-        for part in (form, *added):
+        parts = [form]
+        if form is PlayValues:
+            parts += _load_page_fields()
+        for part in parts:
             for name, annotation in get_type_hints(part, include_extras=True).items():
                 yield _Field(name, annotation, get_origin(annotation) is NotRequired)
     elif dataclasses.is_dataclass(form):

@@ -22,6 +22,7 @@ from minihuman.experiment.machine.inputs import Input, KeyDown, PointerPressed, 
 from minihuman.experiment.machine.running_episode import RunningEpisode, WorldFailedError, catch_world_errors
 from minihuman.experiment.machine.screens import (
     BlankScreen,
+    Button,
     FilmsScreen,
     OptionList,
     PageScreen,
@@ -133,7 +134,7 @@ class LookAheadGraph:
         self.root = self._find_scene(actual)
 
     def grow(self) -> bool:
-        """Try one action not yet tried in the present scene; return False if all are known."""
+        """Try one action that is untried in the present scene; return False if there is none."""
         return any(self.look(action) for action in self._actions)
 
     def look(self, action: int) -> bool:
@@ -207,12 +208,13 @@ _MOST_TRIES = 48  # from one screen
 _FLIP_NS = 16_000_000  # until a screen is there
 _LOOK_NS = 200_000_000  # until an input
 _TICK = "tick"
+_DIGIT_KEYS = 9
 _MOVING = ("step", "controller", "controller_text")  # of a screen that the page goes on with by itself
 
 
 @dataclass(slots=True)
 class _CopiedScreen:
-    """A screen, with the copy of the session that shows it."""
+    """A screen, with the copied session that shows it."""
 
     name: int
     session: SessionMachine
@@ -275,13 +277,14 @@ class ScreenPrefetcher:
             self._to_do.extend((copied, input_name) for input_name in list_likely_inputs(copied.session))
 
     def _try_input(self, copied: _CopiedScreen, input_name: str) -> None:
+        """Try an input in a copy of the session, and record the screen that it leads to."""
         tried = copy_session(copied.session, self._lend)
         _, at_ns = _mark_shown(tried)
         due_ns = tried.next_tick_ns
         if input_name == _TICK and due_ns is not None:
             at_ns = max(at_ns, due_ns)
         try:
-            tried.receive(_input(input_name, at_ns))
+            tried.receive(_make_input(input_name, at_ns))
         except WorldError:  # the world is not available here
             return
         if tried.over or tried.failure is not None or not can_copy_session(tried):
@@ -303,7 +306,7 @@ class ScreenPrefetcher:
 
 
 def _locate_beginning(play: RunningEpisode | None) -> tuple[int, int]:
-    """Return the episode that begins with a screen and the scene that it begins in; both are -1 if none begins."""
+    """Return the number of the episode that begins with a screen, and its first scene; both are -1 if none begins."""
     if play is None:
         return -1, -1
     return play.plan.episode, name_scene(play.world.scene_hash())
@@ -359,45 +362,49 @@ def list_likely_inputs(session: SessionMachine) -> Iterator[str]:
             yield "key:enter"
         case PageScreen(buttons=buttons):
             yield from ("key:enter", "point:go_on", "key:right", "key:left")
-            yield from (f"point:{button.name}" for button in buttons if button.name == "back")
+            if _has_back_button(buttons):
+                yield "point:back"
         case QuestionScreen(item=item, buttons=buttons):
             yield from ("key:enter", "key:tab", "point:go_on")
-            yield from _answers(item)
-            yield from (
-                input_name
-                for button in buttons
-                if button.name == "back"
-                for input_name in ("key:page_up", "point:back")
-            )
+            yield from _name_answers(item)
+            if _has_back_button(buttons):
+                yield from ("key:page_up", "point:back")
 
 
-def _answers(item: object) -> Iterator[str]:
+def _has_back_button(buttons: Sequence[Button]) -> bool:
+    return any(button.name == "back" for button in buttons)
+
+
+def _name_answers(item: object) -> Iterator[str]:
+    """Yield the names of the inputs that are likely at a question with a certain widget."""
     match item:
         case OptionList(options=options):
-            yield from _choices(len(options))
+            yield from _name_choices(len(options))
             yield from ("key:down", "key:up")
         case RatingScale(points=points):
-            yield from _choices(len(points))
+            yield from _name_choices(len(points))
             yield from ("key:right", "key:left")
         case ShapeCanvas(shapes=shapes):
             yield from (f"point:{shape.target}" for shape in shapes if shape.target)
 
 
-def _choices(count: int) -> Iterator[str]:
-    for number in range(min(9, count)):
+def _name_choices(count: int) -> Iterator[str]:
+    """Yield the inputs that choose the options of a question which have a digit key."""
+    for number in range(min(_DIGIT_KEYS, count)):
         yield f"key:{number + 1}"
         yield f"point:option:{number}"
 
 
 def _mark_shown(session: SessionMachine) -> tuple[int, int]:
-    """Report the screen as displayed; return the display time and the earliest time of an input after it."""
+    """Tell a session that its screen was displayed; return the display time and the earliest time of the next input."""
     flip_ns = session.now_ns + _FLIP_NS
     if isinstance(session.screen, BlankScreen | TextScreen | PlayScreen):
         session.receive(ScreenShown(flip_ns, flip_ns, flip_ns))
     return flip_ns, flip_ns + _LOOK_NS
 
 
-def _input(input_name: str, at_ns: int) -> Input:
+def _make_input(input_name: str, at_ns: int) -> Input:
+    """Return the input with a name such as "key:enter" or "point:option:2"; a tick for any other name."""
     kind, _, target = input_name.partition(":")
     match kind:
         case "key":

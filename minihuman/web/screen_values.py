@@ -58,7 +58,7 @@ def _locale(screen: screens.Screen) -> ScreenLocale:
 
 
 def _activity(screen: screens.ActivityScreen, number: NumberPicture) -> dict[str, Any]:
-    """Convert an activity kind's own screen; if the kind has no view for pages, convert its picture to a page."""
+    """Convert an activity kind's own screen; if the kind has no view for pages, send its picture as a page."""
     view = screen.page_view
     if view is None:
         return dict(_picture(screen, number))
@@ -76,6 +76,7 @@ def select_values(screen: screens.Screen, names: str) -> dict[str, Any]:
 
 
 def _text(screen: screens.TextScreen, number: NumberPicture) -> TextValues:
+    """Convert a text screen, with the places of the keys to try."""
     labels = {key: (cap, above) for key, cap, above in screen.labels}
     pressed = dict(screen.keys)
     caps, wide, high = arrange_keycaps([key for key, _ in screen.keys])
@@ -108,6 +109,7 @@ def _blank(screen: screens.BlankScreen, number: NumberPicture) -> BlankValues:
 
 
 def _play(screen: screens.PlayScreen, number: NumberPicture) -> dict[str, Any]:
+    """Convert a play screen without its picture."""
     labels = {key: (cap, above) for key, cap, above in screen.labels}
     values: PlayValues = {
         "kind": "play",
@@ -128,7 +130,7 @@ def _play(screen: screens.PlayScreen, number: NumberPicture) -> dict[str, Any]:
 
 
 def _number_film(pictures: Sequence[NDArray[np.uint8]], step: int, number: NumberPicture) -> list[int]:
-    """Number only the film's current picture; the others are drawn later and are `PENDING_PICTURE`."""
+    """Return the numbers of a film's pictures; all but the current one are drawn later and are `PENDING_PICTURE`."""
     current = min(step, len(pictures) - 1)
     numbers = [PENDING_PICTURE] * len(pictures)
     if pictures:
@@ -137,6 +139,7 @@ def _number_film(pictures: Sequence[NDArray[np.uint8]], step: int, number: Numbe
 
 
 def _page(screen: screens.PageScreen, number: NumberPicture) -> PageValues:
+    """Convert a page of a text."""
     picture = None
     if screen.picture is not None:
         picture = number(screen.picture)
@@ -160,6 +163,7 @@ def _picture(screen: screens.ActivityScreen, number: NumberPicture) -> PageValue
 
 
 def _question(screen: screens.QuestionScreen, number: NumberPicture) -> QuestionValues:
+    """Convert a question with its answer so far."""
     return {
         "kind": "question",
         **_locale(screen),

@@ -39,7 +39,7 @@ class SessionBudget:
         return self.spent_bytes <= self.find_limit_bytes(session_ns)
 
     def find_limit_bytes(self, session_ns: int) -> int:
-        """Return how many bytes a session can need up to this time in the session."""
+        """Return the number of bytes that a session can need up to a time in it."""
         return self._fixed_bytes + self._bytes_per_s * max(0, session_ns) // 1_000_000_000
 
 

@@ -13,6 +13,7 @@ _MAX_DRIFT_NS = 200_000_000  # of the page's clock against the server's: 2 % bet
 _LOOK_INTERVAL_NS = 30_000_000_000  # after so long without a measurement of the page's, its messages are looked at
 _UNMEASURED_ERROR_NS = 800_000_000  # then: a single message may have waited so long on the way
 _NEVER_NS = 1 << 62
+_NS_PER_S = 1e9
 
 
 class SegmentClock:
@@ -34,7 +35,7 @@ class SegmentClock:
         self._claimed_ns = _NOTED_AHEAD_NS
 
     def at(self, monotonic_ns: int) -> int:
-        """Return the session's time at a monotonic time of the server."""
+        """Return the session's time, in nanoseconds, at a monotonic time of the server."""
         return monotonic_ns - self._zero_ns
 
     def catch_up(self, ahead_ns: int, *, wall_ns: int, monotonic_ns: int) -> str:
@@ -53,11 +54,12 @@ class SegmentClock:
         if ahead_ns <= self._claimed_ns:
             return ""
         self._claimed_ns = 2 * ahead_ns
-        claimed = f"{ahead_ns / 1e9:.3f} s ahead of the server's"
-        return f"{CLOCK_NOTE} was claimed to be {claimed}; {counted_ns / 1e9:.3f} s count"
+        ahead_s = ahead_ns / _NS_PER_S
+        counted_s = counted_ns / _NS_PER_S
+        return f"{CLOCK_NOTE} was claimed to be {ahead_s:.3f} s ahead of the server's; {counted_s:.3f} s count"
 
     def allows(self, at_ns: int, now_ns: int) -> bool:
-        """Return whether a page's clock can plausibly read ``at_ns`` when the session's time is ``now_ns``."""
+        """Return whether it is plausible that a page's clock reads ``at_ns`` when the session's time is ``now_ns``."""
         return at_ns <= now_ns + _AHEAD_NS + now_ns // 1000
 
     def check(self, number: int, at_ns: int, now_ns: int) -> str:
@@ -77,7 +79,8 @@ class SegmentClock:
         if ahead_ns <= self._noted_ns:
             return ""
         self._noted_ns = ahead_ns + _NOTED_AHEAD_NS
-        return f"{CLOCK_NOTE} is {ahead_ns / 1e9:.3f} s ahead of the server's"
+        ahead_s = ahead_ns / _NS_PER_S
+        return f"{CLOCK_NOTE} is {ahead_s:.3f} s ahead of the server's"
 
 
 class PageClock:
@@ -109,15 +112,15 @@ class PageClock:
         self._lag_ns = min(self._lag_ns, arrival_ns - at_ns)
         if arrival_ns - self._looked_ns < _LOOK_INTERVAL_NS:
             return ""
-        return self._compare(
-            arrival_ns, error_ns=_UNMEASURED_ERROR_NS, is_early=arrival_ns - self._began_ns < _DRIFT_AFTER_NS
-        )
+        is_early = arrival_ns - self._began_ns < _DRIFT_AFTER_NS
+        return self._compare(arrival_ns, error_ns=_UNMEASURED_ERROR_NS, is_early=is_early)
 
     def look(self, link: Linked, arrival_ns: int) -> str:
         """Return a note if the page's time has moved too far against the server's clock; otherwise ""."""
         return self._compare(arrival_ns, error_ns=link.error_ns, is_early=link.drift_ppm is None)
 
     def _compare(self, arrival_ns: int, *, error_ns: int, is_early: bool) -> str:
+        """Return a note if the least lag since the last comparison differs too much from the least early lag."""
         self._looked_ns = arrival_ns
         lag_ns = min(self._lag_ns, self._last_lag_ns)
         self._last_lag_ns = self._lag_ns
@@ -128,7 +131,8 @@ class PageClock:
         if abs(drift_ns) <= _MAX_DRIFT_NS + error_ns:
             return ""
         self._least_lag_ns = lag_ns
-        return f"{CLOCK_NOTE} moved by {drift_ns / 1e6:+.0f} ms against the times at which its messages came"
+        drift_ms = drift_ns / 1e6
+        return f"{CLOCK_NOTE} moved by {drift_ms:+.0f} ms against the times at which its messages came"
 
     def linked(self, at_ns: int, link: RoundTripMessage) -> Linked:
         """Return the log event for a measured round trip.
@@ -137,13 +141,17 @@ class PageClock:
             at_ns: the session's time in nanoseconds.
             link: the fastest of the page's latest round trips.
         """
-        least_ns = max(0, (link.back - link.sent) - (link.answered - link.received))
+        by_page_ns = link.back - link.sent
+        in_server_ns = link.answered - link.received
+        rtt_ns = max(0, by_page_ns - in_server_ns)
+        error_ns = (rtt_ns + 1) // 2
         offset_ns = ((link.received - link.sent) + (link.answered - link.back)) // 2
-        self.rtt_ns = least_ns
+        self.rtt_ns = rtt_ns
         if self._first is None:
-            self._first = at_ns, offset_ns
-        passed_ns = at_ns - self._first[0]
+            self._first = (at_ns, offset_ns)
+        first_at_ns, first_offset_ns = self._first
+        passed_ns = at_ns - first_at_ns
         drift_ppm = None
         if passed_ns >= _DRIFT_AFTER_NS:
-            drift_ppm = (offset_ns - self._first[1]) / passed_ns * 1e6
-        return Linked(at_ns, offset_ns, -(-least_ns // 2), link.latest, least_ns, drift_ppm)
+            drift_ppm = (offset_ns - first_offset_ns) / passed_ns * 1e6
+        return Linked(at_ns, offset_ns, error_ns, link.latest, rtt_ns, drift_ppm)

@@ -94,7 +94,7 @@ class SessionHost:
         return not plays_joint_turns
 
     def safe(self, durable: int | None = None) -> int:
-        """Return the last of the page's messages that may be acknowledged, which is on the disk with all before it.
+        """Return the number up to which all of the page's messages are on the disk and can be acknowledged.
 
         Args:
             durable: how many of the recorder's writes count; None for all that are on the disk, -1 for none at all.
@@ -280,6 +280,7 @@ class SessionHost:
     # What the page did
 
     def _find_events(self, message: messages.PageMessage, at_ns: int, arrival_ns: int | None) -> list[Event]:
+        """Return the events of a message: notes of what the page reports, or what the session makes of an input."""
         match message:
             case messages.RoundTripMessage():
                 linked = self.link.linked(at_ns, message)
@@ -300,18 +301,17 @@ class SessionHost:
                     return []
                 return [Noted(at_ns, BROWSER_NOTE, f"not taken: {message.text}")]
             case messages.KeyMessage(trusted=False):
-                detail = "up"
+                direction = "up"
                 if message.down:
-                    detail = "down"
-                note = Noted(
-                    at_ns, BROWSER_NOTE, f"key {message.key} {detail} at {message.stamp} ns was made by a script"
-                )
-                return [note, *self._play(message, at_ns)]
+                    direction = "down"
+                text = f"key {message.key} {direction} at {message.stamp} ns was made by a script"
+                return [Noted(at_ns, BROWSER_NOTE, text), *self._play(message, at_ns)]
             case messages.DisplayedMessage(step=step) if step >= 0:
                 return self._step_shown(message, at_ns)
         return self._play(message, at_ns)
 
     def _play(self, message: messages.PageMessage, at_ns: int) -> list[Event]:
+        """Give the session the input that a message stands for; return the resulting events."""
         is_present = isinstance(message, messages.DisplayedMessage) and self.outbox.is_present(message)
         page_input = self._inputs.convert(message, at_ns, is_present=is_present)
         if page_input is None:
@@ -319,7 +319,7 @@ class SessionHost:
         return self.session.receive(page_input, at_ns=at_ns, draws=self._draws)
 
     def _step_shown(self, message: messages.DisplayedMessage, at_ns: int) -> list[Event]:
-        """Return the events of a displayed step's picture, with notes on how it differs from the session's."""
+        """Return the events of a step's displayed picture, with notes on how the picture differs from the session's."""
         steps = self.outbox.steps
         if not steps.knows(message):
             steps.keep_early(message)
@@ -338,7 +338,7 @@ class SessionHost:
     # Messages to the page
 
     def grow(self) -> bool:
-        """Look one scene or one screen further ahead; return False if nothing is left."""
+        """Explore one more scene or screen ahead; return False if nothing is left."""
         return self.outbox.grow(self.link.rtt_ns or _FAR_RTT_NS)
 
     def restart(self, *, computes: bool | None = None) -> None:

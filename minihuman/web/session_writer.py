@@ -15,7 +15,7 @@ from minihuman.log.record.recorder import Recorder
 
 @dataclass(slots=True)
 class _PendingMessage:
-    """A message of the page that was taken, with the number of the write that must be on the disk for it to be safe."""
+    """A received message of the page, which is safe once the write with a given number is on the disk."""
 
     number: int
     write: int
@@ -74,7 +74,7 @@ class SessionWriter:
         self._pending.append(_PendingMessage(number, self.count + is_unwritten))
 
     def safe(self, durable: int | None = None) -> int:
-        """Return the last of the page's messages that may be acknowledged, which is on the disk with all before it.
+        """Return the number up to which all of the page's messages are on the disk and can be acknowledged.
 
         Args:
             durable: how many of the recorder's writes count; None for all that are on the disk, -1 for none at all.

@@ -23,7 +23,7 @@ class RateLimit:
     left: float = MESSAGE_BURST
 
     def take(self, now_s: float) -> bool:
-        """Return whether a message that arrives now is within the limit, and count it if it is."""
+        """Count a message that arrives now; return False, without counting it, if it exceeds the limit."""
         self.left = min(MESSAGE_BURST, self.left + (now_s - self.now_s) * MESSAGES_PER_S)
         self.now_s = now_s
         if self.left < 1:

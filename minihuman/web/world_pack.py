@@ -113,7 +113,7 @@ class _PackWriter:
         self._kinds: tuple[ObjectKind, ...] = ()  # a world's own
 
     def add_world(self, kind: str, world: CatalogueEntry) -> None:
-        """Write a world's first states, or note how a page lays it out; skip it if its rules are Python."""
+        """Write a world's first states, or record how a page lays it out; skip a world whose rules are Python."""
         options: dict[str, Any] = {}
         if kind == "First person":
             options = PAGE_SINE
@@ -137,6 +137,7 @@ class _PackWriter:
         self.worlds.append(title | packed_seeds | {"actions": list(env.action_names)} | starts)
 
     def _write_starts(self, env: Any, world: CatalogueEntry) -> dict[str, Any]:
+        """Write how a world's episodes begin; return the entry of the index that says so."""
         packed_seeds = {"first_seed": self.seeds.start, "seeds": len(self.seeds)}
         if isinstance(env, FirstPersonEnv):
             self._modules.add("first_person")
@@ -149,7 +150,7 @@ class _PackWriter:
         return {"first_seed": 0, "seeds": _PAGE_SEEDS, "layouts": layout_module} | _describe_sizes(env)
 
     def write_index(self) -> None:
-        """Write the modules, the tiles, how worlds are laid out, and the index, all of them deflated."""
+        """Write the modules, the tiles, the descriptions of layouts, and the index, all of them compressed."""
         modules = self._manifest["modules"] | self._layout_modules
         needed = {name: modules[name] for name in sorted(self._modules)}
         (self.folder / "worlds").mkdir(exist_ok=True)
@@ -163,7 +164,7 @@ class _PackWriter:
 
 
 def _write_deflated(path: Path, content: bytes | dict[str, Any]) -> None:
-    """Write bytes, or an object as JSON, deflated."""
+    """Write bytes, or an object as JSON, in compressed form."""
     if isinstance(content, dict):
         content = json.dumps(content, separators=(",", ":")).encode()
     path.write_bytes(zlib.compress(content, 9))
@@ -290,7 +291,7 @@ def _write_texture(folder: Path, pixels: bytes) -> str:
 
 
 def _write_atlas(folder: Path, kinds: "tuple[ObjectKind, ...]") -> dict[str, Any]:
-    """Pack the tiles, with those of a world's own object kinds; return the position of each of their arrays."""
+    """Pack the tiles, including those of a world's own object kinds; return the position of each array."""
     tile_atlas = atlas(TILE_PX, "classic", kinds)
     content = b""
     arrays: dict[str, Any] = {}

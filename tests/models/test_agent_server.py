@@ -311,7 +311,7 @@ def test_ended_sessions_are_remembered_up_to_a_number(
     programs: ProgramSessions, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(agent_server, "MAX_SESSIONS", 2)
-    monkeypatch.setattr(ProgramSessions, "_play", lambda self, client: client.end("complete"))
+    monkeypatch.setattr(ProgramSessions, "_play_session", lambda self, client: client.end("complete"))
     for _ in range(20):
         programs.begin("walker")
         for thread in programs.threads:

@@ -344,7 +344,7 @@ def test_a_changed_prompt_picture_or_reading_is_found(
 def test_a_call_whose_answer_was_lost_is_repeated_or_ends_the_session(
     tmp_path: Path, environment: pytest.MonkeyPatch, unknown: str, reason: str, answered: int
 ) -> None:
-    read, text = ModelWindow._read, study("text", model=f'unknown = "{unknown}"')
+    read, text = ModelWindow._read_answer, study("text", model=f'unknown = "{unknown}"')
 
     def lose_the_third(window: ModelWindow, asked: ModelCall, *rest: Any) -> ModelCall:
         if asked.call == 3:
@@ -352,10 +352,10 @@ def test_a_call_whose_answer_was_lost_is_repeated_or_ends_the_session(
             raise SessionLeft(RunStoppedError("killed"))
         return read(window, asked, *rest)
 
-    environment.setattr(ModelWindow, "_read", lose_the_third)
+    environment.setattr(ModelWindow, "_read_answer", lose_the_third)
     with pytest.raises(RunStoppedError, match="killed"):
         run(tmp_path, text, play, environment)
-    environment.setattr(ModelWindow, "_read", read)
+    environment.setattr(ModelWindow, "_read_answer", read)
     (log,), _ = run(tmp_path, text, play, environment)
     assert (log.end_reason, len(calls(log, "unknown")), len(calls(log))) == (reason, 1, answered)
     assert all_as_logged(tmp_path)
@@ -387,7 +387,7 @@ def test_a_model_takes_a_seat_beside_an_agent_and_after_a_kill_the_agent_does_th
     joint = [event.actions for event in whole.part_events if isinstance(event, JointStepped)]
     assert (whole.end_reason, len(joint), len(calls(whole))) == ("complete", 18, 1 + 18 + 6)
     assert len({action for _, action in joint}) > 2, "the agent acts"
-    read, lost = ModelWindow._read, iter((5, 16))
+    read, lost = ModelWindow._read_answer, iter((5, 16))
 
     def lose_some(window: ModelWindow, asked: ModelCall, *rest: Any) -> ModelCall:
         if asked.call == wanted[0]:
@@ -397,7 +397,7 @@ def test_a_model_takes_a_seat_beside_an_agent_and_after_a_kill_the_agent_does_th
         return read(window, asked, *rest)
 
     wanted = [next(lost)]
-    environment.setattr(ModelWindow, "_read", lose_some)
+    environment.setattr(ModelWindow, "_read_answer", lose_some)
     for _ in range(2):
         with pytest.raises(RunStoppedError, match="killed"):
             run(tmp_path / "killed", kitchen_study(), press_the_first, environment)

@@ -212,7 +212,7 @@ def test_a_check_whose_participants_are_all_refused_ends_and_says_so(times_out, 
     async def play():
         async with serve(refuse, "127.0.0.1", 0) as server:
             port = server.sockets[0].getsockname()[1]
-            return await check._play([SimpleNamespace(host=f"127.0.0.1:{port}")], ["a", "b"], print)
+            return await check._play_study([SimpleNamespace(host=f"127.0.0.1:{port}")], ["a", "b"], print)
 
     monkeypatch.setattr(check, "_TIMEOUT_S", 2.0 if times_out else PATIENCE_S)
     said = "{'not within 2 s': 2}" if times_out else "{'full': 2}"

@@ -32,16 +32,28 @@ _TOP = 0.10  # the mission's band, of the height
 _BOTTOM = 0.16  # legend and progress
 
 
+_LEGEND_OFFSET = 0.068  # of the legend's middle below the picture's space, of the height
+
+
 _MOST_ROWS = 3  # of the legend, in type that can be read
 
 
 _GAP = 1.4  # between a key's word and the next key, of the type size
 
 
+_CAP_GAP = 0.6  # between a key and its word, of the type size
+
+
+_MIN_LEGEND_TYPE_PX = 8
+
+
 _WORTH_ENLARGING = 1.2  # by less a picture stays as it is, sharp
 
 
 _MARKS = {"good": theme.GOOD, "bad": theme.BAD, "neutral": theme.MUTED_INK}
+
+
+_PLATE_OPACITY = 235  # of 255
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,7 +125,7 @@ def _fit_picture(picture: NDArray[np.uint8], room_width: int, room_height: int) 
 
 
 def draw_surroundings(play_frame: PlayFrame, size_px: Size) -> Sheet:
-    """Draw a play screen without the world's picture."""
+    """Draw a play screen without the world's picture, and return the sheet."""
     width, height = size_px
     sheet = Sheet(size_px, play_frame.locale)
     wide = width - 2 * height * MARGIN
@@ -129,33 +141,42 @@ def draw_mark(screen: PlayScreen, size_px: Size) -> Image.Image:
 
     The rest of the returned layer is transparent.
     """
-    height, width = screen.picture.shape[:2]
-    if width:
-        fitted = _fit_picture(screen.picture, *picture_size_px(size_px))
-    else:
-        fitted = screen.picture
+    fitted = screen.picture
+    if fitted.shape[1]:
+        fitted = _fit_picture(fitted, *picture_size_px(size_px))
     left, top, width, height = _place_picture(fitted.shape[1], fitted.shape[0], size_px)
     layer = Image.new("RGBA", size_px, (0, 0, 0, 0))
     draw = ImageDraw.Draw(layer)
     colour = _MARKS[screen.mark]
     stroke = max(3, round(size_px[1] / 90))
     draw.rectangle((left, top, left + width - 1, top + height - 1), outline=colour, width=stroke)
-    reach = size_px[1] * 0.045
-    type_px = round(size_px[1] / 26)
+    _draw_outcome_label(draw, screen, (left + width / 2, top), size_px[1], stroke)
+    return layer
+
+
+def _draw_outcome_label(
+    draw: ImageDraw.ImageDraw, screen: PlayScreen, top_middle: tuple[float, float], window_height: int, stroke: int
+) -> None:
+    """Draw the sign of an outcome and the score on a plate, below the middle of the picture's upper edge.
+
+    The agent itself is often at the lower edge.
+    """
+    reach = window_height * 0.045
+    type_px = round(window_height / 26)
     faces = select_typefaces(screen.locale.language, fonts=screen.locale.fonts)
+    score_px = 0.0
     if screen.score_text:
         score_px = measure_width_px(screen.score_text, faces, type_px) + reach * 0.6
-    else:
-        score_px = 0.0
-    # the agent itself is often at the bottom
-    x = left + width / 2 - score_px / 2
+    middle, top = top_middle
+    sign_x = middle - score_px / 2
     y = top + reach * 1.6
-    box = (x - reach * 1.3, y - reach, x + reach * 1.3 + score_px, y + reach)
-    draw.rounded_rectangle(box, radius=reach * 0.4, fill=(*theme.BACKGROUND, 235), outline=colour, width=stroke // 2)
-    _draw_sign(draw, screen.mark, (x, y), reach * 0.55, colour, stroke)
+    plate = (sign_x - reach * 1.3, y - reach, sign_x + reach * 1.3 + score_px, y + reach)
+    fill = (*theme.BACKGROUND, _PLATE_OPACITY)
+    colour = _MARKS[screen.mark]
+    draw.rounded_rectangle(plate, radius=reach * 0.4, fill=fill, outline=colour, width=stroke // 2)
+    _draw_sign(draw, screen.mark, (sign_x, y), reach * 0.55, colour, stroke)
     if screen.score_text:
-        draw_line(draw, (x + reach, y), screen.score_text, faces=faces, size_px=type_px, colour=theme.INK)
-    return layer
+        draw_line(draw, (sign_x + reach, y), screen.score_text, faces=faces, size_px=type_px, colour=theme.INK)
 
 
 def _draw_sign(
@@ -185,16 +206,20 @@ def _draw_legend(sheet: Sheet, play_frame: PlayFrame) -> None:
     rows, type_px = _fit_legend(sheet, keys)
     width, height = sheet.size_px
     keycap_height = type_px * (2.0 if len(rows) == 1 else 1.3)
-    above_px = height * 0.004 * (len(rows) - 1)  # the progress line is right below
+    row_px = type_px * 1.4
+    legend_y = height * (1 - _BOTTOM + _LEGEND_OFFSET)
+    raised_px = height * 0.004 * (len(rows) - 1)  # the progress line is right below
     middle_row = (len(rows) - 1) / 2
     for number, row in enumerate(rows):
         x = (width - _measure_legend_px(sheet, row, type_px)) / 2
-        y = height * (1 - _BOTTOM + 0.068) + (number - middle_row) * type_px * 1.4 - above_px
+        y = legend_y + (number - middle_row) * row_px - raised_px
         for cap, word in row:
-            keycap_width = _cap_px(sheet, cap, type_px)
-            place = (x, y - keycap_height / 2, x + keycap_width, y + keycap_height / 2)
-            draw_keycap(sheet.draw, cap, "", place, language=play_frame.locale.language, least_px=sheet.min_type_px)
-            sheet.put((x + keycap_width + type_px * 0.6, y), word, type_px, theme.INK)
+            keycap_width = _measure_cap_px(sheet, cap, type_px)
+            keycap_box = (x, y - keycap_height / 2, x + keycap_width, y + keycap_height / 2)
+            draw_keycap(
+                sheet.draw, cap, "", keycap_box, language=play_frame.locale.language, least_px=sheet.min_type_px
+            )
+            sheet.put((x + keycap_width + type_px * _CAP_GAP, y), word, type_px, theme.INK)
             x += _measure_legend_px(sheet, [(cap, word)], type_px) + type_px * _GAP
 
 
@@ -206,7 +231,7 @@ def _fit_legend(sheet: Sheet, keys: list[tuple[str, str]]) -> tuple[list[list[tu
     while type_px > sheet.min_type_px and _measure_legend_px(sheet, keys, type_px) > room_px:
         type_px -= 1
     rows = _break_legend(sheet, keys, type_px, room_px)
-    while len(rows) > _MOST_ROWS and type_px > 8:
+    while len(rows) > _MOST_ROWS and type_px > _MIN_LEGEND_TYPE_PX:
         type_px -= 1
         rows = _break_legend(sheet, keys, type_px, room_px)
     return rows, type_px
@@ -222,14 +247,15 @@ def _break_legend(sheet: Sheet, keys: list[_Key], type_px: int, wide: float) -> 
     return rows
 
 
-def _cap_px(sheet: Sheet, cap: str, type_px: int) -> float:
+def _measure_cap_px(sheet: Sheet, cap: str, type_px: int) -> float:
     """Return the width of a drawn key in pixels."""
     return max(type_px * 2.0, (sheet.width_px(cap, type_px) + type_px) * 1.1)
 
 
 def _measure_legend_px(sheet: Sheet, keys: list[_Key], type_px: int) -> float:
     """Return the length of a line of the legend in pixels."""
-    lengths = [_cap_px(sheet, cap, type_px) + type_px * 0.6 + sheet.width_px(word, type_px) for cap, word in keys]
+    gap_px = type_px * _CAP_GAP
+    lengths = [_measure_cap_px(sheet, cap, type_px) + gap_px + sheet.width_px(word, type_px) for cap, word in keys]
     return sum(lengths) + type_px * _GAP * (len(keys) - 1)
 
 

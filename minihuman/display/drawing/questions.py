@@ -3,10 +3,12 @@
 from PIL import ImageColor
 
 from minihuman.display.drawing import sheet as theme
-from minihuman.display.drawing.sheet import LINE_HEIGHT, MIN_TYPE_SIZE, Sheet, Size, Spot
+from minihuman.display.drawing.sheet import LINE_HEIGHT, MIN_TYPE_SIZE, TIGHT_LINE_HEIGHT, Sheet, Size, Spot
 from minihuman.display.drawing.text_fields import draw_field
 from minihuman.display.text import style_lines
 from minihuman.experiment.machine.screens import (
+    AnswerWidget,
+    CanvasShape,
     OptionList,
     QuestionScreen,
     RatingMatrix,
@@ -16,47 +18,69 @@ from minihuman.experiment.machine.screens import (
     TextField,
 )
 
+Box = tuple[float, float, float, float]  # left, top, right, bottom, in pixels
+
+# Shares of the height
 _TYPE = 1 / 30
-_WIDE = 1.16  # of the height
+_SMALL_TYPE = 1 / 36
+_NOTE_TYPE = 1 / 34
+_WIDE = 1.16
 _TOP = 0.15
 _BOTTOM = 0.82
+_NOTE_Y = 0.805
+_GAP_BEFORE_ANSWERS = 0.02
+_GAP_AFTER_ANSWERS = 0.04
+
+_MOST_ROOMY_OPTIONS = 6  # with more options, the question has as little room as possible
+_MOST_STATEMENT_LINES = 2
+_MOST_NUMBERED_OPTIONS = 9  # the digit keys choose these
+
+# Shares of the type size
+_OPTION_PADDING = 0.3  # above and below an option's lines
+_OPTION_GAP = 0.15
+
+_POINT_RADIUS = 0.36  # of the space that a point of a scale has
 
 
 def draw_question(screen: QuestionScreen, size_px: Size) -> Sheet:
-    """Draw a question."""
+    """Draw a question with its answer controls, and return the sheet."""
     sheet = Sheet(size_px, screen.locale)
-    width, height = size_px
+    width, _ = size_px
     high = sheet.high
-    top = (height - high) / 2
     wide = _WIDE * high
     left = (width - wide) / 2
     right = (width + wide) / 2
-    sheet.put_line((width / 2, top + high * 0.085), screen.title, round(high / 18), wide, theme.INK)
+    sheet.header(screen.title, wide)
     room = _measure_question_room(screen) * high
     lines, type_px = sheet.fitted(screen.question, round(high * _TYPE), wide, room)
-    y = top + high * _TOP
-    y += max(0.0, room - len(lines) * type_px * LINE_HEIGHT)  # close to its answers
-    sheet.column(style_lines(lines), left, right, y, type_px)
-    box = (left, top + high * _TOP + room + high * 0.02, right, top + high * (_BOTTOM - 0.04))
-    match screen.item:
-        case OptionList():
-            _draw_options(sheet, screen.item, box)
-        case RatingScale():
-            _draw_scale(sheet, screen.item, box)
-        case RatingMatrix():
-            _draw_matrix(sheet, screen.item, box)
-        case Slider():
-            _draw_slider(sheet, screen.item, box)
-        case TextField():
-            _draw_text_field(sheet, screen.item, box)
-        case ShapeCanvas():
-            _draw_shapes(sheet, screen.item, box)
+    question_top = sheet.top + high * _TOP
+    answers_top = question_top + room + high * _GAP_BEFORE_ANSWERS
+    answers_bottom = sheet.top + high * (_BOTTOM - _GAP_AFTER_ANSWERS)
+    empty_px = max(0.0, room - len(lines) * type_px * LINE_HEIGHT)
+    sheet.column(style_lines(lines), left, right, question_top + empty_px, type_px)  # close to its answers
+    _draw_widget(sheet, screen.item, (left, answers_top, right, answers_bottom))
     if screen.note:
-        sheet.put_line((width / 2, top + high * 0.805), screen.note, round(high / 34), wide, theme.ACCENT)
-    sheet.buttons(screen.buttons, top + high * 0.872)
-    sheet.put_line((width / 2, top + high * 0.925), screen.prompt, round(high / 36), wide, theme.MUTED_INK)
-    sheet.put_line((width / 2, top + high * 0.97), screen.progress, round(high / 36), wide, theme.MUTED_INK)
+        note_place = (width / 2, sheet.top + high * _NOTE_Y)
+        sheet.put_line(note_place, screen.note, round(high * _NOTE_TYPE), wide, theme.ACCENT)
+    sheet.footer(screen.buttons, screen.prompt, screen.progress, wide)
     return sheet
+
+
+def _draw_widget(sheet: Sheet, widget: AnswerWidget, box: Box) -> None:
+    """Draw a question's answer controls into a box, and add a spot for each."""
+    match widget:
+        case OptionList():
+            _draw_options(sheet, widget, box)
+        case RatingScale():
+            _draw_scale(sheet, widget, box)
+        case RatingMatrix():
+            _draw_matrix(sheet, widget, box)
+        case Slider():
+            _draw_slider(sheet, widget, box)
+        case TextField():
+            _draw_text_field(sheet, widget, box)
+        case ShapeCanvas():
+            _draw_shapes(sheet, widget, box)
 
 
 def question_fits(screen: QuestionScreen, size_px: Size) -> bool:
@@ -68,62 +92,76 @@ def question_fits(screen: QuestionScreen, size_px: Size) -> bool:
     if type_px < round(sheet.high * MIN_TYPE_SIZE) or len(lines) * type_px * LINE_HEIGHT > room:
         return False
     if isinstance(screen.item, RatingMatrix):
-        return all(len(lines) < 3 for lines in _statement_lines(sheet, screen.item, wide))
+        statements = _statement_lines(sheet, screen.item, wide)
+        return all(len(lines) <= _MOST_STATEMENT_LINES for lines in statements)
     if isinstance(screen.item, OptionList):
-        rows = _fit_options(sheet, screen.item, wide, (_BOTTOM - _TOP - 0.06) * sheet.high - room)
-        return rows is not None
+        answers_high = (_BOTTOM - _TOP - 0.06) * sheet.high - room
+        return _fit_options(sheet, screen.item, wide, answers_high) is not None
     return True
 
 
 def _measure_question_room(screen: QuestionScreen) -> float:
     """Return the share of the height that is reserved for the question's text."""
+    least_room = 0.10
     if isinstance(screen.item, RatingMatrix):
-        return 0.10
+        return least_room
     if not isinstance(screen.item, OptionList):
         return 0.30
-    if len(screen.item.options) < 7:
-        return max(0.10, 0.58 - 0.075 * len(screen.item.options))
-    return 0.10
+    count = len(screen.item.options)
+    if count > _MOST_ROOMY_OPTIONS:
+        return least_room
+    return max(least_room, 0.58 - 0.075 * count)
 
 
 def _fit_options(sheet: Sheet, item: OptionList, wide: float, high: float) -> tuple[list[list[str]], int] | None:
-    """Return the lines of every option and the largest type size at which all options fit; None if there is none."""
+    """Return the lines of every option in the largest type in which all fit, and its size; None if there is none."""
     type_px = round(sheet.high * _TYPE)
     while type_px >= sheet.min_type_px:
         rows = [sheet.wrap(option, type_px, wide - type_px * 4) for option in item.options]
-        if sum(len(row) * type_px * 1.2 + type_px * 0.75 for row in rows) <= high:
+        heights = [len(row) * type_px * TIGHT_LINE_HEIGHT + type_px * 0.75 for row in rows]
+        if sum(heights) <= high:
             return rows, type_px
         type_px -= 1
     return None
 
 
-def _draw_options(sheet: Sheet, item: OptionList, box: tuple[float, float, float, float]) -> None:
+def _draw_options(sheet: Sheet, item: OptionList, box: Box) -> None:
     """Draw options below each other, each with its number and a circle or, if several can be chosen, a tick box."""
     left, top, right, bottom = box
     fitted = _fit_options(sheet, item, right - left, bottom - top)
-    type_px = sheet.min_type_px
-    rows, type_px = fitted or ([[option] for option in item.options], type_px)
+    if fitted is None:
+        rows = [[option] for option in item.options]
+        type_px = sheet.min_type_px
+    else:
+        rows, type_px = fitted
     y = top
     for number, lines in enumerate(rows):
-        tall = len(lines) * type_px * 1.2 + type_px * 0.6
+        tall = len(lines) * type_px * TIGHT_LINE_HEIGHT + type_px * 2 * _OPTION_PADDING
+        option_box = (left, y, right, y + tall)
         is_chosen = number in item.chosen
         outline, stroke = _option_outline(sheet, is_chosen=is_chosen, has_cursor=number == item.cursor)
         sheet.draw.rounded_rectangle(
-            (left, y, right, y + tall), radius=type_px * 0.35, fill=theme.SURFACE, outline=outline, width=stroke
+            option_box, radius=type_px * 0.35, fill=theme.SURFACE, outline=outline, width=stroke
         )
-        sheet.spots.append(Spot(f"option:{number}", left, y, right, y + tall))
+        sheet.spots.append(Spot(f"option:{number}", *option_box))
         tick_x = sheet.from_start(left, right, type_px * 1.3)
         _draw_tick_box(sheet, (tick_x, y + tall / 2), type_px, is_chosen=is_chosen, is_box=item.many)
-        line_x = sheet.from_start(left, right, type_px * 2.6)
-        line_y = y + type_px * 0.3 + type_px * 0.6
-        for line in lines:
-            sheet.put((line_x, line_y), line, type_px, theme.INK, sheet.start_anchor)
-            line_y += type_px * 1.2
-        if number < 9:
-            number_x = sheet.from_end(left, right, type_px * 0.9)
-            small = max(sheet.min_type_px, round(type_px * 0.75))
-            sheet.put((number_x, y + tall / 2), str(number + 1), small, theme.MUTED_INK, "m")
-        y += tall + type_px * 0.15
+        _draw_option_text(sheet, lines, number, option_box, type_px)
+        y += tall + type_px * _OPTION_GAP
+
+
+def _draw_option_text(sheet: Sheet, lines: list[str], number: int, box: Box, type_px: int) -> None:
+    """Draw an option's lines and, at their end, the digit of the key that chooses it."""
+    left, top, right, bottom = box
+    line_x = sheet.from_start(left, right, type_px * 2.6)
+    line_y = top + type_px * _OPTION_PADDING + type_px * TIGHT_LINE_HEIGHT / 2
+    for line in lines:
+        sheet.put((line_x, line_y), line, type_px, theme.INK, sheet.start_anchor)
+        line_y += type_px * TIGHT_LINE_HEIGHT
+    if number < _MOST_NUMBERED_OPTIONS:
+        number_x = sheet.from_end(left, right, type_px * 0.9)
+        small = max(sheet.min_type_px, round(type_px * 0.75))
+        sheet.put((number_x, (top + bottom) / 2), str(number + 1), small, theme.MUTED_INK, "m")
 
 
 def _option_outline(sheet: Sheet, *, is_chosen: bool, has_cursor: bool) -> tuple[theme.Colour, int]:
@@ -174,42 +212,56 @@ def _choice_ink(is_chosen: bool) -> theme.Colour:
     return theme.INK
 
 
+def _draw_point(sheet: Sheet, place: tuple[float, float], reach: float, *, is_chosen: bool) -> None:
+    """Draw the circle of a point of a scale."""
+    x, y = place
+    sheet.draw.ellipse(
+        (x - reach, y - reach, x + reach, y + reach),
+        fill=_choice_fill(is_chosen),
+        outline=_choice_outline(is_chosen),
+        width=max(2, round(sheet.high / 360)),
+    )
+
+
 def _has_words(scale: RatingScale | RatingMatrix) -> bool:
     """Return whether every point of a scale has a text instead of a number."""
     return all(not point.isdecimal() for point in scale.points)
 
 
-def _draw_scale(sheet: Sheet, item: RatingScale, box: tuple[float, float, float, float]) -> None:
+def _draw_scale(sheet: Sheet, item: RatingScale, box: Box) -> None:
     """Draw the points of a scale side by side in reading order, with texts at the two ends or below each point."""
     left, top, right, _ = box
     count = len(item.points)
     unit = (right - left) / count
-    reach = min(unit * 0.36, sheet.high * 0.04)
+    reach = min(unit * _POINT_RADIUS, sheet.high * 0.04)
     y = top + sheet.high * 0.10
+    words_top = y + reach * 1.4
     has_words = _has_words(item)
     small = sheet.min_type_px
     for number, point in enumerate(item.points):
         x = left + unit * (sheet.place_from_left(number, count) + 0.5)
         is_chosen = number == item.chosen
-        sheet.draw.ellipse(
-            (x - reach, y - reach, x + reach, y + reach),
-            fill=_choice_fill(is_chosen),
-            outline=_choice_outline(is_chosen),
-            width=max(2, round(sheet.high / 360)),
-        )
+        _draw_point(sheet, (x, y), reach, is_chosen=is_chosen)
         label = point
+        bottom = words_top
         if has_words:
             label = str(number + 1)
+            bottom = _draw_point_words(sheet, point, (x, words_top), unit)
         sheet.put((x, y), label, max(small, round(reach * 0.95)), _choice_ink(is_chosen), "m")
-        bottom = y + reach * 1.4
-        if has_words:
-            lines = sheet.wrap(point, small, unit * 0.94)
-            for row, line in enumerate(lines):
-                sheet.put((x, bottom + small * (row * 1.2 + 0.8)), line, small, theme.INK, "m")
-            bottom += small * 1.2 * len(lines)
         sheet.spots.append(Spot(f"option:{number}", x - unit / 2, y - reach * 1.6, x + unit / 2, bottom + small))
     if not has_words:
-        _draw_end_texts(sheet, item.low, item.high, (left, right), y + reach * 1.4 + small)
+        _draw_end_texts(sheet, item.low, item.high, (left, right), words_top + small)
+
+
+def _draw_point_words(sheet: Sheet, words: str, place: tuple[float, float], unit: float) -> float:
+    """Draw the text of a point centred below a place, in a column of ``unit`` pixels; return the y below the text."""
+    x, top = place
+    type_px = sheet.min_type_px
+    lines = sheet.wrap(words, type_px, unit * 0.94)
+    for row, line in enumerate(lines):
+        line_y = top + type_px * (row * TIGHT_LINE_HEIGHT + 0.8)
+        sheet.put((x, line_y), line, type_px, theme.INK, "m")
+    return top + type_px * TIGHT_LINE_HEIGHT * len(lines)
 
 
 _STATEMENT_SHARE = 0.42  # of the width; the points have the rest
@@ -219,7 +271,7 @@ def _statement_lines(sheet: Sheet, item: RatingMatrix, wide: float) -> list[list
     return [sheet.wrap(row, sheet.min_type_px, wide * _STATEMENT_SHARE - sheet.high * 0.03) for row in item.rows]
 
 
-def _draw_matrix(sheet: Sheet, item: RatingMatrix, box: tuple[float, float, float, float]) -> None:
+def _draw_matrix(sheet: Sheet, item: RatingMatrix, box: Box) -> None:
     """Draw a row for each statement with its points in reading order, below a head with the meaning of the points."""
     left, top, right, bottom = box
     small = sheet.min_type_px
@@ -236,8 +288,9 @@ def _draw_matrix(sheet: Sheet, item: RatingMatrix, box: tuple[float, float, floa
             stripe = (left, y - tall * 0.46, right, y + tall * 0.46)
             sheet.draw.rounded_rectangle(stripe, radius=small * 0.4, outline=theme.EDGE)
         x = sheet.from_start(left, right, sheet.high * 0.015)
+        middle_line = (len(lines) - 1) / 2
         for number, line in enumerate(lines):
-            offset = (number - (len(lines) - 1) / 2) * small * 1.2
+            offset = (number - middle_line) * small * TIGHT_LINE_HEIGHT
             sheet.put((x, y + offset), line, small, theme.INK, sheet.start_anchor)
         _draw_matrix_points(sheet, item, row, columns, y, tall)
 
@@ -254,8 +307,10 @@ def _draw_matrix_heads(sheet: Sheet, matrix: RatingMatrix, columns: tuple[float,
     for point, lines in enumerate(heads):
         x = left + unit * (sheet.place_from_left(point, len(heads)) + 0.5)
         for number, line in enumerate(lines):
-            sheet.put((x, top + small * (number * 1.2 + 0.6)), line, small, theme.INK, "m")
-    return small * 1.2 * max(2, *map(len, heads)) + small * 0.6
+            line_y = top + small * (number * TIGHT_LINE_HEIGHT + TIGHT_LINE_HEIGHT / 2)
+            sheet.put((x, line_y), line, small, theme.INK, "m")
+    most_lines = max(2, *map(len, heads))
+    return small * TIGHT_LINE_HEIGHT * most_lines + small * 0.6
 
 
 def _draw_matrix_points(
@@ -265,18 +320,13 @@ def _draw_matrix_points(
     left, right = columns
     count = len(matrix.points)
     unit = (right - left) / count
-    reach = min(unit * 0.36, tall * 0.36)
+    reach = min(unit * _POINT_RADIUS, tall * _POINT_RADIUS)
     has_words = _has_words(matrix)
     for point, label in enumerate(matrix.points):
         place = sheet.place_from_left(point, count)
         x = left + unit * (place + 0.5)
         is_chosen = matrix.chosen[row] == point
-        sheet.draw.ellipse(
-            (x - reach, y - reach, x + reach, y + reach),
-            fill=_choice_fill(is_chosen),
-            outline=_choice_outline(is_chosen),
-            width=max(2, round(sheet.high / 360)),
-        )
+        _draw_point(sheet, (x, y), reach, is_chosen=is_chosen)
         if not has_words:
             sheet.put((x, y), label, sheet.min_type_px, _choice_ink(is_chosen), "m")
         option = row * count + point
@@ -287,32 +337,36 @@ def _draw_matrix_points(
 def _draw_end_texts(sheet: Sheet, low: str, high: str, sides: tuple[float, float], y: float) -> None:
     """Write the texts at the two ends of a scale, each within its half of the width."""
     left, right = sides
-    small = round(sheet.high / 36)
+    small = round(sheet.high * _SMALL_TYPE)
     ends = [low, high]
     if sheet.locale.rtl:
         ends.reverse()
     for words, x, anchor in zip(ends, sides, "lr", strict=True):
         for row, line in enumerate(sheet.wrap(words, small, (right - left) * 0.46)):
-            sheet.put((x, y + small * (row * LINE_HEIGHT + 0.5)), line, small, theme.INK, anchor)
+            line_y = y + small * (row * LINE_HEIGHT + 0.5)
+            sheet.put((x, line_y), line, small, theme.INK, anchor)
 
 
-def _draw_slider(sheet: Sheet, slider: Slider, box: tuple[float, float, float, float]) -> None:
+def _draw_slider(sheet: Sheet, slider: Slider, box: Box) -> None:
     """Draw a line with ticks, and a mark on it once the slider has been set."""
     left, top, right, _ = box
+    wide = right - left
     y = top + sheet.high * 0.12
     stroke = max(2, round(sheet.high / 300))
+    long_tick = sheet.high * 0.022
+    short_tick = sheet.high * 0.012
     sheet.draw.line([(left, y), (right, y)], fill=theme.MUTED_INK, width=stroke)
     for tick in range(slider.ticks + 1):
-        x = left + (right - left) * tick / slider.ticks
-        is_long = tick in (0, slider.ticks) or tick * 2 == slider.ticks
-        tall = sheet.high * (0.022 if is_long else 0.012)
+        x = left + wide * tick / slider.ticks
+        is_end = tick in (0, slider.ticks)
+        is_middle = tick * 2 == slider.ticks
+        tall = long_tick if is_end or is_middle else short_tick
         sheet.draw.line([(x, y - tall), (x, y + tall)], fill=theme.MUTED_INK, width=stroke)
-    rtl = sheet.locale.rtl
     if slider.position is not None:
-        share = 1 - slider.position if rtl else slider.position
-        _draw_slider_mark(sheet, slider, left + (right - left) * share, y, stroke)
+        mark_x = sheet.from_start(left, right, wide * slider.position)
+        _draw_slider_mark(sheet, slider, mark_x, y, stroke)
     reach = sheet.high * 0.06
-    sheet.spots.append(Spot("slider", left, y - reach, right, y + reach, rtl))
+    sheet.spots.append(Spot("slider", left, y - reach, right, y + reach, sheet.locale.rtl))
     _draw_end_texts(sheet, slider.low, slider.high, (left, right), y + sheet.high * 0.05)
 
 
@@ -325,7 +379,7 @@ def _draw_slider_mark(sheet: Sheet, slider: Slider, x: float, y: float, stroke: 
         sheet.put((x, y - reach * 2.4), slider.value, round(sheet.high / 30), theme.INK, "m")
 
 
-def _draw_shapes(sheet: Sheet, item: ShapeCanvas, box: tuple[float, float, float, float]) -> None:
+def _draw_shapes(sheet: Sheet, item: ShapeCanvas, box: Box) -> None:
     """Draw boxes and ellipses with their labels, on the largest canvas that fits."""
     left, top, right, bottom = box
     canvas_width = min(right - left, (bottom - top) * item.aspect)
@@ -337,40 +391,53 @@ def _draw_shapes(sheet: Sheet, item: ShapeCanvas, box: tuple[float, float, float
         y = top + shape.y * canvas_height
         x_end = x + shape.width * canvas_width
         y_end = y + shape.height * canvas_height
-        draw = sheet.draw.ellipse if shape.is_round else sheet.draw.rectangle
-        if shape.fill and shape.chosen:  # it keeps its colour; a frame shows that it is chosen
-            reach = stroke * 4
-            frame = (x - reach, y - reach, x_end + reach, y_end + reach)
-            draw(frame, outline=theme.HIGHLIGHT, width=stroke * 2)
-        draw((x, y, x_end, y_end), fill=shape.fill or _choice_fill(shape.chosen), outline=theme.EDGE, width=stroke)
+        _draw_shape(sheet, shape, (x, y, x_end, y_end), stroke)
         if shape.label:
             middle = ((x + x_end) / 2, (y + y_end) / 2)
             ink = _choose_ink(shape.fill) if shape.fill else _choice_ink(shape.chosen)
-            sheet.put_line(middle, shape.label, round(sheet.high / 36), shape.width * canvas_width, ink)
+            sheet.put_line(middle, shape.label, round(sheet.high * _SMALL_TYPE), shape.width * canvas_width, ink)
         if shape.target:
             sheet.spots.append(Spot(shape.target, x, y, x_end, y_end))
 
 
+def _draw_shape(sheet: Sheet, shape: CanvasShape, box: Box, stroke: int) -> None:
+    """Draw a box or an ellipse; a chosen shape with a colour of its own keeps the colour and gets a frame."""
+    draw = sheet.draw.ellipse if shape.is_round else sheet.draw.rectangle
+    if shape.fill and shape.chosen:
+        left, top, right, bottom = box
+        reach = stroke * 4
+        frame = (left - reach, top - reach, right + reach, bottom + reach)
+        draw(frame, outline=theme.HIGHLIGHT, width=stroke * 2)
+    draw(box, fill=shape.fill or _choice_fill(shape.chosen), outline=theme.EDGE, width=stroke)
+
+
 def _choose_ink(fill: str) -> theme.Colour:
-    """Choose black or white, whichever has the higher contrast on a colour (WCAG 2.2, relative luminance)."""
+    """Return black or white, whichever has the higher contrast on a colour."""
+    equal_contrast_luminance = 0.179
+    if _compute_luminance(ImageColor.getrgb(fill)) > equal_contrast_luminance:
+        return (0, 0, 0)
+    return (255, 255, 255)
+
+
+def _compute_luminance(colour: tuple[int, ...]) -> float:
+    """Return the relative luminance of an sRGB colour, from 0 to 1, by the formula of WCAG 2.2."""
+    red_green_blue_weights = (0.2126, 0.7152, 0.0722)
     luminance = 0.0
-    for channel, weight in zip(ImageColor.getrgb(fill), (0.2126, 0.7152, 0.0722), strict=False):
+    for channel, weight in zip(colour, red_green_blue_weights, strict=False):
         share = channel / 255
         if share <= 0.04045:
             luminance += weight * share / 12.92
         else:
             luminance += weight * ((share + 0.055) / 1.055) ** 2.4
-    if luminance > 0.179:  # where both contrasts are the same
-        return (0, 0, 0)
-    return (255, 255, 255)
+    return luminance
 
 
 def field_type_px(sheet: Sheet) -> int:
-    """Return the size of type in a field."""
+    """Return the size in pixels of the type in a field."""
     return round(sheet.high * _TYPE)
 
 
-def _draw_text_field(sheet: Sheet, item: TextField, box: tuple[float, float, float, float]) -> None:
+def _draw_text_field(sheet: Sheet, item: TextField, box: Box) -> None:
     """Draw a text field with its text, caret and unit."""
     left, top, right, bottom = box
     type_px = field_type_px(sheet)

@@ -57,14 +57,14 @@ def compose_screen(screen: Screen, size_px: Size) -> NDArray[np.uint8]:
             frame = _draw_play_frame(_play_frame(screen), size_px).copy()
             _paint(frame, screen)
             if screen.mark:
-                _put(frame, draw_mark(screen, size_px))
+                _paste_layer(frame, draw_mark(screen, size_px))
             return frame
         case BlankScreen():
-            return np.array(_blank(screen, size_px))
+            return np.array(_draw_blank(screen, size_px))
         case TextScreen():
             return np.array(_text(screen, size_px))
         case PageScreen() | QuestionScreen():
-            return np.array(_sheet(screen, size_px).page)
+            return np.array(_draw_sheet(screen, size_px).page)
         case ActivityScreen():
             module, _, function = screen.drawing.partition(":")
             return np.array(getattr(import_module(module), function)(screen, size_px).page)
@@ -86,7 +86,7 @@ def repaint_screen(frame: NDArray[np.uint8], previous: Screen | None, screen: Sc
 
 
 def _differ_in_picture(previous: PlayScreen, screen: PlayScreen) -> bool:
-    """Tell whether two screens of play differ only in their pictures, of one size, and in who is in control."""
+    """Return whether two play screens differ only in pictures of the same size and in who is in control."""
     if previous.mark or screen.mark:
         return False
     if previous.picture.shape != screen.picture.shape or _play_frame(previous) != _play_frame(screen):
@@ -105,7 +105,7 @@ def find_spot(screen: Screen, size_px: Size, x: float, y: float) -> tuple[str, f
         width, height = size_px
         x_px = x * width
         y_px = y * height
-        for spot in _sheet(screen, size_px).spots:
+        for spot in _draw_sheet(screen, size_px).spots:
             if spot.holds(x_px, y_px):
                 return spot.name, spot.along(x_px)
     return "", 0.0
@@ -113,7 +113,7 @@ def find_spot(screen: Screen, size_px: Size, x: float, y: float) -> tuple[str, f
 
 def locate_in_field(screen: QuestionScreen, size_px: Size, x: float, y: float) -> int:
     """Return the position in the text of a question's field that is nearest to a point, in shares of the screen."""
-    page = _sheet(screen, size_px)
+    page = _draw_sheet(screen, size_px)
     field = next(spot for spot in page.spots if spot.name == "field")
     assert isinstance(screen.item, TextField)
     layout = lay_out_field(page, screen.item, (field.left, field.top, field.right, field.bottom), field_type_px(page))
@@ -139,7 +139,7 @@ def measure_along_spot(screen: Screen, size_px: Size, name: str, x: float) -> fl
     """
     if not isinstance(screen, PageScreen | QuestionScreen):
         return 0.0
-    for spot in _sheet(screen, size_px).spots:
+    for spot in _draw_sheet(screen, size_px).spots:
         if spot.name == name:
             return spot.along(x * size_px[0])
     return 0.0
@@ -153,7 +153,7 @@ def _paint(frame: NDArray[np.uint8], screen: PlayScreen) -> Box:
     return box
 
 
-def _put(frame: NDArray[np.uint8], layer: Image.Image) -> None:
+def _paste_layer(frame: NDArray[np.uint8], layer: Image.Image) -> None:
     """Paste a picture with transparency onto a frame."""
     image = Image.fromarray(frame)
     image.paste(layer, (0, 0), layer)
@@ -176,13 +176,13 @@ def _text(screen: TextScreen, size_px: Size) -> Image.Image:
 
 
 @lru_cache(maxsize=4)
-def _sheet(screen: PageScreen | QuestionScreen, size_px: Size) -> Sheet:
+def _draw_sheet(screen: PageScreen | QuestionScreen, size_px: Size) -> Sheet:
     if isinstance(screen, PageScreen):
         return draw_page(screen, size_px)
     return draw_question(screen, size_px)
 
 
-def _blank(screen: BlankScreen, size_px: Size) -> Image.Image:
+def _draw_blank(screen: BlankScreen, size_px: Size) -> Image.Image:
     """Draw an empty screen, with a cross of a thirtieth of the height if the screen has one."""
     blank = sheet.Sheet(size_px, screen.locale)
     if screen.cross:

@@ -46,6 +46,13 @@ LINE_HEIGHT = 1.45  # line height, of the type size
 TIGHT_LINE_HEIGHT = 1.2  # where there is little room
 MIN_TYPE_SIZE = 1 / 40
 OVERFLOW_TYPE_SIZE = 1 / 60  # a text too long even so is set smaller rather than cut off; `check` complains about it
+_TITLE_TYPE_SIZE = 1 / 18
+_FOOTER_TYPE_SIZE = 1 / 36
+# Middles of a page's lines, from the page's top
+_TITLE_Y = 0.085
+_BUTTONS_Y = 0.872
+_PROMPT_Y = 0.925
+_PROGRESS_Y = 0.97
 
 
 def find_colour(colour: Colour, theme: str) -> Colour:
@@ -87,7 +94,7 @@ class Spot:
         return self.left <= x < self.right and self.top <= y < self.bottom
 
     def along(self, x: float) -> float:
-        """Return the position of x along the spot, from 0 to 1."""
+        """Return the position of an x along the spot, from 0 to 1."""
         share = min(1.0, max(0.0, (x - self.left) / max(1.0, self.right - self.left)))
         if self.rtl:
             return 1.0 - share
@@ -95,7 +102,7 @@ class Spot:
 
 
 class Sheet:
-    """A page of a given size on which text, buttons and shapes are drawn in a language's reading direction."""
+    """A page of a given size, on which text, buttons and shapes are drawn in a language's reading direction."""
 
     def __init__(self, size_px: Size, locale: TextLocale) -> None:
         self.size_px = size_px
@@ -121,6 +128,11 @@ class Sheet:
         """The smallest type size in pixels for text that must be read."""
         return max(8, round(self.high * MIN_TYPE_SIZE))
 
+    @property
+    def top(self) -> float:
+        """The y at which the page begins, which is in the middle of a tall window."""
+        return (self.size_px[1] - self.high) / 2
+
     # Reading order
 
     @property
@@ -143,7 +155,7 @@ class Sheet:
         return right - offset
 
     def place_from_left(self, index: int, count: int) -> int:
-        """Return the place, counted from the left, of an element in a row in reading order."""
+        """Return the index from the left of the element that has an index in reading order."""
         if self.locale.rtl:
             return count - 1 - index
         return index
@@ -196,13 +208,15 @@ class Sheet:
         else:
             lines = self.wrap(words, type_px, wide)
         x, y = place
+        middle_row = (len(lines) - 1) / 2
         for row, line in enumerate(lines):
-            self.put((x, y + (row - (len(lines) - 1) / 2) * type_px * TIGHT_LINE_HEIGHT), line, type_px, colour, "m")
+            line_y = y + (row - middle_row) * type_px * TIGHT_LINE_HEIGHT
+            self.put((x, line_y), line, type_px, colour, "m")
 
     def column(
         self, lines: list[str], left: float, right: float, top: float, type_px: int, colour: Colour = INK
     ) -> float:
-        """Draw lines below each other, aligned in the language's reading direction; return the y below the last."""
+        """Draw lines below each other, aligned at their start; return the y below the last line."""
         for line in lines:
             y = top + type_px * LINE_HEIGHT / 2
             if self.locale.rtl:
@@ -217,7 +231,7 @@ class Sheet:
         return wrap_text(words, faces=self.faces, size_px=type_px, wide_px=wide)
 
     def fitted(self, words: str, type_px: int, wide: float, high: float) -> tuple[list[str], int]:
-        """Break a text into lines in the largest type, up to ``type_px``, at which it fits; return both.
+        """Return a text's lines in the largest type, up to ``type_px``, at which they fit, and the size of that type.
 
         If it fits at no size, the smallest size is used.
         """
@@ -228,13 +242,28 @@ class Sheet:
                 return lines, size
         return self.wrap(words, smallest, wide), smallest
 
+    def header(self, title: str, wide: float) -> None:
+        """Draw the title of a page, at most ``wide`` pixels long."""
+        place = (self.size_px[0] / 2, self.top + self.high * _TITLE_Y)
+        self.put_line(place, title, round(self.high * _TITLE_TYPE_SIZE), wide, INK)
+
+    def footer(self, buttons: tuple[Button, ...], prompt: str, progress: str, wide: float) -> None:
+        """Draw the buttons of a page, and below them the prompt and the progress in at most ``wide`` pixels each."""
+        middle = self.size_px[0] / 2
+        type_px = round(self.high * _FOOTER_TYPE_SIZE)
+        self.buttons(buttons, self.top + self.high * _BUTTONS_Y)
+        self.put_line((middle, self.top + self.high * _PROMPT_Y), prompt, type_px, wide, MUTED_INK)
+        self.put_line((middle, self.top + self.high * _PROGRESS_Y), progress, type_px, wide, MUTED_INK)
+
     def buttons(self, buttons: tuple[Button, ...], y: float) -> None:
         """Draw buttons side by side in reading order, centred on the page, and add a spot for each."""
         type_px = round(self.high / 34)
         pad = self.high * 0.025
         gap = self.high * 0.03
-        widths = [max(self.width_px(button.label, type_px) + 2 * pad, self.high * 0.14) for button in buttons]
-        x = (self.size_px[0] - sum(widths) - gap * (len(widths) - 1)) / 2
+        min_width = self.high * 0.14
+        widths = [max(min_width, self.width_px(button.label, type_px) + 2 * pad) for button in buttons]
+        row_width = sum(widths) + gap * (len(widths) - 1)
+        x = (self.size_px[0] - row_width) / 2
         tall = type_px * 2.0
         placed = list(zip(buttons, widths, strict=True))
         if self.locale.rtl:
@@ -283,6 +312,7 @@ class Keycap:
 
 
 def _layout() -> dict[str, Keycap]:
+    """Return the keycap of each key of an ISO keyboard, by the key's name."""
     caps: dict[str, Keycap] = {}
     for number, (x, row) in enumerate(_ROWS):
         for entry in row.split():
@@ -336,6 +366,7 @@ def draw_keycap(
     A pressed key is lit and carries a tick. Type is at least ``least_px`` pixels.
     """
     left, top, right, bottom = box
+    width = right - left
     height = bottom - top
     ink = INK
     fill = SURFACE
@@ -345,17 +376,18 @@ def draw_keycap(
         fill = HIGHLIGHT
         outline = HIGHLIGHT
     draw.rounded_rectangle(box, radius=height * 0.16, fill=fill, outline=outline, width=max(1, round(height / 28)))
-    bold = select_typefaces(language, bold=True)
-    plain = select_typefaces(language)
-    size_px = _fit_type(words, bold, max(least_px, round(height * 0.48)), least_px, (right - left) * 0.8)
-    middle = (left + right) / 2
-    baseline = top + height * 0.5
+    middle_x = (left + right) / 2
+    label_y = top + height * 0.5
     if above:
-        baseline = top + height * 0.6
-        small_px = max(least_px, min(round(height * 0.2), round((right - left) * 0.2)))
-        small_px = _fit_type(above, plain, small_px, least_px, (right - left) * 0.9)
-        draw_line(draw, (middle, top + height * 0.22), above, faces=plain, size_px=small_px, colour=ink, anchor="m")
-    draw_line(draw, (middle, baseline), words, faces=bold, size_px=size_px, colour=ink, anchor="m")
+        label_y = top + height * 0.6
+        plain = select_typefaces(language)
+        caption_px = max(least_px, min(round(height * 0.2), round(width * 0.2)))
+        caption_px = _fit_type(above, plain, caption_px, least_px, width * 0.9)
+        caption_place = (middle_x, top + height * 0.22)
+        draw_line(draw, caption_place, above, faces=plain, size_px=caption_px, colour=ink, anchor="m")
+    bold = select_typefaces(language, bold=True)
+    label_px = _fit_type(words, bold, max(least_px, round(height * 0.48)), least_px, width * 0.8)
+    draw_line(draw, (middle_x, label_y), words, faces=bold, size_px=label_px, colour=ink, anchor="m")
     if pressed:
         _draw_tick(draw, (right - height * 0.24, top + height * 0.2), height, ink)
 

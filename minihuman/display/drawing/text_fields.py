@@ -12,7 +12,7 @@ FieldBox = tuple[float, float, float, float]  # left, top, right, bottom, in pix
 
 @dataclass(frozen=True, slots=True)
 class FieldView(TextField):
-    """A field that a window edits: the selection is between caret and anchor, a composition before the caret."""
+    """A field that a window edits, with its selection (from anchor to caret) or the composition before the caret."""
 
     anchor: int = 0
     is_composing: bool = False
@@ -50,7 +50,7 @@ class FieldLayout:
 
 
 def lay_out_field(sheet: Sheet, field: TextField, box: FieldBox, type_px: int) -> FieldLayout:
-    """Break a field's text into lines; of more lines than fit, those up to the caret's are visible."""
+    """Break a field's text into lines; if not all fit, the last visible line is the caret's."""
     left, top, right, bottom = box
     pad = type_px * 0.6
     spans = _break_lines(sheet, field.text, type_px, right - left - 2 * pad)
@@ -62,7 +62,7 @@ def lay_out_field(sheet: Sheet, field: TextField, box: FieldBox, type_px: int) -
 
 
 def _break_lines(sheet: Sheet, text: str, type_px: int, wide: float) -> list[tuple[int, int]]:
-    """Break a text at line feeds and behind blanks; every position is in a line."""
+    """Return where each line of a text begins and ends, breaking it at line feeds and after spaces."""
     spans: list[tuple[int, int]] = []
     begin = 0
     for paragraph in text.split("\n"):
@@ -75,6 +75,7 @@ def _break_lines(sheet: Sheet, text: str, type_px: int, wide: float) -> list[tup
 def _break_paragraph(
     sheet: Sheet, text: str, span: tuple[int, int], type_px: int, wide: float
 ) -> list[tuple[int, int]]:
+    """Return where each line of a paragraph begins and ends; lines end after spaces, if possible."""
     begin, end = span
     spans = []
     while sheet.width_px(text[begin:end].rstrip(" "), type_px) > wide and end - begin > 1:
@@ -89,7 +90,7 @@ def _break_paragraph(
 
 
 def _count_fitting(sheet: Sheet, text: str, type_px: int, wide: float) -> int:
-    """Return how many of a text's characters fit into a line, at least one; found by bisection."""
+    """Return how many of a text's characters fit into a line, at least one, by bisection."""
     low = 1
     high = len(text)
     while low < high:
@@ -130,22 +131,29 @@ def _draw_selection(
     *,
     is_underline: bool,
 ) -> None:
-    begin = max(line[0], selection[0])
-    end = min(line[1], selection[1])
+    """Draw the part of a selection that lies in a line, as an underline if an input method is composing it."""
+    line_begin, line_end = line
+    selection_begin, selection_end = selection
+    begin = max(line_begin, selection_begin)
+    end = min(line_end, selection_end)
     if begin >= end:
         return
-    near = sheet.from_start(layout.left, layout.right, sheet.width_px(text[line[0] : begin], layout.type_px))
-    far = sheet.from_start(layout.left, layout.right, sheet.width_px(text[line[0] : end], layout.type_px))
+    text_before_px = sheet.width_px(text[line_begin:begin], layout.type_px)
+    text_through_px = sheet.width_px(text[line_begin:end], layout.type_px)
+    near = sheet.from_start(layout.left, layout.right, text_before_px)
+    far = sheet.from_start(layout.left, layout.right, text_through_px)
+    line_px = layout.type_px * LINE_HEIGHT
     top = layout.top + row * layout.type_px * LINE_HEIGHT
-    bottom = top + layout.type_px * LINE_HEIGHT
+    bottom = top + line_px
+    fill = theme.EDGE
     if is_underline:
         top = bottom - max(2, layout.type_px // 12)
-    sheet.draw.rectangle(
-        (min(near, far), top, max(near, far), bottom), fill=theme.ACCENT if is_underline else theme.EDGE
-    )
+        fill = theme.ACCENT
+    sheet.draw.rectangle((min(near, far), top, max(near, far), bottom), fill=fill)
 
 
 def _draw_caret(sheet: Sheet, field: TextField, layout: FieldLayout) -> None:
+    """Draw the caret in the line that it is in."""
     rows = [row for row, (begin, _) in enumerate(layout.lines) if begin <= field.caret]
     row = max(rows, default=0)
     before = field.text[layout.lines[row][0] : field.caret]

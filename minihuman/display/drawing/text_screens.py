@@ -24,31 +24,45 @@ from minihuman.experiment.machine.screens import PageScreen, PictureLabel, TextS
 
 BODY_TYPE_SIZE = 1 / 26  # type size of running text: 3.5 mm tall capitals on a 24-inch display
 _MEASURE = 1.25  # longest line of running text
+_MOST_CENTRED_LINES = 3  # a longer text is aligned at its start
+# Shares of the height
+_TITLE_Y = 0.115
+_KEYBOARD_TOP = 0.42
+_TEXT_BOTTOM = 0.80
+_TEXT_BOTTOM_ABOVE_KEYBOARD = 0.40
+_PROMPT_Y = 0.87
+_PROGRESS_Y = 0.965
+_GAP_BELOW_PICTURE = 0.03
+
+_LABELLED_PICTURE_SHARE = 0.5  # of the width; labels have the rest
 
 
 def draw_text(screen: TextScreen, size_px: Size) -> Sheet:
-    """Draw a text screen, with the keyboard check if it has keys."""
+    """Draw a text screen, with the keyboard check if it has keys, and return the sheet."""
     width, height = size_px
     sheet = Sheet(size_px, screen.locale)
     wide = min(width - 4 * height * MARGIN, height * _MEASURE)
+    middle = width / 2
+    left = middle - wide / 2
+    right = middle + wide / 2
     top, bottom = measure_text_box(screen, height)
-    sheet.put_line((width / 2, height * 0.115), screen.title, round(height / 15), wide, theme.INK)
+    sheet.put_line((middle, height * _TITLE_Y), screen.title, round(height / 15), wide, theme.INK)
     if screen.keys:
-        _draw_keyboard(sheet, screen, (width / 2 - wide / 2, height * 0.42, width / 2 + wide / 2, height * 0.80))
-    _draw_paragraphs(sheet, screen.body, (width / 2 - wide / 2, top, width / 2 + wide / 2, bottom))
-    sheet.put_line((width / 2, height * 0.87), screen.prompt, round(height * BODY_TYPE_SIZE), wide, theme.ACCENT)
-    sheet.put_line((width / 2, height * 0.965), screen.progress, round(height / 36), wide, theme.MUTED_INK)
+        _draw_keyboard(sheet, screen, (left, height * _KEYBOARD_TOP, right, height * _TEXT_BOTTOM))
+    _draw_paragraphs(sheet, screen.body, (left, top, right, bottom))
+    sheet.put_line((middle, height * _PROMPT_Y), screen.prompt, round(height * BODY_TYPE_SIZE), wide, theme.ACCENT)
+    sheet.put_line((middle, height * _PROGRESS_Y), screen.progress, round(height / 36), wide, theme.MUTED_INK)
     return sheet
 
 
 def measure_text_box(screen: TextScreen, height: int) -> tuple[float, float]:
     """Return the y in pixels at which running text begins and ends."""
     top = height * 0.08
-    bottom = height * 0.80
+    bottom = height * _TEXT_BOTTOM
     if screen.title:
         top = height * 0.20
     if screen.keys:
-        bottom = height * 0.40
+        bottom = height * _TEXT_BOTTOM_ABOVE_KEYBOARD
     return top, bottom
 
 
@@ -71,28 +85,33 @@ def _draw_paragraphs(sheet: Sheet, body: str, box: tuple[float, float, float, fl
     height_px = bottom - top
     _, window_height = sheet.size_px
     fitted_lines, type_px = sheet.fitted(body, round(window_height * BODY_TYPE_SIZE), width_px, height_px)
-    narrowest_px = _narrowest(sheet, body, type_px, width_px, len(fitted_lines))  # with as many lines, so more even
+    narrowest_px = _find_narrowest_px(
+        sheet, body, type_px, width_px, len(fitted_lines)
+    )  # with as many lines, so more even
     lines = text.style_lines(sheet.wrap(body, type_px, narrowest_px))
     middle = (left + right) / 2
     line_px = type_px * LINE_HEIGHT
     y = top + max(0.0, (height_px - len(lines) * type_px * LINE_HEIGHT) / 2)
-    if len(lines) > 3:
+    if len(lines) > _MOST_CENTRED_LINES:
         longest_px = max(sheet.width_px(line, type_px) for line in lines)
-        sheet.column(lines, (left + right - longest_px) / 2, (left + right + longest_px) / 2, y, type_px)
+        column_left = (left + right - longest_px) / 2
+        column_right = (left + right + longest_px) / 2
+        sheet.column(lines, column_left, column_right, y, type_px)
         return
     for line in lines:
         sheet.put((middle, y + line_px / 2), line, type_px, theme.INK, "m")
         y += line_px
 
 
-def _narrowest(sheet: Sheet, body: str, type_px: int, wide: float, lines: int) -> float:
+def _find_narrowest_px(sheet: Sheet, body: str, type_px: int, wide: float, lines: int) -> float:
     """Return the width of the narrowest column that needs no additional lines, so that no last word stands alone.
 
     A text of more than three lines keeps the full width. The width is exact to about a letter.
     """
-    if lines > 3:
+    if lines > _MOST_CENTRED_LINES:
         return wide
-    while len(sheet.wrap(body, type_px, wide - type_px)) <= lines and wide > 12 * type_px:
+    least_width = 12 * type_px
+    while wide > least_width and len(sheet.wrap(body, type_px, wide - type_px)) <= lines:
         wide -= type_px
     return wide
 
@@ -113,7 +132,10 @@ def _draw_keyboard(sheet: Sheet, screen: TextScreen, box: tuple[float, float, fl
         place = (x + gap, y + gap, x + cap.width * unit - gap, y + unit - gap)
         words, above = printed.get(cap.key, (key_label(cap.key), key_caption(cap.key)))
         draw_keycap(
-            *(sheet.draw, words, above, place),
+            sheet.draw,
+            words,
+            above,
+            place,
             language=screen.locale.language,
             pressed=pressed[cap.key],
             least_px=sheet.min_type_px,
@@ -121,21 +143,23 @@ def _draw_keyboard(sheet: Sheet, screen: TextScreen, box: tuple[float, float, fl
 
 
 def draw_page(screen: PageScreen, size_px: Size) -> Sheet:
-    """Draw a page; its lines break as in the reference, and only their size depends on the window's size."""
+    """Draw a page and return the sheet.
+
+    Its lines break as the plan says, whatever the window's size; only the size of the type depends on the window.
+    """
     sheet = Sheet(size_px, screen.locale)
-    width, height = size_px
+    width, _ = size_px
     high = sheet.high
-    top = (height - high) / 2
     wide = text.PAGE_COLUMN_WIDTH * high
     left = (width - wide) / 2
     right = (width + wide) / 2
-    sheet.put_line((width / 2, top + high * 0.085), screen.title, round(high / 18), wide, theme.INK)
-    y = top + high * text.TEXT_TOP
+    sheet.header(screen.title, wide)
+    y = sheet.top + high * text.TEXT_TOP
     room = high * (text.TEXT_BOTTOM - text.TEXT_TOP)
     if screen.picture is not None:
         tall = room
         if screen.body:
-            tall = high * (text.PAGE_PICTURE_HEIGHT - 0.03)
+            tall = high * (text.PAGE_PICTURE_HEIGHT - _GAP_BELOW_PICTURE)
         _draw_labelled_picture(sheet, screen.picture, screen.marks, (left, y, right, y + tall))
         y += high * text.PAGE_PICTURE_HEIGHT
         room -= high * text.PAGE_PICTURE_HEIGHT
@@ -143,17 +167,16 @@ def draw_page(screen: PageScreen, size_px: Size) -> Sheet:
     if screen.body:
         lines = text.style_lines(text.break_page_lines(screen.body))
     type_px = _type_px(sheet, lines, wide)
+    line_px = type_px * LINE_HEIGHT
     if screen.pages == 1:  # a short text stands in the middle
         y += max(0.0, (room - len(lines) * type_px * LINE_HEIGHT) / 2)
-    if len(lines) <= 3 and screen.pages == 1:
+    if len(lines) <= _MOST_CENTRED_LINES and screen.pages == 1:
         for line in lines:
-            sheet.put((width / 2, y + type_px * LINE_HEIGHT / 2), line, type_px, theme.INK, "m")
-            y += type_px * LINE_HEIGHT
+            sheet.put((width / 2, y + line_px / 2), line, type_px, theme.INK, "m")
+            y += line_px
     else:
         sheet.column(lines, left, right, y, type_px)
-    sheet.buttons(screen.buttons, top + high * 0.872)
-    sheet.put_line((width / 2, top + high * 0.925), screen.prompt, round(high / 36), wide, theme.MUTED_INK)
-    sheet.put_line((width / 2, top + high * 0.97), screen.progress, round(high / 36), wide, theme.MUTED_INK)
+    sheet.footer(screen.buttons, screen.prompt, screen.progress, wide)
     return sheet
 
 
@@ -171,8 +194,10 @@ def _draw_labelled_picture(
     """Paste a picture into a box, as large as possible, with labels at its sides and lines to what they describe."""
     left, top, right, bottom = box
     height, width = picture.shape[:2]
-    share = 0.5 if marks else 1.0  # of the box's width; labels have the rest
-    scale = min((right - left) * share / width, (bottom - top) / height)
+    room_px = right - left
+    if marks:
+        room_px *= _LABELLED_PICTURE_SHARE
+    scale = min(room_px / width, (bottom - top) / height)
     shown_width = max(1, round(width * scale))
     shown_height = max(1, round(height * scale))
     x = (left + right - shown_width) / 2
@@ -213,8 +238,9 @@ def _draw_label(
         label_x = line_end - gap
         anchor = "r"
     stroke = max(2, round(sheet.high / 360))
+    dot = stroke * 2
     sheet.draw.line([(x, y), (line_end, y)], fill=theme.ACCENT, width=stroke)
-    sheet.draw.ellipse((x - stroke * 2, y - stroke * 2, x + stroke * 2, y + stroke * 2), fill=theme.ACCENT)
+    sheet.draw.ellipse((x - dot, y - dot, x + dot, y + dot), fill=theme.ACCENT)
     type_px = round(sheet.high / 36)
     while type_px > sheet.min_type_px and sheet.width_px(mark.label, type_px) > room_px:
         type_px -= 1

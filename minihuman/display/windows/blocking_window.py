@@ -171,7 +171,7 @@ class BlockingWindow(Window):
 
     @abc.abstractmethod
     def _want(self, *, text: bool, pointer: bool) -> None:
-        """Turn text input and the pointer on or off; their inputs are reported only while they are on."""
+        """Turn text input and the pointer on or off; while off, they are not reported."""
 
     @abc.abstractmethod
     def post_key(self, key: str) -> None:
@@ -208,7 +208,7 @@ class BlockingWindow(Window):
         return self._put(self._field.open(screen), await_log)
 
     def _on_its_way(self, moving: PlayScreen) -> PlayScreen:
-        """Return a moving screen as it will look one frame from now; after the motion, the screen itself."""
+        """Return how a moving screen will look one frame from now; after the motion, return the screen itself."""
         assert moving.motion is not None
         share = (self._clock() + _FRAME_NS - self._moves_from_ns) / moving.motion.lasts_ns
         if share < 1:
@@ -217,6 +217,7 @@ class BlockingWindow(Window):
         return moving
 
     def _put(self, screen: Screen, await_log: Callable[[], None]) -> ScreenShown:
+        """Draw a screen, wait until its events are in the log, and display it; return its times."""
         width, height = self.size_px
         if self._frame.shape[:2] != (height, width):
             self._screen = None
@@ -307,7 +308,7 @@ class BlockingWindow(Window):
                 return []
 
     def _edit_field(self, arrived: Sequence[Input]) -> list[Input]:
-        """Let the field on the screen edit by inputs, and show it; return those that are the session's."""
+        """Apply inputs to the field on the screen, and show the field; return the inputs that are for the session."""
         remaining = self._field.take(arrived, self.size_px)
         if not self._field.is_active:
             return remaining
@@ -324,7 +325,7 @@ class BlockingWindow(Window):
         return self._ordered(self._repeater.release(t_ns, key, symbol))
 
     def _ordered(self, inputs: Sequence[KeyDown | KeyUp]) -> list[Input]:
-        """Return key inputs after noting the time of the last one."""
+        """Record the time of the last key input, and return the inputs unchanged."""
         if inputs:
             self._last_key_ns = inputs[-1].t_ns
         return [*inputs]
@@ -363,11 +364,11 @@ class BlockingWindow(Window):
         if is_press == is_button_down:  # a second press, or what follows a press that was not seen
             return []
         if isinstance(self._screen, PlayScreen):
-            inside = locate_in_picture(self._screen, self.size_px, x, y)
             if kind is not PointerMoved:  # a press that led here is over
                 self._pressed_in = None
-            if kind is PointerPressed and inside:
-                return [kind(t_ns, *inside, "picture", cause=cause)]
+            place = locate_in_picture(self._screen, self.size_px, x, y)
+            if kind is PointerPressed and place is not None:
+                return [kind(t_ns, *place, "picture", cause=cause)]
             return []
         if self._pressed_in is None:
             target, along = find_spot(self._screen, self.size_px, x, y)
@@ -430,6 +431,7 @@ def open_window(name: str, clock: Clock, *, fullscreen: bool = False, size_px: S
 
 
 def _open(name: str, clock: Clock, *, fullscreen: bool, size_px: Size) -> Window:
+    """Open the window with a name, and show that it is opening."""
     if name not in list_windows():
         raise WindowError(f"unknown window {name!r}; use one of {', '.join((AUTO_WINDOW, *list_windows()))}")
     window = call_plugin(

@@ -40,11 +40,11 @@ class Clipboard(abc.ABC):
 
     @abc.abstractmethod
     def read(self) -> str:
-        """Return its text; "" if it has none."""
+        """Return the clipboard's text; "" if it has none."""
 
     @abc.abstractmethod
     def write(self, text: str) -> None:
-        """Replace its text."""
+        """Replace the clipboard's text."""
 
 
 class OwnClipboard(Clipboard):
@@ -64,7 +64,7 @@ class OwnClipboard(Clipboard):
 
 @dataclass(frozen=True, slots=True)
 class _Question:
-    """What tells one field from another."""
+    """The properties that distinguish one field from another."""
 
     title: str
     question: str
@@ -112,7 +112,7 @@ class DeskField:
         return self._due_ns
 
     def open(self, screen: Screen) -> Screen:
-        """Take a screen of the session; return it as the window shows it, with the field's present text."""
+        """Begin to edit the field of a screen, if it has one; return the screen with the field's present text."""
         self._screen = None
         if not isinstance(screen, QuestionScreen) or not isinstance(screen.item, TextField) or not screen.item.native:
             return screen
@@ -159,7 +159,7 @@ class DeskField:
         self._was_composed = self._was_composed or bool(text)
 
     def take(self, inputs: Iterable[Input], size_px: Size) -> list[Input]:
-        """Edit by inputs; return those that are the session's, each after what it finds settled.
+        """Apply inputs to the field; return those that are for the session, each after any text that settled before it.
 
         What comes after a press that may lead to another screen waits for that screen.
         """
@@ -168,7 +168,7 @@ class DeskField:
         self._waiting = []
         for place, happened in enumerate(coming):
             self._follow_modifiers(happened)
-            if self._takes(happened, size_px):
+            if self._apply_input(happened, size_px):
                 continue
             if self.is_active and not isinstance(happened, KeyUp | ScreenShown | PointerReleased):
                 remaining += self.settle(happened.t_ns)
@@ -179,6 +179,7 @@ class DeskField:
         return remaining
 
     def _follow_modifiers(self, happened: Input) -> None:
+        """Record which modifier keys are down."""
         if isinstance(happened, KeyDown) and happened.key in (*_SHIFT_KEYS, *_COMMAND_KEYS):
             self._modifiers.add(happened.key)
         elif isinstance(happened, KeyUp):
@@ -186,8 +187,8 @@ class DeskField:
         elif isinstance(happened, FocusChanged):
             self._modifiers.clear()
 
-    def _takes(self, happened: Input, size_px: Size) -> bool:
-        """Edit by an input; return False if it is the session's."""
+    def _apply_input(self, happened: Input, size_px: Size) -> bool:
+        """Apply an input to the field; return False if the input is for the session."""
         if isinstance(happened, KeyUp) and happened.key in self._own_keys:
             self._own_keys.discard(happened.key)
             return True
@@ -197,7 +198,7 @@ class DeskField:
             case TextInput():
                 change: TextChange = "composed" if self._was_composed else "typed"
                 self._was_composed = False
-                self._edit(happened.t_ns, lambda: self._editor.insert(happened.text, change))
+                self._apply_edit(happened.t_ns, lambda: self._editor.insert(happened.text, change))
             case KeyDown():
                 return self._take_key(happened)
             case PointerPressed(target="field") if happened.cause == "finger":
@@ -211,6 +212,7 @@ class DeskField:
         return True
 
     def _take_key(self, press: KeyDown) -> bool:
+        """Apply a key press to the field; return False if the key is for the session."""
         is_command = bool(self._modifiers.intersection(_COMMAND_KEYS)) or press.cause == "shortcut"
         if press.cause == "held_before_focus" or press.key in _SESSION_KEYS:
             return False
@@ -220,19 +222,21 @@ class DeskField:
         self._keys += not press.repeat
         if self._editor.composition:  # the input method's
             return True
-        self._edit(press.t_ns, lambda: self._press_key(press.key, is_command=is_command))
+        self._apply_edit(press.t_ns, lambda: self._press_key(press.key, is_command=is_command))
         return True
 
     def _press_key(self, key: str, *, is_command: bool) -> None:
+        """Carry out a shortcut, or let the key move the caret or delete."""
         is_shift = bool(self._modifiers.intersection(_SHIFT_KEYS))
         if is_command and key in ("a", "c", "x", "v", "y", "z"):
-            self._command(key, is_shift=is_shift)
+            self._apply_command(key, is_shift=is_shift)
         elif key in ("up", "down"):
             self._editor.press_key("home" if key == "up" else "end", is_shift=is_shift)
         else:
             self._editor.press_key(key, is_shift=is_shift, is_word=is_command)
 
-    def _command(self, key: str, *, is_shift: bool) -> None:
+    def _apply_command(self, key: str, *, is_shift: bool) -> None:
+        """Carry out a shortcut: select all, copy, cut, paste, undo or redo."""
         editor = self._editor
         match key:
             case "a":
@@ -252,6 +256,7 @@ class DeskField:
                 editor.undo()
 
     def _press_pointer(self, press: PointerPressed, size_px: Size) -> None:
+        """Move the caret to a position, or select its word at a double click."""
         position = self._locate(press.x, press.y, size_px)
         if press.t_ns - self._pressed_ns < _DOUBLE_CLICK_NS:
             self._editor.select_word(position)
@@ -263,8 +268,8 @@ class DeskField:
     def _locate(self, x: float, y: float, size_px: Size) -> int:
         return min(len(self._editor.text), locate_in_field(self.show_current(), size_px, x, y))
 
-    def _edit(self, t_ns: int, edit: Callable[[], None]) -> None:
-        """Edit, and note when changes began if the text is another one now."""
+    def _apply_edit(self, t_ns: int, edit: Callable[[], None]) -> None:
+        """Apply an edit, and record when changes began if it changed the text."""
         before = self._editor.text
         edit()
         if self._editor.text != before:
@@ -273,7 +278,7 @@ class DeskField:
             self._due_ns = t_ns + SETTLE_NS
 
     def settle(self, t_ns: int) -> list[Input]:
-        """Return the report of the text if it is another one than the session has."""
+        """Return the input that reports the text, if it differs from the session's; otherwise none."""
         began_ns = self._began_ns
         if began_ns is None or self._editor.text == self._reported:
             self._began_ns = None

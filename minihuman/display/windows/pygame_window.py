@@ -157,14 +157,14 @@ class _SystemClipboard(Clipboard):
     """The system's clipboard, as SDL reaches it."""
 
     def read(self) -> str:
-        """Return its text; "" if it has none."""
+        """Return the clipboard's text; "" if it has none."""
         try:
             return pygame.scrap.get_text()
         except pygame.error:
             return ""
 
     def write(self, text: str) -> None:
-        """Replace its text."""
+        """Replace the clipboard's text."""
         with contextlib.suppress(pygame.error):  # the text stays selected
             pygame.scrap.put_text(text)
 
@@ -423,9 +423,10 @@ class PygameWindow(BlockingWindow):
     def facts(self) -> dict[str, str]:
         """Return the toolkit, its version, the display's size and refresh rate, and how keys are identified."""
         width, height = self.size_px
+        sdl_version = ".".join(map(str, pygame.get_sdl_version()))
         return {
             "window": "pygame",
-            "window_version": f"pygame-ce {pygame.version.ver}, SDL {'.'.join(map(str, pygame.get_sdl_version()))}",
+            "window_version": f"pygame-ce {pygame.version.ver}, SDL {sdl_version}",
             "window_driver": pygame.display.get_driver(),
             "window_size_px": f"{width}x{height}",
             "fullscreen": str(self._fullscreen).lower(),
@@ -455,14 +456,14 @@ def _open_record(clock: Clock) -> X11InputRecord | None:
 
 
 def _surface() -> pygame.Surface:
-    """Return the surface to draw on, which can be another one after each change of size."""
+    """Return the surface to draw on, which can be replaced whenever the size changes."""
     surface = pygame.display.get_surface()
     assert surface is not None, "the window is open"
     return surface
 
 
 def _name_move(event: pygame.event.Event) -> tuple[str, bool] | None:
-    """Return the key, or the main mouse button, of an event and whether it went down; None for other events."""
+    """Return which key or mouse button an event is about, and whether it went down; None for other events."""
     if event.type in _KEYS:
         return key_from_scancode(event.scancode), event.type == pygame.KEYDOWN
     is_click = event.type in (pygame.MOUSEBUTTONDOWN, pygame.MOUSEBUTTONUP) and event.button == pygame.BUTTON_LEFT

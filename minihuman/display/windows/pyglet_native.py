@@ -21,6 +21,13 @@ ON_X11 = pyglet.compat_platform.startswith("linux")
 if ON_X11:
     from pyglet.libs.x11 import xlib
 
+# Keysyms of X11/keysymdef.h
+_SHIFT_L = 0xFFE1
+_HYPER_R = 0xFFEE
+_ISO_LOCK = 0xFE01
+_ISO_LEVEL5_LOCK = 0xFE13
+_MODE_SWITCH = 0xFF7E
+_NUM_LOCK = 0xFF7F
 _SHORTCUT_STATE = 1 << 2 | 1 << 3 | 1 << 6  # Control, Mod1 (Alt) and Mod4 (Meta); AltGr is Mod5
 _SHORTCUT_MODIFIERS = (
     pyglet.window.key.MOD_CTRL
@@ -42,7 +49,9 @@ def find_screen() -> Any:
 
 def _is_modifier(keysym: int) -> bool:
     """Return whether a key is Shift, Control, Meta, a lock or another modifier, as in X11/keysymdef.h and Xutil.h."""
-    return 0xFFE1 <= keysym <= 0xFFEE or 0xFE01 <= keysym <= 0xFE13 or keysym in (0xFF7E, 0xFF7F)
+    is_plain_modifier = _SHIFT_L <= keysym <= _HYPER_R
+    is_iso_modifier = _ISO_LOCK <= keysym <= _ISO_LEVEL5_LOCK
+    return is_plain_modifier or is_iso_modifier or keysym in (_MODE_SWITCH, _NUM_LOCK)
 
 
 def _is_grab(event: Any) -> bool:
@@ -97,6 +106,7 @@ class PygletNativeWindow(pyglet.window.Window):  # type: ignore[misc]  # pyglet 
         self._key_reported = False
 
     def _key_of_x11(self, event: Any) -> bool:
+        """Report the key of an X event by its position; return False for other events."""
         if ON_X11 and event.type in (xlib.ButtonPress, xlib.ButtonRelease):
             self.button_ms = event.xbutton.time
         if not ON_X11 or event.type not in (xlib.KeyPress, xlib.KeyRelease):
@@ -124,6 +134,7 @@ class PygletNativeWindow(pyglet.window.Window):  # type: ignore[misc]  # pyglet 
         return self._key_of_symbol(False, symbol, modifiers)
 
     def _key_of_symbol(self, down: bool, symbol: int, modifiers: int) -> bool:
+        """Report a key by pyglet's symbol, unless it was reported by its position."""
         if self._key_reported:  # by position, just now
             return bool(EVENT_HANDLED)
         name = pyglet.window.key.symbol_string(symbol)

@@ -51,7 +51,7 @@ class PygletWindow(BlockingWindow):
         super().__init__(clock)
         self._inputs: list[Input] = []
         self._to_repaint = False
-        self._native: PygletNativeWindow | None = _open(fullscreen=fullscreen, size_px=size_px)
+        self._native: PygletNativeWindow | None = _open_native_window(fullscreen=fullscreen, size_px=size_px)
         self._record = _open_record(clock, self._native.x11_window)
         self._server_time = self._record is not None
         self._native.push_handlers(
@@ -204,7 +204,8 @@ def _open_record(clock: Clock, window: int | None) -> X11InputRecord | None:
         return None
 
 
-def _open(*, fullscreen: bool, size_px: Size) -> "PygletNativeWindow":
+def _open_native_window(*, fullscreen: bool, size_px: Size) -> "PygletNativeWindow":
+    """Open a pyglet window and start its event loop."""
     try:
         import pyglet
 

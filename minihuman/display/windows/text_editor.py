@@ -25,7 +25,7 @@ class EditedText:
 
     @property
     def selection(self) -> tuple[int, int]:
-        """Where the selection begins and ends; both are the caret's position if nothing is selected."""
+        """The positions at which the selection begins and ends; both are the caret's if nothing is selected."""
         return min(self.caret, self.anchor), max(self.caret, self.anchor)
 
     @property
@@ -72,7 +72,7 @@ class TextEditor:
             return
         begin, end = self.edited.selection
         whole = self.edited.text[:begin] + kept + self.edited.text[end:]
-        self._change(EditedText(whole, begin + len(kept), begin + len(kept)), change)
+        self._apply_change(EditedText(whole, begin + len(kept), begin + len(kept)), change)
 
     def _can_hold(self, letter: str) -> bool:
         if letter == _LINE_FEED:
@@ -89,9 +89,9 @@ class TextEditor:
         """
         match key:
             case "backspace" | "delete":
-                self._delete(self._reach(key == "delete", is_word=is_word))
+                self._delete(self._find_step_end(key == "delete", is_word=is_word))
             case "left" | "right":
-                self._step((key == "right") != self._rtl, is_shift=is_shift, is_word=is_word)
+                self._move_step((key == "right") != self._rtl, is_shift=is_shift, is_word=is_word)
             case "home":
                 self.move_to(0 if is_word else self._line_begin(), is_shift=is_shift)
             case "end":
@@ -102,19 +102,25 @@ class TextEditor:
                 return False
         return True
 
-    def _step(self, is_onward: bool, *, is_shift: bool, is_word: bool) -> None:
+    def _move_step(self, is_onward: bool, *, is_shift: bool, is_word: bool) -> None:
         begin, end = self.edited.selection
         if begin != end and not is_shift:
             self.move_to(end if is_onward else begin)
         else:
-            self.move_to(self._reach(is_onward, is_word=is_word), is_shift=is_shift)
+            self.move_to(self._find_step_end(is_onward, is_word=is_word), is_shift=is_shift)
 
-    def _reach(self, is_onward: bool, *, is_word: bool) -> int:
-        """Return the position to which a step from the caret leads."""
-        find = _find_next if is_onward else _find_previous
+    def _find_step_end(self, is_onward: bool, *, is_word: bool) -> int:
+        """Return the position one letter or, with ``is_word``, one word away from the caret."""
+        if is_onward:
+            find = _find_next
+            ahead = 0
+        else:
+            find = _find_previous
+            ahead = -1
         at = find(self.text, self.edited.caret)
-        while is_word and 0 < at < len(self.text) and _is_of_word(self.text[at if is_onward else at - 1]):
-            at = find(self.text, at)
+        if is_word:
+            while 0 < at < len(self.text) and _is_of_word(self.text[at + ahead]):
+                at = find(self.text, at)
         return at
 
     def _delete(self, to: int) -> None:
@@ -122,7 +128,7 @@ class TextEditor:
         if begin == end:
             begin, end = sorted((self.edited.caret, to))
         if begin != end:
-            self._change(EditedText(self.text[:begin] + self.text[end:], begin, begin), "typed")
+            self._apply_change(EditedText(self.text[:begin] + self.text[end:], begin, begin), "typed")
 
     def _line_begin(self) -> int:
         return self.text.rfind(_LINE_FEED, 0, self.edited.caret) + 1
@@ -160,11 +166,11 @@ class TextEditor:
         return text
 
     def undo(self) -> None:
-        """Take the last change back."""
+        """Undo the last change."""
         self._restore(self._undo, self._redo)
 
     def redo(self) -> None:
-        """Make the change again that was taken back last."""
+        """Redo the change that was undone last."""
         self._restore(self._redo, self._undo)
 
     def _restore(self, source: list[EditedText], other: list[EditedText]) -> None:
@@ -174,7 +180,8 @@ class TextEditor:
             self.changes.add("undone")
             self._is_typing = False
 
-    def _change(self, edited: EditedText, change: TextChange) -> None:
+    def _apply_change(self, edited: EditedText, change: TextChange) -> None:
+        """Replace the text, after keeping the old one for undo unless typing goes on."""
         is_letter = change == "typed" and len(edited.text) == len(self.text) + 1
         if not (is_letter and self._is_typing):
             self._undo = [*self._undo[1 - _MAX_UNDO :], self.edited]
@@ -188,17 +195,17 @@ def _is_of_word(letter: str) -> bool:
     return letter.isalnum() or letter == "_" or unicodedata.category(letter).startswith("M")
 
 
-def _extends(text: str, at: int) -> bool:
-    """Return whether the code point at a position belongs to the letter before it: a mark, or what is joined to it."""
+def _extends_letter(text: str, at: int) -> bool:
+    """Return whether the code point at a position is a mark on the letter before it, or is joined to that letter."""
     letter = text[at]
     is_mark = unicodedata.category(letter).startswith("M") or letter in (_JOINER, "\N{VARIATION SELECTOR-16}")
     return is_mark or text[at - 1] == _JOINER
 
 
 def _find_next(text: str, at: int) -> int:
-    """Return the position behind the letter at a position, with its marks."""
+    """Return the position after the letter at a position and its combining marks."""
     at = min(len(text), at + 1)
-    while at < len(text) and _extends(text, at):
+    while at < len(text) and _extends_letter(text, at):
         at += 1
     return at
 
@@ -206,6 +213,6 @@ def _find_next(text: str, at: int) -> int:
 def _find_previous(text: str, at: int) -> int:
     """Return the position before the letter that ends at a position."""
     at = max(0, at - 1)
-    while at > 0 and _extends(text, at):
+    while at > 0 and _extends_letter(text, at):
         at -= 1
     return at

@@ -113,7 +113,7 @@ class ScriptedWindow(Window):
         return list(arrived)
 
     def facts(self) -> dict[str, str]:
-        """Return that the window is scripted."""
+        """Return the fact that the window is scripted."""
         return {"window": "scripted"}
 
     def close(self) -> None:

@@ -25,6 +25,8 @@ _OLDEST_MS = 60_000
 _EVENT_TIMEOUT_S = 0.002  # the server tells us and the toolkit at once
 _MAX_KEY_TIMES = 4096
 _MAX_PRESSES = 64  # of one key
+_LEAST_KEYCODE = 8
+_KEYCODES = 256
 _FOCUS_IN = 9
 _FOCUS_OUT = 10
 _PROPERTY_NOTIFY = 28
@@ -129,7 +131,7 @@ class _Server:
 
     def __init__(self) -> None:
         self._x = ctypes.CDLL("libX11.so.6")
-        self._declare()
+        self._declare_functions()
         self._display = ctypes.c_void_p(self._x.XOpenDisplay(None))
         if not self._display:
             raise OSError("no X server is available")
@@ -147,7 +149,8 @@ class _Server:
             self._x.XCloseDisplay(self._display)
             self._display = ctypes.c_void_p()
 
-    def _declare(self) -> None:
+    def _declare_functions(self) -> None:
+        """Declare the types of the functions of Xlib that are called."""
         display = ctypes.c_void_p
         window = ctypes.c_ulong
         event = ctypes.POINTER(_Event)
@@ -268,11 +271,11 @@ class X11InputRecord(_Server):
         self._positions = read_key_positions(self._x, self._display)
         self._socket_fd = self._x.XConnectionNumber(self._display)
         try:
-            self._listen(ctypes.CDLL("libXi.so.6"))
+            self._select_raw_events(ctypes.CDLL("libXi.so.6"))
         except OSError:
             self.close()
             raise
-        self._watch(window)
+        self._watch_focus(window)
 
     def find_moves(self, keys: Sequence[tuple[str, bool]]) -> list[KeyMove]:
         """Return the recorded time of key events (name, down), given in the order in which a window received them.
@@ -280,9 +283,9 @@ class X11InputRecord(_Server):
         Each is the latest matching event before that of the following one; earlier events were typed in other windows
         and are discarded. For a press that the toolkit invented, the record of the key's last press is used.
         """
-        self._read()
+        self._read_events()
         if keys and keys[-1] not in [(move.key, move.down) for move in self._moves]:
-            self._wait()
+            self._wait_for_events()
         recorded = list(self._moves)
         matches = _match_moves(keys, recorded)
         last = max((place for place in matches if place is not None), default=-1)
@@ -307,42 +310,51 @@ class X11InputRecord(_Server):
 
     def is_press_in_window(self, key: str, server_ms: int) -> bool:
         """Return whether a press that a window received was made in it; a repeat counts like its first press."""
-        self._read()
+        self._read_events()
         if not any(move.server_ms == server_ms for move in self._presses[key]):
-            self._wait()
-        moves = (move for move in reversed(self._presses[key]) if (server_ms - move.server_ms) % _TICKS < _TICKS // 2)
-        press = next(moves, None)
-        return press is None or press.is_in_window
+            self._wait_for_events()
+        for press in reversed(self._presses[key]):
+            elapsed_ms = (server_ms - press.server_ms) % _TICKS
+            is_earlier = elapsed_ms < _TICKS // 2  # times start again at 0
+            if is_earlier:
+                return press.is_in_window
+        return True
 
     @property
     def is_focused(self) -> bool:
         """Whether the window has the focus."""
-        self._read()
+        self._read_events()
         return self._focused
 
     @property
     def has_alt_graph(self) -> bool:
         """Whether the right Alt key types letters on the current layout, so that it does not make shortcuts."""
-        self._read()
+        self._read_events()
         codes = {name: code for code, name in self._positions.items()}
-        # LVL3 is no key of a keyboard's: it says AltGr on every layout.
-        keycode = next((codes[name] for name in ("RALT", "ALGR", "LVL3") if name in codes), 0)
+        keycode = 0
+        for name in ("LVL3", "ALGR", "RALT"):  # LVL3 is no key of a keyboard's: it says AltGr on every layout
+            keycode = codes.get(name, keycode)
         return self._x.XkbKeycodeToKeysym(self._display, keycode, 0, 0) in _ALT_GRAPH_KEYSYMS
 
     def is_down(self, key: str) -> bool:
         """Return whether a key is down, regardless of the window in which it was pressed."""
-        self._read()
+        self._read_events()
         return key in self._down
 
     def find_held_keys(self) -> list[str]:
         """Return the keys that were down when the window got the focus and are still down."""
-        self._read()
+        self._read_events()
         if not self._focus_is_new:
-            self._wait()
+            self._wait_for_events()
         self._focus_is_new = False
         return [key for key in sorted(self._down) if key != MAIN_BUTTON and not self._presses[key][-1].is_in_window]
 
-    def _listen(self, xi: Any) -> None:
+    def _select_raw_events(self, xi: Any) -> None:
+        """Ask the X server for the raw presses and releases of all keyboards and mice.
+
+        Raises:
+            OSError: if the server does not support XInput 2.
+        """
         display = ctypes.c_void_p
         window = ctypes.c_ulong
         xi.XIQueryVersion.argtypes = display, *[ctypes.POINTER(ctypes.c_int)] * 2
@@ -353,34 +365,36 @@ class X11InputRecord(_Server):
             raise OSError("the X server does not support XInput 2")
         bits = (ctypes.c_ubyte * 4)()
         for kind in (*_RAW_PRESSES, *_RAW_RELEASES):
-            bits[kind // 8] |= 1 << kind % 8
+            byte, bit = divmod(kind, 8)
+            bits[byte] |= 1 << bit
         mask = _Mask(_ALL_MASTER_DEVICES, len(bits), ctypes.cast(bits, ctypes.POINTER(ctypes.c_ubyte)))
         xi.XISelectEvents(self._display, self._root, ctypes.byref(mask), 1)
         self._x.XFlush(self._display)
 
-    def _watch(self, window: int) -> None:
+    def _watch_focus(self, window: int) -> None:
         """Record focus changes of a window from now on; keys that are down now count as pressed before."""
         self._x.XSelectInput(self._display, window, _FOCUS_CHANGE_MASK)
-        keys_down = (ctypes.c_ubyte * 32)()
+        keys_down = (ctypes.c_ubyte * (_KEYCODES // 8))()
         self._x.XQueryKeymap(self._display, keys_down)
         focus = ctypes.c_ulong()
         revert_to = ctypes.c_int()
         self._x.XGetInputFocus(self._display, ctypes.byref(focus), ctypes.byref(revert_to))
         self._focused = focus.value == window
         now_ms = time.monotonic_ns() // _NS_PER_MS % _TICKS
-        for keycode in range(8, 256):
-            if keys_down[keycode // 8] >> keycode % 8 & 1:
+        for keycode in range(_LEAST_KEYCODE, _KEYCODES):
+            byte, bit = divmod(keycode, 8)
+            if keys_down[byte] & (1 << bit):
                 self._add_move(_Move(self._name_key(keycode), True, now_ms, is_in_window=False))
 
     def _name_key(self, keycode: int) -> str:
         return key_from_xkb(self._positions.get(keycode, ""), keycode)
 
-    def _wait(self) -> None:
+    def _wait_for_events(self) -> None:
         """Wait briefly for the server, which can report an event to the toolkit before it reports it here."""
         select.select([self._socket_fd], [], [], _EVENT_TIMEOUT_S)
-        self._read()
+        self._read_events()
 
-    def _read(self) -> None:
+    def _read_events(self) -> None:
         """Record all events that have arrived."""
         event = _Event()
         while self._x.XPending(self._display):
@@ -419,6 +433,7 @@ class X11InputRecord(_Server):
                 self._presses[key][-1].is_in_window = False
 
     def _add_move(self, move: _Move) -> None:
+        """Record a press or a release."""
         self._moves.append(move)
         if move.down:
             self._presses[move.key].append(move)

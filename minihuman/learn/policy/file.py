@@ -101,7 +101,7 @@ def load_policy(path: Path) -> tuple[Policy, PolicyCard]:
 
 
 def _find_misfit(card: PolicyCard, weights: Any) -> str | None:
-    """Return why weights do not fit the network that a card describes; None if they fit.
+    """Return the reason why weights do not fit the network that a card describes; None if they fit.
 
     No network is built, since a card can name one of any size.
     """

@@ -26,6 +26,7 @@ REACH = 6  # cells that are remembered on each side of the agent
 # The largest object, colour and state codes of a grid cell are 10, 5 and 2: spread over 0 to 255 they are as far apart
 # as a picture's colours. "raw" leaves them in the darkest 4 %, where the published agent saw them.
 SPREAD = (25, 51, 127)
+_CHANNELS = 3  # red, green and blue, or a cell's object, colour and state
 _QUARTER_TURNS = (3, 2, 1, 0)  # that bring what is ahead to the top, by direction
 
 
@@ -50,7 +51,7 @@ def encode_mission(mission: str) -> NDArray[np.float32]:
 
 @dataclass(frozen=True, slots=True)
 class ObservationEncoder:
-    """Settings of how a world's observations are encoded for a policy."""
+    """The settings by which a world's observations are encoded for a policy."""
 
     missions: bool  # whether the mission differs between episodes and is observed
     scaling: Scaling = "spread"  # what becomes of grid codes; pictures are left as they are
@@ -102,31 +103,31 @@ class ObservationEncoder:
         return observation
 
     def _image_shape(self, world: Any) -> tuple[int, int, int]:
+        """Return the shape of the encoded image in a world as channels, height and width."""
         if self.sight != "view":
             if not isinstance(world, GridEngine):
                 raise LearnError(
                     f"{world} is not a minihuman grid world, which --sight {self.sight} needs; use --sight view"
                 )
-            whole_side = 2 * max(world.state.width, world.state.height) - 1
-            side = whole_side
+            side = 2 * max(world.state.width, world.state.height) - 1
             if self.sight == "remembered":
-                side = min(whole_side, 2 * REACH + 1)
-            return 3, side, side
+                side = min(side, 2 * REACH + 1)
+            return _CHANNELS, side, side
         inner = world.observation_space
         if isinstance(inner, spaces.Dict) and "image" in inner.spaces:
             picture = inner["image"]
         else:
             picture = inner
-        if (
-            not isinstance(picture, spaces.Box)
-            or len(picture.shape) != 3
-            or (picture.shape[-1] != 3 and not hasattr(world, "team"))
-        ):
+        shape = picture.shape if isinstance(picture, spaces.Box) else ()
+        has_planes = hasattr(world, "team")  # a kitchen's, of any number
+        has_channels = len(shape) == 3 and (shape[-1] == _CHANNELS or has_planes)
+        if not has_channels:
             raise LearnError(
                 f"{world} has the observation space {inner}; choose a world whose observations contain an image with "
                 "three channels"
             )
-        return picture.shape[2], picture.shape[0], picture.shape[1]
+        height, width, channels = shape
+        return channels, height, width
 
 
 def get_image_shape(space: spaces.Dict) -> tuple[int, int, int]:
@@ -201,7 +202,7 @@ def _codes(cells: Any) -> NDArray[np.uint8]:
 
 
 def _cut_surroundings(world: GridEngine, reach: int, codes: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Cut the cells within reach of the agent out of a grid, turned so that the agent faces up; 0 outside the grid."""
+    """Return the cells of a grid within reach of the agent, turned so that the agent faces up; 0 outside the grid."""
     state = world.state
     canvas = np.zeros((state.width + 2 * reach, state.height + 2 * reach, 3), np.uint8)
     canvas[reach : reach + state.width, reach : reach + state.height] = codes

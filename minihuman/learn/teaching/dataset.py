@@ -237,7 +237,7 @@ def _comparison_words(comparison: Comparison) -> str:
 
 
 def _tuple_words(items: Iterable[str]) -> str:
-    """Return texts in the form of a Python tuple, in which a single element is followed by a comma."""
+    """Return texts in the notation of a Python tuple, in which a comma follows a single element."""
     words = list(items)
     if len(words) == 1:
         return f"({words[0]},)"

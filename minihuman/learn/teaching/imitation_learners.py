@@ -116,6 +116,6 @@ class InterventionWeighted(ImitationLearner):
         return True
 
     def weigh(self, steps: LabelledSteps) -> NDArray[np.float64]:
-        """Return weights of which the person's steps and the agent's steps each have half, if there are both."""
+        """Return weights that sum to the same for the person's steps and for the agent's, if there are both."""
         person = steps.by_person
         return np.asarray(np.where(person, 1 / max(1, person.sum()), 1 / max(1, (~person).sum())))

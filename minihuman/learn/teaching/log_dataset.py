@@ -5,6 +5,7 @@ Episodes are replayed and checked against the logs; steering, ratings and compar
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,7 @@ from minihuman.activities.episode_clips import EpisodeClip
 from minihuman.activities.preferences.events import PairAnswer
 from minihuman.dataset.selection import Selection
 from minihuman.errors import LearnError
+from minihuman.experiment.plan.session_plan import EpisodePlan
 from minihuman.learn.demonstrations import (
     LoggedEpisode,
     check_equal_options,
@@ -71,23 +73,28 @@ def read_session_dataset(
             f"{logs[0].parent} has no step of block {block!r} before episode {episodes + 1}; play an episode of that "
             "block first"
         )
-    block_plan = own[0].plan
-    compared = {
-        (side.episode, side.attempt) for comparison in log.comparisons for side in (comparison.left, comparison.right)
-    }
-    selected = [
-        (log, episode)
-        for episode in played
-        if episode in own
-        or (
-            (episode.plan.episode, episode.attempt) in compared
-            and (episode.plan.world, episode.plan.options) == (block_plan.world, block_plan.options)
-        )
-    ]
+    compared = _list_compared(log, played, own[0].plan)
+    selected = [(log, episode) for episode in played if episode in own or episode in compared]
     finished = [path for path in sorted(logs) if path.suffix == ".mcap"]
+    running = [path for path in sorted(logs) if path.suffix != ".mcap"]
     sources = [Source(path.name, hash_file(path), len(selected)) for path in finished]
-    sources += [Source(path.name, "", len(selected)) for path in sorted(logs) if path.suffix != ".mcap"]
-    return _dataset(selected, eyesight, tuple(sources), (f"block {block!r}, episodes before {episodes + 1}",))
+    sources += [Source(path.name, "", len(selected)) for path in running]
+    return _build_dataset(selected, eyesight, tuple(sources), (f"block {block!r}, episodes before {episodes + 1}",))
+
+
+def _list_compared(log: SessionLog, episodes: Sequence[EpisodeLog], plan: EpisodePlan) -> list[EpisodeLog]:
+    """Return the episodes that a comparison shows and that have the world and the options of a plan."""
+    compared = set[tuple[int, int]]()
+    for comparison in log.comparisons:
+        compared.add((comparison.left.episode, comparison.left.attempt))
+        compared.add((comparison.right.episode, comparison.right.attempt))
+    return [
+        episode
+        for episode in episodes
+        if (episode.plan.episode, episode.attempt) in compared
+        and episode.plan.world == plan.world
+        and episode.plan.options == plan.options
+    ]
 
 
 def read_study_dataset(
@@ -101,7 +108,7 @@ def read_study_dataset(
     selected, summary = select_episodes(source, world, selection or Selection())
     logs = {log.path: sum(other.path == log.path for other, _ in selected) for log, _ in selected}
     sources = tuple(_describe_source(path, lessons) for path, lessons in logs.items())
-    return _dataset(selected, eyesight, sources, tuple(summary.lines()))
+    return _build_dataset(selected, eyesight, sources, tuple(summary.lines()))
 
 
 def _describe_source(path: Path, lessons: int) -> Source:
@@ -112,14 +119,17 @@ def _describe_source(path: Path, lessons: int) -> Source:
     return Source(path.name, sha256, lessons)
 
 
-def _dataset(
+def _build_dataset(
     episodes: Sequence[LoggedEpisode],
     eyesight: ObservationEncoder,
     sources: tuple[Source, ...],
     selection: tuple[str, ...],
 ) -> Dataset:
+    """Replay episodes and return them as a dataset, with their corrections, ratings and comparisons."""
     plan = check_equal_options(episodes)
-    corrected = (int(correction.actions.max()) for _, correction in _corrected(episodes) if len(correction.actions))
+    corrected = (
+        int(correction.actions.max()) for _, correction in _select_corrections(episodes) if len(correction.actions)
+    )
     names = list_used_actions(episodes, least=max(corrected, default=0))
     world = World(plan.world, plan.options)
     world.reset(plan.seed)
@@ -133,8 +143,8 @@ def _dataset(
         eyesight=eyesight,
         space=eyesight.space(world.unwrapped),
         lessons=lessons,
-        ratings=tuple(_ratings(episodes)),
-        comparisons=tuple(_comparisons(episodes)),
+        ratings=tuple(_list_ratings(episodes)),
+        comparisons=tuple(_list_comparisons(episodes)),
         sources=sources,
         selection=selection,
     )
@@ -143,6 +153,7 @@ def _dataset(
 def _list_lessons(
     episodes: Sequence[LoggedEpisode], world: World, encoder: EpisodeEncoder, actions: int
 ) -> Iterator[Lesson]:
+    """Replay episodes, and yield each as a lesson with the probabilities of the world's first ``actions`` actions."""
     for log, episode in episodes:
         observations = list(replay_observations(log, episode, world, encoder))
         n = len(episode.actions)
@@ -158,12 +169,10 @@ def _list_lessons(
             if taught.probabilities.any():
                 probabilities = np.ascontiguousarray(taught.probabilities[:, :actions])
         yield Lesson(
-            name=_name(log, episode),
+            name=_name_lesson(log, episode),
             participant=log.plan.participant.id,
             seed=episode.plan.seed,
-            observations={
-                part: np.stack([observation[part] for observation in observations]) for part in observations[0]
-            },
+            observations=_stack_observations(observations),
             actions=np.asarray(episode.actions, np.int64),
             by_person=by_person,
             policy_actions=policy_actions,
@@ -174,8 +183,8 @@ def _list_lessons(
         )
 
 
-def _corrected(episodes: Sequence[LoggedEpisode]) -> Iterator[tuple[SessionLog, CorrectionRecord]]:
-    """Yield the corrections of selected episodes, each with its session's log."""
+def _select_corrections(episodes: Sequence[LoggedEpisode]) -> Iterator[tuple[SessionLog, CorrectionRecord]]:
+    """Yield the corrections of the given episodes, each with the log of its session."""
     episode_keys = {(log.path, episode.plan.episode, episode.attempt) for log, episode in episodes}
     for log in {log.path: log for log, _ in episodes}.values():
         for correction in log.corrections:
@@ -183,8 +192,18 @@ def _corrected(episodes: Sequence[LoggedEpisode]) -> Iterator[tuple[SessionLog, 
                 yield log, correction
 
 
+def _stack_observations(observations: Sequence[Observation]) -> dict[str, NDArray[Any]]:
+    """Return each part of the observations as an array with one row per observation."""
+    return {name: np.stack([observation[name] for observation in observations]) for name in observations[0]}
+
+
 def _list_corrections(episodes: Sequence[LoggedEpisode], world: World, encoder: EpisodeEncoder) -> Iterator[Lesson]:
-    for log, correction in _corrected(episodes):
+    """Replay the corrections of episodes, and yield each as a lesson that begins where the person took over.
+
+    Raises:
+        LearnError: if a correction does not replay as recorded.
+    """
+    for log, correction in _select_corrections(episodes):
         n = len(correction.actions)
         if not n:
             continue
@@ -198,18 +217,17 @@ def _list_corrections(episodes: Sequence[LoggedEpisode], world: World, encoder: 
                 hashes.append(world.state_hash())
             world.step(int(action))
         name = make_lesson_name(_session(log), correction.episode, correction.attempt)
-        if not np.array_equal(np.array([*hashes, world.state_hash()], np.uint64), correction.state_hashes):
+        hashes.append(world.state_hash())
+        if not np.array_equal(np.array(hashes, np.uint64), correction.state_hashes):
             raise LearnError(
-                f"{log.path}: a correction of {name} does not replay as recorded; run `minihuman "
-                "verify` to see where it differs"
+                f"{log.path}: a correction of {name} does not replay as recorded; run `minihuman verify` to see where "
+                "it differs"
             )
         yield Lesson(
             name=f"{name}:corrected-{correction.part}-{correction.correction}",
             participant=log.plan.participant.id,
             seed=correction.seed,
-            observations={
-                part: np.stack([observation[part] for observation in observations]) for part in observations[0]
-            },
+            observations=_stack_observations(observations),
             actions=np.asarray(correction.actions, np.int64),
             by_person=np.ones(n, np.bool_),
             policy_actions=np.full(n, NO_QUERY, np.int64),
@@ -233,16 +251,16 @@ def _shown_ns(episode: EpisodeLog) -> NDArray[np.int64]:
     return display_times_ns
 
 
-def _ratings(episodes: Sequence[LoggedEpisode]) -> Iterator[LessonRating]:
+def _list_ratings(episodes: Sequence[LoggedEpisode]) -> Iterator[LessonRating]:
     for log, episode in episodes:
         if episode.taught is not None:
             for rated in episode.taught.ratings:
-                yield LessonRating(rated.pressed_ns, rated.value, _name(log, episode))
+                yield LessonRating(rated.pressed_ns, rated.value, _name_lesson(log, episode))
 
 
-def _comparisons(episodes: Sequence[LoggedEpisode]) -> Iterator[Comparison]:
-    """Yield the comparisons whose two episodes are both selected."""
-    names = {(log.path, episode.plan.episode, episode.attempt): _name(log, episode) for log, episode in episodes}
+def _list_comparisons(episodes: Sequence[LoggedEpisode]) -> Iterator[Comparison]:
+    """Yield the comparisons whose two episodes are both among the given ones."""
+    names = {(log.path, episode.plan.episode, episode.attempt): _name_lesson(log, episode) for log, episode in episodes}
     for log in {log.path: log for log, _ in episodes}.values():
         for comparison in log.comparisons:
             places = [(log.path, side.episode, side.attempt) for side in (comparison.left, comparison.right)]
@@ -255,11 +273,11 @@ def _comparisons(episodes: Sequence[LoggedEpisode]) -> Iterator[Comparison]:
 
 
 def make_fragment(side: EpisodeClip, lesson: str) -> LessonFragment:
-    """Return the fragment of a lesson that a clip showed."""
+    """Return a clip as a fragment of its episode's lesson."""
     return LessonFragment(lesson, side.first, len(side.actions) - 1)
 
 
-def _name(log: SessionLog, episode: EpisodeLog) -> str:
+def _name_lesson(log: SessionLog, episode: EpisodeLog) -> str:
     return make_lesson_name(_session(log), episode.plan.episode, episode.attempt)
 
 

@@ -58,7 +58,7 @@ class RewardModel:
 
     def __init__(self, members: Sequence[nn.Module], steps: LabelledSteps) -> None:
         self._members = members
-        raw = self._raw(steps.observations, steps.actions)
+        raw = self._predict_raw_rewards(steps.observations, steps.actions)
         self._shifts = raw.mean(axis=1, keepdims=True)
         self._scales = np.maximum(raw.std(axis=1, keepdims=True), 1e-6)
         self._scale = SPREAD / max(1e-6, float(((raw - self._shifts) / self._scales).mean(axis=0).std()))
@@ -66,7 +66,7 @@ class RewardModel:
 
     def rewards(self, observations: dict[str, torch.Tensor], actions: torch.Tensor) -> NDArray[np.float64]:
         """Return the rewards of many steps, of shape (n,)."""
-        standardised = (self._raw(observations, actions) - self._shifts) / self._scales
+        standardised = (self._predict_raw_rewards(observations, actions) - self._shifts) / self._scales
         return np.asarray(self._scale * standardised.mean(axis=0))
 
     def reward(self, observation: Observation, action: int) -> float:
@@ -83,10 +83,10 @@ class RewardModel:
         """Return each member's probability that a pair's right fragment is better, of shape (members, pairs)."""
         steps = collect_steps(dataset.lessons)
         first = get_first_rows(dataset)
-        raw = torch.as_tensor(self._raw(steps.observations, steps.actions))
+        raw = torch.as_tensor(self._predict_raw_rewards(steps.observations, steps.actions))
         longest = _longest([side for pair in pairs for side in pair])
-        left_rows, left_is_inside = _rows([left for left, _ in pairs], first, longest)
-        right_rows, right_is_inside = _rows([right for _, right in pairs], first, longest)
+        left_rows, left_is_inside = _index_rows([left for left, _ in pairs], first, longest)
+        right_rows, right_is_inside = _index_rows([right for _, right in pairs], first, longest)
         gains = []
         for member_rewards in raw:
             left_mean = _mean_inside(member_rewards[left_rows], left_is_inside)
@@ -94,7 +94,7 @@ class RewardModel:
             gains.append(right_mean - left_mean)
         return np.asarray(torch.sigmoid(longest * torch.stack(gains)))
 
-    def _raw(self, observations: dict[str, torch.Tensor], actions: torch.Tensor) -> NDArray[np.float64]:
+    def _predict_raw_rewards(self, observations: dict[str, torch.Tensor], actions: torch.Tensor) -> NDArray[np.float64]:
         """Return each member's reward of each step before standardisation, of shape (members, n)."""
         with torch.no_grad():
             member_rewards = [member(observations).gather(1, actions[:, None])[:, 0] for member in self._members]
@@ -176,7 +176,7 @@ def _encode_answers(dataset: Dataset, comparisons: Sequence[Comparison]) -> _Enc
     left_sides = [comparison.left for comparison in comparisons]
     right_sides = [comparison.right for comparison in comparisons]
     longest = _longest([*left_sides, *right_sides])
-    sides = [_rows(left_sides, first, longest), _rows(right_sides, first, longest)]
+    sides = [_index_rows(left_sides, first, longest), _index_rows(right_sides, first, longest)]
     rows, inside = (torch.stack(parts) for parts in zip(*sides, strict=True))
     return _EncodedAnswers(rows, inside, torch.tensor([SHARES[comparison.answer] for comparison in comparisons]))
 
@@ -208,7 +208,7 @@ def get_first_rows(dataset: Dataset) -> dict[str, int]:
     return {lesson.name: int(start) for lesson, start in zip(dataset.lessons, starts[:-1], strict=True)}
 
 
-def _rows(
+def _index_rows(
     stretches: Sequence[LessonFragment], first: dict[str, int], longest: int
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """Return the rows of each fragment's steps int64[n, longest], and a mask float32[n, longest] of the rows in use."""
@@ -395,7 +395,7 @@ def optimise_policy(
     seed: int,
     start: Policy | None = None,
 ) -> Policy:
-    """Return a policy trained with PPO on the rewards of ``worth``, starting from ``start`` or from fresh weights."""
+    """Return a policy trained with PPO on the rewards of ``worth``, from ``start`` or else from fresh weights."""
     world = RewardModelEnv(dataset, worth, seed=seed)
     ppo = PpoSettings(n_steps=settings.n_steps, n_epochs=settings.n_epochs, learning_rate=settings.learning_rate)
     state = np.random.get_state()

@@ -138,6 +138,7 @@ def _load_start(start: Path | None, dataset: Dataset) -> Policy | None:
 
 
 def _build_card(dataset: Dataset, learner: str, learned: LearningResult, seed: int, start_sha256: str) -> PolicyCard:
+    """Return the card of a learned policy, with the record from which its training can be reproduced."""
     training: dict[str, Any] = {
         "learner": learner,
         "settings": learned.settings,

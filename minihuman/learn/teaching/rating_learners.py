@@ -36,6 +36,7 @@ UNKNOWN_DELAY_MS = 500.0  # the middle of TAMER's own 200 to 800 ms, where press
 MIN_PRESSES = 12  # presses from which a delay can be estimated
 MAX_PRESSES = 600  # presses that are looked at, the last ones
 RIDGE = 0.3
+_NS_PER_MS = 1e6
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,19 +75,20 @@ def collect_presses(dataset: Dataset) -> tuple[Presses, LabelledSteps]:
     if len(periods):
         period_ns = int(np.median(periods))
     sessions = _order_outcomes(lessons, period_ns)
-    nothing = np.zeros((2, 0), np.int64)
-    candidates = max(1, int(np.ceil(LONGEST_MS * 1e6 / max(1, period_ns)))) + 1
+    no_outcomes = np.zeros((2, 0), np.int64)
+    steps_in_longest_delay = int(np.ceil(LONGEST_MS * _NS_PER_MS / max(1, period_ns)))
+    candidates = max(1, steps_in_longest_delay) + 1
     steps = np.full((len(dataset.ratings), candidates), -1)
     after = np.full((len(dataset.ratings), candidates), np.nan)
-    for place, rating in enumerate(dataset.ratings):
-        seen_ns, row = sessions.get(_session(rating.lesson), nothing)
-        last = int(np.searchsorted(seen_ns, rating.t_ns - SHORTEST_MS * 1e6, side="right"))
-        chosen = np.arange(max(0, last - candidates), last)[::-1]
-        delays = (rating.t_ns - seen_ns[chosen]) / 1e6
-        chosen = chosen[delays <= LONGEST_MS]
-        delays = delays[delays <= LONGEST_MS]
-        steps[place, : len(chosen)] = row[chosen]
-        after[place, : len(chosen)] = delays
+    for number, rating in enumerate(dataset.ratings):
+        seen_ns, rows = sessions.get(_session(rating.lesson), no_outcomes)
+        end = int(np.searchsorted(seen_ns, rating.t_ns - SHORTEST_MS * _NS_PER_MS, side="right"))
+        newest_first = np.arange(max(0, end - candidates), end)[::-1]
+        delays_ms = (rating.t_ns - seen_ns[newest_first]) / _NS_PER_MS
+        is_recent = delays_ms <= LONGEST_MS
+        count = np.count_nonzero(is_recent)
+        steps[number, :count] = rows[newest_first[is_recent]]
+        after[number, :count] = delays_ms[is_recent]
     fits = (steps >= 0).any(axis=1)
     if not fits.any():
         raise LearnError(
@@ -94,7 +96,7 @@ def collect_presses(dataset: Dataset) -> tuple[Presses, LabelledSteps]:
             "steps while they are shown"
         )
     values = np.array([rating.value for rating in dataset.ratings])
-    return Presses(values[fits], steps[fits], after[fits], period_ns / 1e6), collect_steps(lessons)
+    return Presses(values[fits], steps[fits], after[fits], period_ns / _NS_PER_MS), collect_steps(lessons)
 
 
 def _order_outcomes(lessons: Sequence[Lesson], period_ns: int) -> dict[str, NDArray[np.int64]]:
@@ -123,9 +125,11 @@ def find_delay(presses: Presses, steps: LabelledSteps) -> float | None:
     newest = presses.after_ms[:, 0]
     if len(newest) < MIN_PRESSES or not presses.period_ms:
         return None
-    turn = np.angle(np.exp(2j * np.pi * newest / presses.period_ms).mean()) / (2 * np.pi)
-    within = float(turn % 1 * presses.period_ms)
-    tries = [within + k * presses.period_ms for k in range(1 + int(LONGEST_MS // presses.period_ms))]
+    phases_rad = 2 * np.pi * newest / presses.period_ms
+    mean_phase_rad = np.angle(np.exp(1j * phases_rad).mean())
+    within_period_ms = float(mean_phase_rad / (2 * np.pi) % 1 * presses.period_ms)
+    n_periods = int(LONGEST_MS // presses.period_ms)
+    tries = [within_period_ms + periods * presses.period_ms for periods in range(n_periods + 1)]
     tries = [delay for delay in tries if SHORTEST_MS <= delay <= LONGEST_MS]
     best = min(tries, key=lambda delay: _predict_error(presses, steps, delay))
     step_rows, after = presses.match_steps(best)

@@ -140,7 +140,7 @@ class DeviceRecorder(WrappedRecorder):
         return self._recorder.close()
 
     def _take_waiting(self) -> list[Sampled]:
-        """Take the waiting samples; those from before or after the session are dropped."""
+        """Return the samples that arrived since the last call, without those from before or after the session."""
         waiting = self._waiting
         self._waiting = []
         if not self._running:
@@ -148,9 +148,10 @@ class DeviceRecorder(WrappedRecorder):
         return waiting
 
     def _record_samples(self) -> None:
+        """Poll the devices until the session ends, and write samples that have waited too long for an event."""
         while not self._stopped.wait(POLL_INTERVAL_S):
             try:
-                fresh = list(chain.from_iterable(map(self._fresh, self._devices)))
+                fresh = list(chain.from_iterable(map(self._read_samples, self._devices)))
                 with self._lock:
                     now_s = time.monotonic()
                     if not self._waiting:
@@ -164,7 +165,8 @@ class DeviceRecorder(WrappedRecorder):
                 self._failure = error
                 return
 
-    def _fresh(self, name: str) -> Iterator[Sampled]:
+    def _read_samples(self, name: str) -> Iterator[Sampled]:
+        """Yield a device's new samples since the session began, with times that never go back."""
         for sample in self._devices[name].read():
             last_ns = self._last_ns.get(name, 0)
             if sample.t_ns < self._from_ns:

@@ -72,14 +72,14 @@ class LslDevice(Device):
     def read(self) -> Sequence[DeviceSample]:
         """Return the samples that have arrived."""
         rows, stamps = self._inlet.pull_chunk(timeout=0.0, max_samples=_MOST)
-        return [self._sample(row, stamp_s) for row, stamp_s in zip(rows or (), stamps or (), strict=True)]
+        return [self._convert_sample(row, stamp_s) for row, stamp_s in zip(rows or (), stamps or (), strict=True)]
 
     def close(self) -> None:
         """Stop receiving the stream."""
         if self._inlet is not None:
             self._inlet.close_stream()
 
-    def _sample(self, row: Sequence[Any], stamp_s: float) -> DeviceSample:
+    def _convert_sample(self, row: Sequence[Any], stamp_s: float) -> DeviceSample:
         t_ns = round((stamp_s - self._offset_s) * 1e9)
         if row and isinstance(row[0], str):
             return DeviceSample(t_ns, text=" ".join(row))
@@ -170,6 +170,7 @@ class LslMarkerRecorder(WrappedRecorder):
         return bool(self._outlet.wait_for_consumers(timeout_s))
 
     def _run(self) -> None:
+        """Send the markers of queued events until the queue holds None."""
         while (events := self._queue.get()) is not None:
             for event in events:
                 if isinstance(event, EpisodeStarted):

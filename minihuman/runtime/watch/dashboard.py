@@ -62,7 +62,7 @@ class DashboardServer:
         self._low_priority = LowPriorityWorker()  # the participants come first
         word = secrets.token_urlsafe(16)
         try:
-            self._server = GuardedServer((ADDRESS, port), _handler(f"/{word}/", self._answer))
+            self._server = GuardedServer((ADDRESS, port), _make_handler(f"/{word}/", self._answer))
         except OSError as error:
             raise LogError(f"port {port} is not available ({error.strerror}); choose another with --port") from error
         self.url = f"http://{ADDRESS}:{self._server.server_port}/{word}/"
@@ -85,7 +85,7 @@ class DashboardServer:
                     kind = _KINDS[file_name.rpartition(".")[2]]
                     return f"{kind}; charset=utf-8", (files(__package__) / (file_name or "page.html")).read_bytes()
                 case "state", None:
-                    return "application/json", self._low_priority(lambda: json.dumps(self._state()).encode())
+                    return "application/json", self._low_priority(lambda: json.dumps(self._build_state()).encode())
                 case "picture", None:
                     return "image/png", self._low_priority(lambda: self._sessions.picture(name))
                 case "ask", bytes():
@@ -106,15 +106,16 @@ class DashboardServer:
         except LogError as error:
             return [str(error)]
 
-    def _state(self) -> dict[str, object]:
+    def _build_state(self) -> dict[str, object]:
+        """Return the state of the study that the page shows, as JSON values."""
         return {
             "study": self._study_dir.name,
             "sessions": self._sessions.look(),
             "status": self._status(),
-            "recruiting": self._recruiting(),
+            "recruiting": self._count_recruits(),
         }
 
-    def _recruiting(self) -> dict[str, object] | None:
+    def _count_recruits(self) -> dict[str, object] | None:
         """Return whether recruitment is open, and its counts; None for a study that offers no links."""
         if not self._recruits.begun:
             return None
@@ -127,7 +128,7 @@ class DashboardServer:
 AnswerRequest = Callable[[str, dict[str, list[str]], bytes | None], tuple[str, bytes] | None]
 
 
-def _handler(prefix: str, answer: AnswerRequest) -> type[GuardedHandler]:
+def _make_handler(prefix: str, answer: AnswerRequest) -> type[GuardedHandler]:
     class Handler(GuardedHandler):
         """Passes on requests below the secret prefix, and answers all others with 404."""
 
@@ -160,8 +161,8 @@ def _handler(prefix: str, answer: AnswerRequest) -> type[GuardedHandler]:
             self.send_response(status)
             self.send_header("Content-Type", kind)
             self.send_header("Content-Length", str(len(content)))
-            for header in _HEADERS.items():
-                self.send_header(*header)
+            for name, header in _HEADERS.items():
+                self.send_header(name, header)
             self.end_headers()
             self.wfile.write(content)
 

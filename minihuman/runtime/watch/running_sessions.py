@@ -30,7 +30,7 @@ LOG = logging.getLogger("minihuman")
 
 
 class LowPriorityWorker:
-    """Runs functions, one after the other, in a thread of low priority (Linux): a session that has a key gets the core.
+    """Runs functions one after the other in a thread that has low priority on Linux, so that sessions come first.
 
     The thread keeps a share of a busy machine. A thread of the idle class would have none while two programs run, and
     while it waits for a core inside Python code it holds the interpreter, so that the whole process would stand still.
@@ -138,6 +138,7 @@ class LiveSession:
             self.notes.append((note.t_ns, note.kind, note.text))
 
     def _take_episode_event(self, event: events.EpisodeStarted | events.Stepped | events.EpisodeEnded) -> None:
+        """Update the present episode with an event."""
         match event:
             case events.EpisodeStarted():
                 self.episode = event
@@ -190,6 +191,7 @@ class LiveSession:
         }
 
     def _connection_facts(self) -> dict[str, object]:
+        """Return the round-trip times of the session's page; None where no page is measured."""
         if self.link is None:
             return {"rtt_ms": None, "least_rtt_ms": None}
         return {
@@ -198,6 +200,7 @@ class LiveSession:
         }
 
     def _episode_facts(self) -> dict[str, object]:
+        """Return the facts about the present episode and its block."""
         if self.episode is None:
             names = {"block": "", "world": "", "mission": ""}
             return {**names, "block_number": 0, "episode": 0, "episodes": 0, "most_steps": 0}
@@ -229,7 +232,7 @@ class ScreenPreview:
         if live.episode is None:
             return b""
         try:
-            return self._draw(live, live.episode.plan.episode)
+            return self._draw_picture(live, live.episode.plan.episode)
         except Exception:  # of a lab's own world: the session logs it itself
             LOG.debug("no picture of a session's world", exc_info=True)
             self.close()
@@ -244,7 +247,8 @@ class ScreenPreview:
         self._at = (-1, 0)
         self._png = b""
 
-    def _draw(self, live: LiveSession, episode: int) -> bytes:
+    def _draw_picture(self, live: LiveSession, episode: int) -> bytes:
+        """Step the preview's world up to the log's last step, and return its picture as PNG."""
         assert live.episode is not None
         plan = live.episode.plan
         n_steps = len(live.actions)
@@ -298,7 +302,7 @@ class RunningSessions:
         names = {str(part.relative_to(self._study_dir)): part for part in self._parts() if is_being_recorded(part)}
         for gone in self._watched.keys() - names.keys():
             self._watched.pop(gone).picture.close()
-        return {name: self._facts(name, part) for name, part in names.items()}
+        return {name: self._collect_facts(name, part) for name, part in names.items()}
 
     def picture(self, name: str) -> bytes:
         """Return what the participant of a running session sees now, as PNG; b"" if no such session is running."""
@@ -313,17 +317,19 @@ class RunningSessions:
             return SegmentPath.of_part(self._study_dir / name).log
         return None
 
-    def _facts(self, name: str, part: Path) -> dict[str, object]:
+    def _collect_facts(self, name: str, part: Path) -> dict[str, object]:
+        """Return the facts of a running session, after reading its log again if that is due."""
         watched = self._watched.setdefault(name, _Watched())
         now_s = time.monotonic()
         if now_s >= watched.again_s:
-            self._read(watched, part)
+            self._read_part(watched, part)
             watched.again_s = now_s + (time.monotonic() - now_s) / _READ_SHARE * len(self._watched)
         silent_s = max(0.0, time.time() - watched.written_s)
         return {**watched.live.facts(silent_s), "problem": watched.problem}
 
     @staticmethod
-    def _read(watched: _Watched, part: Path) -> None:
+    def _read_part(watched: _Watched, part: Path) -> None:
+        """Read a live log again if it has grown."""
         try:
             status = part.stat()
             size = status.st_size

@@ -154,10 +154,11 @@ class _Page:
         """Connect, and reconnect until the session has ended."""
         while not self.end:
             with suppress(OSError, WebSocketException, TimeoutError):
-                await self._visit(self._find_host())
+                await self._converse(self._find_host())
             await asyncio.sleep(0.2 + 0.6 * self._rng.random())
 
-    async def _visit(self, host: str) -> None:
+    async def _converse(self, host: str) -> None:
+        """Connect to a server, say hello, and play until the connection or the session ends."""
         self._screen = ""
         self._due_ns = None
         self._heard = 0
@@ -166,11 +167,11 @@ class _Page:
             hello = {"t": "hello", "version": MESSAGE_VERSION, "token": self.token, "stream": self._stream}
             hello |= {"first": min(self._unacknowledged, default=self._last_number + 1), "segment": self._segment}
             await socket.send(json.dumps({**hello, "last": self._last_ns, "facts": _FACTS}))
-            acting = asyncio.create_task(self._act(socket))
+            acting = asyncio.create_task(self._keep_acting(socket))
             try:
                 async for data in socket:
-                    for message in self._read(data):
-                        await self._take(message, socket, host)
+                    for message in self._read_messages(data):
+                        await self._handle_message(message, socket, host)
                     if self.end:
                         return
             finally:
@@ -180,21 +181,23 @@ class _Page:
     def _now_ns(self) -> int:
         return max(self._last_ns + 1, round((time.monotonic() - self._zero_s) * 1e9))
 
-    async def _say(self, socket: ClientConnection, **fields: Any) -> None:
+    async def _send_numbered(self, socket: ClientConnection, **fields: Any) -> None:
+        """Send a message under the next number, and keep it until the server acknowledges it."""
         self._last_number += 1
         self._last_ns = self._now_ns()
         message = {"t": "n", "n": self._last_number, "at": self._last_ns, "what": fields}
         self._unacknowledged[self._last_number] = message
         await socket.send(json.dumps(message))
 
-    async def _act(self, socket: ClientConnection) -> None:
+    async def _keep_acting(self, socket: ClientConnection) -> None:
+        """Press keys, send ticks and acknowledge messages until the task is cancelled."""
         acknowledged = 0
         press_s = time.monotonic() + _KEY_PERIOD_S * self._rng.random()
         while True:
             await asyncio.sleep(_POLL_S)
             if self._due_ns is not None and self._due_ns <= self._now_ns():
                 self._due_ns = None
-                await self._say(socket, t="tick")
+                await self._send_numbered(socket, t="tick")
             if self._heard > acknowledged:
                 acknowledged = self._heard
                 await socket.send(json.dumps({"t": "heard", "n": acknowledged}))
@@ -204,9 +207,9 @@ class _Page:
                 if self._screen == "play":
                     key = self._rng.choice("123")
                 for down in (True, False):
-                    await self._say(socket, t="key", key=key, down=down, stamp=self._now_ns())
+                    await self._send_numbered(socket, t="key", key=key, down=down, stamp=self._now_ns())
 
-    def _read(self, data: str | bytes) -> Iterator[dict[str, Any]]:
+    def _read_messages(self, data: str | bytes) -> Iterator[dict[str, Any]]:
         """Yield the messages in the received data; note only the numbers of pictures."""
         if isinstance(data, str):
             yield json.loads(data)
@@ -223,14 +226,15 @@ class _Page:
             else:
                 yield json.loads(part)
 
-    async def _take(self, message: dict[str, Any], socket: ClientConnection, host: str) -> None:
+    async def _handle_message(self, message: dict[str, Any], socket: ClientConnection, host: str) -> None:
+        """Follow one message of the server, and answer it if it needs an answer."""
         if "n" in message and "m" in message:
             self._heard = message["n"]
             message = message["m"]
         match message["t"]:
             case "welcome":
                 self.hosts.add(host)
-                await self._welcome(message, socket)
+                await self._adopt_welcome(message, socket)
             case "acked":
                 acknowledged = [number for number in self._unacknowledged if number <= message["through"]]
                 for number in acknowledged:
@@ -242,15 +246,15 @@ class _Page:
                 self._due_ns = message["tick"]
                 if self._screen != "play":
                     at_ns = self._now_ns()
-                    await self._say(socket, t="shown", submit=at_ns, flip=at_ns, screen=message["id"])
+                    await self._send_numbered(socket, t="shown", submit=at_ns, flip=at_ns, screen=message["id"])
             case "now":
                 self._due_ns = message["tick"]
             case "ask":
-                await self._say(socket, t="asked", number=message["number"])
+                await self._send_numbered(socket, t="asked", number=message["number"])
             case "over" | "refused":
                 self.end = message.get("end") or message["reason"]
 
-    async def _welcome(self, welcome: dict[str, Any], socket: ClientConnection) -> None:
+    async def _adopt_welcome(self, welcome: dict[str, Any], socket: ClientConnection) -> None:
         """Adopt a server's clock and message numbers, and resend the messages that it has not received."""
         if welcome["segment"] != self._segment:
             self._unacknowledged.clear()
@@ -265,7 +269,7 @@ class _Page:
             if number > welcome["heard"]:
                 await socket.send(json.dumps(self._unacknowledged[number]))
         if self._last_ns == 0:
-            await self._say(socket, t="tick")
+            await self._send_numbered(socket, t="tick")
 
 
 def check_deployment(
@@ -299,7 +303,7 @@ def check_deployment(
         running: list[_Server] = []
         try:
             running.extend(_Server(protocol, folder) for folder in folders)
-            pages, interrupted = asyncio.run(_play(running, tokens, on_progress))
+            pages, interrupted = asyncio.run(_play_study(running, tokens, on_progress))
         finally:
             for server in running:
                 server.stop()
@@ -316,7 +320,7 @@ def _make_data_folder(folder: Path, data: Path) -> None:
         shutil.copyfile(data / file_name, folder / file_name)
 
 
-async def _play(
+async def _play_study(
     servers: list[_Server], tokens: list[str], on_progress: Callable[[str], None]
 ) -> tuple[list[_Page], int]:
     """Let all participants play while servers restart; return the pages and the number of interrupted sessions."""

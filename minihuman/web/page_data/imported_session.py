@@ -83,6 +83,7 @@ def _require_imported(taken_slots: Sequence[SlotTaken], study: Path) -> None:
 
 
 def _take_slot(plan: SessionPlan, digest: str) -> SlotTaken:
+    """Return the enrolment of an imported session's participant."""
     participant = plan.participant
     return SlotTaken(
         plan.allocation_sha256 or "",
@@ -106,6 +107,7 @@ def _plan_session(episodes: Sequence[PageEpisode], study: str, index: int) -> Se
 
 
 def _record(episodes: Sequence[PageEpisode], plan: SessionPlan, data: Path, digest: str) -> Path | None:
+    """Play verified episodes again as a session and record it; return the path of its log."""
     clock = VirtualClock()
     facts = {
         "player": "human",
@@ -144,16 +146,19 @@ class RecordedKeys(Window):
 
     def wait(self, until_ns: int | None) -> list[Input]:
         """Move the clock to the next key, or to ``until_ns``; if neither is due, press Enter to continue."""
-        if self._coming and (until_ns is None or self._coming[0].t_ns <= until_ns):
+        is_due = bool(self._coming) and (until_ns is None or self._coming[0].t_ns <= until_ns)
+        if is_due:
             happened = self._coming.pop(0)
             self._clock.advance_to(happened.t_ns)
             return [happened]
-        if until_ns is not None and (self._coming or self._session.next_tick_ns is not None):
+        is_more_to_come = bool(self._coming) or self._session.next_tick_ns is not None
+        if until_ns is not None and is_more_to_come:
             self._clock.advance_to(until_ns)
             return []
         play = self._play
         now_ns = self._clock()
-        if play is not None and play is self._session.play and play.outcome is None:
+        is_unfinished = play is not None and play is self._session.play and play.outcome is None
+        if is_unfinished:
             return [Stop(now_ns, "window_closed", "the page has no more of this episode")]
         return [KeyDown(now_ns, "enter", "enter"), KeyUp(now_ns, "enter", "enter")]
 
@@ -166,6 +171,7 @@ class RecordedKeys(Window):
 
 
 def _list_inputs(episode: PageEpisode, shown_ns: int) -> Iterator[Input]:
+    """Yield an episode's key presses and releases, and its end if the page was left, in order of time."""
     inputs: list[Input] = []
     names = episode.physical_keys
     for key, rt_ms, held_ms in zip(episode.keys, episode.rt_ms, episode.held_ms, strict=True):
@@ -216,6 +222,7 @@ def _describe_condition(episode: PageEpisode) -> tuple[Any, ...]:
 
 
 def _describe_block(number: int, episodes: Sequence[PageEpisode]) -> dict[str, Any]:
+    """Return the protocol's block for a run of episodes, numbered from 1."""
     first = episodes[0]
     keys = _list_session_keys(episodes)
     with closing(World(first.world, first.options)) as world:

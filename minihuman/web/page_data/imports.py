@@ -40,7 +40,7 @@ class ImportedFile:
 
     @property
     def text(self) -> str:
-        """Describe the outcome in one sentence."""
+        """Return the outcome as one sentence."""
         if self.error is not None:
             return str(self.error)
         if self.log is None:
@@ -60,6 +60,7 @@ def import_files(paths: Iterable[Path], study: Path) -> Iterator[ImportedFile]:
 
 
 def _import_file(file: Path, study: Path) -> ImportedFile:
+    """Import one file as a session, and return the outcome; an error is part of the outcome."""
     try:
         episodes = _read_verified(file)
         log = write_session(episodes, study.absolute())
@@ -80,7 +81,7 @@ def require_same_steps(log: Path, episodes: Sequence[PageEpisode]) -> None:
     """Require that the recorded session has the same actions and rewards as the page's data.
 
     Raises:
-        PageDataError: if it has not.
+        PageDataError: if they differ.
     """
     recorded = read_log(log).episodes
     for number, (episode, played) in enumerate(zip(episodes, recorded, strict=False), 1):
@@ -93,7 +94,7 @@ def require_same_steps(log: Path, episodes: Sequence[PageEpisode]) -> None:
 
 
 def verify_page_data(file: Path) -> Iterator[tuple[str, bool]]:
-    """Verify a file of page data; yield lines of findings, each with whether it is good news.
+    """Verify a file of page data; yield each finding as a line of text, with whether it is good news.
 
     Raises:
         PageDataError: if the file has no episodes, or one of them is malformed.
@@ -104,12 +105,14 @@ def verify_page_data(file: Path) -> Iterator[tuple[str, bool]]:
     for number, episode in enumerate(episodes, 1):
         verification = verify_episode(episode)
         steps += verification.steps
-        if difference := describe_difference(episode, verification):
+        difference = describe_difference(episode, verification)
+        if difference:
             differs = True
             yield f"episode {number} ({episode.name}): {difference}", False
-    if wrong := check_session_order(episodes):
+    wrong_order = check_session_order(episodes)
+    if wrong_order:
         differs = True
-        yield wrong, False
+        yield wrong_order, False
     if not differs:
         yield f"{len(episodes)} episodes, {steps} steps, consistent with the rules, not witnessed", True
         yield NOT_PROVED, True

@@ -91,7 +91,7 @@ class PageEpisode(msgspec.Struct, frozen=True):
 
 
 def name_key(key: str) -> str:
-    """Return our name of a key from its `KeyboardEvent.key`; "" if we have none."""
+    """Return our name of a key by its `KeyboardEvent.key`; "" if we have none."""
     if len(key) == 1 and key.isascii() and key.isalnum():
         return key.lower()
     return _PUNCTUATION.get(key) or KEY_CODES.get(key, "")
@@ -140,6 +140,7 @@ def _read_text(path: Path) -> str:
 
 
 def _read_json_rows(text: str, path: Path) -> list[dict[str, Any]]:
+    """Return the rows of the trials in jsPsych's JSON, or of the episodes in a saved game."""
     try:
         content = json.loads(text)
     except (ValueError, RecursionError) as error:
@@ -154,6 +155,7 @@ def _read_json_rows(text: str, path: Path) -> list[dict[str, Any]]:
 
 
 def _read_csv_rows(text: str) -> list[dict[str, Any]]:
+    """Return the rows of the episodes in jsPsych's CSV."""
     rows = [row for row in csv.DictReader(io.StringIO(text)) if row.get("trial_type") == TRIAL_TYPE]
     texts = {
         field.name
@@ -180,6 +182,7 @@ def _read_cell(cell: str | None) -> Any:
 
 
 def _check_trial_order(rows: Sequence[Mapping[str, Any]], path: Path) -> None:
+    """Refuse rows whose trials are out of order, as when several participants share a file."""
     numbers = [row["trial_index"] for row in rows if isinstance(row.get("trial_index"), int)]
     for before, after in pairwise(numbers):
         if after <= before:
@@ -246,7 +249,7 @@ def verify_episode(episode: PageEpisode, *, checks_world: bool = True) -> Action
 
 
 def describe_difference(episode: PageEpisode, verification: ActionsVerification) -> str:
-    """Return, as a sentence, the first way in which an episode differs from its replay; "" if there is none."""
+    """Return a sentence on how an episode first differs from its replay; "" if it does not."""
     if verification.difference:
         return verification.difference
     return next(_list_differences(episode, verification), "")
@@ -260,17 +263,20 @@ def _require_catalogued(episode: PageEpisode) -> None:
 
 
 def _list_malformed_columns(episode: PageEpisode) -> Iterator[str]:
+    """Yield what is wrong with the columns of an episode, without a replay."""
     steps = len(episode.actions)
-    if episode.sources != kernels_digest():
+    own_rules = kernels_digest()
+    if episode.sources != own_rules:
         yield (
-            f"played by rules {episode.sources!r}, checked by rules {kernels_digest()!r}; "
-            "import it with the version of minihuman that packed the worlds"
+            f"played by rules {episode.sources!r}, checked by rules {own_rules!r}; import it with the version of "
+            "minihuman that packed the worlds"
         )
     if steps > MAX_STEPS:
         yield f"{steps} steps are more than {MAX_STEPS}"
     for name in ("keys", "rt_ms", "held_ms", "rewards"):
-        if len(getattr(episode, name)) != steps:
-            yield f"{name} has {len(getattr(episode, name))} entries for {steps} actions"
+        count = len(getattr(episode, name))
+        if count != steps:
+            yield f"{name} has {count} entries for {steps} actions"
     if len(episode.digests) != _DIGEST_LENGTH * steps:
         yield f"digests has {len(episode.digests)} digits for {steps} actions, {_DIGEST_LENGTH} each"
     if not 0 <= episode.seed < 2**63:
@@ -286,12 +292,15 @@ def _list_wrong_options(options: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _list_wrong_numbers(episode: PageEpisode) -> Iterator[str]:
-    numbers = (*episode.rt_ms, *episode.rewards, *(hold_ms for hold_ms in episode.held_ms if hold_ms is not None))
-    if not all(map(math.isfinite, (*numbers, episode.reward, episode.playing_ms, episode.time_limit_ms))):
+    """Yield which numbers of an episode no page can have recorded."""
+    hold_times_ms = [hold_ms for hold_ms in episode.held_ms if hold_ms is not None]
+    of_steps = (*episode.rt_ms, *episode.rewards, *hold_times_ms)
+    of_episode = (episode.reward, episode.playing_ms, episode.time_limit_ms)
+    if not all(map(math.isfinite, (*of_steps, *of_episode))):
         yield "a number is not finite"
-    if any(later < earlier for earlier, later in zip((0.0, *episode.rt_ms), episode.rt_ms, strict=False)):
+    if any(later < earlier for earlier, later in pairwise((0.0, *episode.rt_ms))):
         yield "rt_ms does not rise from key to key"
-    if any(hold_ms is not None and hold_ms < 0 for hold_ms in episode.held_ms):
+    if any(hold_ms < 0 for hold_ms in hold_times_ms):
         yield "held_ms is below 0"
     if episode.started_unix_ms < 0 or episode.playing_ms < max(episode.rt_ms, default=0.0):
         yield "playing_ms is less than the last key's rt_ms, or the episode began before 1970"
@@ -301,26 +310,32 @@ def _list_wrong_numbers(episode: PageEpisode) -> Iterator[str]:
 
 
 def _list_differences(episode: PageEpisode, verification: ActionsVerification) -> Iterator[str]:
-    names = verification.action_names
-    for step, (key, action) in enumerate(zip(episode.keys, episode.actions, strict=True), 1):
-        if episode.key_map.get(key) != names[action]:
-            yield f"step {step}: key {key!r} has action {episode.key_map.get(key)!r}, but {names[action]!r} was done"
-    for key, name in episode.key_map.items():
-        if name not in names:
-            yield f"key {key!r} has action {name!r}, which {episode.world} has not"
+    """Yield the ways in which an episode differs from its replay."""
+    yield from _list_wrong_actions(episode, verification.action_names)
     if episode.end != _find_end(verification, episode.end):
-        yield f"end is {episode.end!r}, played again it is {_find_end(verification, 'not over')!r}"
+        replayed_end = _find_end(verification, "not over")
+        yield f"end is {episode.end!r}, played again it is {replayed_end!r}"
+    last_key_ms = max(episode.rt_ms, default=0.0)
     if episode.end in ("terminated", "truncated") and episode.playing_ms != episode.rt_ms[-1]:
         yield f"playing_ms is {episode.playing_ms}, but the last key came at {episode.rt_ms[-1]}"
-    if (
-        episode.end == "time_limit"
-        and not max(episode.rt_ms, default=0.0) <= episode.time_limit_ms <= episode.playing_ms
-    ):
+    if episode.end == "time_limit" and not last_key_ms <= episode.time_limit_ms <= episode.playing_ms:
         yield f"the time limit of {episode.time_limit_ms} ms is not between the last key and the end"
     if episode.reward != verification.reward:
         yield f"reward is {episode.reward!r}, played again {verification.reward!r}"
-    if episode.success != (verification.terminated and episode.rewards[-1] > 0):
+    has_succeeded = verification.terminated and episode.rewards[-1] > 0
+    if episode.success != has_succeeded:
         yield f"success is {episode.success}, played again it is not"
+
+
+def _list_wrong_actions(episode: PageEpisode, action_names: Sequence[str]) -> Iterator[str]:
+    """Yield the steps whose action is not their key's, and the keys whose action the world does not have."""
+    for step, (key, action) in enumerate(zip(episode.keys, episode.actions, strict=True), 1):
+        expected = episode.key_map.get(key)
+        if expected != action_names[action]:
+            yield f"step {step}: key {key!r} has action {expected!r}, but {action_names[action]!r} was done"
+    for key, name in episode.key_map.items():
+        if name not in action_names:
+            yield f"key {key!r} has action {name!r}, which {episode.world} has not"
 
 
 def _find_end(verification: ActionsVerification, otherwise: str) -> str:
@@ -340,7 +355,7 @@ def _find_end(verification: ActionsVerification, otherwise: str) -> str:
 
 
 def check_session_order(episodes: Sequence[PageEpisode]) -> str:
-    """Return which episode cannot follow the one before it, because that one was left or ended later; "" if all can.
+    """Return which episode cannot follow the one before it, which was left or ended later; "" if all can.
 
     Clock adjustments of up to one second are tolerated.
     """

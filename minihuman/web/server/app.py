@@ -68,7 +68,7 @@ CLOSE_OLD = 4002  # and after this it is loaded anew: it is of another release t
 
 
 def classify_connection_ending(connection: Connection) -> WebEnding:
-    """Return the ending that a participant is told; "broken" if the log is incomplete or the page sent too much."""
+    """Return the ending to tell the participant; "broken" if the log is incomplete or the page sent too much."""
     if connection.recording.is_broken or connection.is_over_budget:
         return "broken"
     session = connection.host.session
@@ -157,7 +157,7 @@ class WebServer:
             await asyncio.gather(*(asyncio.to_thread(connection.leave) for connection in self.connections.values()))
 
     async def _health(self, _: Request) -> Response:
-        """Answer a health check; a server whose event loop is stuck cannot."""
+        """Answer a health check, which a server whose event loop is stuck cannot do."""
         return Response("ok\n", media_type="text/plain")
 
     async def _metrics(self, request: Request) -> Response:
@@ -166,6 +166,7 @@ class WebServer:
     # A socket
 
     async def _socket(self, socket: WebSocket) -> None:
+        """Serve a page over a web socket, unless the page is foreign or the server is full."""
         page = PageSocket(socket)
         if not is_same_origin(socket.headers.get("origin"), socket.headers.get("host")):
             await page.close(FOREIGN)
@@ -184,7 +185,7 @@ class WebServer:
         return self._connecting >= MAX_WAITING
 
     async def _converse(self, page: PageTransport, address: str) -> None:
-        """Speak with a page from its hello to its end, whatever carries it."""
+        """Converse with a page from its hello to its end, over any transport."""
         try:
             if len(self._silent) >= MAX_WAITING:  # a page says hello at once: the oldest is the least likely to be one
                 oldest = next(iter(self._silent))
@@ -265,7 +266,7 @@ class WebServer:
             raise SocketClosedError
 
     async def _write(self, page: PageTransport, connection: Connection, number: int, protocol: PageProtocol) -> None:
-        """Send the connection's messages for as long as this is its newest socket."""
+        """Send the connection's messages while this socket is the newest one of the connection."""
         await page.send(protocol.encode_welcome())
         while True:
             await connection.changed.wait()
@@ -421,7 +422,7 @@ class WebServer:
                     LOG.exception("a session could not be left to another server")
 
     def _take_leased(self, *, is_due: bool) -> list[Connection]:
-        """Return the connections whose leases are renewed now: all if that is due, else those that recorded."""
+        """Return the connections whose leases to renew now: all if renewal is due, else those with new records."""
         connections = set(self.connections.values())
         if not is_due:
             connections &= self._factory.recorded
@@ -429,7 +430,7 @@ class WebServer:
         return [connection for connection in connections if _has_lease(connection)]
 
     async def _give_up_if_wanted(self, connection: Connection) -> None:
-        """Hand a session over to another server that has its lease or requests it."""
+        """Hand a session over if another server has its lease or requests it."""
         lease = connection.lease
         if lease is None or connection.recording.is_finishing:
             return

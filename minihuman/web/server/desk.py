@@ -100,12 +100,16 @@ class StudyEntry:
         folder = str(self.folder)
         protocol = str(self.protocol)
         data = f"--data={self.folder.parent}"
-        reason = f"--reason={form.get('reason', '')}"
+        given_reason = form.get("reason", "")
+        session_number = form.get("session", 1)
+        links = form.get("links", 1)
+        reason = f"--reason={given_reason}"
+        report_folder = self.folder.parent.parent / REPORTS_FOLDER / self.name
         code = form.get("participant", "")
         window = "--fullscreen"
         if form.get("windowed"):
             window = "--windowed"
-        session = ["run", protocol, data, window, f"--participant={code}", f"--session={form.get('session', 1)}"]
+        session = ["run", protocol, data, window, f"--participant={code}", f"--session={session_number}"]
         words = {
             "next": ["run", protocol, data, window, "--next-slot"],
             "session": session,
@@ -114,10 +118,10 @@ class StudyEntry:
             "check": ["check", protocol],
             "trust": ["check", protocol, "--trust"],
             "doctor": ["doctor", protocol, data, window],
-            "serve": ["serve", protocol, data, "--port=0", f"--links={form.get('links', 1)}", "--watch"],
+            "serve": ["serve", protocol, data, "--port=0", f"--links={links}", "--watch"],
             "watch": ["watch", folder],
             "verify": ["verify", folder],
-            "report": ["report", folder, f"--out={self.folder.parent.parent / REPORTS_FOLDER / self.name}"],
+            "report": ["report", folder, f"--out={report_folder}"],
         }[action]
         if self.protocol is None and protocol in words:
             raise KeyError(action)
@@ -125,6 +129,7 @@ class StudyEntry:
 
 
 def _state(row: SessionRow, running: set[str]) -> str:
+    """Return one word for the state of a session."""
     summary = row.summary
     if summary is None:
         return "unreadable"
@@ -183,7 +188,7 @@ class CommandProcess:
 
     @property
     def verdict(self) -> str:
-        """Return the command's state or outcome, as one word."""
+        """Return one word for the command's state or outcome."""
         return _VERDICTS.get(self._process.poll(), "ended")
 
     def output(self) -> str:
@@ -246,12 +251,12 @@ class StartPage:
         """Build the application, which answers only below its secret path and only to this machine's own name."""
         pages = Router(
             [
-                Route("/", self._home),
+                Route("/", self._show_home),
                 Route("/study", self._study),
                 Route("/process/{number:int}", self._process),
-                Route("/start", self._start, methods=["POST"]),
+                Route("/start", self._start_command, methods=["POST"]),
                 Route("/process/{number:int}/stop", self._stop, methods=["POST"]),
-                Route("/{name:str}", self._file),
+                Route("/{name:str}", self._send_file),
             ]
         )
         reports = Router([Route("/{path:path}", self._report)])
@@ -274,24 +279,26 @@ class StartPage:
             self._template.render(kind=kind, root=self.path, reports=self._reports_path, urlencode=urlencode, **values)
         )
 
-    def _home(self, _: Request) -> Response:
+    def _show_home(self, _: Request) -> Response:
+        """Answer with the list of studies and running commands."""
         return self._page(
             "home",
-            studies=[(study, *self._attempt(study.counts)) for study in find_studies(self._folder, self._data)],
+            studies=[(study, *self._try_to_read(study.counts)) for study in find_studies(self._folder, self._data)],
             folder=self._folder.resolve().name,
-            doctor=self._latest(None, "doctor"),
+            doctor=self._find_latest(None, "doctor"),
             processes=[
                 (number, process) for number, process in enumerate(self._processes) if process.verdict == "running"
             ],
         )
 
     def _study(self, request: Request) -> Response:
-        study = self._find(request.query_params.get("key", ""))
-        sessions, problem = self._attempt(study.sessions)
-        due, undecided = self._attempt(study.due)
+        """Answer with the page of one study: its sessions, those due next, its problems and its commands."""
+        study = self._find_study(request.query_params.get("key", ""))
+        sessions, problem = self._try_to_read(study.sessions)
+        due, undecided = self._try_to_read(study.due)
         problems: Sequence[str] | None = ()
         if sessions:
-            problems, _ = self._attempt(partial(list_problems, study.folder))
+            problems, _ = self._try_to_read(partial(list_problems, study.folder))
         report = self._data.parent / REPORTS_FOLDER / study.name / "report.html"
         return self._page(
             "study",
@@ -300,22 +307,23 @@ class StartPage:
             due=due or (),
             running=study.running(),
             problems=[text for text in (study.problem, problem, undecided, *(problems or ())) if text],
-            latest={command: self._latest(study, command) for command in ("check", "doctor", "verify", "report")},
+            latest={command: self._find_latest(study, command) for command in ("check", "doctor", "verify", "report")},
             report=report.is_file(),
             processes=[(number, process) for number, process in enumerate(self._processes) if process.study == study],
         )
 
     def _process(self, request: Request) -> Response:
         number = request.path_params["number"]
-        return self._page("process", number=number, process=self._get(number))
+        return self._page("process", number=number, process=self._get_process(number))
 
-    async def _start(self, request: Request) -> Response:
+    async def _start_command(self, request: Request) -> Response:
+        """Start the command of a button, and redirect to the page with its output."""
         _require_own_form(request)
         form = dict(parse_qsl((await request.body()).decode(errors="replace")))
         study = None
         words = ["doctor", "--windowed", f"--data={self._data}"]
         if form.get("study"):
-            study = self._find(form["study"])
+            study = self._find_study(form["study"])
             try:
                 words = study.command(form.get("action", ""), form)
             except KeyError:
@@ -327,7 +335,7 @@ class StartPage:
     async def _stop(self, request: Request) -> Response:
         _require_own_form(request)
         number = request.path_params["number"]
-        await asyncio.to_thread(self._get(number).stop)
+        await asyncio.to_thread(self._get_process(number).stop)
         return RedirectResponse(f"{self.path}process/{number}", 303)
 
     def _report(self, request: Request) -> Response:
@@ -337,33 +345,35 @@ class StartPage:
             raise HTTPException(404)
         return FileResponse(path)
 
-    def _file(self, request: Request) -> Response:
-        if (name := request.path_params["name"]) not in self._files:
+    def _send_file(self, request: Request) -> Response:
+        name = request.path_params["name"]
+        if name not in self._files:
             raise HTTPException(404)
         content, kind = self._files[name]
         return Response(content, media_type=kind)
 
     @staticmethod
-    def _attempt(read: Callable[[], T]) -> tuple[T | None, str]:
-        """Return what a function reads and "", or None and the reason why it cannot be read."""
+    def _try_to_read(read: Callable[[], T]) -> tuple[T | None, str]:
+        """Return what a function reads, with ""; or None, with the reason why it cannot be read."""
         try:
             return read(), ""
         except (MinihumanError, OSError) as error:
             return None, str(error)
 
-    def _latest(self, study: StudyEntry | None, command: str) -> CommandProcess | None:
-        mine = (
-            process for process in reversed(self._processes) if process.study == study and process.words[0] == command
-        )
-        return next(mine, None)
+    def _find_latest(self, study: StudyEntry | None, command: str) -> CommandProcess | None:
+        """Return the latest process of a command for a study; None if there is none."""
+        for process in reversed(self._processes):
+            if process.study == study and process.words[0] == command:
+                return process
+        return None
 
-    def _find(self, key: str) -> StudyEntry:
+    def _find_study(self, key: str) -> StudyEntry:
         for study in find_studies(self._folder, self._data):
             if study.key == key:
                 return study
         raise HTTPException(404, "there is no such study")
 
-    def _get(self, number: int) -> CommandProcess:
+    def _get_process(self, number: int) -> CommandProcess:
         if number >= len(self._processes):
             raise HTTPException(404, "there is no such command")
         return self._processes[number]

@@ -62,7 +62,7 @@ def _format_numbers(kind: str, numbers: Mapping[str, int]) -> str:
 
 
 def _may_read_metrics(request: Request) -> bool:
-    """Tell whether a request has the metrics token, or comes directly from this machine and not through a proxy."""
+    """Return whether a request has the metrics token, or comes directly from this machine and not through a proxy."""
     token = os.environ.get(METRICS_TOKEN_VARIABLE, "")
     if token:
         return hmac.compare_digest(request.headers.get("authorization", "").encode(), f"Bearer {token}".encode())

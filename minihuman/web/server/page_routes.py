@@ -80,7 +80,7 @@ def build_page_routes() -> list[Route]:
 
 
 def _encode_unreachable_texts() -> bytes:
-    """Encode by language what a page says that could not connect, so that the server cannot send its own words."""
+    """Encode, by language, the texts of a page that could not connect and so has no texts from the server."""
     texts = {language: page_texts["unreachable"] for language, page_texts in load_page_texts().items()}
     return json.dumps(texts, ensure_ascii=False).encode()
 

@@ -66,7 +66,7 @@ _REQUEST = msgspec.json.Decoder(PollRequest)
 
 
 class PollingLine(PageTransport):
-    """A line to a page that consists of the page's requests. Create it inside a running event loop."""
+    """A line to a page, made up of the page's requests. Create it inside a running event loop."""
 
     name: TransportName = "http"
 
@@ -144,7 +144,7 @@ class PollingLine(PageTransport):
             self._n_bringing -= 1
 
     async def fetch(self, number: int) -> bytes:
-        """Return what the server has sent, after waiting for it; b"" if the wait becomes too long.
+        """Wait for the server to send something and return it; return b"" if the wait becomes too long.
 
         A repeated request gets the same response.
 
@@ -253,6 +253,7 @@ class PollingEntrance:
         return await self._answer_on(line, poll, request)
 
     async def _answer_on(self, line: PollingLine, poll: PollRequest, request: Request) -> Response:
+        """Pass a request to its line, and answer with what the line returns."""
         try:
             if poll.texts is not None:
                 await line.bring(poll.n, poll.texts)

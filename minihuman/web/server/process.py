@@ -75,6 +75,7 @@ def open_listening_socket(port: int, host: str = HOST) -> socket.socket:
 
 
 def _require_handles(max_sessions: int) -> None:
+    """Raise this process's limit of open files; refuse to serve if the system allows too few."""
     needed = count_handles(max_sessions)
     allowed = raise_file_limit(needed)
     if allowed < needed:
