@@ -27,7 +27,7 @@ def is_outside(number: float, rule: ExclusionSpec) -> bool:
 
 
 def list_compared_answers(log: SessionLog, measures: Collection[str]) -> dict[str, list[Any]]:
-    """List a session's answers to questions: of each time a question was asked, the last attempt.
+    """List a session's answers to questions: the last attempt for each time that a question was asked.
 
     Args:
         log: the session's log.

@@ -131,7 +131,7 @@ def read_checked(file: Path) -> frozenset[str]:
 
 
 def write_checked(file: Path, names: Iterable[str]) -> None:
-    """Record which tables of a cache were compared with their digests.
+    """Record the names of a cache's tables that were compared with their digests.
 
     If the record cannot be written, the next command compares the tables again.
     """

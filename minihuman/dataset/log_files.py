@@ -360,7 +360,7 @@ def infrequent_collection() -> Iterator[None]:
 
 
 def _settle(work: Callable[[Path], object]) -> None:
-    """Prepare a worker process.
+    """Make garbage collection rare in a worker process, and exempt the objects that exist now.
 
     Unpickling ``work`` has imported all that it needs, so the garbage collector can ignore the objects that exist now.
     """

@@ -217,7 +217,7 @@ class SelectedSession:
     def left_out(self) -> tuple[ExcludedItem, ...]:
         """List the selected episodes that are excluded.
 
-        For an excluded participant, a single item for the participant.
+        An excluded participant is listed as a single item.
         """
         session_key = self.log.plan.participant.id, self.log.plan.session
         if self.session_reason and self.is_selected:

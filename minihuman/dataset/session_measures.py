@@ -216,7 +216,7 @@ def average_path_measures(rows: Sequence[Mapping[str, Any]]) -> MeasureRow:
 def _fit_reward_slope(rows: Sequence[MeasureRow]) -> float | None:
     """Return the reward's change per episode over one block, with excluded episodes as gaps.
 
-    None for several blocks.
+    Return None if there are several blocks.
     """
     if len({row["block"] for row in rows}) != 1:
         return None

@@ -106,7 +106,7 @@ class StudySessions:
                 yield session
 
     def _work_on_logs(self, work: Callable[[SessionLog], T], *, processes: int | None) -> Iterator[T]:
-        """Yield the result of ``work`` for each readable log, noting the logs that are skipped."""
+        """Yield the result of ``work`` for each readable log, and record the logs that are skipped."""
         paths, skipped = list_readable_logs(self.source)
         for log in skipped:
             self.skip(log)

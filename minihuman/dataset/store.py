@@ -186,7 +186,7 @@ class StudyStore(AbstractContextManager["StudyStore", None]):
         return True
 
     def _lacks_shortest(self, known: KnownLog) -> bool:
-        """Tell whether the fewest possible steps are asked for and a session's rows are without them."""
+        """Return whether the fewest possible steps are requested and the rows of a session lack them."""
         return self._with_shortest and not known.with_shortest
 
     def _find_damage(self) -> _Damage:

@@ -127,7 +127,7 @@ _LABELS: Mapping[str, str] = {
 
 
 def list_pad_inputs(names: Iterable[str]) -> list[str]:
-    """Return those of the given names that are buttons or axes of a gamepad."""
+    """Return the given names that are buttons or axes of a gamepad."""
     return [name for name in names if name in PAD_BUTTONS or name in PAD_AXES]
 
 

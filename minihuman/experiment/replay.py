@@ -402,7 +402,7 @@ def _comes_too_soon(event: Event, phase: str) -> TypeGuard[KeyPressed]:
 
 
 def _finds_phase(event: Event, phase: str) -> bool:
-    """Tell whether an event shows that a phase had not ended before it.
+    """Return whether an event proves that the phase had not ended before it.
 
     If the phase had ended, the events of its end would have come first.
     """
@@ -443,7 +443,7 @@ def _describe_difference(event: Event, replayed: Event) -> str:
 
 
 def is_same_event(logged: Event, replayed: Event) -> bool:
-    """Tell whether an event equals its replay. NaN equals NaN, and failures of a world are equal whatever their text.
+    """Return whether an event equals its replay. NaN equals NaN, and failures of a world are equal whatever their text.
 
     The text of a failing world differs between versions of Python and of this program; the place of the failure does
     not.

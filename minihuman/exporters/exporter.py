@@ -60,7 +60,7 @@ def find_exporter(name: str) -> Exporter:
 
 @dataclass(slots=True)
 class ExportCard:
-    """Counts the episodes of an export and writes its card."""
+    """A counter of an export's episodes that writes the export's card."""
 
     format: str
     account: SelectionSummary
@@ -149,7 +149,7 @@ def export_study(
     engine: str = "local",
     progress: Callable[[Path], None] = lambda _: None,
 ) -> tuple[ExportResult, ExportCard]:
-    """Write the selected episodes of a log or study to ``out``; call ``progress`` once with each log.
+    """Write the selected episodes of a log or study to ``out``, calling ``progress`` once for each log.
 
     Logs with messages between participants are excluded unless ``with_messages`` is set. Observations are replayed, or
     read from the logs with ``stored_frames``; each is checked against its hash.

@@ -90,7 +90,7 @@ class FeatureStatistics:
     def statistics(self) -> dict[str, Any]:
         """Return the statistics in LeRobot's form: a list with one entry per number.
 
-        [[[value]]] per channel for pictures.
+        For pictures, it is a list of [[number]], one per channel.
         """
         mean = self._sum / self._samples
         values = {
@@ -154,7 +154,7 @@ def build_features(item: IncludedEpisode, first: ReplayedEpisode) -> dict[str, d
 
 
 def _number_feature(dtype: str, name: str = "") -> dict[str, Any]:
-    """Describe a feature with a single value."""
+    """Return the description of a feature that has a single value per frame."""
     names = None
     if name:
         names = [name]
@@ -214,9 +214,9 @@ def _require_small_rewards(item: IncludedEpisode) -> None:
 
 
 def _build_success(episode: EpisodeLog, is_last: NDArray[np.bool_]) -> NDArray[Any]:
-    """Return True at the end of a successful episode.
+    """Build a column of booleans, True only at the last step of a successful episode.
 
-    None, which is null in the file, throughout if success is undefined.
+    If success is undefined, every row is None, which the file stores as null.
     """
     if episode.success is None:
         return np.full(len(is_last), None, object)

@@ -102,7 +102,7 @@ def _add_version(world: str) -> str:
 
 
 def _require_room(out: Path, needed_bytes: int) -> None:
-    """Raise OSError before HDF5 writes if space is short.
+    """Raise OSError if there is too little space for what HDF5 is about to write.
 
     A failed write can end the process when HDF5 closes the file.
     """
@@ -164,7 +164,7 @@ def _list_publication_facts(study_facts: AboutSpec) -> dict[str, Any]:
 def find_unnamed_key(space: gymnasium.Space[Any]) -> str:
     """Return the first observation key that is not a valid HDF5 name: not text, empty, or with a slash.
 
-    "" if all are valid.
+    Return "" if all are valid.
     """
     parts: list[gymnasium.Space[Any]] = []
     if isinstance(space, gymnasium.spaces.Dict):

@@ -187,7 +187,7 @@ def _make_write_error(path: Path, *, is_full: bool) -> OSError:
 
 
 def _identity(logs: Sequence[SessionLog]) -> uuid.UUID:
-    """Return an id that is the same for the same sessions, so that opening a replay twice shows it once."""
+    """Return an id that depends on the sessions alone, so that the viewer shows a replay that is opened twice once."""
     names = [f"{log.plan.study}/{session_root(log)}/{log.started_at}" for log in logs]
     return uuid.uuid5(uuid.NAMESPACE_URL, "minihuman:" + "|".join(names))
 

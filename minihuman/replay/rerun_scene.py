@@ -314,7 +314,7 @@ def _send_lines(
 
 
 def _moves(places: NDArray[np.float32]) -> NDArray[np.int64]:
-    """Return the rows of one episode whose position differs from the row before, and the first row."""
+    """Return the indices of an episode's first row and of each row whose position differs from the previous one."""
     return np.concatenate([[0], 1 + np.flatnonzero((np.diff(places, axis=0) != 0).any(axis=1))])
 
 

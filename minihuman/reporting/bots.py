@@ -46,6 +46,7 @@ BOUND = 3.0  # a ratio beyond 1000 is not claimed from some hundred simulated pe
 FLAG = -2.0  # log10 of the ratio at which a session is flagged
 NOT_CALIBRATED = "not calibrated on people: fitted to simulated people and programs"
 # so many times in a row, each as near as this, in another session
+_N_REASONS = 3  # measures that a session's verdict names
 _SAME_RUN = 5
 _SAME_MS = 2.0
 _VARIED_MS = 50 * _SAME_MS  # a steadier run, as of a held key, can be the same in two sessions by chance
@@ -111,10 +112,7 @@ def _read_episode(episode: EpisodeLog) -> tuple[Array, ...] | None:
 
 
 def measure_key_times(times: PressTimes) -> dict[str, float]:
-    """Return the measures of `MEASURES`, NaN where data are insufficient.
-
-    An empty dict if there are too few intervals.
-    """
+    """Return each measure of `MEASURES`, NaN if its data are insufficient; an empty dict if intervals are too few."""
     known = ~np.isnan(times.intervals_ms)
     intervals = np.maximum(times.intervals_ms, _MIN_MS)
     if known.sum() < N_INTERVALS:
@@ -159,7 +157,7 @@ def _compare(first: Array, second: Array) -> float:
 
 
 def place_in_bin(name: str, value: float) -> int:
-    """Return the index of the histogram bin of a measure that holds a value."""
+    """Return the index of a measure's histogram bin that contains a value."""
     _, low, high = MEASURES[name]
     return int(np.clip((value - low) / (high - low) * BINS, 0, BINS - 1))
 
@@ -250,8 +248,8 @@ def weigh_sessions(sessions: Iterable[SelectedSession], *, typing: bool = False)
             plan = read[copies[number]][0].plan
             name = f"{plan.participant.id} session {plan.session}"
             facts.append(f"{_SAME_RUN} times in a row within {_SAME_MS:g} ms of those of {name}")
-        flagged = bool(facts) or (total is not None and total <= FLAG)
-        strongest = sorted(shares, key=lambda name: -shares[name] * np.sign(total or 1))[:3]
+        is_ratio_low = total is not None and total <= FLAG
+        strongest = sorted(shares, key=lambda name: -shares[name] * np.sign(total or 1))[:_N_REASONS]
         yield Evidence(
             participant=log.plan.participant.id,
             session=log.plan.session,
@@ -260,7 +258,7 @@ def weigh_sessions(sessions: Iterable[SelectedSession], *, typing: bool = False)
             log10_ratio=total,
             reasons=tuple(f"{MEASURES[name][0]}: {measured[name]:.2f} ({shares[name]:+.1f})" for name in strongest),
             facts=tuple(facts),
-            flagged=flagged,
+            flagged=bool(facts) or is_ratio_low,
             decision=", ".join(sorted(collect_tags(marks).get(None, ()))),
         )
 
@@ -283,7 +281,7 @@ def _find_facts(log: SessionLog, *, typing: bool) -> Iterator[str]:
 
 
 def _list_lengths_at_once(log: SessionLog) -> Iterator[int]:
-    """Yield how many characters came at once, for each text typed and each change of a field beyond its key presses."""
+    """Yield the number of characters of each text input, and of each field change beyond the keys pressed for it."""
     lengths: dict[tuple[int, str], int] = {}
     for event in log.part_events:
         if isinstance(event, TextTyped):
@@ -296,18 +294,21 @@ def _list_lengths_at_once(log: SessionLog) -> Iterator[int]:
 
 def _count_keys_without_focus(log: SessionLog) -> int:
     """Count the keys that were pressed while the page had no focus."""
-    focus = [note for note in log.notes if isinstance(note, Noted) and note.kind == "focus"]
-    changes = [(note.t_ns, note.text == "lost") for note in focus]
-    if not changes:
+    focus_notes = [note for note in log.notes if isinstance(note, Noted) and note.kind == "focus"]
+    if not focus_notes:
         return 0
-    presses = log.keys
-    t_ns = np.asarray(presses.column("t_ns"))[np.asarray(presses.column("down"), bool)]
-    places = np.searchsorted([change_ns for change_ns, _ in changes], t_ns)
-    return int(np.append(False, [lost for _, lost in changes])[places].sum())
+    is_press = np.asarray(log.keys.column("down"), bool)
+    pressed_ns = np.asarray(log.keys.column("t_ns"))[is_press]
+    n_earlier_notes = np.searchsorted([note.t_ns for note in focus_notes], pressed_ns)
+    is_focus_lost = np.array([False, *(note.text == "lost" for note in focus_notes)])  # focused before the first note
+    return int(is_focus_lost[n_earlier_notes].sum())
 
 
 def find_same_times(times: list[PressTimes]) -> dict[int, int]:
-    """Return the sessions that share a run of key times with another session, as replayed logs do, and that session."""
+    """Map the index of each session that shares a run of key times with another session to the index of that other.
+
+    Replayed logs share such runs. If a session shares runs with several others, one of these is returned.
+    """
     rows = [np.empty((0, _SAME_RUN))]
     owners = [np.empty(0, int)]
     for number, press_times in enumerate(times):

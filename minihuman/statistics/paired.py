@@ -115,7 +115,7 @@ class CrossoverTerm:
 def compare_conditions(
     values: Mapping[str, pd.DataFrame], *, log_measures: Collection[str] = ()
 ) -> tuple[PairedComparison, ...]:
-    """Compare every two conditions on every measure; p is corrected for all comparisons together (Holm, 1979).
+    """Compare each pair of conditions on every measure; p is corrected for all comparisons together (Holm, 1979).
 
     Args:
         values: per measure, a table with a row per participant and a column per condition; NaN where a value is missing
@@ -220,7 +220,7 @@ def _sum_residuals(values: Values, basis: Values) -> Values:
 
 
 def _compute_ratios(value: Values, whole: Values, other: Values, people: int) -> Values:
-    """Return the effect's over the residual sum of squares, of the observed orders and then of RESAMPLES permutations.
+    """Return the effect's sum of squares divided by the residual one, for the observed orders and then permutations.
 
     Args:
         value: the values, centred within participants, sorted by participant and condition

@@ -142,7 +142,7 @@ class PlayActivity(Activity):
         self._move(TransitionCause.BEGAN)
 
     def receive(self, happened: Input) -> None:
-        """Handle an input, after whatever was due before it."""
+        """Process everything that was due before an input, and then handle the input."""
         match happened:
             case ScreenShown():
                 self._shown(happened)
@@ -401,7 +401,7 @@ class PlayActivity(Activity):
 
     @property
     def _look(self) -> object:
-        """Further state on which the screen depends; a hook for subclasses."""
+        """Return further state on which the screen depends; a hook for subclasses."""
         return None
 
     @property

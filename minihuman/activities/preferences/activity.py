@@ -87,7 +87,7 @@ class PreferencesActivity(Activity):
         return None
 
     def receive(self, happened: Input) -> None:
-        """Handle an input, after whatever was due before it."""
+        """Process everything that was due before an input, and then handle the input."""
         self._let_time_pass()
         match happened:
             case ClipOffered() if self.request is not None:

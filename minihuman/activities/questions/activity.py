@@ -91,7 +91,7 @@ class QuestionsActivity(Activity):
                 self._changed_from(before)
 
     def _edit_text(self, edited: TextEdited) -> None:
-        """Take the whole text of a native field, log it as it is, and say at once if it is too long."""
+        """Accept the whole text of a native field, log it unchanged, and report at once if it is too long."""
         before = self._answer
         name = self.draft.question.name
         if edited.field not in ("", name) or not self.draft.put_text(edited.text):

@@ -277,7 +277,7 @@ class TeamPlayActivity(PlayActivity):
         self._stepped(stepped)
 
     def _note_holders(self, joint: JointTaken) -> None:
-        """Note who acts for each seat, and emit an event for each change; who is late still holds their seat."""
+        """Record who acts for each seat and emit an event for each change; a late person still holds their seat."""
         holders = list(self._holders)
         for seat, source in enumerate(joint.sources):
             if source != "late" and source != holders[seat]:

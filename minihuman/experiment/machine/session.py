@@ -264,7 +264,7 @@ class SessionMachine:
                 self._to_part(happened)
 
     def _stop(self, stop: Stop) -> None:
-        """End the session from outside; it stays complete if the window is closed on the closing text."""
+        """End the session from outside; a session whose closing text is shown still counts as complete."""
         if self.phase is Phase.CLOSING and stop.reason in ("window_closed", "signal"):
             self._end("complete", stop.detail)
         else:
@@ -318,7 +318,7 @@ class SessionMachine:
 
     @property
     def _judges_causes(self) -> bool:
-        """Whether the cause of a key or pointer press matters; under the first key rules it did not."""
+        """Whether the rules of keys consider the cause of a key or pointer press; the first version did not."""
         return self._facts.get("key_rules", "1") == KEY_RULES
 
     def _use_pointer(self, happened: PointerInput) -> None:

@@ -131,7 +131,7 @@ def _count_draws(protocol: Protocol) -> int:
 
 
 def _draw_orders(protocol: Protocol, groups: list[int], suffix: str) -> list[tuple[tuple[int, ...], ...]]:
-    """Draw, for each slot, every order of the protocol; Latin squares are filled within each group."""
+    """Draw every order of the protocol for each slot; each group fills its own Latin squares."""
     group_sizes: Counter[int] = Counter()
     rows = []
     for index, group in enumerate(groups):

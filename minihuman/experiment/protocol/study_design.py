@@ -70,7 +70,7 @@ class ExperimentDesign:
 
     @property
     def tested_contrasts(self) -> tuple[Contrast, ...]:
-        """The protocol's contrasts, or otherwise the difference between every two conditions, first minus second."""
+        """The protocol's contrasts; if it has none, each pair of conditions, the first minus the second."""
         pairs = combinations(self.conditions, 2)
         return self.contrasts or tuple(
             Contrast(f"{first} \N{MINUS SIGN} {second}", ((first, 1.0), (second, -1.0))) for first, second in pairs

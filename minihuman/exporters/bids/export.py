@@ -96,7 +96,7 @@ def export(chosen: IncludedEpisodes, out: Path) -> ExportResult:
 
 
 def _holds_messages(log: SessionLog) -> bool:
-    """Tell whether a log holds messages that its participant wrote to others."""
+    """Return whether a log contains messages that its participant wrote to others."""
     return any(isinstance(event, ActivityEvent) and event.words_to_others for event in log.part_events)
 
 

@@ -69,7 +69,7 @@ def write_json(path: Path, value: Mapping[str, Any]) -> Path:
 
 
 def _format_cell(value: Any) -> str:
-    """Format a cell as BIDS has it: "n/a" if missing, plain decimals, no tabs and line ends."""
+    """Return a cell's text as BIDS requires: "n/a" if missing, plain decimals, and neither tabs nor line breaks."""
     if value is None or value == "" or value != value:  # NaN is unequal to itself
         return MISSING
     if isinstance(value, bool):
@@ -392,7 +392,7 @@ def _write(
 
 
 def _name_channels(samples: Sequence[Sampled], device: DeviceSpec | None) -> list[str]:
-    """Return a name for each number of a sample; a number that the protocol does not name is called by its position."""
+    """Return a name for each number of a sample; a number that the protocol does not name is named by its position."""
     n_channels = max(len(sampled.values) for sampled in samples)
     names: list[str] = []
     if device is not None:
@@ -447,7 +447,7 @@ class Phenotype:
         return (folder,)
 
     def _describe(self, name: str, plan: QuestionsPlan, time: int) -> None:
-        """Record the meaning of a questionnaire's columns; if groups see different wordings, the first group's is used.
+        """Record the meaning of a questionnaire's columns; if groups see different wordings, use the first group's.
 
         Raises:
             ExportError: if another questionnaire's name makes the same label.
