@@ -299,7 +299,7 @@ def _map_with_ray(paths: list[Path], work_on_batch: Callable[[list[Path]], list[
     """
     ray: Any = import_module("ray")  # an extra
     with ray.init(log_to_driver=False, logging_level=30):  # warnings
-        work = ray.remote(num_cpus=1)(_call)
+        work = ray.remote(num_cpus=1)(_work_in_folder)
         each_there = ray.put(work_on_batch)
         ahead = 2 * int(ray.cluster_resources()["CPU"])
         waiting = deque[Any]()
@@ -311,7 +311,8 @@ def _map_with_ray(paths: list[Path], work_on_batch: Callable[[list[Path]], list[
             yield from ray.get(waiting.popleft())
 
 
-def _call(work_on_batch: Callable[[list[Path]], list[T]], paths: list[Path], folder: Path) -> list[T]:
+def _work_in_folder(work_on_batch: Callable[[list[Path]], list[T]], paths: list[Path], folder: Path) -> list[T]:
+    """Work on a batch of logs in another process, with ``folder`` as the working directory."""
     os.chdir(folder)  # paths may be relative
     with infrequent_collection():
         return work_on_batch(paths)

@@ -81,7 +81,8 @@ def check_exclusion_measures(exclusions: Sequence[ExclusionSpec], source: str) -
 
 
 @lru_cache(maxsize=16)
-def _exclusions(protocol_toml: bytes, source: str) -> tuple[ExclusionSpec, ...]:
+def _read_exclusions(protocol_toml: bytes, source: str) -> tuple[ExclusionSpec, ...]:
+    """Read the exclusion rules of a protocol, and check that their measures exist."""
     exclusions = decode_logged_protocol(protocol_toml, source).exclusions
     check_exclusion_measures(exclusions, source)
     return exclusions
@@ -138,7 +139,7 @@ def read_exclusion_rules(plan: SessionPlan) -> tuple[ExclusionRule, ...]:
     if not plan.protocol_toml:
         return ()
     return tuple(
-        ExclusionRule(exclusion) for exclusion in _exclusions(plan.protocol_toml, f"the protocol of {plan.study}")
+        ExclusionRule(exclusion) for exclusion in _read_exclusions(plan.protocol_toml, f"the protocol of {plan.study}")
     )
 
 

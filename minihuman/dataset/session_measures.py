@@ -227,6 +227,7 @@ def _fit_reward_slope(rows: Sequence[MeasureRow]) -> float | None:
 
 
 def _mean(values: Iterable[float | None]) -> float | None:
+    """Return the mean of the values that are not None; None if there are none."""
     known = [value for value in values if value is not None]
     if not known:
         return None

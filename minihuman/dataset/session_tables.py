@@ -61,7 +61,7 @@ def build_context_rows(
     rows: dict[str, list[TableRow]] = {
         "segments": [_segment_row(segment, log) for segment in log.segments],
         "plan": [_plan_row(plan, attempts[plan.episode + 1]) for plan in log.plan.episodes],
-        "starts": [_place(episode) | _start_row(episode) for episode in episodes],
+        "starts": [_identify_episode(episode) | _start_row(episode) for episode in episodes],
         "notes": [],
         "samples": [],
         "marks": [msgspec.structs.asdict(mark) for mark in marks],
@@ -129,7 +129,8 @@ def _plan_row(plan: EpisodePlan, attempts: int) -> TableRow:
     }
 
 
-def _place(episode: EpisodeLog) -> TableRow:
+def _identify_episode(episode: EpisodeLog) -> TableRow:
+    """Return the columns that identify an episode within its session."""
     return {
         "block": episode.plan.block_name,
         "segment": episode.segment,
@@ -160,7 +161,7 @@ def _start_row(episode: EpisodeLog) -> TableRow:
 def _frame_rows(episode: EpisodeLog) -> RowBatch:
     frames = episode.frames
     columns = {name: frames.column(name) for name in ("step", "submit_ns", "flip_ns")}
-    return RowBatch(len(frames), _place(episode) | columns)
+    return RowBatch(len(frames), _identify_episode(episode) | columns)
 
 
 def _other_press_rows(segment: Segment, episodes: Sequence[EpisodeLog]) -> RowBatch:

@@ -341,6 +341,7 @@ def compare_pages(page: Path, recomputed: Path) -> Iterator[str]:
 
 
 def _shorten(line: str) -> str:
+    """Return a line without tags and repeated spaces, cut to ``MAX_SHOWN`` characters."""
     text = " ".join(re.sub(r"<[^>]*>", " ", line).split())
     if len(text) <= MAX_SHOWN:
         return text

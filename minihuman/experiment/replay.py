@@ -468,6 +468,7 @@ def _is_same(logged: object, now: object) -> bool:
 
 
 def _shorten(value: object) -> str:
+    """Return the start of a value's text, short enough for a line."""
     text = repr(value)
     if len(text) < 200:
         return text

@@ -75,10 +75,11 @@ class ExportCard:
     def write(self, out: Path, export: ExportResult) -> Path:
         """Write the card into the export's folder and return its path."""
         path = out / "README.md"
-        path.write_text(export.front_matter + self._text(out, export), encoding="utf-8", newline="\n")
+        path.write_text(export.front_matter + self._format_card(out, export), encoding="utf-8", newline="\n")
         return path
 
-    def _text(self, out: Path, export: ExportResult) -> str:
+    def _format_card(self, out: Path, export: ExportResult) -> str:
+        """Return the card's text in Markdown."""
         if self.stored_frames:
             source = "stored in the logs"
         else:

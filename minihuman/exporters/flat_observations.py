@@ -330,9 +330,9 @@ class Resimulator:
                 pictures.append(world.frame(plan.view, self._picture_px, plan.palette))
 
         if chosen.stored_frames:
-            observations = _stored(chosen)
+            observations = _read_observations(chosen)
         else:
-            observations = _played(chosen, world, draw)
+            observations = _replay_observations(chosen, world, draw)
         shown_pictures = tuple(pictures)
         if self._picture_px is not None and observed:
             shown_pictures = observations
@@ -430,7 +430,8 @@ class ReplayedStudy:
         return ExportResult(tuple(paths), self._episodes, self._steps, tuple(self._left_out))
 
 
-def _played(chosen: IncludedEpisode, world: World, draw: Callable[[], None]) -> tuple[Any, ...]:
+def _replay_observations(chosen: IncludedEpisode, world: World, draw: Callable[[], None]) -> tuple[Any, ...]:
+    """Replay an episode and return its observations; ``draw`` is called at the reset and after each step."""
     episode = chosen.episode
     drawn_anew = world.drawn and not all(renders_same_images(segment.facts) for segment in chosen.log.segments)
     if drawn_anew:
@@ -439,19 +440,20 @@ def _played(chosen: IncludedEpisode, world: World, draw: Callable[[], None]) -> 
             chosen.log.path,
             episode.name,
         )
-    _check(world, world.reset(episode.plan.seed), 0, chosen, drawn_anew=drawn_anew)
+    _require_same_observation(world, world.reset(episode.plan.seed), 0, chosen, drawn_anew=drawn_anew)
     observations = [copy.deepcopy(world.observation)]  # as a world may use its arrays again
     draw()
     for step, action in enumerate(episode.actions_taken, 1):
-        _check(world, world.step(action), step, chosen, drawn_anew=drawn_anew)
+        _require_same_observation(world, world.step(action), step, chosen, drawn_anew=drawn_anew)
         observations.append(copy.deepcopy(world.observation))
         draw()
     return tuple(observations)
 
 
-def _check(
+def _require_same_observation(
     world: World, now: ResetResult | StepResult, step: int, chosen: IncludedEpisode, *, drawn_anew: bool
 ) -> None:
+    """Raise ExportError if the replayed step differs from the logged one."""
     episode = chosen.episode
     if drawn_anew:
         same = world.state_hash() == int(episode.state_hashes[step])
@@ -469,7 +471,8 @@ def _check(
         )
 
 
-def _stored(chosen: IncludedEpisode) -> tuple[Any, ...]:
+def _read_observations(chosen: IncludedEpisode) -> tuple[Any, ...]:
+    """Return the observations that the log holds, after checking their hashes."""
     episode = chosen.episode
     if episode.observations is None:
         raise ExportError(

@@ -287,7 +287,7 @@ def _draw_key(part: SubFigure, partners: Sequence[Line2D], things: Sequence[Line
     bar.set_ticks([0, 1], labels=["first step", "last step"])
     bar.set_label("time within the episode", labelpad=-8)
     part.legend(
-        handles=[*_legend(), *partners, *things],
+        handles=[*_build_mark_legend(), *partners, *things],
         loc="lower center",
         ncols=_ACROSS,
         handletextpad=0.2,
@@ -295,7 +295,9 @@ def _draw_key(part: SubFigure, partners: Sequence[Line2D], things: Sequence[Line
     )
 
 
-def _legend() -> list[Line2D]:
+def _build_mark_legend() -> list[Line2D]:
+    """Return legend entries for the marks that every path has."""
+
     def mark(label: str, marker: str, size: float, face: str, edge: str = "black") -> Line2D:
         return Line2D([], [], ls="", marker=marker, ms=size, mfc=face, mec=edge, mew=0.6, label=label)
 

@@ -152,16 +152,17 @@ def compose_frames(log: SessionLog, episode: EpisodeLog, *, stride: int = 1) -> 
     last = len(views) - 1
     for step, view in enumerate(views):
         if step % stride == 0 or step == last:
-            image = _compose(log, episode, step, Image.fromarray(fit_picture(view, VIEW_PX)), times_ms)
+            image = _compose_frame(log, episode, step, Image.fromarray(fit_picture(view, VIEW_PX)), times_ms)
             n_repeats = 1
             if step == last and stride == 1:
                 n_repeats = STEPS_PER_S
             yield from [image] * n_repeats
 
 
-def _compose(
+def _compose_frame(
     log: SessionLog, episode: EpisodeLog, step: int, view: Image.Image, times_ms: NDArray[np.float64]
 ) -> Image.Image:
+    """Draw a film's frame at a step: the view, the keys, the map and the latest steps."""
     image = Image.new("RGB", SIZE_PX, PAPER)
     draw = ImageDraw.Draw(image)
     image.paste(view, (0, 0))

@@ -40,7 +40,7 @@ def build_layout(logs: Sequence[SessionLog], *, with_view: bool) -> rrb.Blueprin
         content = _lay_out_session(logs[0], with_view=with_view)
         timeline = PLAY_TIME
     else:
-        content = rrb.Horizontal(*(_column(log, with_view=with_view) for log in logs))
+        content = rrb.Horizontal(*(_lay_out_column(log, with_view=with_view) for log in logs))
         timeline = ALIGNED
     return rrb.Blueprint(
         content,
@@ -83,7 +83,8 @@ def _lay_out_session(log: SessionLog, *, with_view: bool) -> rrb.Horizontal:
     )
 
 
-def _column(log: SessionLog, *, with_view: bool) -> rrb.Vertical:
+def _lay_out_column(log: SessionLog, *, with_view: bool) -> rrb.Vertical:
+    """Build the column of one session among several."""
     root = session_root(log)
     pictures: list[Any] = [_maps(log, f"{root} ({log.plan.participant.group}): ")]
     if with_view:

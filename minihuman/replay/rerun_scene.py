@@ -107,7 +107,7 @@ def build_facts_page(log: SessionLog) -> str:
         "",
         "| episode | attempt | block | world | keys | outcome | steps | return |",
         "|--:|--:|---|---|---|---|--:|--:|",
-        *(_row(episode) for episode in log.episodes),
+        *(_format_episode_row(episode) for episode in log.episodes),
         "",
         "| fact | value |",
         "|---|---|",
@@ -126,7 +126,8 @@ def _segments(log: SessionLog) -> str:
     return f"{len(log.segments)} segments, beginning at session time {begins}"
 
 
-def _row(episode: EpisodeLog) -> str:
+def _format_episode_row(episode: EpisodeLog) -> str:
+    """Format an episode as a row of the facts page's table."""
     plan = episode.plan
     keys = ", ".join(f"{key}: {action}" for key, action in sorted(plan.key_map.keys.items()))
     return (

@@ -132,8 +132,8 @@ def measure_key_times(times: PressTimes) -> dict[str, float]:
         "spread": np.log10((high - low) / middle + _MIN_RATIO),
         "skewness": np.log10((high - middle + 1.0) / (middle - low + 1.0)),
         "autocorrelation": _correlate(logs[1:][pairs], logs[:-1][pairs]),
-        "repetition": _compare(intervals[known & times.same], intervals[known & ~times.same]),
-        "first": _compare(times.firsts_ms, intervals[known]),
+        "repetition": _compare_medians(intervals[known & times.same], intervals[known & ~times.same]),
+        "first": _compare_medians(times.firsts_ms, intervals[known]),
         "practice": _correlate(scipy.stats.rankdata(intervals[known]), np.arange(known.sum())),
         "hold": np.log10(np.median(holds_ms)),
         "hold_spread": np.log10(np.ptp(np.quantile(holds_ms, (0.25, 0.75))) / np.median(holds_ms) + _MIN_RATIO),
@@ -143,12 +143,14 @@ def measure_key_times(times: PressTimes) -> dict[str, float]:
 
 
 def _correlate(first: Array, second: Array) -> float:
+    """Return Pearson's correlation; NaN if there are too few values or one side does not vary."""
     if len(first) < N_OTHERS or min(np.std(first), np.std(second)) < 1e-9:
         return float("nan")
     return float(np.corrcoef(first, second)[0, 1])
 
 
-def _compare(first: Array, second: Array) -> float:
+def _compare_medians(first: Array, second: Array) -> float:
+    """Return log10 of the ratio of two medians; NaN if there are too few values."""
     if min(len(first), len(second)) < N_OTHERS:
         return float("nan")
     first_median = max(float(np.median(first)), _MIN_MS)

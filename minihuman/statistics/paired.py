@@ -67,7 +67,7 @@ def paired_test(differences: Values) -> PairedTest | None:
     n = len(differences)
     if n < 2:
         return None
-    signs = _flips(n)
+    signs = _draw_signs(n)
     mean = float(differences.mean())
     error = float(differences.std(ddof=1)) / math.sqrt(n)
     extra = int(n > _EXHAUSTIVE)
@@ -75,7 +75,8 @@ def paired_test(differences: Values) -> PairedTest | None:
 
 
 @lru_cache(maxsize=8)
-def _flips(n: int) -> Values:
+def _draw_signs(n: int) -> Values:
+    """Return rows of n signs (1 or -1): every combination if there are few, else RESAMPLES random ones."""
     if n <= _EXHAUSTIVE:
         return np.array(list(product((1.0, -1.0), repeat=n)))
     return np.random.default_rng(SEED).choice([1.0, -1.0], (RESAMPLES, n))

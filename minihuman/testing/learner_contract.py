@@ -144,7 +144,8 @@ def _play_episode(
     return images, actions, rewards
 
 
-def _make(make: "str | Callable[[str], Learner]", settings: str) -> "Learner":
+def _make_learner(make: "str | Callable[[str], Learner]", settings: str) -> "Learner":
+    """Make the learner, by name or with a function, and check its type."""
     from minihuman.learn.teaching.learner import Learner, make_learner
 
     if isinstance(make, str):
@@ -170,7 +171,7 @@ def _learn(
     from minihuman.learn.policy.network import Policy
     from minihuman.learn.teaching.learner import LearningRequest, LearningResult, copy_policy
 
-    learner = _make(make, settings)
+    learner = _make_learner(make, settings)
     state = np.random.get_state()
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(noise)
@@ -211,7 +212,7 @@ def _refuse_nothing(make: "str | Callable[[str], Learner]", settings: str, datas
 
     nothing = replace(dataset, lessons=(), ratings=(), comparisons=())
     try:
-        _make(make, settings).learn(LearningRequest(nothing, np.random.default_rng(1)))
+        _make_learner(make, settings).learn(LearningRequest(nothing, np.random.default_rng(1)))
     except LearnError:
         return
     except Exception as error:

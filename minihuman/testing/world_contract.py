@@ -96,7 +96,7 @@ def check_world(
         ContractError: if a guarantee is broken; the message says which.
         WorldError: if the world cannot be made or drawn.
     """
-    with _registered(make) as world_id:
+    with _register_temporarily(make) as world_id:
         chance = np.random.default_rng(seeds[0])
         world = World(world_id, options, trusted=True)
         actions = chance.integers(len(world.actions.numbers), size=steps).tolist()
@@ -366,7 +366,8 @@ def _require_same(when: str, expected: list[Step], actual: list[Step]) -> None:
 
 
 @contextmanager
-def _registered(make: str | Callable[..., gymnasium.Env[Any, Any]]) -> Iterator[str]:
+def _register_temporarily(make: str | Callable[..., gymnasium.Env[Any, Any]]) -> Iterator[str]:
+    """Yield the id of a world; a function that makes one is registered meanwhile."""
     if isinstance(make, str):
         yield make
         return

@@ -213,11 +213,13 @@ class AgentPlayActivity(PlayActivity):
             self._step(action, key="", key_t_ns=now_ns)
 
     def _step(self, action: int, *, key: str, key_t_ns: int) -> None:
+        """Make a step and discard the agent's planned action."""
         stepped = self._current.step(self.context.now_ns, action, key=key, key_t_ns=key_t_ns)
         self._due_ns = self.advised = None
         self._stepped(stepped)
 
     def _shown(self, screen_shown: ScreenShown) -> None:
+        """Handle a picture that reached the display; the agent's next step is due one period after the latest one."""
         super()._shown(screen_shown)
         if not self.playing or self._due_ns is not None:
             return
@@ -243,6 +245,7 @@ class AgentPlayActivity(PlayActivity):
             self._steer("person", "no_policy")
 
     def _steer(self, controller: Controller, reason: ControlReason, pressed_ns: int | None = None) -> None:
+        """Give control to the agent or the person, and log it; ``pressed_ns`` is the time of the key press, if any."""
         play = self._current
         now_ns = self.context.now_ns
         self.controller = controller

@@ -43,9 +43,10 @@ class CorrectionActivity(Activity):
         self._number = 0
         self._corrections = 0
         self._cached_screen: tuple[object, Screen] | None = None
-        self._wait()
+        self._await_episode()
 
-    def _wait(self) -> None:
+    def _await_episode(self) -> None:
+        """Wait for the next episode to review, or end the part if all have been reviewed."""
         self.phase = Phase.PREPARING
         self._episode: EpisodeClip | None = None
         self._film: EpisodeFilm | None = None
@@ -84,7 +85,7 @@ class CorrectionActivity(Activity):
             case KeyDown():
                 self._press_while_looking(happened)
             case ScreenShown() if self._episode is not None:
-                self._seen(happened)
+                self._log_picture(happened)
 
     @property
     def playing(self) -> bool:  # type: ignore[override]
@@ -168,14 +169,15 @@ class CorrectionActivity(Activity):
         elif press.key in ENTER_KEYS:
             emit_key(press, "accepted", self.phase)
             self._number += 1
-            self._wait()
+            self._await_episode()
         elif press.key == plan.begin:
             emit_key(press, "accepted", self.phase)
             self._begin_correction(press)
         else:
             emit_key(press, "unmapped", self.phase)
 
-    def _seen(self, screen_shown: ScreenShown) -> None:
+    def _log_picture(self, screen_shown: ScreenShown) -> None:
+        """Log that a picture of the reviewed episode, or of its correction, reached the display."""
         step = self._current_step
         if self.play is not None and screen_shown.step is not None:
             step = min(screen_shown.step, step)

@@ -227,6 +227,7 @@ class PlayActivity(Activity):
         return self._latest_screen[1]
 
     def _screen(self) -> Screen:
+        """Build the screen of the present phase."""
         before = self._view.before(self.phase, self._reader)
         if before is not None:
             return before
@@ -245,6 +246,7 @@ class PlayActivity(Activity):
     # Inputs
 
     def _shown(self, screen_shown: ScreenShown) -> None:
+        """Log what reached the display, and start the phase's time from the flip."""
         if self.phase in (Phase.PLAYING, Phase.HOLD):
             self.context.emit(self._current.record_shown(screen_shown))
             if screen_shown.step is not None and screen_shown.step < self._current.steps:
@@ -376,6 +378,7 @@ class PlayActivity(Activity):
         """React to the end of an episode; a hook for subclasses."""
 
     def _stepped(self, stepped: Stepped) -> None:
+        """Log a step with its observation and completed clauses, and end the episode if the step ended it."""
         play = self._current
         now_ns = self.context.now_ns
         self.context.emit(*play.stored_observations(now_ns), *play.clauses_done(now_ns), stepped)

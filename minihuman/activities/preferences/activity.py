@@ -42,9 +42,10 @@ class PreferencesActivity(Activity):
         purpose = f"pair-sides-{self.part.name}-session-{session}"
         order = draw_permutation(self._plan.pairs, seed=plan.study_seed, purpose=purpose, index=plan.participant.index)
         self._first_is_right = [place % 2 == 1 for place in order]
-        self._wait()
+        self._await_pair()
 
-    def _wait(self) -> None:
+    def _await_pair(self) -> None:
+        """Wait for the next pair, or end the part if all pairs have been answered."""
         self.phase = Phase.PREPARING
         self._offered: list[EpisodeClip] = []
         self._films: dict[Side, EpisodeFilm] = {}
@@ -91,7 +92,7 @@ class PreferencesActivity(Activity):
         self._let_time_pass()
         match happened:
             case ClipOffered() if self.request is not None:
-                self._offer(happened.stretch)
+                self._assign_clip(happened.stretch)
             case KeyDown():
                 self._key(happened)
             case ScreenShown() if self.phase is Phase.COMPARING:
@@ -120,7 +121,8 @@ class PreferencesActivity(Activity):
 
     # Pairs
 
-    def _offer(self, stretch: EpisodeClip | None) -> None:
+    def _assign_clip(self, stretch: EpisodeClip | None) -> None:
+        """Assign an offered clip to the next side and log it; end the part if there is no clip."""
         now_ns = self.context.now_ns
         if stretch is None:
             self.context.emit(NothingToCompare(now_ns, self.number, self._pair))
@@ -201,6 +203,7 @@ class PreferencesActivity(Activity):
             self._seen_whole = True
 
     def _key(self, press: KeyDown) -> None:
+        """Log a key press, and replay the pair or record the answer; a pair can be answered once it was seen whole."""
         plan = self._plan
         emit_key = self.context.emit_key
         answers: dict[str, PairAnswer] = {
@@ -233,7 +236,7 @@ class PreferencesActivity(Activity):
                 )
             )
             self._pair += 1
-            self._wait()
+            self._await_pair()
         else:  # both are to be seen to their ends first
             emit_key(press, early_verdict, self.phase)
 
@@ -249,6 +252,7 @@ class PreferencesActivity(Activity):
         return self._cached_screen[1]
 
     def _screen(self) -> PairScreen:
+        """Build the screen of both clips."""
         words = self.context.words
         plan = self._plan
         keys = ("left", "right", "equal", "cannot_tell", "again")

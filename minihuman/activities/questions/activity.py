@@ -57,9 +57,10 @@ class QuestionsActivity(Activity):
             for question in self._plan.items
         ]
         self._right: list[bool | None] = [None] * len(self._drafts)
-        self._open(0)
+        self._show_question(0)
 
-    def _open(self, number: int) -> None:
+    def _show_question(self, number: int) -> None:
+        """Make a question the present one."""
         self._number = number
         self._shown_ns = self._first_ns = self._changes = 0
         self._note = ""
@@ -106,6 +107,7 @@ class QuestionsActivity(Activity):
             self._note = self.context.words.fill(error[0], **error[1])
 
     def _key(self, press: KeyDown) -> None:
+        """Handle a key press: edit the answer, give it, or step back to the question before."""
         before = self._answer
         if self.draft.key(press):
             self.context.emit_key(press, "accepted", self.phase)
@@ -140,7 +142,7 @@ class QuestionsActivity(Activity):
     def _step_back(self) -> None:
         before = [number for number in self._asked_numbers if number < self._number]
         if before:
-            self._open(before[-1])
+            self._show_question(before[-1])
 
     def _give(self) -> None:
         """Log the answer and continue, or show a note if the answer is missing or not valid."""
@@ -171,7 +173,7 @@ class QuestionsActivity(Activity):
             )
         following = [number for number in self._asked_numbers if number > self._number]
         if following:
-            self._open(following[0])
+            self._show_question(following[0])
         else:
             self._conclude()
 
@@ -192,6 +194,7 @@ class QuestionsActivity(Activity):
         return numbers
 
     def _conclude(self) -> None:
+        """End the questionnaire, or allow another try after wrong answers as far as the plan has any left."""
         if not any(self._right[number] is False for number in self._asked_numbers):
             self.ended = PartEnding()
             return

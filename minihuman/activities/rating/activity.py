@@ -47,6 +47,7 @@ class RatingActivity(AgentPlayActivity):
         return {self.agent.good: 1.0, self.agent.bad: -1.0}
 
     def _rate(self, press: KeyDown) -> None:
+        """Log a rating and flash it on the screen; ignore auto-repeats that come too soon."""
         if press.repeat and self._last_ns is not None:
             since_last_ns = press.t_ns - self._last_ns
             if since_last_ns < REPEAT_INTERVAL_NS:
@@ -70,6 +71,7 @@ class RatingActivity(AgentPlayActivity):
         return self.agent.policy or "random"  # an agent has to act before it can be rated
 
     def _shown(self, screen_shown: ScreenShown) -> None:
+        """Handle a picture that reached the display; without a policy, act at random or end a failed episode."""
         super()._shown(screen_shown)
         if not self.playing or self.policy or self.advised is not None:
             return

@@ -167,7 +167,7 @@ class TeamPlayActivity(PlayActivity):
         """Handle an input, including answers from the team host."""
         match happened:
             case TeamJoined() if self.phase is Phase.LOBBY:
-                self._join(happened.team, happened.salt)
+                self._join_team(happened.team, happened.salt)
             case SeatsReady() if self.phase is Phase.WAITING and happened.episode == self.team_episode.plan.episode:
                 self.context.emit(SeatsReadied(self.context.now_ns, happened.episode, self.team_episode.poses()))
                 self._move(TransitionCause.DONE)
@@ -181,7 +181,7 @@ class TeamPlayActivity(PlayActivity):
             case TextInput() if self.playing and self._messages.draft is not None:
                 self._messages.draft.type_text(happened.text)
             case TeamLost() if self.phase in (Phase.LOBBY, Phase.WAITING, Phase.PLAYING):
-                self._lose(happened.reason)
+                self._lose_team(happened.reason)
             case ActivityInput():
                 pass
             case _:
@@ -207,7 +207,8 @@ class TeamPlayActivity(PlayActivity):
                 return TeamLost(event.t_ns, event.reason)
         return None
 
-    def _join(self, team: Team, salt: str) -> None:
+    def _join_team(self, team: Team, salt: str) -> None:
+        """Take the seat that the team assigned, log the team, and leave the lobby."""
         self.formed = team
         self._messages.seat = team.seat
         self._messages.salt = salt
@@ -231,11 +232,13 @@ class TeamPlayActivity(PlayActivity):
         self.context.waited_ns += self.context.now_ns - self._lobby_ns
 
     def _move(self, cause: TransitionCause) -> None:
+        """Enter the next phase, and note when the lobby was entered."""
         super()._move(cause)
         if self.phase is Phase.LOBBY:
             self._lobby_ns = self.context.now_ns
 
-    def _lose(self, reason: GoneReason) -> None:
+    def _lose_team(self, reason: GoneReason) -> None:
+        """Log why the team ended, and return to the lobby or end the block."""
         self.context.emit(TeamEnded(self.context.now_ns, self.number, reason))
         if reason == "declined":
             self.formed = None
@@ -334,6 +337,7 @@ class TeamPlayActivity(PlayActivity):
         return isinstance(self._play, TeamEpisode) and not self._play.real_time and self._play.submitted is not None
 
     def _screen(self) -> Screen:
+        """Build the screen of the present phase: the lobby's notices, or those of `PlayActivity`."""
         words = self.context.words
         match self.phase:
             case Phase.LOBBY | Phase.WAITING:

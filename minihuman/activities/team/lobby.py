@@ -140,6 +140,7 @@ class Lobby(Generic[Member]):
         return rank // len(entry.rules.persons)
 
     def _shuffle(self, candidates: list[LobbyEntry[Member]], entry: LobbyEntry[Member]) -> list[LobbyEntry[Member]]:
+        """Return candidates in a random order drawn from the study's seed."""
         in_order = sorted(candidates, key=lambda candidate: candidate.index)
         purpose = f"pairing-{len(self._entries)}"
         order = draw_permutation(len(in_order), seed=self._seed, purpose=purpose, index=entry.index)

@@ -67,17 +67,18 @@ class MessageVerifier:
         if message.publish_time != self._started_ns + event_cause_ns(event):
             differences.append(f"{place}: publish time {message.publish_time} is not when it was caused")
         expected = list(self._previews.encode(topic, message.data))
-        return event, differences + self._compare(expected, message, previews, place)
+        return event, differences + self._compare_previews(expected, message, previews, place)
 
     def finish(self) -> list[str]:
         """Compare the preview messages at the segment's end; only the poses of an interrupted episode may remain."""
         if self._last is None:
             return [f"a message on {message.channel.topic} repeats nothing" for message in self._waiting]
-        return self._compare(list(self._previews.finish()), self._last, self._waiting, "the segment's end")
+        return self._compare_previews(list(self._previews.finish()), self._last, self._waiting, "the segment's end")
 
-    def _compare(
+    def _compare_previews(
         self, expected: list[tuple[str, Message]], message: LogMessage, previews: list[LogMessage], place: str
     ) -> list[str]:
+        """Compare the previews of a message with the expected ones; return the differences."""
         if self._live and not previews:
             return []
         topics_expected = [topic for topic, _ in expected]

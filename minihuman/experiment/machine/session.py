@@ -154,7 +154,7 @@ class SessionMachine:
     def screen(self) -> Screen:
         """The present screen; a new object whenever it has changed."""
         if not self._is_drawn:
-            self._draw()
+            self._refresh_screen()
         return self._screen
 
     @property
@@ -230,10 +230,11 @@ class SessionMachine:
             self._end("world_error", str(broke))
         self._is_drawn = False
         if draws or self.play is not play:
-            self._draw()
+            self._refresh_screen()
         return self._context.pop_events()
 
     def _handle(self, happened: Input) -> None:
+        """Process what is due before an input, and pass the input on unless the session has ended."""
         if not isinstance(happened, _TIMELESS):
             self._let_time_pass(happened.t_ns)
             if self.over:
@@ -241,6 +242,7 @@ class SessionMachine:
         self._dispatch(happened)
 
     def _dispatch(self, happened: Input) -> None:
+        """Pass an input to the method for its type."""
         match happened:
             case Stop():
                 self._stop(happened)
@@ -469,18 +471,21 @@ class SessionMachine:
             self._move(TransitionCause.DONE)
 
     def _end(self, reason: EndReason, detail: str) -> None:
+        """Note why the session ends, and enter its last phase."""
         self._end_reason = reason
         self._end_detail = detail
         self._move(TransitionCause.END)
 
     def _finish(self) -> None:
+        """Stop the running part and log the end of the session."""
         self._parts.stop()
         end = SessionEnded(self.now_ns, self._end_reason, self._end_detail, self._context.completed)
         self._context.emit(end)
 
     # Screens
 
-    def _draw(self) -> None:
+    def _refresh_screen(self) -> None:
+        """Build the present screen; an equal one is not replaced."""
         over_part = screen_texts.build_overlay_screen(
             self._context.words, self._phase, self._end_reason, self._end_detail, declining=self._declining
         )

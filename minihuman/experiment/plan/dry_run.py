@@ -280,14 +280,15 @@ def check_worlds(protocol: Protocol, source: str = "protocol", *, provable: bool
 
 def _examine_block(block: BlockSpec, examined: dict[bytes, ConformanceReport], *, provable: bool) -> ConformanceReport:
     """Play a block's world as its participants will, once for all blocks that play it alike."""
-    rehearsal = _rehearse(block, N_CHECKED_STEPS if provable else N_STARTED_STEPS)
+    rehearsal = _build_rehearsal(block, N_CHECKED_STEPS if provable else N_STARTED_STEPS)
     key = msgspec.json.encode(rehearsal)
     if key not in examined:
         examined[key] = examine_world(rehearsal, play_in_second_process if provable else None)
     return examined[key]
 
 
-def _rehearse(block: BlockSpec, steps: int) -> Rehearsal:
+def _build_rehearsal(block: BlockSpec, steps: int) -> Rehearsal:
+    """Return the settings with which a conformance check plays a block as its participants will."""
     seeds = tuple(dict.fromkeys(_list_tried_seeds(block)))
     options = list_world_options(block)
     with closing(World(block.world, options)) as world:

@@ -72,7 +72,7 @@ def _require_no_need(protocol: Protocol, block: BlockSpec, rule: StatedRule, tri
     place = f"{source}: block {block.name!r}"
     key = parse_outcome_rule(rule.rule).info_key
     if key:
-        content = _describe(find_info(tried.values, key))
+        content = _describe_content(find_info(tried.values, key))
         raise ProtocolError(
             f"{place}: success is info[{key!r}], which is {content}; name a key, or KEY.PART of a dictionary, that is "
             "one yes or no"
@@ -104,7 +104,7 @@ def _describe_info(block: BlockSpec, rule: StatedRule, tried: TriedWorld) -> Ite
             continue
         content = find_info(tried.values, key)
         if not can_keep(content):
-            yield f"{place}: info[{key!r}] is {_describe(content)}, of which a log keeps null"
+            yield f"{place}: info[{key!r}] is {_describe_content(content)}, of which a log keeps null"
     recorded = {key.partition(".")[0] for key in block.record_info}
     left_out = [key for key in tried.values if key not in recorded]
     if left_out:
@@ -118,7 +118,8 @@ def _list_keys(tried: TriedWorld) -> str:
     return "info was empty"
 
 
-def _describe(content: Any) -> str:
+def _describe_content(content: Any) -> str:
+    """Describe a value of ``info`` in a few words."""
     shape = getattr(content, "shape", None)
     if shape is not None:
         return f"an array of shape {tuple(shape)}"

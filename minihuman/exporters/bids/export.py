@@ -169,7 +169,7 @@ class _Dataset:
                 "player": log.player,
             },
         )
-        self._count(selected.episodes)
+        self._count_session(selected.episodes)
 
     def describe_excluded_logs(self) -> tuple[str, ...]:
         """Return a line with the number of logs missing from the dataset and the reason; none if no log is missing."""
@@ -252,7 +252,8 @@ class _Dataset:
         if any(episode.start.map for episode in session.episodes):
             save_png(session_paths(session.session), self._out / _DERIVATIVES / "figures" / f"{name}_paths.png")
 
-    def _count(self, episodes: tuple[EpisodeLog, ...]) -> None:
+    def _count_session(self, episodes: tuple[EpisodeLog, ...]) -> None:
+        """Add a session to the export's counts."""
         self.sessions += 1
         self.episodes += len(episodes)
         self.steps += sum(len(episode.actions) for episode in episodes)

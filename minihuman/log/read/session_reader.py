@@ -277,6 +277,7 @@ class SessionAssembler:
         return None
 
     def _take(self, place: int, event: events.Event | None) -> None:
+        """Add an event at a position among all messages to the segment and the episode to which it belongs."""
         if not self._parts and not isinstance(event, events.SessionStarted):
             return  # the plan is lost, and nothing says what this belongs to
         match event:

@@ -404,9 +404,10 @@ class GroupCommit:
         if at_once or self._idle:
             self._wake.set()
         if self._thread is None:
-            self._begin()
+            self._start_thread()
 
-    def _begin(self) -> None:
+    def _start_thread(self) -> None:
+        """Start the thread that commits, unless it is running."""
         with self._beginning:
             if self._thread is None:
                 # A daemon, so that a crash of the program is not held up; what was written stays and is recovered.
@@ -414,6 +415,7 @@ class GroupCommit:
                 self._thread.start()
 
     def _run(self) -> None:
+        """Commit the files that are due, until the process ends."""
         while True:
             self._wait_until_due()
             self.commit(self._take_due_files())

@@ -68,7 +68,7 @@ class LogCopier:
                 case Attachment() if record.name != integrity.SEGMENT_HEAD_NAME and self._head:
                     self._early_attachments.append(record)
                 case Attachment() if record.name != integrity.SEGMENT_HEAD_NAME:
-                    self._attachment(record)
+                    self._copy_attachment(record)
         self._write_head()
         if self._previews is not None and self._last is not None:
             self._add_previews(self._previews.finish(), self._last)
@@ -110,7 +110,8 @@ class LogCopier:
             "lasted_ns": self.lasted_ns,
         }
 
-    def _attachment(self, record: Attachment) -> None:
+    def _copy_attachment(self, record: Attachment) -> None:
+        """Copy an attachment, unless an equal one has been copied."""
         if (record.name, record.data) in self._attachments:
             return
         self._attachments.add((record.name, record.data))
@@ -133,7 +134,7 @@ class LogCopier:
             self._last = message
         if self._previews is not None:
             self._add_previews(self._previews.encode(topic, message.data), message)
-        self._add(message, schema)
+        self._add_message(message, schema)
         if topic == topics.PLAN or (topic == topics.EPISODE_END and self._chunk_bytes > EPISODE_BYTES):
             self._flush()
         self._first_ns = self._first_ns or message.log_time
@@ -184,9 +185,9 @@ class LogCopier:
                 log_time, log_time, integrity.SEGMENT_HEAD_NAME, integrity.SEGMENT_HEAD_MEDIA_TYPE, copied
             )
         for attachment in attached:
-            self._attachment(attachment)
+            self._copy_attachment(attachment)
         for message, schema in previews:
-            self._add(message, schema)
+            self._add_message(message, schema)
 
     def _add_previews(self, encoded: Iterator[tuple[str, Protobuf]], message: LogMessage) -> None:
         """Add previews before a message, with its times, so that no step lacks its previews."""
@@ -198,9 +199,10 @@ class LogCopier:
             data = preview.SerializeToString(deterministic=True)
             schema = Schema(id=0, data=topics.schema_bytes(type(preview)), encoding="protobuf", name=name)
             channel = Channel(id=0, topic=topic, message_encoding="protobuf", metadata={}, schema_id=0)
-            self._add(LogMessage(channel, UNNUMBERED, message.log_time, message.publish_time, data), schema)
+            self._add_message(LogMessage(channel, UNNUMBERED, message.log_time, message.publish_time, data), schema)
 
-    def _add(self, message: LogMessage, schema: Schema | None) -> None:
+    def _add_message(self, message: LogMessage, schema: Schema | None) -> None:
+        """Write a message, and add it to the hash chain and the counts."""
         self._writer.add_message(
             self._register_channel(message.channel, schema),
             log_time=message.log_time,

@@ -84,7 +84,8 @@ class Lease:
                 return LogPiece(part.name, copied, recorded), writes
         return None, writes
 
-    def _confirm(self, piece: LogPiece | None, writes: int) -> None:
+    def _note_copied(self, piece: LogPiece | None, writes: int) -> None:
+        """Record that a piece of the log, and a number of writes, have been copied."""
         self.copied_writes = writes
         if piece is not None:
             self._copied[piece.file] = piece.start + len(piece.data)
@@ -198,7 +199,7 @@ class SessionLeases:
                 if not lease.lost:
                     lease.renewed_s = began_s
                     lease.is_requested = wanted_by_session[lease.session]
-                    lease._confirm(piece, writes)
+                    lease._note_copied(piece, writes)
 
     def end(self, lease: Lease, reason: str) -> None:
         """Copy the rest of the log, and mark the session as ended.

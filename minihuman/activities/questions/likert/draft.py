@@ -158,7 +158,8 @@ def _build(question: QuestionItemSpec, settings: Any, *, rtl: bool, language: st
 _MAX_STATEMENTS = 8  # that fit a screen
 
 
-def _check(item: QuestionItemSpec) -> ItemErrors:
+def _check_scale(item: QuestionItemSpec) -> ItemErrors:
+    """Yield the errors of a rating scale or matrix in a protocol."""
     if item.statements is not msgspec.UNSET:
         if not 2 <= len(item.statements) <= _MAX_STATEMENTS:
             yield "statements", f"has {len(item.statements)}; give 2 to {_MAX_STATEMENTS}, each its name = its text"
@@ -168,4 +169,4 @@ def _check(item: QuestionItemSpec) -> ItemErrors:
         yield "points", f"is {n_points}; use 2 to 11"
 
 
-LIKERT = QuestionKind("likert", _build, "rating", _check)
+LIKERT = QuestionKind("likert", _build, "rating", _check_scale)

@@ -86,7 +86,7 @@ class NumberDraft(TextDraft):
     @property
     def value(self) -> AnswerValue:
         """The number; None if the text is empty or not a valid number."""
-        number = self._parse(self.display_text)
+        number = self._parse_text(self.display_text)
         if number is None or not math.isfinite(number):  # more digits than a number holds
             return None
         if self.question.whole:
@@ -95,7 +95,8 @@ class NumberDraft(TextDraft):
             return None
         return number
 
-    def _parse(self, text: str) -> float | None:
+    def _parse_text(self, text: str) -> float | None:
+        """Parse the typed text as the session's language writes numbers; None if it is not a number."""
         if self.language is not None:
             return parse_number(text, self.language, is_whole=self.question.whole)
         try:
