@@ -116,6 +116,7 @@ SecondProcess = Callable[[Rehearsal], Sequence[Moment] | str]  # what it gave, o
 
 
 def _examine(rehearsal: Rehearsal, replay_elsewhere: SecondProcess | None, report: ConformanceReport) -> None:
+    """Play a world in the ways that a session does, and add what is wrong to the report."""
     started_s = time.perf_counter()
     with closing(World(rehearsal.world, rehearsal.options)) as world:
         start_s = time.perf_counter() - started_s

@@ -305,6 +305,7 @@ class World:
         return self._call("render()", self._draw, view, size_px, palette)
 
     def _draw(self, view: View, size_px: tuple[int, int], palette: Palette) -> NDArray[np.uint8]:
+        """Draw the picture: the environment's own if a wrapper redraws it or the environment is foreign."""
         if self._known and not self._wrappers.redraw:
             return read_picture(self._known.picture(view=view, size_px=size_px, palette=palette))
         return read_picture(self.render(size_px))
@@ -423,6 +424,7 @@ class World:
             raise WorldError(f"{self.id}: the observation contains itself; return a copy of its parts") from error
 
     def _mission(self) -> str:
+        """Return the episode's mission, as observed or as the environment states it; "" if it has none."""
         if isinstance(self._observation, dict):
             observed = self._observation.get("mission")
         else:

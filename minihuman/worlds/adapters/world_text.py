@@ -88,7 +88,7 @@ def describe_view(image: NDArray[np.integer[Any]]) -> Iterator[str]:
     x = columns // 2
     y = rows - 1
     if kinds[x, y] not in (_UNSEEN, _EMPTY):
-        yield f"You carry a {_name(image[x, y])}"
+        yield f"You carry a {_name_cell(image[x, y])}"
     sight = {"forward": kinds[x, :y][::-1], "left": kinds[:x, y][::-1], "right": kinds[x + 1 :, y]}
     for direction, line in sight.items():
         blocked = np.flatnonzero(line > _EMPTY)
@@ -104,10 +104,11 @@ def describe_view(image: NDArray[np.integer[Any]]) -> Iterator[str]:
                 ahead = [_steps(y - int(j), "forward")]
             else:
                 ahead = []
-            yield f"a {_name(image[i, j])} {' and '.join(across + ahead)}"
+            yield f"a {_name_cell(image[i, j])} {' and '.join(across + ahead)}"
 
 
-def _name(cell: NDArray[np.integer[Any]]) -> str:
+def _name_cell(cell: NDArray[np.integer[Any]]) -> str:
+    """Return a cell's colour and kind in words, and a door's state."""
     kind, colour, state = map(int, cell)
     if kind < len(_KINDS):
         thing = _KINDS[kind]

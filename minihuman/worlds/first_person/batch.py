@@ -237,12 +237,14 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
         return concatenate(self.single_observation_space, list(chain.from_iterable(observations)), batch)
 
     def _infos(self) -> dict[str, Any]:
+        """Return the infos of all worlds, if their class defines any."""
         infos: dict[str, Any] = {}
         for i, world in enumerate(self.worlds if type(self.worlds[0]).info is not FirstPersonEnv.info else ()):
             infos = self._add_info(infos, world.info(), i)
         return infos
 
     def _final(self, final: dict[int, tuple[Any, dict[str, Any]]]) -> dict[str, Any]:
+        """Return the last observations and infos of the worlds whose episodes ended, in Gymnasium's form."""
         if not final:
             return {}
         observations = np.full(self.num_envs, None, object)

@@ -260,6 +260,7 @@ class WorldRenderer:
         return scene
 
     def _places(self, stage: WorldState, things: Sequence[Entity]) -> NDArray[np.float64]:
+        """Return the places of entities, followed by those of their shadows if shadows are drawn."""
         table = places(stage, things)
         if self.shadows:
             return np.concatenate([table, shaded(table)])

@@ -76,7 +76,7 @@ def outline_of(corners: tuple[Point, ...]) -> RoomOutline:
         raise WorldError(f"the outline {list(corners)} has fewer than 3 corners; a room needs 3 or more")
     # + 0.0: of two zeros only one is kept, for shapes are remembered by their corners, in which the two are equal
     corners = tuple((float(x) + 0.0, float(z) + 0.0) for x, z in corners)
-    edges = tuple(_edge(start, end) for start, end in zip(corners, corners[1:] + corners[:1], strict=True))
+    edges = tuple(_make_edge(start, end) for start, end in zip(corners, corners[1:] + corners[:1], strict=True))
     across, down = zip(*corners, strict=True)
     table = np.array([(*edge.start, edge.length, *edge.direction, *edge.normal) for edge in edges])
     return RoomOutline(corners, edges, table, min(across), max(across), min(down), max(down))
@@ -129,7 +129,8 @@ def distance(a: Point, b: Point) -> float:
     return math.sqrt(dx * dx + dz * dz)
 
 
-def _edge(start: Point, end: Point) -> OutlineEdge:
+def _make_edge(start: Point, end: Point) -> OutlineEdge:
+    """Return the edge from one corner to the next; raise WorldError if its length is 0 or not finite."""
     length = distance(start, end)
     if length == 0:
         raise WorldError(f"the outline has the corner {start} twice in a row; give it once")
@@ -412,7 +413,7 @@ def finish_floor_plan(rooms: list[Room], rng: np.random.Generator | None) -> Flo
     if not rooms:
         raise WorldError("the world has no rooms; add one before placing anything or ending build()")
     _check_overlap(rooms)
-    return floor_plan(tuple([_finished(room, rng) for room in rooms]))
+    return floor_plan(tuple([_finish_room(room, rng) for room in rooms]))
 
 
 def _check_overlap(rooms: list[Room]) -> None:
@@ -475,17 +476,19 @@ def floor_plan(rooms: tuple[RoomPlan, ...]) -> FloorPlan:
     return FloorPlan(rooms, first_edge, edges, portals, pieces, walls, weights)
 
 
-def _finished(room: Room, rng: np.random.Generator | None) -> RoomPlan:
+def _finish_room(room: Room, rng: np.random.Generator | None) -> RoomPlan:
+    """Return the finished room; a random stream draws the pictures of its textures."""
     textures = room.wall, room.floor, room.ceiling
     if rng is None:
         pictures = (0, 0, 0)
     else:
-        pictures = (_drawn(room.wall, rng), _drawn(room.floor, rng), _drawn(room.ceiling, rng))
+        pictures = (_draw_variant(room.wall, rng), _draw_variant(room.floor, rng), _draw_variant(room.ceiling, rng))
     portals = tuple(sorted(room.portals, key=itemgetter(0, 1)))
     return RoomPlan(room.outline, float(room.wall_height), *textures, pictures, portals)
 
 
-def _drawn(texture: str | None, rng: np.random.Generator) -> int:
+def _draw_variant(texture: str | None, rng: np.random.Generator) -> int:
+    """Draw the number of a picture of a texture; 0 without a texture."""
     if texture is None:
         return 0
     return int(rng.integers(texture_variants(texture)))

@@ -229,6 +229,7 @@ class TeamGrid(OwnRules, TeamWorld, abc.ABC):
     def _judge(
         self, actions: Sequence[int], rewards: tuple[float, ...], terminated: bool
     ) -> tuple[tuple[float, ...], bool]:
+        """Run `reward_and_done`, compiled if possible."""
         rules = self._compiled_rules
         if rules is None or not rules.has_reward:
             return self.reward_and_done(actions, rewards, terminated)

@@ -307,6 +307,7 @@ class GridFromInside(ShowsItself, gymnasium.Env[dict[str, Any], int], NativeWorl
         return observation | {"image": self._draw(self.grid.pose(), self.size_px, "classic")}
 
     def _draw(self, pose: Pose, size_px: tuple[int, int], palette: Palette) -> NDArray[np.uint8]:
+        """Draw the view from a pose, with the eye slightly behind the cell's centre."""
         back_x = _BACK_M * math.cos(pose.yaw_rad)
         back_z = _BACK_M * math.sin(pose.yaw_rad)
         eye = (pose.x - back_x, _EYE_M, pose.z + back_z)

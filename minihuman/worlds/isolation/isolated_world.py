@@ -131,6 +131,7 @@ class IsolatedWorld(World):
         self.action_names = self.actions.names
 
     def _ask(self, request: messages.AnyRequest, answer: type[T], call: str) -> T:
+        """Send a request to the world's process and return the answer; copies no longer needed are deleted first."""
         limits = self._pool.limits
         is_long = isinstance(request, messages.Construct | messages.Reset) or call == "shortest_path()"
         if is_long:

@@ -92,7 +92,7 @@ def least_steps(world: "FirstPersonEnv", goal: Entity) -> int:
     reach = _reach(stage, goal)
     if straight < reach:
         return 1
-    drift = max(abs(_low(stage, "forward_drift")), abs(stage.parameters.largest("forward_drift")))
+    drift = max(abs(_get_lowest(stage, "forward_drift")), abs(stage.parameters.largest("forward_drift")))
     longest = math.hypot(stage.reach, drift)
     way = straight
     if longest < 2 * stage.agent.radius:  # a longer step could jump across a wall
@@ -103,7 +103,7 @@ def least_steps(world: "FirstPersonEnv", goal: Entity) -> int:
     if "move_back" in world.action_names:
         return steps
     off = abs((math.atan2(-dz, dx) - stage.agent.dir + math.pi) % (2 * math.pi) - math.pi)
-    spared = math.asin(reach / straight) + math.atan2(drift, _low(stage, "forward_step"))
+    spared = math.asin(reach / straight) + math.atan2(drift, _get_lowest(stage, "forward_step"))
     return steps + max(math.ceil((off - spared) / math.radians(stage.parameters.largest("turn_step")) - 1e-9), 0)
 
 
@@ -124,7 +124,8 @@ def _default(stage: WorldState, name: str) -> float:
     return stage.parameters.number(name, None)
 
 
-def _low(stage: WorldState, name: str) -> float:
+def _get_lowest(stage: WorldState, name: str) -> float:
+    """Return the lower end of a parameter's range, for a parameter that is one number."""
     value = stage.parameters[name].low
     assert not isinstance(value, tuple)
     return value
@@ -226,19 +227,20 @@ def _merged(walls: NDArray[np.float64]) -> NDArray[np.float64]:
     continued = set()
     for row in rows:
         after = starts.get(row[2:])
-        if after is not None and after != row and _straight(row, after):
+        if after is not None and after != row and _continues(row, after):
             continued.add(after[:2])
     for row in rows:
         if row[:2] in continued:
             continue
         end = row
-        while (after := starts.get(end[2:])) is not None and _straight(end, after):
+        while (after := starts.get(end[2:])) is not None and _continues(end, after):
             end = after
         joined[(*row[:2], *end[2:])] = None
     return np.array(list(joined), dtype=np.float64).reshape(-1, 4)
 
 
-def _straight(a: tuple[float, ...], b: tuple[float, ...]) -> bool:
+def _continues(a: tuple[float, ...], b: tuple[float, ...]) -> bool:
+    """Return whether two segments (x0, z0, x1, z1) have the same direction."""
     ax = a[2] - a[0]
     az = a[3] - a[1]
     bx = b[2] - b[0]

@@ -133,7 +133,7 @@ def read_mtl(path: Path) -> dict[str, Material]:
             case ["newmtl", name]:
                 materials[name] = Material()
             case ["Kd", *numbers] if name:
-                red, green, blue = _numbers(numbers, 3, path, number)
+                red, green, blue = _parse_numbers(numbers, 3, path, number)
                 materials[name] = Material((red, green, blue), materials[name].texture)
             case ["map_Kd", *_, file] if name:
                 materials[name] = Material(materials[name].colour, path.parent / file)
@@ -154,11 +154,11 @@ def _read_lines(path: Path) -> _Lines:
     for number, line in enumerate(text.splitlines(), 1):
         match line.split():
             case ["v", *numbers]:
-                lines.vertices.append(_numbers(numbers, 3, path, number))
+                lines.vertices.append(_parse_numbers(numbers, 3, path, number))
             case ["vt", *numbers]:
-                lines.places.append(_numbers(numbers[:2], 2, path, number))
+                lines.places.append(_parse_numbers(numbers[:2], 2, path, number))
             case ["vn", *numbers]:
-                lines.normals.append(_numbers(numbers, 3, path, number))
+                lines.normals.append(_parse_numbers(numbers, 3, path, number))
             case ["usemtl", name]:
                 material = name
             case ["f", *corners]:
@@ -166,12 +166,13 @@ def _read_lines(path: Path) -> _Lines:
                     raise WorldError(
                         f"{path}:{number}: a face has {len(corners)} corners; export the mesh as triangles"
                     )
-                lines.faces.append([_corner(corner, lines, path, number) for corner in corners])
+                lines.faces.append([_parse_corner(corner, lines, path, number) for corner in corners])
                 lines.materials.append(material)
     return lines
 
 
-def _numbers(words: list[str], count: int, path: Path, number: int) -> list[float]:
+def _parse_numbers(words: list[str], count: int, path: Path, number: int) -> list[float]:
+    """Parse the words of a line as ``count`` finite numbers."""
     try:
         values = [float(word) for word in words]
     except ValueError:
@@ -181,19 +182,21 @@ def _numbers(words: list[str], count: int, path: Path, number: int) -> list[floa
     return values
 
 
-def _corner(word: str, lines: _Lines, path: Path, number: int) -> tuple[int, int | None, int]:
+def _parse_corner(word: str, lines: _Lines, path: Path, number: int) -> tuple[int, int | None, int]:
+    """Parse a face's corner; return the indices of its vertex, texture place (None if it has none) and normal."""
     parts = word.split("/")
     vertex, place, normal = (parts[0], parts[1], parts[2]) if len(parts) == 3 else (parts[0], "", parts[-1])
     if len(parts) not in (2, 3):
         raise WorldError(f"{path}:{number}: the corner {word!r} has no normal; write it as vertex/texture/normal")
     return (
-        _index(vertex, len(lines.vertices), "vertex", path, number),
-        _index(place, len(lines.places), "texture place", path, number) if place else None,
-        _index(normal, len(lines.normals), "normal", path, number),
+        _parse_index(vertex, len(lines.vertices), "vertex", path, number),
+        _parse_index(place, len(lines.places), "texture place", path, number) if place else None,
+        _parse_index(normal, len(lines.normals), "normal", path, number),
     )
 
 
-def _index(word: str, count: int, noun: str, path: Path, number: int) -> int:
+def _parse_index(word: str, count: int, noun: str, path: Path, number: int) -> int:
+    """Parse a number that refers to one of ``count`` earlier lines; return it counted from 0."""
     try:
         index = int(word)
     except ValueError:
@@ -274,6 +277,7 @@ def _colours(part: Any) -> F64:
 
 
 def _places(part: Any) -> F64:
+    """Return the texture places of each triangle's corners, (faces, 3, 2); zeros if the part has none."""
     uv: NDArray[np.float64] | None = getattr(part.visual, "uv", None)
     if uv is None:
         return np.zeros((len(part.faces), 3, 2))

@@ -59,6 +59,7 @@ class Calls(LayoutCalls):
         return f"{lifted}({', '.join(['c', *captured])})"
 
     def _tuple(self, node: ast.Call) -> str:
+        """Return the translation of ``tuple(...)``."""
         argument = node.args[0]
         if isinstance(argument, ast.Name) and argument.id in self.lengths:
             place = self.place(node)

@@ -74,7 +74,7 @@ def _emit(codes: list[str]) -> bytes:
     """Link and optimise LLVM codes, and return machine code in which only the entries have names."""
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
-    machine = _machine()
+    machine = _describe_machine()
     module = llvm.parse_assembly(_common_to_internal(codes[0]))
     for code in codes[1:]:
         other = llvm.parse_assembly(_common_to_internal(code))
@@ -89,7 +89,8 @@ def _emit(codes: list[str]) -> bytes:
     return bytes(machine.emit_object(module))
 
 
-def _machine() -> Any:
+def _describe_machine() -> Any:
+    """Return LLVM's description of this machine."""
     features = llvm.get_host_cpu_features()
     return llvm.Target.from_default_triple().create_target_machine(
         cpu=llvm.get_host_cpu_name(), features=features.flatten(), opt=2, reloc="pic", codemodel="default"

@@ -199,6 +199,7 @@ class Expressions:
         return str(setting)
 
     def _field(self, field: OwnField) -> str:
+        """Return the translation of reading a declared field."""
         at = field.offset
         if isinstance(field, Bool):
             return f"(rt.own(c)[{at}] != 0)"
@@ -256,6 +257,7 @@ class Expressions:
         return not any(isinstance(part, ast.Call) for part in ast.walk(node))
 
     def _comparison(self, node: ast.AST, operator: ast.cmpop, left: ast.AST, right: ast.AST) -> str:
+        """Return the translation of one comparison."""
         if not isinstance(operator, ast.In | ast.NotIn):
             return f"{self.expression(left)} {_COMPARISONS[type(operator)]} {self.expression(right)}"
         negation = "not " if isinstance(operator, ast.NotIn) else ""
@@ -290,6 +292,7 @@ class Expressions:
         return None
 
     def _slice(self, node: ast.Slice) -> str:
+        """Return the translation of a slice, whose ends must be constants."""
         parts = []
         for part in (node.lower, node.upper):
             symbol = None if part is None else self.symbol(part)
@@ -301,6 +304,7 @@ class Expressions:
         return ":".join(parts)
 
     def _pair(self, node: ast.Subscript) -> tuple[str, str]:
+        """Return the translations of both indices of an array of two dimensions."""
         if isinstance(node.slice, ast.Tuple) and len(node.slice.elts) == 2:
             first, second = (self.expression(element) for element in node.slice.elts)
             return first, second
@@ -324,6 +328,7 @@ class Expressions:
         return self._constant_call(node, callee.value)
 
     def _method(self, node: ast.Call, base: Symbol, name: str) -> str:
+        """Return the translation of a method call on something that the rules know by name."""
         if base.kind == "self":
             return self._self_call(node, name)
         if base.kind == "super":
@@ -401,6 +406,7 @@ class Expressions:
 
     @staticmethod
     def _instead(callee: Any) -> str:
+        """Return the advice for a call that cannot be translated."""
         if getattr(callee, "__module__", "") == "math":
             return "write it with + - * / and sqrt, which are the same on every machine"
         return "docs/grid-worlds.md lists what rules may call"
@@ -431,6 +437,7 @@ class Expressions:
 
     @staticmethod
     def _defaults(function: FunctionType) -> Mapping[str, Any]:
+        """Return a function's default arguments by name."""
         names = function.__code__.co_varnames[: function.__code__.co_argcount]
         defaults = function.__defaults__ or ()
         by_position = dict(zip(names[len(names) - len(defaults) :], defaults, strict=True))

@@ -48,6 +48,7 @@ class LayoutCalls(Expressions):
         return f"rt.colour_number(c, {self.place(node)}, {self.expression(node)}, COLOURS)"
 
     def _argument(self, node: ast.Call, nth: int, name: str, default: str) -> str:
+        """Return the translation of an argument, given by position or by name, or else the default."""
         if nth < len(node.args):
             return self.expression(node.args[nth])
         for keyword in node.keywords:
@@ -70,6 +71,7 @@ class LayoutCalls(Expressions):
         return f"rt.wall_rect(c, {place}, {x}, {y}, {w}, {h})"
 
     def _line(self, node: ast.Call, place: int, dx: int) -> str:
+        """Return the translation of a call that puts items along a line; ``dx`` is 1 for a row and 0 for a column."""
         x = self._argument(node, 0, "x", "0")
         y = self._argument(node, 1, "y", "0")
         rest = f"(rt.width(c) - {x})" if dx else f"(rt.height(c) - {y})"
@@ -93,6 +95,7 @@ class LayoutCalls(Expressions):
         return f"rt.clear_cell(c, {place}, {self._argument(node, 0, 'x', '0')}, {self._argument(node, 1, 'y', '0')})"
 
     def _rectangle(self, node: ast.Call) -> str:
+        """Return the translations of a rectangle's top left cell and size; by default it is the whole grid."""
         size = self._argument(node, 9, "size", "None")
         if size == "None":
             size = "(rt.width(c), rt.height(c))"

@@ -169,7 +169,9 @@ def is_number(kind: Any) -> bool:
     return is_whole(kind) or isinstance(kind, types.Float)
 
 
-def _stub(name: str) -> Any:
+def _make_stub(name: str) -> Any:
+    """Return a function that stands for a name in compiled code, and cannot be called from Python."""
+
     def stub(*arguments):
         raise NotImplementedError(name)
 
@@ -179,6 +181,6 @@ def _stub(name: str) -> Any:
 
 def overloaded(typed: Any) -> Any:
     """Return a function that compiles as what it returns for the types of its arguments."""
-    stub = _stub(typed.__name__)
+    stub = _make_stub(typed.__name__)
     overload(stub, jit_options=OPTIONS, strict=False)(typed)
     return stub

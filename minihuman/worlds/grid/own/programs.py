@@ -55,14 +55,15 @@ def translate_rules(world: Any) -> Program:
         if translated.fits(world):
             break
     else:
-        translated = _translate(world)
+        translated = _try_translation(world)
         known.append(translated)
     if translated.program is None:
         raise TranslationError(translated.refusal)
     return translated.program
 
 
-def _translate(world: Any) -> _Translated:
+def _try_translation(world: Any) -> _Translated:
+    """Translate a world's rules; the result holds the program, or the reason why there is none."""
     try:
         _check_methods(world)
         program = Translation(world).translate()
@@ -237,6 +238,7 @@ class WorldRules:
         return True
 
     def _refresh(self, world: Any) -> None:
+        """Read the world's settings again, and write the addresses of all arrays into the table."""
         self._settings, self._float_settings = setting_arrays(world, self._program)
         table = self._table
         table[entries.ROWS] = self._row.ctypes.data

@@ -137,6 +137,7 @@ class Translation:
         )
 
     def _method(self, name: str, symbols: dict[str, Symbol], returns: str) -> str:
+        """Translate one of the world's methods; ``symbols`` are what its parameters stand for, in order."""
         function, owner = self._look_up(name, None)
         source = read_function(function)
         parameters = [argument.arg for argument in source.node.args.args]
@@ -151,6 +152,7 @@ class Translation:
         symbols: dict[str, Symbol],
         returns: str = "any",
     ) -> str:
+        """Translate a function, and return the name of the translation."""
         arguments = source.node.args
         if arguments.vararg or arguments.kwarg or arguments.posonlyargs:
             line = source.node.lineno + source.offset
@@ -315,6 +317,7 @@ class Translation:
         return name, captured
 
     def _inner(self, asking: Statements, node: ast.AST) -> tuple[Statements, list[str]]:
+        """Return the translation of a nested scope, and the variables that it captures."""
         inner = Statements(self, asking.function, asking.owner, asking.source, asking.symbols, asking.variables)
         inner.lengths = dict(asking.lengths)
         stored = {n.id for n in ast.walk(node) if isinstance(n, ast.Name) and not isinstance(n.ctx, ast.Load)}
