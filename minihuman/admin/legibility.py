@@ -121,9 +121,11 @@ def _too_long(part: PlannedPart, words: InterfaceWords, faces: TypefaceSet) -> I
     match part.plan:
         case PlayPlan() as play:
             for outcome, text in play.feedback.items():
-                if not text_fits(TextScreen("", text, "", locale=words.locale), NARROWEST_SCREEN_PX):
+                feedback_screen = TextScreen("", text, "", locale=words.locale)
+                if not text_fits(feedback_screen, NARROWEST_SCREEN_PX):
                     yield f"{part.name}, feedback for {outcome}: {_does_not_fit(text)}"
-            if not text_fits(TextScreen(words["rest.title"], play.rest, "", locale=words.locale), NARROWEST_SCREEN_PX):
+            rest_screen = TextScreen(words["rest.title"], play.rest, "", locale=words.locale)
+            if not text_fits(rest_screen, NARROWEST_SCREEN_PX):
                 yield f"{part.name}, rest: {_does_not_fit(play.rest)}"
         case QuestionsPlan() as questions:
             if not text_fits(build_wrong_answer_screen(words, questions.wrong), NARROWEST_SCREEN_PX):

@@ -57,6 +57,7 @@ def matches_version(plan: SessionPlan, version: str) -> bool:
 
 
 UNFINISHED_OUTCOMES = ("abandoned", "agent_failed", CUT_OFF)
+_MEASURED_KINDS = ("integer", "number", "boolean")
 _COLUMNS = {"episode": EPISODES, "participant": PARTICIPANTS}
 
 
@@ -72,12 +73,11 @@ def check_exclusion_measures(exclusions: Sequence[ExclusionSpec], source: str) -
             raise ReportError(f"{place}: a participant has no labels; use level = 'episode'")
         if rule.measured_label or (rule.question and rule.level == "participant"):
             continue
-        known = [column.name for column in _COLUMNS[rule.level] if column.kind in ("integer", "number", "boolean")]
+        known = [column.name for column in _COLUMNS[rule.level] if column.kind in _MEASURED_KINDS]
         if rule.measure not in known:
             level = "an episode" if rule.level == "episode" else "a participant"
-            raise ReportError(
-                f"{place}.measure: {rule.measure!r} is not a measure of {level}; use one of {', '.join(known)}"
-            )
+            names = ", ".join(known)
+            raise ReportError(f"{place}.measure: {rule.measure!r} is not a measure of {level}; use one of {names}")
 
 
 @lru_cache(maxsize=16)
@@ -275,17 +275,20 @@ class SelectionSummary:
 
     def lines(self) -> Iterator[str]:
         """Yield the summary, one line per fact; the first line is always present."""
-        included = f"{_format_count(self.episodes, 'episode')} of {_format_count(self.sessions, 'session')} included"
+        episodes = _format_count(self.episodes, "episode")
+        sessions = _format_count(self.sessions, "session")
+        included = f"{episodes} of {sessions} included"
         if self.selection:
             included += f" ({self.selection})"
         yield included
         for (level, reason), count in sorted(self.left_out.items()):
             yield f"excluded: {_format_count(count, level)}: {reason}"
         if len(self.versions) > 1:
-            versions = ", ".join(
-                f"{version} in {_format_count(count, 'session')}"
-                for (_, version), count in sorted(self.versions.items())
-            )
+            version_counts = []
+            for (_, version), count in sorted(self.versions.items()):
+                n_sessions = _format_count(count, "session")
+                version_counts.append(f"{version} in {n_sessions}")
+            versions = ", ".join(version_counts)
             yield f"several versions of the protocol: {versions}; choose one with --version"
         for log in self.skipped:
             yield log.line()

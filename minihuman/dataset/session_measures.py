@@ -157,12 +157,17 @@ def _aggregate_episodes(
     rewards = [row["reward"] for row in rows]
     steps = [row["steps"] for row in rows]
     n_steps = sum(steps)
-    n_ineffective = sum(row["ineffective_steps"] for row in rows)
+    reward_sd = None
+    if len(rewards) > 1:
+        reward_sd = float(np.std(rewards, ddof=1))
+    ineffective_share = None
+    if n_steps:
+        ineffective_share = sum(row["ineffective_steps"] for row in rows) / n_steps
     return {
         "episodes": len(rows),
         "success": _mean([row["success"] for row in rows]),
         "reward_mean": _mean(rewards),
-        "reward_sd": float(np.std(rewards, ddof=1)) if len(rewards) > 1 else None,
+        "reward_sd": reward_sd,
         "reward_first": rewards[0] if rewards else None,
         "reward_slope": _fit_reward_slope(rows),
         "steps_mean": _mean(steps),
@@ -172,7 +177,7 @@ def _aggregate_episodes(
         "reaction_median_ms": _find_median_ms(tally.episode.rt_ms for tally in tallies),
         "response_median_ms": _find_median_ms(response_ms(tally.episode) for tally in tallies),
         "path_efficiency_mean": _mean([row["path_efficiency"] for row in rows]),
-        "ineffective_share": n_ineffective / n_steps if n_steps else None,
+        "ineffective_share": ineffective_share,
         "refused": sum(row["refused"] for row in rows),
         **_aggregate_key_discoveries(begun_tallies),
     }

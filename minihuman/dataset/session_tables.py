@@ -73,7 +73,9 @@ def build_context_rows(
             rows["samples"] += [place | row for row in _sample_rows(sampled, channels)]
     frames = [_frame_rows(episode) for episode in episodes]
     other_presses = [_other_press_rows(segment, log.episodes) for segment in log.segments]
-    batches = {name: RowBatch.of([{**session_key, **row} for row in of_table]) for name, of_table in rows.items()}
+    batches = {}
+    for name, table_rows in rows.items():
+        batches[name] = RowBatch.of([{**session_key, **row} for row in table_rows])
     batches["frames"] = RowBatch.stack(frames, **session_key)
     batches["other_presses"] = RowBatch.stack(other_presses, **session_key)
     return batches
@@ -347,7 +349,8 @@ def build_session_tables(session: SelectedSession, measured: SessionMeasures) ->
         "steps": RowBatch.stack([_step_rows(episode) for episode in played], **session_key),
         "presses": RowBatch.stack([_press_rows(episode) for episode in played], **session_key),
     }
-    batches |= {name: RowBatch.of([session_key | row for row in of_table]) for name, of_table in rows.items()}
+    for name, table_rows in rows.items():
+        batches[name] = RowBatch.of([session_key | row for row in table_rows])
     batches |= build_context_rows(log, played, session_key, session.marks, is_selected=session.is_selected)
     batches |= build_activity_rows(log, session_key, is_selected=session.is_selected)
     batches |= build_episode_rows(played, session_key)

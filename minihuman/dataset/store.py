@@ -177,8 +177,11 @@ class StudyStore(AbstractContextManager["StudyStore", None]):
         damaged = damage.changed | {self._known[key].number for key in damage.doubled}
         if damaged:
             self._file.note_damage(len(damaged))
-        ((numbers,),) = self.tables.connection.execute("SELECT coalesce(list(log), []) FROM kept.logs").fetchall()
-        writer.remove(sorted(damage.changed.union(numbers).difference(fresh.values())))
+        ((stored_numbers,),) = self.tables.connection.execute(
+            "SELECT coalesce(list(log), []) FROM kept.logs"
+        ).fetchall()
+        stale_numbers = damage.changed.union(stored_numbers).difference(fresh.values())
+        writer.remove(sorted(stale_numbers))
         unread = {key: log for key, log in logs.items() if key not in fresh}
         if unread:
             writer.read(unread)

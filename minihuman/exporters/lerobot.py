@@ -454,8 +454,8 @@ class _Dataset:
         episodes = meta / "episodes" / "chunk-000"
         episodes.mkdir(parents=True)
         filled = [name for name in self.rows[0] if any(row[name] is not None for row in self.rows)]
-        rows = [{name: row[name] for name in filled} for row in self.rows]
-        pq.write_table(pa.Table.from_pylist(rows), episodes / "file-000.parquet", compression="snappy")
+        table = pa.Table.from_pylist([{name: row[name] for name in filled} for row in self.rows])
+        pq.write_table(table, episodes / "file-000.parquet", compression="snappy")
         # the task is the unnamed index of a pandas frame: readers look for the column that makes
         pd.DataFrame({"task_index": list(self._tasks.values())}, index=list(self._tasks)).to_parquet(
             meta / "tasks.parquet"
@@ -478,9 +478,8 @@ class _Dataset:
             "features": self.features,
         }
         (meta / "info.json").write_text(json.dumps(info, indent=4), encoding="utf-8", newline="\n")
-        (self.root / "README.md").write_text(
-            build_card(self._study_facts, self._world, info, list(self._tasks)), encoding="utf-8", newline="\n"
-        )
+        card = build_card(self._study_facts, self._world, info, list(self._tasks))
+        (self.root / "README.md").write_text(card, encoding="utf-8", newline="\n")
 
 
 def _table(columns: dict[str, NDArray[Any]], features: dict[str, Any]) -> pa.Table:

@@ -32,20 +32,20 @@ def compute_occupancy(
         ValueError: if no episode has a map and poses, or cells and metres are mixed.
         LogError: if a map's bounds are invalid, or too far apart.
     """
-    by_participant = []
+    participant_episodes = []
     for episodes in participants:
         placed_episodes = [episode for episode in episodes if has_positions(episode)]
         if placed_episodes:
-            by_participant.append(placed_episodes)
-    all_episodes = list(chain.from_iterable(by_participant))
+            participant_episodes.append(placed_episodes)
+    all_episodes = list(chain.from_iterable(participant_episodes))
     low, high, size = _measure_extent(all_episodes)
     x_edges = np.arange(low[0], high[0] + size - _ROUNDING, size)
     z_edges = np.arange(low[1], high[1] + size - _ROUNDING, size)
     total = np.zeros((len(x_edges) - 1, len(z_edges) - 1))
-    for episodes in by_participant:
+    for episodes in participant_episodes:
         positions = _stack_positions(episodes)
         counts = np.histogram2d(positions[:, 0], positions[:, 1], bins=[x_edges, z_edges])[0]
-        total += counts / counts.sum() / len(by_participant)
+        total += counts / counts.sum() / len(participant_episodes)
     return total, x_edges, z_edges
 
 

@@ -93,19 +93,13 @@ def find_known_keys(plans: Sequence[PlanOutline], protocols: Sequence[Protocol] 
 
     A group is named if this was true of all its participants the first time they played the block.
     """
-    groups_by_block = {}
-    for block, cells in _find_known_cells(plans, BlockSpecs(protocols)).items():
-        groups = _list_groups_with_known_keys(cells)
-        if groups:
-            groups_by_block[block] = groups
-    return groups_by_block
+    cells_by_block = _find_known_cells(plans, BlockSpecs(protocols))
+    groups_by_block = {block: _list_groups_with_known_keys(cells) for block, cells in cells_by_block.items()}
+    return {block: groups for block, groups in groups_by_block.items() if groups}
 
 
 def _list_groups_with_known_keys(cells: Mapping[tuple[str, int, str], bool]) -> list[str]:
-    """Return the groups in which all participants knew the keys in their first session with the block, sorted.
-
-    ``cells`` says by group, session and preceding block whether the keys were known.
-    """
+    """Return, sorted, the groups in which all participants knew the keys in their first session with the block."""
     first_sessions: dict[str, int] = {}
     for group, session, _ in cells:
         first_sessions[group] = min(session, first_sessions.get(group, session))

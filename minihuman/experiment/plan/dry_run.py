@@ -47,8 +47,10 @@ def describe_plan(plan: SessionPlan) -> Iterator[str]:
     yield f"participant  {participant.id}, group {participant.group}{stratum}, session {plan.session}"
     consent = f"SHA-256 {plan.consent_sha256}" if plan.consent_text else "not asked for"
     yield f"consent      {consent}"
-    keyboard_check = ", each checked first" if plan.keyboard_check else ""
-    yield f"keys         {' '.join(plan.key_pool)}{keyboard_check}"
+    keys = " ".join(plan.key_pool)
+    if plan.keyboard_check:
+        keys += ", each checked first"
+    yield f"keys         {keys}"
     if plan.bonus:
         most = "" if plan.bonus.most is None else f", at most {plan.bonus.most:g}"
         yield f"bonus        {plan.bonus.base:g} + {plan.bonus.per_point:g} a point{most} {plan.bonus.currency}"

@@ -22,6 +22,7 @@ from minihuman.worlds.adapters.success import can_keep, find_info, has_info, rea
 from minihuman.worlds.adapters.world import World
 from minihuman.worlds.outcomes import WORLD_RULE, parse_outcome_rule
 
+_N_EXAMPLE_KEYS = 3
 N_TRIED_STEPS = 100  # for what a world says in ``info``
 SUCCESS_MEASURES = frozenset(
     {
@@ -108,8 +109,9 @@ def _describe_info(block: BlockSpec, rule: StatedRule, tried: TriedWorld) -> Ite
     recorded = {key.partition(".")[0] for key in block.record_info}
     left_out = [key for key in tried.values if key not in recorded]
     if left_out:
-        example = msgspec.json.encode(left_out[:3]).decode()
-        yield (f"{place}: not kept of the world's info: {', '.join(left_out)}; record_info = {example} keeps them")
+        names = ", ".join(left_out)
+        example = msgspec.json.encode(left_out[:_N_EXAMPLE_KEYS]).decode()
+        yield f"{place}: not kept of the world's info: {names}; record_info = {example} keeps them"
 
 
 def _list_keys(tried: TriedWorld) -> str:

@@ -100,6 +100,11 @@ def _holds_messages(log: SessionLog) -> bool:
     return any(isinstance(event, ActivityEvent) and event.words_to_others for event in log.part_events)
 
 
+def _format_time(timestamp: str) -> str:
+    """Return an ISO time in UTC as BIDS has it: without a time zone, and down to microseconds."""
+    return timestamp.removesuffix("Z")[: len("2026-01-31T12:00:00.000000")]
+
+
 class _Dataset:
     """A BIDS dataset that is being written."""
 
@@ -153,13 +158,13 @@ class _Dataset:
             recordings = [write_tsv(events, [*EVENT_COLUMNS, *labels], rows)]
             recordings += write_motion(stem, folder / "motion", segment.number, self._task_facts, segment, run_episodes)
             recordings += write_physio(stem, folder / "beh", segment.number, self._task_facts, segment, devices)
-            at = segment.started_at.removesuffix("Z")[:26]  # microseconds are the finest that BIDS has
-            scans += [{"filename": str(path.relative_to(folder)), "acq_time": at} for path in recordings]
+            acquired_at = _format_time(segment.started_at)
+            scans += [{"filename": str(path.relative_to(folder)), "acq_time": acquired_at} for path in recordings]
         write_tsv(folder / f"{subject}_{session}_scans.tsv", ["filename", "acq_time"], scans)
         self._keep_log(selected, Path("sourcedata") / subject / session)
         self._draw(selected, f"{subject}_{session}")
         self._phenotype.add(log, subject, session)
-        self._sessions[subject].append({"session_id": session, "acq_time": log.started_at.removesuffix("Z")[:26]})
+        self._sessions[subject].append({"session_id": session, "acq_time": _format_time(log.started_at)})
         self._people.setdefault(
             subject,
             {

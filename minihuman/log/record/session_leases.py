@@ -166,22 +166,33 @@ class SessionLeases:
         """
         lease = self.acquire(f"{study_folder(part).name}/{part.parent.parent.name}/{part.parent.name}")
         try:
-            if not lease.grant.ended and not only_ended:
-                self.restore(lease, part.parent)
-            elif lease.grant.ended and self._table.read_files(lease.session).get(part.name) != part.read_bytes():
-                put_aside(part, SUPERSEDED)
-            if not part.exists() and not lease.grant.ended:  # finish what the other server left, as it is here now
-                part = next(iter(find_leftovers(part.parent)), part)
-            if not part.exists() or (only_ended and not lease.grant.ended):
+            if lease.grant.ended:
+                return self._recover_ended(part, lease)
+            if only_ended:
                 return None
-            if not lease.grant.ended:
-                return recover_log(part, lambda log: self.publish(lease, log))
-            finished = recover_log(part)  # the copy stays until then: it says whose session it is
-            with suppress(OSError):
-                self.store(lease, None)
-            return finished
+            return self._recover_resumable(part, lease)
         finally:
             self.release(lease)
+
+    def _recover_ended(self, part: Path, lease: Lease) -> FinalizedLog | None:
+        """Finish a live file whose session has ended; put it aside if it is not what the last holder acknowledged."""
+        if self._table.read_files(lease.session).get(part.name) != part.read_bytes():
+            put_aside(part, SUPERSEDED)
+        if not part.exists():
+            return None
+        finished = recover_log(part)  # the copy stays until then: it says whose session it is
+        with suppress(OSError):
+            self.store(lease, None)
+        return finished
+
+    def _recover_resumable(self, part: Path, lease: Lease) -> FinalizedLog | None:
+        """Finish the live file of a session that could be resumed, as its last holder left it."""
+        self.restore(lease, part.parent)
+        if not part.exists():  # finish what the other server left, as it is here now
+            part = next(iter(find_leftovers(part.parent)), part)
+        if not part.exists():
+            return None
+        return recover_log(part, lambda log: self.publish(lease, log))
 
     def renew(self, leases: Sequence[Lease]) -> None:
         """Renew leases, and copy everything recorded since the last renewal.
