@@ -153,7 +153,7 @@ def simulate_pool(
     group = decode_protocol(toml, "protocol").groups[-1].name
     workers = min(processes or count_processes(), people)
     shares = [(len(part), seed * 1_000 + number) for number, part in enumerate(np.array_split(range(people), workers))]
-    work = partial(_play_share, toml, group, player)
+    work = partial(_play_job, toml, group, player)
     if workers == 1:
         tables = [work(shares[0])]
     else:
@@ -171,14 +171,15 @@ def simulate_pool(
     return ParticipantPool(chosen, group, rows.loc[rows["block"] == chosen, _COLUMNS].reset_index(drop=True))
 
 
-def _play_share(toml: bytes, group: str, player: str, job: tuple[int, int]) -> pd.DataFrame:
+def _play_job(toml: bytes, group: str, player: str, job: tuple[int, int]) -> pd.DataFrame:
+    """Simulate some participants of one group, given their number and a seed; return their episodes."""
     people, seed = job
     protocol = decode_protocol(toml, "protocol")
     groups = tuple(group_spec for group_spec in protocol.groups if group_spec.name == group)
     study = msgspec.structs.replace(protocol.study, participants=people, seed=seed)
     group_protocol = msgspec.structs.replace(protocol, study=study, groups=groups)
     if can_run_headless(group_protocol):
-        return _play_bare_share(group_protocol, player, seed)
+        return _play_job_headless(group_protocol, player, seed)
     with TemporaryDirectory(prefix="minihuman-power-") as folder:
         for _ in simulate(group_protocol, Path(folder), participants=people, seed=seed, player=player):
             pass
@@ -187,7 +188,8 @@ def _play_share(toml: bytes, group: str, player: str, job: tuple[int, int]) -> p
             return tables.frame("episodes", _COLUMNS)
 
 
-def _play_bare_share(protocol: Protocol, player: str, seed: int) -> pd.DataFrame:
+def _play_job_headless(protocol: Protocol, player: str, seed: int) -> pd.DataFrame:
+    """Play the episodes of a protocol's participants without sessions or logs; return their episodes."""
     rows = list[dict[str, object]]()
     worlds = dict[int, World]()
     for index in range(protocol.study.participants):

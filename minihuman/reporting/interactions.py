@@ -225,6 +225,7 @@ def _state_omnibus(opening: str, test: InteractionTest, interaction: Interaction
 
 
 def _state_contrast(opening: str, compared: ContrastComparison, *, is_alone: bool) -> str:
+    """State in one sentence how much two groups differ on a contrast, or why they are not compared."""
     groups = compared.groups
     subject = f"{opening}: {compared.contrast}, {format_pair(groups.first, groups.second)}"
     if groups.reason and math.isnan(groups.p):

@@ -122,6 +122,7 @@ class AgentPlayActivity(PlayActivity):
         return None
 
     def _take_policy(self, new: NewPolicy) -> None:
+        """Accept a new policy, or the failure of a learner or agent, and log it; hand control over if need be."""
         if not new.failure:
             self._next_policy = new.policy
         if self.playing:  # the agent that plays has failed
@@ -141,6 +142,7 @@ class AgentPlayActivity(PlayActivity):
             self._steer("person", "agent_failed" if self._names_failures else "no_policy")
 
     def _take_advice(self, advice: Advice) -> None:
+        """Draw the agent's next action from a policy's advice; ignore advice on an earlier state."""
         play = self._current
         now_ns = self.context.now_ns
         if advice.step != play.steps:
@@ -235,6 +237,7 @@ class AgentPlayActivity(PlayActivity):
     # Episodes
 
     def _episode_started(self) -> None:
+        """Put the newest policy into force, and give control to the agent or, without a policy, to the person."""
         self.policy = self._next_policy
         self._due_ns = self.advised = None
         if self.policy:

@@ -117,6 +117,7 @@ class CorrectionActivity(Activity):
     # Looking
 
     def _begin_look(self, episode: EpisodeClip | None) -> None:
+        """Show an episode for review and log it; end the part if there is none."""
         now_ns = self.context.now_ns
         if episode is None or not 0 <= episode.episode < len(self.context.plan.episodes):
             self.context.emit(NothingToCorrect(now_ns, self.number, self._number))
@@ -156,6 +157,7 @@ class CorrectionActivity(Activity):
         return self.context.world(episode.world, options)
 
     def _press_while_looking(self, press: KeyDown) -> None:
+        """Handle a key press during the review: step through the episode, correct it or go to the next one."""
         plan = self._plan
         emit_key = self.context.emit_key
         if self.phase is not Phase.LOOKING or self._film is None:
@@ -195,6 +197,7 @@ class CorrectionActivity(Activity):
     # Showing
 
     def _begin_correction(self, press: KeyDown) -> None:
+        """Recreate the episode up to the step that is shown, and let the participant continue from there."""
         assert self._episode is not None
         episode = self._episode
         context = self.context
@@ -228,6 +231,7 @@ class CorrectionActivity(Activity):
         self._move(Phase.SHOWING)
 
     def _press_while_showing(self, press: KeyDown) -> None:
+        """Handle a key press during a correction: make a step or stop."""
         assert self.play is not None
         play = self.play
         emit_key = self.context.emit_key

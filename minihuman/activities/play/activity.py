@@ -273,6 +273,7 @@ class PlayActivity(Activity):
             self._move(TransitionCause.DONE)
 
     def _key_in_play(self, press: KeyDown) -> None:
+        """Handle a key press during an episode: make a step, or queue the action in real time."""
         play = self._current
         emit_key = self.context.emit_key
         action = play.action_of(press.key)
@@ -297,6 +298,7 @@ class PlayActivity(Activity):
             self._stepped(play.step(self.context.now_ns, action, key=POINTER, key_t_ns=press.t_ns))
 
     def _key_outside_play(self, press: KeyDown) -> None:
+        """Handle a key press on one of the block's text screens."""
         effect = self._text_keys.judge(
             press, self.phase, now_ns=self.context.now_ns, flip_ns=self._flip_ns, play=self._play
         )

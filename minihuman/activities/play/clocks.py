@@ -135,6 +135,7 @@ class PhaseTimer:
         return (left_ns + NS_PER_S - 1) // NS_PER_S  # rounded up
 
     def _lasts_ns(self, phase: StrEnum) -> int:
+        """Return the duration of a timed phase in nanoseconds."""
         ms: dict[StrEnum, float] = {
             Phase.INTERVAL: self._sequence.interval_ms,
             Phase.FEEDBACK: self._feedback_ms,

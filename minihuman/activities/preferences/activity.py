@@ -159,6 +159,7 @@ class PreferencesActivity(Activity):
         return "right"
 
     def _film_of(self, stretch: EpisodeClip) -> EpisodeFilm:
+        """Return the film of a clip's pictures."""
         with catch_world_errors():
             options: dict[str, Any] = json.loads(stretch.options)
         plan = self._plan

@@ -43,9 +43,10 @@ class QuestionsActivity(Activity):
         self._tries = self.context.tries.get(self.part.name, 0)
         self._wrong = False  # the screen that says so is shown
         self.context.emit(Noted(self.context.now_ns, "phase", self.phase))
-        self._ask_all()
+        self._start_over()
 
-    def _ask_all(self) -> None:
+    def _start_over(self) -> None:
+        """Discard all answers and show the first question."""
         words = self.context.words
         today = self.context.facts.get("number_rules", "1") == NUMBER_RULES
         language = words.language if today else None
@@ -220,7 +221,7 @@ class QuestionsActivity(Activity):
         if self._plan.back_to is not None:
             self.ended = PartEnding("again", back_to=self._plan.back_to)
         else:
-            self._ask_all()
+            self._start_over()
 
     def screen(self) -> QuestionScreen | TextScreen:
         """Build the screen of the present question, or of the note that an answer was wrong."""

@@ -285,7 +285,7 @@ class Kitchen(TeamWorld):
         self.layout = layout
         self.bodies = layout.cooks
         self.max_steps = check_max_steps(max_steps)
-        self._start = _start_row(layout, old, self.max_steps)
+        self._start = _build_start_row(layout, old, self.max_steps)
         self.mission = _mission(layout, old)
         self.row = self._start.copy()
         self.row[fields.PHASE] = fields.NEW
@@ -301,7 +301,7 @@ class Kitchen(TeamWorld):
         """Begin a new episode. The seed only affects a drawn layout."""
         if self._draws_layout:
             self.layout = draw_layout(self.choose_seed(seed))
-            self._start = _start_row(self.layout, self.rules == "2019", self.max_steps)
+            self._start = _build_start_row(self.layout, self.rules == "2019", self.max_steps)
         self.row[:] = self._start
         observe(self.row, self._flat_images)
 
@@ -430,7 +430,8 @@ class KitchenBatch(TeamBatch):
         return self.observations, np.broadcast_to(delivered.sum(axis=1, keepdims=True), delivered.shape), self.ends
 
 
-def _start_row(layout: KitchenLayout, old: bool, max_steps: int) -> Row:
+def _build_start_row(layout: KitchenLayout, old: bool, max_steps: int) -> Row:
+    """Return the row of numbers with which the kernels begin an episode in a layout."""
     plan = [list(row) for row in layout.plan.split("/")]
     width = len(plan[0])
     height = len(plan)

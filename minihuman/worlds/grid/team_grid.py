@@ -171,6 +171,7 @@ class TeamGrid(OwnRules, TeamWorld, abc.ABC):
         self._look()
 
     def _lay_out(self) -> None:
+        """Lay out an episode by the compiled rules if there are any, or else by `layout`."""
         if self.is_translated:
             self._compiled_rules = import_module("minihuman.worlds.grid.own.programs").load_rules(self)
         rules = self._compiled_rules

@@ -87,7 +87,7 @@ def build_things(state: State, palette: Palette, kinds: Sequence[ObjectKind] = (
     """Return everything but walls, sorted by look and then by place; looks stay the same while a thing moves."""
     things = []
     for x, z in zip(*np.nonzero(state.cells != cells.EMPTY), strict=True):
-        things += _in_cell(state, int(state.cells[x, z]), int(x), int(z), palette, kinds)
+        things += _build_cell(state, int(state.cells[x, z]), int(x), int(z), palette, kinds)
     return sorted(things, key=repr)
 
 
@@ -127,9 +127,10 @@ def _own(
             return []
 
 
-def _in_cell(
+def _build_cell(
     state: State, code: int, x: int, z: int, palette: Palette, kinds: Sequence[ObjectKind]
 ) -> list[PlacedLook]:
+    """Return the looks of the object in a cell, with their places."""
     middle = (float(x), 0.0, float(z), 0.0)
     if cells.kind_of(code) >= FIRST_OWN_KIND:
         return _own(kinds[cells.kind_of(code) - FIRST_OWN_KIND], code, middle, palette)

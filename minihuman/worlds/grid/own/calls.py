@@ -43,6 +43,7 @@ class Calls(LayoutCalls):
         return f"{_PLAIN[callee]}({', '.join(arguments)})"
 
     def _over_generator(self, node: ast.Call, callee: Any) -> str:
+        """Return the translation of ``any``, ``sum`` or the like over a generator or a sequence."""
         argument = node.args[0]
         if not isinstance(argument, ast.GeneratorExp | ast.ListComp):
             if callee in (min, max):

@@ -139,6 +139,7 @@ class Expressions:
         return text
 
     def _symbol_text(self, node: ast.AST, symbol: Symbol) -> str:
+        """Return the translation of a name that stands for a constant or for the row; refuse any other."""
         if symbol.kind == "row":
             return "rt.row(c)"
         if symbol.kind != "constant":
@@ -177,6 +178,7 @@ class Expressions:
         self.refuse(node, f"{ast.unparse(node)}", "docs/grid-worlds.md lists what can be read")
 
     def _own_attribute(self, node: ast.Attribute) -> str:
+        """Return the translation of an attribute of ``self``: a field, a property or a setting."""
         name = node.attr
         if name in _SELF_NUMBERS and not self.program.is_team:
             return f"np.int64(rt.row(c)[{_SELF_NUMBERS[name]}])"

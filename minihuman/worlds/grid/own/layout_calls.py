@@ -27,6 +27,7 @@ class LayoutCalls(Expressions):
         return self._coloured_item(node, callee, named)
 
     def _coloured_item(self, node: ast.Call, callee: Any, named: Mapping[str, Symbol | None]) -> str:
+        """Return an item whose colour or contents are computed when the rules run."""
         arguments = list(node.args)
         colour = arguments[0] if arguments else next((k.value for k in node.keywords if k.arg == "colour"), None)
         contents = arguments[1] if len(arguments) > 1 else None
@@ -102,6 +103,7 @@ class LayoutCalls(Expressions):
         return f"{self._argument(node, 9, 'top', '(0, 0)')}, {size}"
 
     def _grid_place(self, node: ast.Call, place: int) -> str:
+        """Return the translation of a call that places an item in a random cell."""
         item_text = self._argument(node, 0, "item", "0")
         tries = self._argument(node, 9, "tries", str(MOST_TRIES))
         reject = next((keyword.value for keyword in node.keywords if keyword.arg == "reject"), None)

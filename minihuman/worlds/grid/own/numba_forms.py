@@ -38,10 +38,10 @@ _FORMS: dict[int, Any] = {}
 
 def numba_form(kernel: Any) -> Any:
     """Return a kernel of ours for Numba, which compiles it when other code calls it and not before."""
-    source = _source_of(kernel)
+    source = _find_source(kernel)
     if id(source.function) not in _FORMS:
         function = source.function
-        names = _names_of(function.__globals__)
+        names = _list_module_names(function.__globals__)
         copy = FunctionType(function.__code__, names, function.__name__, function.__defaults__)
         variables = {name: numba.from_dtype(np.dtype(kind)) for name, kind in source.variables.items()}
         _FORMS[id(function)] = _without_literals(numba.njit(locals=variables, **OPTIONS)(copy))
@@ -62,7 +62,8 @@ def _without_literals(dispatcher: Any) -> Any:
     return dispatcher
 
 
-def _source_of(kernel: Any) -> KernelSource:
+def _find_source(kernel: Any) -> KernelSource:
+    """Return the source of a kernel, however it was declared."""
     if isinstance(kernel, LateKernel):
         return kernel.source
     if hasattr(kernel, "py_func"):
@@ -73,7 +74,8 @@ def _source_of(kernel: Any) -> KernelSource:
     return KernelSource(plain)
 
 
-def _names_of(module_names: dict[str, Any]) -> dict[str, Any]:
+def _list_module_names(module_names: dict[str, Any]) -> dict[str, Any]:
+    """Return a module's names, with kernels replaced by their forms for Numba; the result is cached."""
     names = _NAMES.get(id(module_names))
     if names is None:
         names = _NAMES[id(module_names)] = dict(module_names)

@@ -187,6 +187,7 @@ class Statements(Calls):
         return floats or any(isinstance(part, ast.Name) and "reward" in part.id for part in parts)
 
     def _assign_mission(self, target: ast.Attribute, right_side: ast.expr) -> bool:
+        """Translate an assignment to ``grid.mission`` and return True; return False for another target."""
         base = self.symbol(target.value)
         if base is None or base.kind != "grid" or target.attr != "mission":
             return False

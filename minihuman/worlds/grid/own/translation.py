@@ -240,6 +240,7 @@ class Translation:
         return False
 
     def _look_up(self, name: str, after: type | None) -> tuple[FunctionType, type | None]:
+        """Return a method and the class that defines it, searching after a class if one is given."""
         classes = list(type(self.world).__mro__)
         if after is not None:
             classes = classes[classes.index(after) + 1 :]
