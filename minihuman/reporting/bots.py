@@ -8,7 +8,7 @@ without focus and times shared with another session are reported as separate fac
 """
 
 import json
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
@@ -45,8 +45,9 @@ N_OTHERS = 5
 BOUND = 3.0  # a ratio beyond 1000 is not claimed from some hundred simulated people
 FLAG = -2.0  # log10 of the ratio at which a session is flagged
 NOT_CALIBRATED = "not calibrated on people: fitted to simulated people and programs"
-# so many times in a row, each as near as this, in another session
 _N_REASONS = 3  # measures that a session's verdict names
+_NS_PER_MS = 1e6
+# so many times in a row, each as near as this, in another session
 _SAME_RUN = 5
 _SAME_MS = 2.0
 _VARIED_MS = 50 * _SAME_MS  # a steadier run, as of a held key, can be the same in two sessions by chance
@@ -84,31 +85,40 @@ def read_key_times(log: SessionLog) -> PressTimes:
 
 
 def _read_episode(episode: EpisodeLog) -> tuple[Array, ...] | None:
+    """Return an episode's intervals, repetitions, first time, hold times and overlaps; None if no key was pressed.
+
+    A press is marked as an overlap if the next key went down before its own came up.
+    """
     keys = episode.keys
-    begins = [begin for begin, _ in episode.pauses]
     t_ns = np.asarray(keys.column("t_ns")) - np.asarray(keys.column("waited_ns"))
-    down = np.asarray(keys.column("down"), bool)
+    is_down = np.asarray(keys.column("down"), bool)
     codes = keys.column("key").codes
     verdict = keys.column("verdict")
-    pressed = down & ~verdict.equals_any((*UNPRESSED_VERDICTS, "typing", "not_playing"))
-    released = ~down & ~verdict.equals_any(("release_at_focus_loss",))  # no finger left the key then
-    at_ns = t_ns[pressed]
-    which = codes[pressed]
-    if not len(at_ns):
+    is_press = is_down & ~verdict.equals_any((*UNPRESSED_VERDICTS, "typing", "not_playing"))
+    is_release = ~is_down & ~verdict.equals_any(("release_at_focus_loss",))  # no finger left the key then
+    down_ns = t_ns[is_press]
+    pressed_codes = codes[is_press]
+    if not len(down_ns):
         return None
-    up_ns = np.full(len(at_ns), np.nan)
-    for code in np.unique(which):
-        ups = np.append(np.sort(t_ns[released & (codes == code)]).astype(float), np.nan)
-        up_ns[which == code] = ups[np.searchsorted(ups[:-1], at_ns[which == code])]
-    intervals = np.append(np.diff(at_ns) / 1e6, np.nan)
-    intervals[np.append(np.diff(np.searchsorted(begins, at_ns)) > 0, False)] = np.nan
-    return (
-        intervals,
-        np.append(which[1:] == which[:-1], False).astype(float),
-        np.array([(at_ns[0] - episode.t_ns[0]) / 1e6]),
-        ((up_ns - at_ns) / 1e6)[~np.isnan(up_ns)],
-        (at_ns[1:] < up_ns[:-1]).astype(float),
-    )
+    up_ns = np.full(len(down_ns), np.nan)
+    for code in np.unique(pressed_codes):
+        of_key = pressed_codes == code
+        up_ns[of_key] = _find_next(np.sort(t_ns[is_release & (codes == code)]), down_ns[of_key])
+    n_pauses_before = np.searchsorted([begin for begin, _ in episode.pauses], down_ns)
+    is_before_pause = np.append(np.diff(n_pauses_before) > 0, False)
+    intervals_ms = np.append(np.diff(down_ns) / _NS_PER_MS, np.nan)
+    intervals_ms[is_before_pause] = np.nan
+    is_repeated = np.append(pressed_codes[1:] == pressed_codes[:-1], False)
+    first_ms = (down_ns[0] - episode.t_ns[0]) / _NS_PER_MS
+    holds_ms = ((up_ns - down_ns) / _NS_PER_MS)[~np.isnan(up_ns)]
+    overlaps = down_ns[1:] < up_ns[:-1]
+    return intervals_ms, is_repeated.astype(float), np.array([first_ms]), holds_ms, overlaps.astype(float)
+
+
+def _find_next(times_ns: Array, after_ns: Array) -> Array:
+    """Return, for each of some times, the first of other sorted times that is not before it; NaN if there is none."""
+    with_none = np.append(times_ns.astype(float), np.nan)
+    return with_none[np.searchsorted(with_none[:-1], after_ns)]
 
 
 def measure_key_times(times: PressTimes) -> dict[str, float]:
@@ -118,9 +128,10 @@ def measure_key_times(times: PressTimes) -> dict[str, float]:
     if known.sum() < N_INTERVALS:
         return {}
     logs = np.log10(intervals)
-    kinds = [logs[known & times.same], logs[known & ~times.same]]
-    if min(map(len, kinds)) >= N_OTHERS:  # a run of the same key is no correlation
-        logs = logs - np.where(times.same, np.median(kinds[0]), np.median(kinds[1]))
+    same_key_logs = logs[known & times.same]
+    other_key_logs = logs[known & ~times.same]
+    if min(len(same_key_logs), len(other_key_logs)) >= N_OTHERS:  # a run of the same key is no correlation
+        logs = logs - np.where(times.same, np.median(same_key_logs), np.median(other_key_logs))
     pairs = known[1:] & known[:-1]
     low, middle, high = np.quantile(intervals[known], (0.25, 0.5, 0.75))
     if len(times.holds_ms) >= N_OTHERS:
@@ -178,17 +189,24 @@ def weigh_measures(
         bound: the largest log10 of a ratio that is reported in either direction.
     """
     places = {name: place_in_bin(name, value) for name, value in measured.items() if np.isfinite(value)}
-    likelihoods = []
-    best = []
-    for kinds in (model["people"], model["programs"]):
-        fits = [
-            np.log10(kind["weight"]) + sum(kind["log10"][name][at] for name, at in places.items()) for kind in kinds
-        ]
-        likelihoods.append(np.logaddexp.reduce(np.array(fits) * np.log(10)) / np.log(10))
-        best.append(kinds[int(np.argmax(fits))]["log10"])
+    people_likelihood, best_person = _fit_kinds(model["people"], places)
+    program_likelihood, best_program = _fit_kinds(model["programs"], places)
     slope: float = model["slope"]
-    shares = {name: slope * (best[0][name][at] - best[1][name][at]) for name, at in places.items()}
-    return float(np.clip(slope * (likelihoods[0] - likelihoods[1]) + model["intercept"], -bound, bound)), shares
+    ratio = slope * (people_likelihood - program_likelihood) + model["intercept"]
+    shares = {name: slope * (best_person[name][at] - best_program[name][at]) for name, at in places.items()}
+    return float(np.clip(ratio, -bound, bound)), shares
+
+
+def _fit_kinds(kinds: Sequence[Mapping[str, Any]], places: Mapping[str, int]) -> tuple[float, Mapping[str, Any]]:
+    """Return log10 of the likelihood under all kinds together, and the bins' probabilities of the kind that fits best.
+
+    Args:
+        kinds: the kinds of people or of programs in the model.
+        places: the index of the histogram bin of each measure.
+    """
+    fits = [np.log10(kind["weight"]) + sum(kind["log10"][name][at] for name, at in places.items()) for kind in kinds]
+    likelihood = np.logaddexp.reduce(np.array(fits) * np.log(10)) / np.log(10)
+    return likelihood, kinds[int(np.argmax(fits))]["log10"]
 
 
 @cache

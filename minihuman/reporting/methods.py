@@ -360,19 +360,21 @@ def _describe_episode(block_plan: EpisodePlan, spec: BlockSpec | None) -> str:
     keys = _describe_keys(block_plan)
     if is_of_trials(block_plan, spec):
         return f"{practice}{describe_trials(block_plan, spec)}; {keys}"
-    options = "".join(
-        f", {option} = {value!r}" for option, value in sorted(list_shared_options(block_plan, spec).items())
-    )
+    shared_options = sorted(list_shared_options(block_plan, spec).items())
+    options = "".join(f", {option} = {value!r}" for option, value in shared_options)
     table = describe_stimuli(spec)
     if table:
         options += f", further options from {table}"
     limit = f"at most {block_plan.max_steps} steps"
     if spec is not None and spec.max_episode_s:
         limit += f" or {spec.max_episode_s:g} s"
+    count = _describe_count(block_plan, spec)
+    pace = _describe_pace(block_plan)
+    motion = _describe_motion(spec)
+    outcome = _describe_outcome(block_plan, spec)
     return (
-        f"{practice}{_describe_count(block_plan, spec)} in {block_plan.world}"
-        f"{options}, {block_plan.view} view, {limit} each; {_describe_pace(block_plan)}; "
-        f"{keys}{_describe_motion(spec)}{_describe_outcome(block_plan, spec)}"
+        f"{practice}{count} in {block_plan.world}{options}, {block_plan.view} view, {limit} each; {pace}; "
+        f"{keys}{motion}{outcome}"
     )
 
 

@@ -461,17 +461,20 @@ def floor_plan(rooms: tuple[RoomPlan, ...]) -> FloorPlan:
     tables = [room.outline.table for room in rooms]
     first_edge = np.cumsum([0, *map(len, tables)])
     edges = np.concatenate(tables)
-    rows = [
-        number
-        for room, first in zip(rooms, first_edge.tolist(), strict=False)
-        for edge, start, end, top, into in room.portals
-        for number in (first + edge, start, end, 0.0, top, -1 if into is None else into)
-    ]
-    portals = np.array(rows, dtype=np.float64).reshape(-1, 6)
+    portal_rows = []
+    for room, first in zip(rooms, first_edge.tolist(), strict=False):
+        for edge, start, end, top, into in room.portals:
+            portal_rows.append((first + edge, start, end, 0.0, top, -1 if into is None else into))
+    portals = np.array(portal_rows, dtype=np.float64).reshape(-1, 6)
     pieces = wall_pieces(first_edge, edges, np.array([room.wall_height for room in rooms]), portals)
+    # a piece: its edge, its start and end along the edge, its lower and upper end
     standing = pieces[pieces[:, 3] == 0]
-    along = edges[standing[:, 0].astype(np.int64)]
-    walls = np.concatenate([along[:, :2] + standing[:, at, None] * along[:, 3:5] for at in (2, 1)], axis=1)
+    piece_edges = edges[standing[:, 0].astype(np.int64)]
+    corners = piece_edges[:, :2]
+    directions = piece_edges[:, 3:5]
+    starts = corners + standing[:, 1, None] * directions
+    ends = corners + standing[:, 2, None] * directions
+    walls = np.concatenate([ends, starts], axis=1)
     weights = running_sum([room.outline.area for room in rooms])
     return FloorPlan(rooms, first_edge, edges, portals, pieces, walls, weights)
 

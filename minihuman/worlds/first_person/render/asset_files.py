@@ -99,23 +99,30 @@ def read_obj(path: Path) -> MeshData:
         raise WorldError(f"{path}: the file has no faces; a mesh needs at least one triangle")
     image = path.with_suffix(".png")
     materials = {"": Material(texture=image if image.exists() else None), **read_mtl(path.with_suffix(".mtl"))}
+    face_materials = [materials.get(name, materials[""]) for name in lines.materials]
     vertices = np.array(lines.vertices, np.float32)
     normals = np.array(lines.normals, np.float32)
-    places = np.array(lines.places or [[0.0, 0.0]], np.float32)
-    index = np.array([[[v, 0 if t is None else t, n] for v, t, n in face] for face in lines.faces])
-    placed = np.array([[[t is not None] for _, t, _ in face] for face in lines.faces])
-    chosen = [materials.get(name, materials[""]) for name in lines.materials]
-    corners = vertices[index[:, :, 0]].astype(np.float64)
+    vertex_index = np.array([[vertex for vertex, _, _ in face] for face in lines.faces])
+    normal_index = np.array([[normal for _, _, normal in face] for face in lines.faces])
+    corners = vertices[vertex_index].astype(np.float64)
     # Miniworld takes the smallest of the three corners' largest coordinates here; things stand where its files say
     far = corners.max(axis=0).min(axis=0)
     return MeshData(
         _centred(corners, path, far),
-        normals[index[:, :, 2]].astype(np.float64),
-        np.where(placed, places[index[:, :, 1]], 0.0).astype(np.float64),
-        np.array([material.colour for material in chosen], np.float64),
-        tuple(None if material.texture is None else str(material.texture) for material in chosen),
+        normals[normal_index].astype(np.float64),
+        _place_texture(lines),
+        np.array([material.colour for material in face_materials], np.float64),
+        tuple(None if material.texture is None else str(material.texture) for material in face_materials),
         light_scales=True,
     )
+
+
+def _place_texture(lines: _Lines) -> F64:
+    """Return the texture place of each corner, (faces, 3, 2); zeros for a corner that states none."""
+    places = np.array(lines.places or [[0.0, 0.0]], np.float32)
+    index = np.array([[0 if place is None else place for _, place, _ in face] for face in lines.faces])
+    is_placed = np.array([[place is not None for _, place, _ in face] for face in lines.faces])
+    return np.where(is_placed[:, :, None], places[index], 0.0).astype(np.float64)
 
 
 def read_mtl(path: Path) -> dict[str, Material]:

@@ -113,9 +113,8 @@ class LayoutCalls(Expressions):
                 f"rt.place_item(c, {place}, {self.program.bodies}, {item_text}, {self._rectangle(node)}, {tries})"
             )
         placing, captured = self.program.placement(self, node, reject)
-        return self.draw(
-            f"{placing}({', '.join(['c', str(place), item_text, self._rectangle(node), tries, *captured])})"
-        )
+        arguments = ", ".join(["c", str(place), item_text, self._rectangle(node), tries, *captured])
+        return self.draw(f"{placing}({arguments})")
 
     def _grid_put_agent(self, node: ast.Call, place: int) -> str:
         parts = [self._argument(node, nth, name, "0") for nth, name in enumerate(("x", "y", "direction"))]

@@ -116,8 +116,10 @@ class Translation:
             "scratch": self._scratch,
             "mission": mission_length,
         }
-        numbers = [COLOURS.index(text) if text in COLOURS else -1 for text in self._texts]
-        head = [("COLOURS = (" + "".join(f"{number}, " for number in numbers) + ")", -1)] if self.needs_colours else []
+        head = []
+        if self.needs_colours:
+            numbers = [COLOURS.index(text) if text in COLOURS else -1 for text in self._texts]
+            head.append(("COLOURS = (" + "".join(f"{number}, " for number in numbers) + ")", -1))
         entries = write_entries(layout=layout, rule=rule, bodies=self.bodies, is_team=self.is_team, lengths=lengths)
         lines = [*head, *self._lines, *((line, -1) for line in entries)]
         return Program(
@@ -305,7 +307,8 @@ class Translation:
         elif callee is sum:
             inner.emit(f"total = rt.add(c, {place}, total, element)", generator)
         else:
-            inner.emit(f"if not known or element {'<' if callee is min else '>'} best:", generator)
+            operator = "<" if callee is min else ">"
+            inner.emit(f"if not known or element {operator} best:", generator)
             inner.emit("    best = element", generator)
             inner.emit("known = True", generator)
         inner._depth = 1

@@ -137,13 +137,16 @@ def list_kitchen_tiles(row: Row, body: int, tile_px: int, palette: Palette) -> l
     figures = {}
     for cook, (x, y, *looks) in enumerate(row[fields.COOK :][: 4 * cooks].reshape(cooks, 4).tolist()):
         figures[x, y] = (OBJECT_COLOURS[palette][BODY_COLOURS[cook]], *looks, cook == body)
-    places = row[fields.COOK + 4 * cooks :].reshape(2, width, height).tolist()
-    return [
-        (terrain, thing, times[recipe_of(thing)] if kind_of(thing) == fields.SOUP else 0, figures.get((x, y)), tile_px)
-        for y in range(height)
-        for x in range(width)
-        for terrain, thing in [(places[0][x][y], places[1][x][y])]
-    ]
+    terrains, things = row[fields.COOK + 4 * cooks :].reshape(2, width, height).tolist()
+    arguments = []
+    for y in range(height):
+        for x in range(width):
+            thing = things[x][y]
+            time = 0
+            if kind_of(thing) == fields.SOUP:
+                time = times[recipe_of(thing)]
+            arguments.append((terrains[x][y], thing, time, figures.get((x, y)), tile_px))
+    return arguments
 
 
 @lru_cache(maxsize=1024)
