@@ -34,7 +34,7 @@ class EpisodeClip:
 
     @property
     def last(self) -> int:
-        """The step that the last picture shows."""
+        """Return the step that the last picture shows."""
         return len(self.actions)
 
 

@@ -80,11 +80,11 @@ class ProtocolDraft:
 
     @property
     def staged(self) -> bool:
-        """Tell whether the study has a practice block and two tasks."""
+        """Return whether the study has a practice block and two tasks."""
         return not _STAGED.isdisjoint(self.templates)
 
     def has(self, template: str) -> bool:
-        """Tell whether the study uses a template."""
+        """Return whether the study uses a template."""
         return template in self.templates
 
     def toml(self) -> str:
@@ -312,7 +312,7 @@ def _find_policies(protocol: Protocol) -> dict[str, str]:
 
 
 def _is_policy_file(name: str) -> bool:
-    """Tell whether an agent's name in a protocol is that of a policy file beside it."""
+    """Return whether an agent's name in a protocol is that of a policy file beside it."""
     if name == LATEST_POLICY or name.startswith(f"{SIMULATED}:"):
         return False
     return not is_registered_agent(name)

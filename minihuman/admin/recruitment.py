@@ -108,7 +108,7 @@ class Recruitment:
 
     @property
     def begun(self) -> bool:
-        """Tell whether a slot was ever offered online."""
+        """Return whether a slot was ever offered online."""
         return self._journal.begun
 
     def issue(self, count: int) -> list[str]:
@@ -137,7 +137,7 @@ class Recruitment:
         return self._state.after(self._journal.read()).came.get(key)
 
     def has_issued(self, key: str) -> bool:
-        """Tell whether a link was issued."""
+        """Return whether a link was issued."""
         return key in self._state.after(self._journal.read()).issued
 
     def count_sources(self) -> dict[str, int]:

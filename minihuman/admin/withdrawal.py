@@ -192,7 +192,7 @@ def _check_archive(archive: Path, study_dir: Path, code: str, files: list[Path])
 
 
 def _is_archived(files: list[Path], archive: Path, study_dir: Path, code: str) -> bool:
-    """Tell whether an archive from an earlier withdrawal holds only this participant's files, with these contents."""
+    """Return whether an archive from an earlier withdrawal holds only this participant's files, with these contents."""
     try:
         with zipfile.ZipFile(archive) as sealed:
             names = set(sealed.namelist())

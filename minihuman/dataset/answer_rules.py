@@ -10,7 +10,7 @@ from minihuman.log.model.session_log import SessionLog
 
 
 def breaks_answer_rule(answer: Any, rule: ExclusionSpec) -> bool:
-    """Tell whether a rule excludes an answer, given as it is in the log."""
+    """Return whether a rule excludes an answer, given as it is in the log."""
     if answer is None:
         return rule.is_missing
     codes = answer if isinstance(answer, list) else [answer]
@@ -22,7 +22,7 @@ def breaks_answer_rule(answer: Any, rule: ExclusionSpec) -> bool:
 
 
 def is_outside(number: float, rule: ExclusionSpec) -> bool:
-    """Tell whether a number lies outside the range that a rule allows."""
+    """Return whether a number lies outside the range that a rule allows."""
     return (rule.below is not None and number < rule.below) or (rule.above is not None and number > rule.above)
 
 

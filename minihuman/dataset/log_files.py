@@ -225,7 +225,7 @@ def _session_of(facts: dict[str, str]) -> tuple[str, ...]:
 
 
 def _in_place(path: Path, facts: dict[str, str]) -> bool:
-    """Tell whether a log lies in its session's regular folder under its regular name, unlike a copy kept beside it."""
+    """Return whether a log has its session's regular folder and name, unlike a copy kept beside it."""
     folder = find_containing_folder(path)
     participant = facts.get("participant", "")
     session = f"ses-{facts.get('session', ''):0>2}"

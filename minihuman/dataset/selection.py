@@ -48,7 +48,7 @@ def format_version(plan: SessionPlan) -> str:
 
 
 def matches_version(plan: SessionPlan, version: str) -> bool:
-    """Tell whether a session was played under a protocol version.
+    """Return whether a session was played under a protocol version.
 
     The version is given by its own name, as formatted by ``format_version``, or as the start of its SHA-256.
     """
@@ -109,11 +109,11 @@ class ExclusionRule:
 
     @property
     def needs_world(self) -> bool:
-        """Tell whether the rule uses a measure that can be computed only from the world itself."""
+        """Return whether the rule uses a measure that can be computed only from the world itself."""
         return self.exclusion.measure in COLUMNS_NEEDING_WORLD
 
     def broken_by(self, row: Mapping[str, Any]) -> bool:
-        """Tell whether a row's measure lies outside the range that the rule allows; an unknown measure does not."""
+        """Return whether a row's measure lies outside the range that the rule allows; an unknown measure does not."""
         rule = self.exclusion
         if rule.question:
             return any(breaks_answer_rule(answer, rule) for answer in row.get(rule.measure, ()))
@@ -205,7 +205,7 @@ class SelectedSession:
 
     @property
     def counts(self) -> bool:
-        """Tell whether the session is included: it has an included episode, or its plan has no episodes at all."""
+        """Return whether the session is included: it has an included episode, or its plan has no episodes at all."""
         nothing_to_play = self.is_selected and not self.session_reason and not self.log.plan.episodes
         return bool(self.places) or nothing_to_play
 

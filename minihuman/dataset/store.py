@@ -89,7 +89,7 @@ class StudyStore(AbstractContextManager["StudyStore", None]):
 
     @property
     def is_temporary(self) -> bool:
-        """Tell whether the tables lie in a temporary file instead of the study's own."""
+        """Return whether the tables lie in a temporary file instead of the study's own."""
         return self._file.is_temporary
 
     def facts(self) -> Iterator[tuple[Path, dict[str, Any]]]:

@@ -152,7 +152,7 @@ def _find_episode_tables() -> set[str]:
 
 
 def is_episode_table(name: str) -> bool:
-    """Tell whether each row of a table belongs to a row of ``episodes``."""
+    """Return whether each row of a table belongs to a row of ``episodes``."""
     return name in _EPISODE_TABLES or name in _find_episode_tables()
 
 

@@ -143,7 +143,7 @@ class PadAxes:
 
     @property
     def moved(self) -> list[str]:
-        """The names of the axes that are not at rest."""
+        """Return the names of the axes that are not at rest."""
         return [axis for axis, value in self._values.items() if value]
 
     def move(self, axis: str, raw: float) -> tuple[float | None, list[tuple[str, bool]]]:

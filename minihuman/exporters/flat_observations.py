@@ -75,7 +75,7 @@ def to_standard_space(space: gymnasium.Space[Any]) -> gymnasium.Space[Any]:
 
 
 def is_picture(space: gymnasium.Space[Any]) -> bool:
-    """Tell whether observations are colour pictures uint8[H, W, 3], at least 32 pixels high and wide."""
+    """Return whether observations are colour pictures uint8[H, W, 3], at least 32 pixels high and wide."""
     if not isinstance(space, gymnasium.spaces.Box) or space.dtype != np.uint8 or len(space.shape) != 3:
         return False
     height, width, n_channels = space.shape

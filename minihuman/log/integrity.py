@@ -67,7 +67,7 @@ class HashChain:
 
     @property
     def head(self) -> str:
-        """The SHA-256 of everything added so far, as 64 hexadecimal digits."""
+        """Return the SHA-256 of everything added so far, as 64 hexadecimal digits."""
         return self._head.hex()
 
     def message(self, message: LogMessage, schema: Schema | None) -> None:

@@ -239,7 +239,7 @@ def _describe_later_keys(plans: Sequence[PlanOutline], specs: BlockSpecs) -> str
 
 
 def _are_keys_drawn(plans: Sequence[PlanOutline], specs: BlockSpecs) -> bool:
-    """Tell whether keys were drawn at random; without a protocol, whether participants had different keys."""
+    """Return whether keys were drawn at random; without a protocol, whether participants had different keys."""
     keys: dict[tuple[str, str], list[dict[str, str]]] = {}
     for plan in plans:
         for number, block_plan in enumerate(plan.blocks):

@@ -76,7 +76,7 @@ def read_published_subjects() -> pd.DataFrame:
 
 
 def is_published_study(protocols: Collection[str]) -> bool:
-    """Tell whether all sessions used the published study's protocol.
+    """Return whether all sessions used the published study's protocol.
 
     ``protocols`` are the SHA-256 of protocol files.
     """

@@ -22,7 +22,7 @@ class Equivalence:
 
     @property
     def alike(self) -> bool:
-        """Whether the tests show that the difference lies within the bounds."""
+        """Return whether the tests show that the difference lies within the bounds."""
         return self.p < ALPHA
 
 

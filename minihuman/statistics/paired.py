@@ -42,7 +42,7 @@ class PairedTest:
 
     @property
     def smallest_p(self) -> float:
-        """The smallest p that this number of differences can reach."""
+        """Return the smallest p that this number of differences can reach."""
         if self.extra:
             return 1 / (RESAMPLES + 1)
         return 2.0 ** (1 - self.n)

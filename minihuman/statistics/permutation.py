@@ -90,7 +90,7 @@ class PermutationTest:
 
     @property
     def has_interval(self) -> bool:
-        """Whether values vary and the groups are large enough for an interval and for p < 0.05."""
+        """Return whether values vary and the groups are large enough for an interval and for p < 0.05."""
         return self.error > 0 and min(self.n) >= LEAST_ESTIMATED and smallest_p(self.n) < ALPHA
 
     def interval(self) -> tuple[float, float]:

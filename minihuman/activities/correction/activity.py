@@ -58,7 +58,7 @@ class CorrectionActivity(Activity):
 
     @property
     def request(self) -> ActivityRequest | None:  # type: ignore[override]
-        """The request for the next episode to review; None if none is due."""
+        """Return the request for the next episode to review; None if none is due."""
         if self.ended or self.phase is not Phase.PREPARING:
             return None
         return EpisodeRequest(self.number, self._plan.source, self._number, self._plan.episodes)
@@ -89,19 +89,19 @@ class CorrectionActivity(Activity):
 
     @property
     def playing(self) -> bool:  # type: ignore[override]
-        """Whether a correction is in progress."""
+        """Return whether a correction is in progress."""
         return self.phase is Phase.SHOWING
 
     @property
     def reviewed_episode(self) -> tuple[EpisodeClip, int] | None:
-        """The episode and the step under review, for simulated participants; None if there is none."""
+        """Return the episode and the step under review, for simulated participants; None if there is none."""
         if self._episode is None or self.phase is not Phase.LOOKING:
             return None
         return (self._episode, self._step)
 
     @property
     def review_id(self) -> tuple[int, int]:
-        """The part's index in the plan, and the index of the reviewed episode within the part."""
+        """Return the part's index in the plan, and the index of the reviewed episode within the part."""
         return self.number, self._number
 
     def suspend(self, reason: PauseReason) -> None:
@@ -285,7 +285,7 @@ class CorrectionActivity(Activity):
 
     @property
     def _current_step(self) -> int:
-        """The step of the running correction, or otherwise of the episode under review."""
+        """Return the step of the running correction, or otherwise of the episode under review."""
         if self.play is None:
             return self._step
         return self.play.steps

@@ -102,30 +102,30 @@ class PlayActivity(Activity):
 
     @property
     def has_next_episode(self) -> bool:
-        """Whether another episode of the block follows."""
+        """Return whether another episode of the block follows."""
         return self.sequence.has_next
 
     @property
     def needs_new_world(self) -> bool:
-        """Whether the next episode's world must still be created."""
+        """Return whether the next episode's world must still be created."""
         plan = self.next_plan
         return not self.context.has_world(plan.world, plan.options)
 
     @property
     def next_plan(self) -> EpisodePlan:
-        """The plan of the next episode; a block that resolves its episodes while it runs overrides it."""
+        """Return the plan of the next episode; a block that resolves its episodes while it runs overrides it."""
         return self.sequence.next_plan
 
     @property
     def waits_for_ready(self) -> bool:
-        """Whether the next episode starts only when the participant presses Enter."""
+        """Return whether the next episode starts only when the participant presses Enter."""
         if not self.plan.trial or self.plan.trial.ready == "each":
             return True
         return self.plan.trial.ready == "first" and not self.has_begun
 
     @property
     def feedback_text(self) -> str:
-        """The text of the feedback on the last episode; "" if there is none."""
+        """Return the text of the feedback on the last episode; "" if there is none."""
         if self._play:
             return self.plan.feedback.get(self._play.outcome or "", "")
         return ""
@@ -188,24 +188,24 @@ class PlayActivity(Activity):
 
     @property
     def playing(self) -> bool:  # type: ignore[override]
-        """Whether an episode is running."""
+        """Return whether an episode is running."""
         return self.phase is Phase.PLAYING
 
     @property
     def real_time(self) -> bool:  # type: ignore[override]
-        """Whether the running episode's steps happen by the clock, without waiting for keys."""
+        """Return whether the running episode's steps happen by the clock, without waiting for keys."""
         return self.playing and self._current.real_time
 
     @property
     def limit_ns(self) -> int | None:  # type: ignore[override]
-        """The time at which the episode's or the block's limit is reached; None between episodes or without a limit."""
+        """Return the time at which the next time limit is reached; None between episodes or without a limit."""
         if self.playing:
             return self._limits.due_ns
         return None
 
     @property
     def next_tick_ns(self) -> int | None:  # type: ignore[override]
-        """The time of the next change by the clock; None if nothing is due.
+        """Return the time of the next change by the clock; None if nothing is due.
 
         A change is a real-time step, a time limit, the end of a timed screen, or the next second of a rest.
         """

@@ -59,7 +59,7 @@ class PreferencesActivity(Activity):
 
     @property
     def request(self) -> ActivityRequest | None:  # type: ignore[override]
-        """The request for the next clip; None if none is due."""
+        """Return the request for the next clip; None if none is due."""
         if self.ended or self.phase is not Phase.PREPARING:
             return None
         first = self._offered[0] if self._offered else None
@@ -112,7 +112,7 @@ class PreferencesActivity(Activity):
 
     @property
     def next_tick_ns(self) -> int | None:  # type: ignore[override]
-        """The time of the next pictures; None while the present ones have not reached the display."""
+        """Return the time of the next pictures; None while the present ones have not reached the display."""
         return self._until_ns
 
     def suspend(self, reason: PauseReason) -> None:
@@ -175,7 +175,7 @@ class PreferencesActivity(Activity):
 
     @property
     def pair(self) -> tuple[EpisodeClip, EpisodeClip] | None:
-        """The left and the right clip, for simulated participants; None if no pair is shown."""
+        """Return the left and the right clip, for simulated participants; None if no pair is shown."""
         if self.phase is not Phase.COMPARING:
             return None
         first, second = self._offered
@@ -185,12 +185,12 @@ class PreferencesActivity(Activity):
 
     @property
     def pair_id(self) -> tuple[int, int]:
-        """The part's index in the plan, and the index of the pair within the part."""
+        """Return the part's index in the plan, and the index of the pair within the part."""
         return self.number, self._pair
 
     @property
     def length(self) -> int:
-        """The number of pictures of the longer clip."""
+        """Return the number of pictures of the longer clip."""
         return max(map(len, self._films.values()))
 
     def _let_time_pass(self) -> None:

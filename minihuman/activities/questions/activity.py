@@ -180,7 +180,7 @@ class QuestionsActivity(Activity):
 
     @property
     def _asked_numbers(self) -> list[int]:
-        """The indices of the questions that the answers so far leave open to ask; ``only_if`` excludes the others."""
+        """Return the indices of the questions to ask; ``only_if`` excludes some, depending on the answers so far."""
         answers_by_name: dict[str, list[Any]] = {}
         numbers = []
         for number, draft in enumerate(self._drafts):
@@ -239,7 +239,7 @@ class QuestionsActivity(Activity):
 
     @property
     def draft(self) -> AnswerDraft:
-        """The draft of the answer to the present question."""
+        """Return the draft of the answer to the present question."""
         return self._drafts[self._number]
 
 

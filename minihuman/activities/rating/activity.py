@@ -96,20 +96,20 @@ class RatingActivity(AgentPlayActivity):
 
     @property
     def next_tick_ns(self) -> int | None:  # type: ignore[override]
-        """The end of a rating's flash, or the next tick of every agent block, whichever comes first."""
+        """Return the end of a rating's flash, or the next tick of every agent block, whichever comes first."""
         due = (super().next_tick_ns, self._flash_until_ns)
         return min((t for t in due if t is not None), default=None)
 
     @property
     def rated_episode(self) -> RunningEpisode | None:
-        """The finished episode whose last picture is still shown, and can be rated."""
+        """Return the finished episode whose last picture is still shown, and can be rated."""
         if self.phase is Phase.HOLD:
             return self._current
         return None
 
     @property
     def rating_keys(self) -> tuple[str, str]:
-        """The keys that rate a step as good and as bad."""
+        """Return the keys that rate a step as good and as bad."""
         return self.agent.good, self.agent.bad
 
     @property

@@ -33,7 +33,7 @@ class TakeoverActivity(AgentPlayActivity):
 
     @property
     def hand_back_key(self) -> str:
-        """The key that returns control to the agent; "" if there is no agent to return it to."""
+        """Return the key that returns control to the agent; "" if there is no agent to return it to."""
         if self.policy:
             return self.agent.hand_back
         return ""

@@ -89,7 +89,7 @@ class TeamPlayActivity(PlayActivity):
 
     @property
     def next_plan(self) -> EpisodePlan:
-        """The plan of the next episode, with the seed, the seat and the keys that the team resolved."""
+        """Return the plan of the next episode, with the seed, the seat and the keys that the team resolved."""
         plan = super().next_plan
         assert self.formed is not None, "a team is formed before its first episode"
         options = {**plan.options, "seat": self.formed.seat}
@@ -123,7 +123,7 @@ class TeamPlayActivity(PlayActivity):
 
     @property
     def team_episode(self) -> TeamEpisode:
-        """The present episode, as a team's episode."""
+        """Return the present episode, as a team's episode."""
         assert isinstance(self._play, TeamEpisode)
         return self._play
 
@@ -131,7 +131,7 @@ class TeamPlayActivity(PlayActivity):
 
     @property
     def request(self) -> ActivityRequest | None:  # type: ignore[override]
-        """The request for the team, for the start of an episode or for the next joint action; None if none is due."""
+        """Return the request for a team, an episode's start or the next joint action; None if none is due."""
         if self.phase is Phase.LOBBY:
             return TeamRequest(self.number, self.part.name, self.plan, self.context.teams)
         if self.phase is Phase.WAITING and self.formed is not None:
@@ -314,7 +314,7 @@ class TeamPlayActivity(PlayActivity):
 
     @property
     def next_tick_ns(self) -> int | None:  # type: ignore[override]
-        """The next tick of any block, the next repetition of a request, or the end of a mark, whichever comes first."""
+        """Return the time of the next tick, repeated request or end of a mark, whichever comes first."""
         due = super().next_tick_ns
         waits = self.phase in (Phase.LOBBY, Phase.WAITING) or (self.playing and self.team_episode.submitted is not None)
         times_ns = []
@@ -358,7 +358,7 @@ class TeamPlayActivity(PlayActivity):
 
     @property
     def _has_partner_gone(self) -> bool:
-        """Whether an agent acts in another person's seat, in a session whose presence rules announce it."""
+        """Return whether an agent acts in another person's seat, in a session whose presence rules announce it."""
         if self.formed is None or self.context.facts.get("presence_rules", "1") != PRESENCE_RULES:
             return False
         partner_seats = [

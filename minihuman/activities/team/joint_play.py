@@ -66,7 +66,7 @@ class JointPlay:
 
     @property
     def is_over(self) -> bool:
-        """Whether the team ended before its first step, so that its people return to the lobby."""
+        """Return whether the team ended before its first step, so that its people return to the lobby."""
         return self._has_declined and not self._has_played
 
     @property

@@ -41,7 +41,7 @@ class TeamMessages:
 
     @property
     def received(self) -> frozenset[str]:
-        """The digests of the messages that need not be sent again.
+        """Return the digests of the messages that need not be sent again.
 
         A session that was resumed from its log lacks the words of other seats, so their digests are not among these.
         """
@@ -49,7 +49,7 @@ class TeamMessages:
 
     @property
     def marks(self) -> list[MessageShown]:
-        """The marks that are visible now."""
+        """Return the marks that are visible now."""
         over_ns = self.context.now_ns - INTERVAL_NS
         return [message for message in self.messages.values() if message.cell and message.t_ns > over_ns]
 
@@ -73,7 +73,7 @@ class TeamMessages:
 
     @property
     def _keys(self) -> tuple[object, ...]:
-        """The keys that have an effect while no message is being typed."""
+        """Return the keys that have an effect while no message is being typed."""
         if self.rules.chat:
             return (*ENTER_KEYS, REPORT_KEY, self.rules.ping)
         return (self.rules.ping,)

@@ -62,7 +62,7 @@ class LogSegment:
 
     @property
     def provable(self) -> bool:
-        """Tell whether the session machine's current rules recorded the segment, so that all checks apply to it."""
+        """Return whether the session machine's current rules recorded the segment, so that all checks apply to it."""
         return self.facts.get("session_rules") == str(MACHINE_VERSION)
 
 

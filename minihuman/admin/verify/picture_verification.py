@@ -135,7 +135,7 @@ def _judge_difference(recorded: Mapping[str, str], difference: str, pictures: in
 
 
 def _draws(fact: str) -> bool:
-    """Tell whether pictures may depend on a recorded fact about the station."""
+    """Return whether pictures may depend on a recorded fact about the station."""
     return fact in _STATION_FACTS or (fact.startswith(_VERSION) and fact not in _NOT_COMPARED)
 
 

@@ -130,46 +130,46 @@ class SessionMachine:
 
     @property
     def phase(self) -> StrEnum:
-        """The session's phase; while a part runs, the part's phase."""
+        """Return the session's phase; while a part runs, the part's phase."""
         if self._phase is Phase.PART:
             return self.part.phase
         return self._phase
 
     @property
     def now_ns(self) -> int:
-        """The time of the latest input in nanoseconds."""
+        """Return the time of the latest input in nanoseconds."""
         return self._context.now_ns
 
     @property
     def next_episode(self) -> int:
-        """The index of the running or next episode."""
+        """Return the index of the running or next episode."""
         return self._context.next_episode
 
     @property
     def over(self) -> bool:
-        """Whether the session has ended, so that no more events follow."""
+        """Return whether the session has ended, so that no more events follow."""
         return self._phase is Phase.OVER
 
     @property
     def screen(self) -> Screen:
-        """The present screen; a new object whenever it has changed."""
+        """Return the present screen; a new object whenever it has changed."""
         if not self._is_drawn:
             self._refresh_screen()
         return self._screen
 
     @property
     def end_reason(self) -> EndReason:
-        """The reason why the session ended; "complete" while it is running."""
+        """Return the reason why the session ended; "complete" while it is running."""
         return self._end_reason
 
     @property
     def end_detail(self) -> str:
-        """The details of the end, such as the error of a failed world; never shown to a participant."""
+        """Return the details of the end, such as the error of a failed world; never shown to a participant."""
         return self._end_detail
 
     @property
     def next_tick_ns(self) -> int | None:
-        """The time at which the session needs a Tick unless another input comes first; None if it needs none."""
+        """Return the time at which the session needs a Tick unless another input comes first; None if it needs none."""
         if self._phase is Phase.PART:
             return self.part.next_tick_ns
         if self._phase is Phase.QUIT_QUESTION:
@@ -178,24 +178,24 @@ class SessionMachine:
 
     @property
     def play(self) -> RunningEpisode | None:
-        """The running episode, for simulated participants that read its world; None between episodes."""
+        """Return the running episode, for simulated participants that read its world; None between episodes."""
         if self._phase is Phase.PART and (part := self._parts.part).playing:
             return part.play
         return None
 
     @property
     def part(self) -> Activity:
-        """The running part."""
+        """Return the running part."""
         return self._parts.part
 
     @property
     def next_part(self) -> int | None:
-        """The index of the part that follows the one that has ended; None if there is none."""
+        """Return the index of the part that follows the one that has ended; None if there is none."""
         return self._parts.next_part
 
     @property
     def request(self) -> ActivityRequest | None:
-        """The running part's request to the session host; None if there is none."""
+        """Return the running part's request to the session host; None if there is none."""
         if self._phase is Phase.PART:
             return self.part.request
         return None
@@ -294,7 +294,7 @@ class SessionMachine:
 
     @property
     def _declining(self) -> bool:
-        """Whether ending the session now refuses consent; under the first consent rules it did not."""
+        """Return whether ending the session now refuses consent; under the first consent rules it did not."""
         known = self._facts.get("consent_rules", "1") == CONSENT_RULES
         return known and self._parts.has_begun and self.part.phase is Phase.CONSENT
 
@@ -320,7 +320,7 @@ class SessionMachine:
 
     @property
     def _judges_causes(self) -> bool:
-        """Whether the rules of keys consider the cause of a key or pointer press; the first version did not."""
+        """Return whether the rules of keys consider the cause of a key or pointer press; the first version did not."""
         return self._facts.get("key_rules", "1") == KEY_RULES
 
     def _use_pointer(self, happened: PointerInput) -> None:

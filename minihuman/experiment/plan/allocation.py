@@ -90,7 +90,7 @@ def _build_stratum_list(protocol: Protocol, suffix: str) -> tuple[AllocationSlot
 
 
 def _has_constant_key_map(protocol: Protocol) -> bool:
-    """Tell whether any group plays a block whose key map is the same in the whole study."""
+    """Return whether any group plays a block whose key map is the same in the whole study."""
     return any(
         protocol.block_for(block.name, group.name).key_map == "constant"
         for block in protocol.blocks

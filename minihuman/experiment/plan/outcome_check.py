@@ -40,7 +40,7 @@ class TriedWorld:
     values: Mapping[str, Any] = field(default_factory=dict)  # by key, the first of each
 
     def says_success(self, rule: StatedRule) -> bool:
-        """Tell whether the world reported, or may report, what a rule reads."""
+        """Return whether the world reported, or may report, what a rule reads."""
         parsed = parse_outcome_rule(rule.rule)
         if not parsed.may_be_unknown:
             return True

@@ -45,7 +45,7 @@ class Strata:
 
     @property
     def question(self) -> str:
-        """The name of the question in the protocol, or of the questionnaire whose right answers are counted."""
+        """Return the name of the question in the protocol, or of the questionnaire whose right answers are counted."""
         if self.item:
             return f"{self.part}.{self.item}"
         return self.part

@@ -137,12 +137,12 @@ class SessionAssembler:
 
     @property
     def started(self) -> list[events.SessionStarted]:
-        """The first event of each segment."""
+        """Return the first event of each segment."""
         return [part.started for part in self._parts]
 
     @property
     def end_reason(self) -> str:
-        """The reason why the last segment ended; "cut_off" if its log states none."""
+        """Return the reason why the last segment ended; "cut_off" if its log states none."""
         ended = self._parts[-1].ended
         return CUT_OFF if ended is None else ended.reason
 

@@ -206,11 +206,11 @@ class FrequentRows:
 
     @cached_property
     def key_events(self) -> EventColumns[events.KeyPressed]:
-        """The columns of every key press and release."""
+        """Return the columns of every key press and release."""
         return build_key_columns(self.keys.column, len(self.keys))
 
     @cached_property
     def frame_events(self) -> EventColumns[events.FrameShown]:
-        """The columns of every displayed frame."""
+        """Return the columns of every displayed frame."""
         frames = self.frames  # alone: what is cached here and held this would be a cycle, freed only by the collector
         return EventColumns(events.FrameShown, lambda name: frames.column(name).values, range(len(frames)))

@@ -231,7 +231,7 @@ class FileWriter:
 
     @property
     def fd(self) -> int:
-        """The file's descriptor."""
+        """Return the file's descriptor."""
         return self.file.fd
 
     def begin(self, pieces: Sequence[AppendBlock], *, steps: int) -> None:

@@ -121,7 +121,7 @@ class LiveLogEncoder:
 
     @property
     def channels(self) -> dict[str, int]:
-        """The number of each topic's channel; empty before the first event."""
+        """Return the number of each topic's channel; empty before the first event."""
         return dict(self._channels)
 
     def encode(self, events: Sequence[Event]) -> list[AppendBlock]:

@@ -187,17 +187,17 @@ class McapRecorder(Recorder):
 
     @property
     def durable_steps(self) -> int:
-        """The number of this segment's steps that are fsynced."""
+        """Return the number of this segment's steps that are fsynced."""
         return self._disk.durable_steps
 
     @property
     def durable_writes(self) -> int:
-        """The number of this recorder's writes with events that are fsynced."""
+        """Return the number of this recorder's writes with events that are fsynced."""
         return self._disk.durable_writes
 
     @property
     def late_writes(self) -> int:
-        """The number of writes that the disk did not finish in time, so that their pictures were shown before them."""
+        """Return the number of writes that the disk finished only after their pictures had been shown."""
         return self._disk.late
 
     def drain(self) -> None:

@@ -106,7 +106,7 @@ class LogScanner:
 
     @property
     def damage(self) -> str:
-        """A description of all that could not be read; "" if everything could be."""
+        """Return a description of all that could not be read; "" if everything could be."""
         gaps = [f"damaged at bytes {gap.begin} to {gap.end} ({gap.reason})" for gap in self.gaps]
         missing = [f"without messages {gap.first} to {gap.last}" for gap in self.missing if gap not in self.declared]
         reasons = [*gaps, *missing]
@@ -116,7 +116,7 @@ class LogScanner:
 
     @property
     def unfinished_reason(self) -> str:
-        """A description of what a finished log lacks; "" if it is intact."""
+        """Return a description of what a finished log lacks; "" if it is intact."""
         if self.damage or self.finished:
             return self.damage
         size = self.path.stat().st_size  # it ends where a record does, and reading met nothing wrong

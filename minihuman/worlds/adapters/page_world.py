@@ -76,7 +76,7 @@ class ActionsVerification:
 
     @property
     def ok(self) -> bool:
-        """Whether the actions, replayed from the seed by the rules installed here, gave these digests and rewards."""
+        """Return whether the replayed actions gave these digests and rewards under the rules installed here."""
         return not self.difference
 
 

@@ -53,7 +53,7 @@ class SeatEnv(gymnasium.Env[Any, Any], NativeWorld):
 
     @property
     def max_steps(self) -> int:
-        """The world's step limit per episode."""
+        """Return the world's step limit per episode."""
         return self.team.max_steps
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:

@@ -65,7 +65,7 @@ class DiscreteActions:
 
     @property
     def numbers(self) -> range:
-        """The numbers of the actions that a key can do."""
+        """Return the numbers of the actions that a key can do."""
         return range(len(self.names))
 
     def combine(self, numbers: Sequence[int]) -> tuple[int, ActionVector]:
@@ -147,12 +147,12 @@ class VectorActions:
 
     @property
     def unbound(self) -> int:
-        """The number of components that no element moves, and that stay at rest."""
+        """Return the number of components that no element moves, and that stay at rest."""
         return len(self.rest) - len({element.component for element in self._elements})
 
     @property
     def numbers(self) -> range:
-        """The numbers of the actions that a key can do: rest and the elements."""
+        """Return the numbers of the actions that a key can do: rest and the elements."""
         return range(len(self._elements) + 1)
 
     def combine(self, numbers: Sequence[int]) -> tuple[int, ActionVector]:

@@ -38,7 +38,7 @@ class ParameterNames:
 
     @property
     def params(self) -> dict[str, ParameterRange]:
-        """A copy of all parameters by name."""
+        """Return a copy of all parameters by name."""
         return {name: _show_parameter(self.table[name]) for name in PARAMETER_NAMES}
 
     def copy(self) -> "ParameterNames":

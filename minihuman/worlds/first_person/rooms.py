@@ -54,7 +54,7 @@ class RoomOutline:
 
     @property
     def area(self) -> float:
-        """The area of the bounding rectangle in m², by which rooms are weighted when one is drawn."""
+        """Return the area of the bounding rectangle in m², by which rooms are weighted when one is drawn."""
         return (self.max_x - self.min_x) * (self.max_z - self.min_z)
 
     def contains(self, x: float, z: float) -> bool:
@@ -181,22 +181,22 @@ class Room(RoomNames):
 
     @property
     def min_x(self) -> float:
-        """The smallest x of the room."""
+        """Return the smallest x of the room."""
         return self.outline.min_x
 
     @property
     def max_x(self) -> float:
-        """The largest x of the room."""
+        """Return the largest x of the room."""
         return self.outline.max_x
 
     @property
     def min_z(self) -> float:
-        """The smallest z of the room."""
+        """Return the smallest z of the room."""
         return self.outline.min_z
 
     @property
     def max_z(self) -> float:
-        """The largest z of the room."""
+        """Return the largest z of the room."""
         return self.outline.max_z
 
     def contains(self, x: float, z: float) -> bool:
@@ -389,7 +389,7 @@ class FloorPlan:
 
     @cached_property
     def bounds(self) -> tuple[float, float, float, float]:
-        """The smallest rectangle around all rooms: x0, z0, x1, z1."""
+        """Return the smallest rectangle around all rooms: x0, z0, x1, z1."""
         shapes = [room.outline for room in self.rooms]
         return (
             min(shape.min_x for shape in shapes),
@@ -400,7 +400,7 @@ class FloorPlan:
 
     @cached_property
     def fingerprint(self) -> int:
-        """A uint64 hash of the whole plan."""
+        """Return a uint64 hash of the whole plan."""
         return hash64([(room.outline.table, *room[1:]) for room in self.rooms])
 
 

@@ -52,17 +52,17 @@ class WorldState:
 
     @property
     def rooms(self) -> tuple[Room, ...]:
-        """The rooms so far, including passages."""
+        """Return the rooms so far, including passages."""
         return tuple(self._rooms)
 
     @property
     def varying(self) -> np.random.Generator | None:
-        """The random stream from which parameters are drawn; None if nothing varies."""
+        """Return the random stream from which parameters are drawn; None if nothing varies."""
         return self.rng if self.randomised else None
 
     @property
     def floor(self) -> FloorPlan:
-        """The floor plan; reading it closes it."""
+        """Return the floor plan; reading it closes it."""
         if self._floor is None:
             self._floor = finish_floor_plan(self._rooms, self.varying)
         return self._floor
@@ -271,11 +271,11 @@ class SteppedWorld(Protocol):
 
     @property
     def stage(self) -> WorldState:
-        """The state that has been built."""
+        """Return the state that has been built."""
 
     @property
     def motions(self) -> Mapping[str, str]:
-        """The action of rules.ACTIONS that each action of another name does."""
+        """Return the action of rules.ACTIONS that each action of another name does."""
 
     def termination_rule(self) -> TerminationRule:
         """Return the rule for the reward of a step and the end of an episode."""
@@ -310,7 +310,7 @@ class FlatState:
 
     @property
     def score(self) -> str:
-        """The attribute of the world in which the rule counts; "" if there is none."""
+        """Return the attribute of the world in which the rule counts; "" if there is none."""
         return self._rule.score
 
     def __reduce__(self) -> tuple[Any, ...]:

@@ -249,12 +249,12 @@ class GridFromInside(ShowsItself, gymnasium.Env[dict[str, Any], int], NativeWorl
 
     @property
     def mission(self) -> str:
-        """The episode's task in words."""
+        """Return the episode's task in words."""
         return self.grid.mission
 
     @property
     def max_steps(self) -> int:
-        """The grid's step limit per episode."""
+        """Return the grid's step limit per episode."""
         return self.grid.max_steps
 
     def reset(

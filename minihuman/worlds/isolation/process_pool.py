@@ -88,7 +88,7 @@ class WorldProcess:
 
     @property
     def pid(self) -> int:
-        """The id of the process."""
+        """Return the id of the process."""
         pid: int = self._process.pid
         return pid
 

@@ -309,7 +309,7 @@ class FolderAssets(Assets):
 
     @cached_property
     def meshes(self) -> dict[str, Path]:
-        """The files of the folder's meshes, by name."""
+        """Return the files of the folder's meshes, by name."""
         files = sorted((self._folder / "meshes").glob("*"), reverse=True)  # an OBJ file stands before a GLB file
         return {file.stem: file for file in files if file.suffix in _READERS}
 
