@@ -104,22 +104,10 @@ def draw_differences(ax: Axes, differences: Sequence[Difference], *, level: str 
     """Draw the differences of pairs of groups with their intervals, one below the other, and a line at zero."""
     ax.axvline(0, color=MUTED, lw=0.8, ls="--")
     for row, difference in enumerate(differences):
+        groups = f"{difference.first}, {difference.second}"
         if np.isfinite(difference.interval[0]):
-            ax.plot(
-                difference.interval,
-                [row, row],
-                color="black",
-                lw=1.4,
-                gid=f"interval: {difference.first}, {difference.second}",
-            )
-        ax.plot(
-            difference.estimate,
-            row,
-            "D",
-            color="black",
-            ms=4.5,
-            gid=f"difference: {difference.first}, {difference.second}",
-        )
+            ax.plot(difference.interval, [row, row], color="black", lw=1.4, gid=f"interval: {groups}")
+        ax.plot(difference.estimate, row, "D", color="black", ms=4.5, gid=f"difference: {groups}")
     names = [f"{difference.first}\n\N{MINUS SIGN} {difference.second}" for difference in differences]
     ax.set_yticks(range(len(differences)), names)
     ax.set(ylim=(len(differences) - 0.4, -0.6), xlabel=level)

@@ -144,8 +144,8 @@ def occupancy_figure(title: str, groups: Mapping[str, Sequence[Sequence[EpisodeL
         for place, (ax, (group, participants)) in enumerate(zip(axes, groups.items(), strict=True)):
             draw_occupancy(ax, participants, limits=limits)
             noun = "participant" if len(participants) == 1 else "participants"
-            n = f"{len(participants)} {noun}"
-            ax.set_title(f"{title}, {n}" if len(groups) == 1 else f"{group}, {n}", loc="left")
+            name = title if len(groups) == 1 else group
+            ax.set_title(f"{name}, {len(participants)} {noun}", loc="left")
             if len(groups) > 1:
                 label_panel(ax, place)
         if len(groups) > 1:

@@ -15,6 +15,7 @@ from minihuman.log.model.session_log import EpisodeLog
 
 AGENT = SERIES[0]
 PERSON = SERIES[1]
+_MOST_TICKS = 12
 _RATED = {1.0: ("^", SERIES[2], "good"), -1.0: ("v", SERIES[5], "bad")}
 
 
@@ -40,9 +41,11 @@ def draw_steering(ax: Axes, episodes: Sequence[EpisodeLog]) -> Axes:
             ax.plot(rating.step, row, marker, color=colour, ms=4, mec="white", mew=0.4)
             rated.add(rating.value)
     handles: list[Artist] = [Patch(color=AGENT, label="agent"), Patch(color=PERSON, label="person")]
-    handles += [ax.plot([], [], _RATED[v][0], color=_RATED[v][1], label=_RATED[v][2])[0] for v in sorted(rated)]
+    for value in sorted(rated):
+        marker, colour, label = _RATED[value]
+        handles += ax.plot([], [], marker, color=colour, label=label)
     ax.legend(handles=handles, loc="lower left", bbox_to_anchor=(0, 1), ncols=len(handles))
-    every = max(1, len(episodes) // 12)
+    every = max(1, len(episodes) // _MOST_TICKS)
     ax.set_yticks(range(0, len(episodes), every), [str(episode.number) for episode in episodes[::every]])
     ax.set(xlabel="step", ylabel="episode", ylim=(len(episodes) - 0.4, -0.6))
     return ax

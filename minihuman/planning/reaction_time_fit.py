@@ -236,11 +236,11 @@ def describe_fits(participants: list[FittedParticipant]) -> Iterator[str]:
         parameters = ", ".join(f"{name} {participant.fitted.values[name]:.3g}" for name in PARAMETER_NAMES)
         bits = f"{participant.gain:+.2f} bits per press"
         yield f"{participant.participant}  {parameters}  ({participant.fitted.n} presses; held out: {bits})"
-    middle = {
-        name: float(np.median([participant.fitted.values[name] for participant in participants]))
-        for name in PARAMETER_NAMES
-    }
-    yield "human-like:" + ",".join(f"{name}={value:.4g}" for name, value in middle.items())
+    settings = []
+    for name in PARAMETER_NAMES:
+        median = float(np.median([participant.fitted.values[name] for participant in participants]))
+        settings.append(f"{name}={median:.4g}")
+    yield "human-like:" + ",".join(settings)
     gain = np.mean([participant.gain for participant in participants])
     yield f"On held-out episodes the fit predicts {gain:+.2f} bits per press better than a conditional log-normal."
 

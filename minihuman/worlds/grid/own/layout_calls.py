@@ -28,10 +28,9 @@ class LayoutCalls(Expressions):
 
     def _coloured_item(self, node: ast.Call, callee: Any, named: Mapping[str, Symbol | None]) -> str:
         """Return an item whose colour or contents are computed when the rules run."""
-        arguments = list(node.args)
-        colour = arguments[0] if arguments else next((k.value for k in node.keywords if k.arg == "colour"), None)
-        contents = arguments[1] if len(arguments) > 1 else None
-        contents = next((k.value for k in node.keywords if k.arg == "contains"), contents)
+        by_name = {keyword.arg: keyword.value for keyword in node.keywords}
+        colour = node.args[0] if node.args else by_name.get("colour")
+        contents = node.args[1] if len(node.args) > 1 else by_name.get("contains")
         options = {
             name: symbol.value
             for name, symbol in named.items()
