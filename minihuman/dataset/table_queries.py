@@ -49,8 +49,12 @@ def needs_shortest_paths(sql: str) -> bool:
     except duckdb.Error:
         return True
     nodes = list(_walk(msgspec.json.decode(tree)))
-    whole_rows = {str(node[key]).lower() for node in nodes for key in ("alias", "table_name") if node.get(key)}
-    return any(_may_read_columns(node, COLUMNS_NEEDING_WORLD | whole_rows) for node in nodes)
+    names_of_whole_rows = set()
+    for node in nodes:
+        for key in ("alias", "table_name"):
+            if node.get(key):
+                names_of_whole_rows.add(str(node[key]).lower())
+    return any(_may_read_columns(node, COLUMNS_NEEDING_WORLD | names_of_whole_rows) for node in nodes)
 
 
 def _may_read_columns(node: Mapping[str, Any], columns: Set[str]) -> bool:

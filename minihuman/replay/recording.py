@@ -141,7 +141,8 @@ def save_recording(logs: Sequence[SessionLog], path: Path, *, with_view: bool = 
     """
     roots = [session_root(log) for log in logs]
     if not logs or len(set(roots)) < len(roots):
-        raise LogError(f"name one session or several different ones to replay, not {', '.join(roots) or 'none'}")
+        names = ", ".join(roots) or "none"
+        raise LogError(f"name one session or several different ones to replay, not {names}")
     aligned_ns = None
     if len(logs) > 1:
         aligned_ns = align_episode_starts(logs)

@@ -131,7 +131,7 @@ class TeamMessages:
 
     def look(self, play: RunningEpisode | None) -> PlayMessages | None:
         """Return the messages as the page displays them; None if the block has neither chat nor marks."""
-        hints = self._list_hints
+        hints = self._key_hints
         if not hints:
             return None
         marks = self.marks
@@ -155,7 +155,7 @@ class TeamMessages:
         return {"messages": messages} if messages else {}
 
     @property
-    def _list_hints(self) -> list[str]:
+    def _key_hints(self) -> list[str]:
         """Return the lines that tell the participant which keys write and ping."""
         words = self.context.words
         hints = [words["team.chat_keys"]] if self.rules.chat else []

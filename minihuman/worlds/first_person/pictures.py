@@ -100,8 +100,8 @@ def room_tables(floor: FloorPlan, library: Library, *, display: bool = False) ->
 def _coverings(floor: FloorPlan, library: Library) -> tuple[I64, F64]:
     """Return the texture row of each room's floor, wall and ceiling, and the metres that it covers right and up."""
     coverings = [_covering(room) for room in floor.rooms]
-    rows = []
-    sizes_m = []
+    rows: list[list[int]] = []
+    sizes_m: list[list[tuple[float, float]]] = []
     number_by_covering: dict[tuple[str | None, ...], int] = {}
     for names in dict.fromkeys(coverings):  # rooms covered alike share a row
         number_by_covering[names] = len(rows)
