@@ -53,7 +53,7 @@ def build_context_rows(
     *,
     is_selected: bool = True,
 ) -> dict[str, RowBatch]:
-    """Build the rows of the context tables, none for an unselected session; starts and frames are of ``episodes``."""
+    """Build the rows of the context tables, empty for an unselected session; starts and frames are of ``episodes``."""
     if not is_selected:
         return dict.fromkeys(_TABLE_BUILDERS, RowBatch(0, {}))
     attempts = Counter(episode.number for episode in log.episodes)

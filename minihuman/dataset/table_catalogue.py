@@ -157,7 +157,7 @@ def is_episode_table(name: str) -> bool:
 
 
 def find_primary_key(name: str) -> tuple[str, ...]:
-    """Return the columns of a table's primary key; none for a table whose events can coincide."""
+    """Return the columns of a table's primary key; empty for a table whose events can coincide."""
     if name in _find_episode_tables():
         return _EPISODE
     return _PRIMARY_KEYS.get(name, ())

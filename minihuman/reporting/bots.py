@@ -232,7 +232,7 @@ class Evidence:
     decision: str  # a reviewer's annotations of the whole session
 
     def line(self) -> str:
-        """State the verdict in one line; ``facts`` and ``reasons`` explain it."""
+        """State the verdict in one line; ``facts`` and ``reasons`` explain the verdict."""
         verdict = "FLAGGED" if self.flagged else "-"
         line = f"{self.participant} session {self.session}: {verdict}  {self._format_ratio()}"
         if self.decision:

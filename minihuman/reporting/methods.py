@@ -205,7 +205,7 @@ def _describe_answer_exclusions(protocols: Sequence[Protocol], n_excluded: Mappi
 
 
 def _describe_designs(protocols: Sequence[Protocol]) -> list[str]:
-    """Write a paragraph on the protocols' adaptive designs; none if nothing was adaptive."""
+    """Return a paragraph on the protocols' adaptive designs; [] if nothing was adaptive."""
     sentences: dict[str, None] = {}
     for protocol in protocols:
         for opening, spec in (
@@ -272,7 +272,7 @@ def _describe_strata(plans: Sequence[PlanOutline], *, by_design: bool = False) -
 
 
 def _describe_simulated(plans: Sequence[PlanOutline], simulated: int, attrition: Attrition) -> str:
-    """State how many sessions were simulated; "" if none was. Whether erased sessions were is unknown."""
+    """State how many sessions were simulated; "" if none was. It is unknown whether erased sessions were simulated."""
     if not simulated:
         return ""
     if simulated == len(plans):

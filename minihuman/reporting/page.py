@@ -195,7 +195,7 @@ def state_answers(
 
 
 def _state_differences(target: BlockResults | None) -> Iterator[str]:
-    """Yield a sentence per group comparison in the target block; none if there is only one group."""
+    """Yield a sentence for each comparison of groups in the target block; nothing if there is only one group."""
     if target is None or len(target.groups) < 2:
         return
     for comparison in target.headline:

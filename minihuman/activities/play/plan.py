@@ -11,7 +11,7 @@ from minihuman.experiment.plan.session_plan import PartPlan
 
 
 class CriterionSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The criterion that ends practice: so many successes among the last episodes.
+    """The criterion that ends practice: a number of successes among the last episodes.
 
     A block's ``episodes`` is then the largest number of episodes.
     """

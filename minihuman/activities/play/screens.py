@@ -177,7 +177,7 @@ class BlockScreens:
         return self._plan.mission or self._context.words.mission(play.mission)
 
     def _format_progress_line(self, play: RunningEpisode) -> str:
-        """Format the episode's position and the points so far, as far as the block shows them."""
+        """Format the episode's position and the points so far, or those of the two that the block shows."""
         total = self._context.points if self._plan.show_points else None
         if not self._shows_progress:
             if total is None:

@@ -195,7 +195,7 @@ class QuestionsActivity(Activity):
         return numbers
 
     def _conclude(self) -> None:
-        """End the questionnaire, or allow another try after wrong answers as far as the plan has any left."""
+        """End the questionnaire, or allow another try after wrong answers if the plan has one left."""
         if not any(self._right[number] is False for number in self._asked_numbers):
             self.ended = PartEnding()
             return

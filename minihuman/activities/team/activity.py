@@ -131,7 +131,7 @@ class TeamPlayActivity(PlayActivity):
 
     @property
     def request(self) -> ActivityRequest | None:  # type: ignore[override]
-        """Return the request for a team, an episode's start or the next joint action; None if none is due."""
+        """Return the request for a team, an episode's start or the next joint action; None if no request is due."""
         if self.phase is Phase.LOBBY:
             return TeamRequest(self.number, self.part.name, self.plan, self.context.teams)
         if self.phase is Phase.WAITING and self.formed is not None:

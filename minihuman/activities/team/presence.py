@@ -169,7 +169,7 @@ class TeamPresence:
         return [seat for seat in seats if now_s - self._seats[seat].find_person_sign_s() >= limit_s]
 
     def find_news(self, known: Sequence[SeatState], now_s: float, *, is_real_time: bool) -> SeatNews | None:
-        """Return a seat whose state differs from the known one; None if none does or no state is known.
+        """Return a seat whose state differs from the known state; None if there is no such seat or no known state.
 
         Args:
             known: the known state of each of the team's seats.

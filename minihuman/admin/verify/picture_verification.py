@@ -120,7 +120,7 @@ def _list_differences(
 
 
 def _judge_difference(recorded: Mapping[str, str], difference: str, pictures: int) -> PictureVerification:
-    """Judge a difference: pictures drawn with other software than here cannot be compared."""
+    """Return the verdict on a difference; pictures that were drawn with other software cannot be compared."""
     changed = []
     for name, recorded_fact in recorded.items():
         if not _draws(name):

@@ -102,7 +102,7 @@ def _read_protocol(sessions: Iterable[Path]) -> Protocol | None:
 
 
 def _read_ends(log: Path) -> tuple[str, ...]:
-    """Return the numbers of a log's segments that have a chain head; none for a log that cannot be read."""
+    """Return the numbers of a log's segments that have a chain head; empty for a log that cannot be read."""
     summary = read_summary(log)
     if summary is None:
         return ()

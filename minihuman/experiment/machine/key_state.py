@@ -5,7 +5,7 @@ HOLD_TO_END_NS = 2_000_000_000  # Escape, held over the question whether to end 
 
 
 class KeyState:
-    """The keys that are down, as far as the focused window knows.
+    """The keys that are down according to the focused window.
 
     Args:
         down: the dictionary in which to keep the keys, the latest last, with the time of each press in nanoseconds.

@@ -221,7 +221,7 @@ class RunningEpisode:
         return FrameShown(screen.t_ns, self.plan.episode, step, screen.submit_ns, screen.flip_ns, picture_hash)
 
     def note_onset(self, flip_ns: int) -> None:
-        """Note the flip that response times count from, where not every picture is an onset."""
+        """Record the flip from which response times are measured, for blocks in which not every picture is an onset."""
         self._flips_ns = [flip_ns]
 
     def step_without_key(self, t_ns: int) -> Stepped:

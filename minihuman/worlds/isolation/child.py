@@ -175,7 +175,7 @@ class WorldServer:
         )
 
     def _report_state(self) -> messages.StateReport:
-        """Return the present state, as far as the host needs it at every step."""
+        """Return the part of the present state that the host needs at every step."""
         world = self._world
         pose = world.pose()
         if pose is None:

@@ -379,7 +379,7 @@ class IsolatedWorlds:
         return self._make_world(world_id, options)
 
     def isolates(self, world_id: str) -> bool:
-        """Return whether a world runs in a process of its own, as far as is known before it is made."""
+        """Return whether a world will run in a process of its own, judged before the world is made."""
         return world_id not in self._stays and not is_from_catalogue(world_id)
 
     def close(self) -> None:

@@ -87,7 +87,7 @@ class TextDraft(AnswerDraft):
 
     @property
     def display_text(self) -> str:
-        """Return the text as it is in a native field; else without surrounding blanks."""
+        """Return the text, without surrounding blanks unless it comes from a native field."""
         if self.has_native_field:
             return self._text
         return self._text.strip()

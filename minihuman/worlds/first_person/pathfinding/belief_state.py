@@ -222,7 +222,7 @@ class ExploredFloor:
         return "turn_left" if off > 0 else "turn_right"
 
     def _free(self) -> NDArray[np.bool_]:
-        """Return which cells are free, as far as is known."""
+        """Return a mask of the cells that are known to be free."""
         agent = self._world.agent
         stage = self._world.stage
         in_the_way = [entity for entity in self.things if not any(entity is thing for thing in self._world.targets())]

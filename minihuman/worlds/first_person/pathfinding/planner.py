@@ -192,7 +192,7 @@ def _barriers(stage: WorldState, goal: Entity, reach: float, longest: float) -> 
 def _out_of_reach(
     a: NDArray[np.float64], b: NDArray[np.float64], middle: NDArray[np.float64], reach: float, margin: float
 ) -> list[tuple[float, ...]]:
-    """Return a whole segment if it is far enough from the goal, or else its parts that are out of reach."""
+    """Return the parts of a segment that are out of reach of the goal; the whole segment if all of it is."""
     length = math.hypot(*(b - a))
     share = float((middle - a) @ (b - a)) / length**2
     foot = a + (b - a) * min(max(share, 0.0), 1.0)
@@ -220,7 +220,7 @@ def _turning_points(floor: FloorPlan, barriers: NDArray[np.float64]) -> NDArray[
 
 
 def _merged(walls: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return walls with those that continue each other joined into one."""
+    """Return walls, joining any two of which one continues the other."""
     rows = [tuple(row) for row in walls.tolist()]
     starts = {row[:2]: row for row in rows}
     joined: dict[tuple[float, ...], None] = {}

@@ -37,13 +37,13 @@ _LIBRARIES: dict[int, Any] = {}  # of all functions, by id: each is linked once,
 
 
 def _collect(user: Any, library: Any) -> None:
-    """Note that one function's code calls another's, where Numba would copy the other's into it."""
+    """Record that one function calls another, instead of copying the other's code as Numba would."""
     library._ensure_finalized()
     _LIBRARIES[id(library)] = library
 
 
 def _make_no_executable(library: Any, description: Any, environment: Any) -> Any:
-    """Do without machine code for this process: the functions are called in others."""
+    """Make Numba produce no machine code for this process, because other processes call the functions."""
     _collect(None, library)
     return [].append
 
@@ -102,7 +102,7 @@ def _common_to_internal(code: str) -> str:
 
 
 def main() -> int:
-    """Compile stdin to stdout; on stderr, say in which line of it something does not compile, and why."""
+    """Compile the source on stdin to an object file on stdout; write the line and reason of an error to stderr."""
     try:
         code = compile_text(sys.stdin.read())
     except errors.NumbaError as error:

@@ -52,7 +52,7 @@ class Expressions:
         return number
 
     def refuse(self, node: ast.AST, what: str, instead: str) -> NoReturn:
-        """Raise the refusal of a node.
+        """Raise a TranslationError that refuses a node.
 
         Raises:
             TranslationError: always.
@@ -69,7 +69,7 @@ class Expressions:
     # --- what names stand for ---
 
     def symbol(self, node: ast.AST) -> Symbol | None:
-        """Return what a name or attribute stands for, or None if it is computed when the rules run."""
+        """Return what a name or attribute stands for; None if its value is computed when the rules run."""
         if isinstance(node, ast.Constant):
             return Symbol("constant", node.value)
         if isinstance(node, ast.Name):
@@ -349,7 +349,7 @@ class Expressions:
         self.refuse(node, f"{ast.unparse(node.func)}(...)", "of the generator, integers(low, high) and random() are")
 
     def draw(self, text: str) -> str:
-        """Note that the rules draw random numbers, and return the text."""
+        """Record that the rules draw random numbers, and return the given text."""
         self.program.draws = True
         return text
 

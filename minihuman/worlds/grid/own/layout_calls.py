@@ -141,7 +141,7 @@ class LayoutCalls(Expressions):
         return "(" + "".join(f"rt.set_task(c, {nth}, {text}), " for nth, text in enumerate(arguments)) + ")"
 
     def diagram(self, node: ast.Call) -> list[str] | None:
-        """Return the statements of ``from_text("...", grid)``, or None if a call is another."""
+        """Return the statements of a call ``from_text("...", grid)``; None for any other call."""
         callee = self.symbol(node.func)
         if callee is None or callee.kind != "constant" or callee.value is not from_text:
             return None

@@ -181,7 +181,7 @@ class Statements(Calls):
         return True
 
     def _has_floats(self, right_side: ast.expr) -> bool:
-        """Return whether a list is of floats: of rewards, or with a float written out."""
+        """Return whether a list holds floats: rewards, or at least one float constant."""
         parts = list(ast.walk(right_side))
         floats = any(isinstance(part, ast.Constant) and isinstance(part.value, float) for part in parts)
         return floats or any(isinstance(part, ast.Name) and "reward" in part.id for part in parts)

@@ -196,7 +196,7 @@ class Translation:
         return FIRST_OWN_KIND + self.world.kinds.index(kind) if kind in self.world.kinds else -1
 
     def fixed_attribute(self, name: str) -> tuple[bool, Any]:
-        """Return whether an attribute of the world is a constant, and its content."""
+        """Return whether an attribute of the world is a constant, and the constant."""
         if name in self.fields:
             return False, None
         if name in vars(self.world):
@@ -260,7 +260,7 @@ class Translation:
     def find_method(
         self, asking: Statements, node: ast.AST, name: str, after: type | None = None
     ) -> tuple[FunctionType, type | None]:
-        """Return a method of the author's and the class that defines it; a static one has none."""
+        """Return one of the author's methods and the class that defines it; None as the class of a static method."""
         try:
             return self._look_up(name, after)
         except KeyError:
@@ -381,7 +381,7 @@ class Translation:
 
 
 class _DiagramWriter:
-    """What `from_text` lays a diagram out on."""
+    """A stand-in for the grid on which `from_text` lays out a diagram, and which writes statements instead."""
 
     def __init__(self, translation: Translation, place: int) -> None:
         self.kinds = translation.world.kinds
