@@ -476,6 +476,9 @@ def summarize_session(log: SessionLog) -> MeasureRow:
     completed = {episode.number for episode in log.episodes if episode.outcome_word not in UNFINISHED_OUTCOMES}
     n_skipped = sum(event.count for event in log.part_events if isinstance(event, EpisodesSkipped))
     n_planned = len(log.plan.episodes) - n_skipped
+    completed_share = None
+    if n_planned:
+        completed_share = len(completed) / n_planned
     window = log.segments[0].facts.get("window", "") if log.segments else ""
     return {
         "player": log.player,
@@ -487,5 +490,5 @@ def summarize_session(log: SessionLog) -> MeasureRow:
         "segments": len(log.segments),
         "clock_notes": sum(isinstance(note, Noted) and note.is_about_clock for note in log.notes),
         "page_alterations": "; ".join(list_page_alterations(log.notes)),
-        "completed_share": len(completed) / n_planned if n_planned else None,
+        "completed_share": completed_share,
     }

@@ -109,7 +109,12 @@ def _measure_episode(tally: KeyTally, walk: PathMeasures) -> MeasureRow:
     plan = episode.plan
     mean_ms, median_ms = mean_and_median(episode.rt_ms)
     response_mean_ms, response_median_ms = mean_and_median(response_ms(episode))
-    labels = json.dumps(plan.labels, sort_keys=True, ensure_ascii=False) if plan.labels else ""
+    labels = ""
+    if plan.labels:
+        labels = json.dumps(plan.labels, sort_keys=True, ensure_ascii=False)
+    turns_in_place = None  # unknown without poses
+    if not math.isnan(walk.length):
+        turns_in_place = walk.turns
     return locate_episode(episode) | {
         "episode_in_block": plan.episode_in_block + 1,
         "world": plan.world,
@@ -127,7 +132,7 @@ def _measure_episode(tally: KeyTally, walk: PathMeasures) -> MeasureRow:
         "response_median_ms": response_median_ms,
         "path_length": _none_if_nan(walk.length),
         "path_efficiency": _none_if_nan(walk.efficiency),
-        "turns_in_place": None if math.isnan(walk.length) else walk.turns,  # unknown without poses
+        "turns_in_place": turns_in_place,
         "ineffective_steps": tally.ineffective_steps.total(),
         "refused": tally.refused.total(),
         "absent_share": None if episode.team is None else episode.team.absent_share,
