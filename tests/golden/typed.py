@@ -3,10 +3,18 @@
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
-from minihuman.activities.questions.free_text.draft import TEXT_RULES
 from minihuman.activities.questions.number.draft import NUMBER_RULES
 from minihuman.admin.next_session import plan_next_session
-from minihuman.experiment.machine.inputs import Input, KeyDown, KeyUp, ScreenShown, TextEdited, TextInput, Tick
+from minihuman.experiment.machine.inputs import (
+    TEXT_RULES,
+    Input,
+    KeyDown,
+    KeyUp,
+    ScreenShown,
+    TextEdited,
+    TextInput,
+    Tick,
+)
 from minihuman.experiment.machine.session import CONSENT_RULES, KEY_RULES, SessionMachine
 from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.log.record.mcap_recorder import McapRecorder

@@ -5,7 +5,6 @@ from types import MappingProxyType
 
 import pytest
 
-from minihuman.activities.questions.free_text.draft import TEXT_RULES
 from minihuman.display.drawing.screen import find_spot
 from minihuman.experiment.machine.events import (
     AnswerChanged,
@@ -15,7 +14,14 @@ from minihuman.experiment.machine.events import (
     SessionEnded,
     TextChanged,
 )
-from minihuman.experiment.machine.inputs import KeyDown, PointerMoved, PointerPressed, TextEdited, TextInput
+from minihuman.experiment.machine.inputs import (
+    TEXT_RULES,
+    KeyDown,
+    PointerMoved,
+    PointerPressed,
+    TextEdited,
+    TextInput,
+)
 from minihuman.experiment.machine.transitions import Phase
 from tests.study.sessions import Desk
 from tests.study.studies import plan_of
