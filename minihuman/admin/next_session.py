@@ -227,6 +227,7 @@ def find_local_date(when: datetime, log: SessionLog, utc_offset_min: int | None 
 
 
 def _check_day(protocol: Protocol, before: SessionLog, session: int, utc_offset_min: int | None = None) -> None:
+    """Raise AllocationError unless a session is due today, counted in days after the previous one."""
     if session > len(protocol.sessions):
         return
     days_after_previous = protocol.sessions[session - 1].days_after_previous

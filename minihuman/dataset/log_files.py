@@ -248,7 +248,7 @@ def map_logs(
 
     A session for which ``work`` raises LogError or ProtocolError is yielded as skipped.
     """
-    return map_paths(paths, partial(_work_on, work=work), processes=processes, engine=engine)
+    return map_paths(paths, partial(_read_and_work, work=work), processes=processes, engine=engine)
 
 
 def map_paths(
@@ -374,7 +374,8 @@ def _work_on_each(paths: list[Path], work: Callable[[Path], T]) -> list[T]:
     return [work(path) for path in paths]
 
 
-def _work_on(path: Path, work: Callable[[SessionLog], T]) -> T | SkippedLog:
+def _read_and_work(path: Path, work: Callable[[SessionLog], T]) -> T | SkippedLog:
+    """Read a log and return what ``work`` makes of it, or the reason why the log is skipped."""
     from minihuman.log.read.session_reader import read_log
 
     try:

@@ -181,6 +181,7 @@ def _quantise_axis(raw: float) -> float:
 
 
 def _find_axis_buttons(axis: str) -> tuple[tuple[str, int], ...]:
+    """Return the buttons that a gamepad's axis presses, each with the sign of the axis's value."""
     match axis:
         case "pad_left_x":
             return ("stick_left", -1), ("stick_right", 1)

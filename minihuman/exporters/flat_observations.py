@@ -320,7 +320,7 @@ class Resimulator:
             ExportError: if the world cannot be created here or behaves differently than when it was played; or if the
                 log holds no observations, or observations that do not match their hashes.
         """
-        world = self._world_of(chosen.episode, chosen)
+        world = self._open_world(chosen.episode, chosen)
         observed = self._picture_px is None or is_picture(world.observation_space)
         pictures: list[NDArray[np.uint8]] = []
 
@@ -340,7 +340,8 @@ class Resimulator:
             chosen.episode, observations, world.observation_space, world.action_space, shown_pictures
         )
 
-    def _world_of(self, episode: EpisodeLog, chosen: IncludedEpisode) -> World:
+    def _open_world(self, episode: EpisodeLog, chosen: IncludedEpisode) -> World:
+        """Return a world for an episode: the previous one if it was made in the same way, else a new one."""
         made_from = (episode.plan.world, episode.world_options)
         if self._world is None or self._made_from != made_from:
             try:

@@ -63,7 +63,7 @@ def check_learner(make: "str | Callable[[str], Learner]", settings: str = "", da
         np.array_equal(_weights(stopped.policy), _weights(reproduced.policy)),
         f"after {SHORT_S} s it returned the settings {stopped.settings}, which give another policy without a limit",
     )
-    _refuse_nothing(make, settings, dataset)
+    _check_empty_dataset(make, settings, dataset)
 
 
 def build_teaching_dataset() -> "Dataset":
@@ -205,7 +205,8 @@ def _require_plain(values: dict[str, Any], field: str) -> None:
         require(False, f"{field} cannot be written into the policy's file ({error}); use numbers, text and lists")
 
 
-def _refuse_nothing(make: "str | Callable[[str], Learner]", settings: str, dataset: "Dataset") -> None:
+def _check_empty_dataset(make: "str | Callable[[str], Learner]", settings: str, dataset: "Dataset") -> None:
+    """Check that the learner raises a LearnError for a dataset without lessons."""
     from dataclasses import replace
 
     from minihuman.learn.teaching.learner import LearningRequest

@@ -75,6 +75,7 @@ def _make_player(make: str | Callable[[np.random.Generator], SimulatedParticipan
 def _record_keys(
     player: SimulatedParticipant, world: str, options: dict[str, Any], episodes: int, max_steps: int
 ) -> Keys:
+    """Run a session with a simulated participant; return the time and key of each press."""
     protocol = build_short_study(world, options, episodes=episodes, max_steps=max_steps)
     clock = VirtualClock()
     recorder = MemoryRecorder()

@@ -202,6 +202,7 @@ def _check_restore(world: World, seed: int, actions: list[int]) -> None:
 
 
 def _check_restore_from(world: World, seed: int, before_it: list[int], after_it: list[int]) -> None:
+    """Check that a state saved in mid-episode can be restored, also after pickling, and played on equally."""
     if any(step[1] or step[2] for step in _play(world, seed, before_it)):
         return  # over with its first step: there is no middle to come back to
     saved = world.save()

@@ -173,7 +173,7 @@ class TeamPlayActivity(PlayActivity):
                 self._move(TransitionCause.DONE)
             case JointTaken() if self.playing:
                 self._let_time_pass()
-                self._take_joint(happened)
+                self._make_joint_step(happened)
             case SeatSighted() if self.playing:
                 self._note_sighting(happened)
             case MessageGiven() if self.playing and happened.message.seat != self._messages.seat:
@@ -254,7 +254,8 @@ class TeamPlayActivity(PlayActivity):
         else:
             self._end()
 
-    def _take_joint(self, joint: JointTaken) -> None:
+    def _make_joint_step(self, joint: JointTaken) -> None:
+        """Make and log a step with the joint action of all seats; ignore one for another step."""
         if not self.playing or (joint.episode, joint.step) != (self._current.plan.episode, self._current.steps + 1):
             return
         play = self.team_episode
@@ -300,6 +301,7 @@ class TeamPlayActivity(PlayActivity):
     # Keys and time
 
     def _key_in_play(self, press: KeyDown) -> None:
+        """Handle a key press during an episode: a message, or this seat's action for the next joint step."""
         play = self.team_episode
         action = play.action_of(press.key)
         if self._messages.take_key(press, play):

@@ -125,6 +125,7 @@ class Lobby(Generic[Member]):
         return candidates
 
     def _may_pair(self, entry: LobbyEntry[Member], other: LobbyEntry[Member]) -> bool:
+        """Return whether the rule of pairing allows two entries in one team."""
         match entry.rules.pairing:
             case "fixed":
                 return self._number_pair(other) == self._number_pair(entry)

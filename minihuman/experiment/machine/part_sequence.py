@@ -64,6 +64,7 @@ def asks_consent_before_play(plan: SessionPlan) -> bool:
 
 
 def _is_done(number: int, part: PlannedPart, plan: SessionPlan) -> bool:
+    """Return whether earlier segments of a session have completed a part."""
     if _is_repeated(part):
         return False
     if number < plan.standing.part:

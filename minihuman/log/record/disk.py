@@ -302,6 +302,7 @@ class FileWriter:
         self._written_count += len(jobs)
 
     def _make_durable(self, jobs: Sequence[WriteJob], *, sync: Callable[[], None], closing: bool = False) -> None:
+        """Sync the file after writes, and record how much is durable or why it is not."""
         if not self._is_broken and (jobs or closing):
             try:
                 sync()

@@ -69,7 +69,7 @@ class LogCopier:
                     self._early_attachments.append(record)
                 case Attachment() if record.name != integrity.SEGMENT_HEAD_NAME:
                     self._copy_attachment(record)
-        self._write_head()
+        self._write_segment_start()
         if self._previews is not None and self._last is not None:
             self._add_previews(self._previews.finish(), self._last)
 
@@ -128,7 +128,7 @@ class LogCopier:
             return
         if topic == topics.PLAN:
             self._write_second_start(message, schema)
-        self._write_head()
+        self._write_segment_start()
         if topic in RECORD_TOPICS:
             self.last_sequence = message.sequence
             self._last = message
@@ -169,9 +169,10 @@ class LogCopier:
             schemas.append(Schema(channels[0].schema_id, schema.data, schema.encoding, schema.name))
         plan = Message(number, message.log_time, message.data, message.publish_time, message.sequence)
         copied = integrity.pack_segment_head(self._head.values(), schemas, channels, plan)
-        self._write_head(copied, message.log_time)
+        self._write_segment_start(copied, message.log_time)
 
-    def _write_head(self, copied: bytes = b"", log_time: int = 0) -> None:
+    def _write_segment_start(self, copied: bytes = b"", log_time: int = 0) -> None:
+        """Write the held-back start of a segment: metadata, the second copy if any, attachments and previews."""
         head = self._head
         self._head = {}
         attached = self._early_attachments
