@@ -218,9 +218,9 @@ def verify_session(log: Path, *, trust: bool = False, policies: bool = False) ->
     session = read_log(log)
     if trust:
         Trust(modules=list_foreign_modules(episode.plan.world for episode in session.episodes)).record()
-    other_rules = describe_other_rules(session)
-    if other_rules:
-        yield other_rules, True
+    rules_note = describe_other_rules(session)
+    if rules_note:
+        yield rules_note, True
     with raise_as_log_error(log, "played again"):
         steps = verify_episodes(session)
         pictures = None
