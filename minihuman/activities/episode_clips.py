@@ -34,7 +34,7 @@ class EpisodeClip:
 
     @property
     def last(self) -> int:
-        """The step that the last picture shows."""
+        """Return the step that the last picture shows."""
         return len(self.actions)
 
 
@@ -83,10 +83,10 @@ class EpisodeFilm(Sequence[ImageArray]):
         with catch_world_errors():
             self._lead_to(first)
             self.first_hash = world.state_hash()
-            self._save()
+            self._save_world()
             for action in self._actions[first:]:
                 world.advance(action)
-                self._save()
+                self._save_world()
             self.last_hash = world.state_hash()
 
     def __len__(self) -> int:
@@ -120,7 +120,8 @@ class EpisodeFilm(Sequence[ImageArray]):
         for action in self._actions[:step]:
             self._world.advance(action)
 
-    def _save(self) -> None:
+    def _save_world(self) -> None:
+        """Save the world's present state, if pictures are drawn, so that earlier steps can be drawn again."""
         if self._picture_px is None:
             return
         try:

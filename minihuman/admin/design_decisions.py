@@ -143,7 +143,7 @@ def _list_ended_sessions(lines: Sequence[EnrolmentEntry], design: EnrolmentDesig
 
 @lru_cache(maxsize=4096)
 def _compute_mean_outcome(path: Path, size: int, segment: str, outcome: str, block: str) -> float | None:
-    """Return the mean outcome of a block's episodes in a log; None if the log did not finally end with that segment."""
+    """Return the mean outcome of a block's episodes in a log; None if that segment is not the log's last one."""
     log = read_log(path)
     if log.end_reason not in FINAL_END_REASONS or str(log.segments[-1].number) != segment:
         return None
@@ -162,7 +162,7 @@ def _compute_mean_outcome(path: Path, size: int, segment: str, outcome: str, blo
 def verify_design_decisions(study: Path, protocol: Protocol) -> Iterator[tuple[str, bool]]:
     """Recompute the statistics of every assignment and look from the enrolment log and the session logs.
 
-    Yields lines, each with whether it reports success; none for a study without an adaptive design.
+    Yields lines, each with whether it reports success; nothing for a study without an adaptive design.
     """
     lines = read_enrolment_log(study)
     equal = 0

@@ -174,7 +174,7 @@ def read_enrolled(study_dir: Path) -> tuple[SlotTaken, ...]:
 
 
 def read_enrolment_log(study_dir: Path) -> tuple[EnrolmentEntry, ...]:
-    """Read all entries of the enrolment log, in the order written; none if the study has not begun.
+    """Read all entries of the enrolment log, in the order written; return () if the study has not begun.
 
     Raises:
         AllocationError: if a complete line cannot be read.

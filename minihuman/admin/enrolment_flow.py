@@ -119,7 +119,7 @@ class _Person:
 
     @property
     def last_session(self) -> int:
-        """The number of the last session that the person began; 0 if none is on record."""
+        """Return the number of the last session that the person began; 0 if none is on record."""
         return max(self.begun, default=0)
 
 
@@ -284,7 +284,7 @@ def _trace_session(number: int, person: _Person) -> Iterator[str]:
 
 
 def _went_through(session: int, person: _Person) -> bool:
-    """Tell whether a participant finished their last session so far and can begin the next one."""
+    """Return whether a participant finished their last session so far and can begin the next one."""
     if session == 0:
         return True
     return not person.is_withdrawn and person.states.get(session) == "complete"

@@ -298,7 +298,7 @@ class _SlotHolders:
         match line:
             case SlotTaken():
                 self.began[line.participant] = line
-                self._hold(line)
+                self._assign_slot(line)
             case GroupDrawn() if (before := self.slots.get(line.drawn)) is not None:
                 if self.slots_by_index.get(before.index) is before:
                     self._held_places.discard(before.slot)
@@ -309,7 +309,7 @@ class _SlotHolders:
                     "slot": line.slot,
                     "assigned": line.assigned,
                 }
-                self._hold(msgspec.structs.replace(before, **allocation))
+                self._assign_slot(msgspec.structs.replace(before, **allocation))
             case SlotFreed():
                 self._let_go(line.freed)
                 self.slots.pop(line.freed, None)
@@ -321,7 +321,8 @@ class _SlotHolders:
                 self._let_go(line.replaced)
                 self.replaced.add(line.replaced)
 
-    def _hold(self, line: SlotTaken) -> None:
+    def _assign_slot(self, line: SlotTaken) -> None:
+        """Record a participant's slot; it stays free if the participant withdrew or was replaced."""
         self.slots[line.participant] = line
         if line.participant not in self._withdrawn and line.participant not in self.replaced:
             self.slots_by_index[line.index] = line

@@ -51,7 +51,7 @@ class ErasureLedger:
 
     @property
     def is_shared(self) -> bool:
-        """Tell whether other machines can read the entries that this machine writes."""
+        """Return whether other machines can read the entries that this machine writes."""
         return self._in_database or self._store is not None
 
     @property

@@ -67,7 +67,7 @@ def find_illegible_in_plan(plan: SessionPlan) -> Iterator[str]:
 
 def _without_typeface(plan: SessionPlan, faces: TypefaceSet) -> Iterator[str]:
     """Yield the first text with a character that no font has, and the number of others, as one font may help all."""
-    missing_by_place = [(place, faces.missing(text)) for place, text in _texts(plan)]
+    missing_by_place = [(place, faces.missing(text)) for place, text in _list_texts(plan)]
     unset = [(place, character) for place, character in missing_by_place if character]
     if unset:
         place, character = unset[0]
@@ -94,7 +94,8 @@ def list_undrawable_languages() -> dict[str, str]:
     return {language: character for language, character in missing.items() if character}
 
 
-def _texts(plan: SessionPlan) -> Iterator[tuple[str, str]]:
+def _list_texts(plan: SessionPlan) -> Iterator[tuple[str, str]]:
+    """Yield every text of a session, each with where it is from."""
     for key, word in plan.words.items():
         yield f"word {key}", word
     for part in plan.parts:
@@ -120,9 +121,11 @@ def _too_long(part: PlannedPart, words: InterfaceWords, faces: TypefaceSet) -> I
     match part.plan:
         case PlayPlan() as play:
             for outcome, text in play.feedback.items():
-                if not text_fits(TextScreen("", text, "", locale=words.locale), NARROWEST_SCREEN_PX):
+                feedback_screen = TextScreen("", text, "", locale=words.locale)
+                if not text_fits(feedback_screen, NARROWEST_SCREEN_PX):
                     yield f"{part.name}, feedback for {outcome}: {_does_not_fit(text)}"
-            if not text_fits(TextScreen(words["rest.title"], play.rest, "", locale=words.locale), NARROWEST_SCREEN_PX):
+            rest_screen = TextScreen(words["rest.title"], play.rest, "", locale=words.locale)
+            if not text_fits(rest_screen, NARROWEST_SCREEN_PX):
                 yield f"{part.name}, rest: {_does_not_fit(play.rest)}"
         case QuestionsPlan() as questions:
             if not text_fits(build_wrong_answer_screen(words, questions.wrong), NARROWEST_SCREEN_PX):

@@ -90,7 +90,7 @@ def _tally_messages(readings: Iterable[LogReader]) -> "_SessionTally":
 
 
 def _is_complete(tally: "_SessionTally", plan: SessionPlan) -> bool:
-    """Tell whether a session ended as complete, or was interrupted when only its closing pages were left."""
+    """Return whether a session ended as complete, or was interrupted when only its closing pages were left."""
     if tally.end_reason == "complete":
         return True
     if tally.end_reason in events.FINAL_END_REASONS:

@@ -112,13 +112,13 @@ def find_changed_files(study: Path, digest_or_file: str) -> Iterator[str]:
     if not file.is_file():
         digest = _parse_digest(digest_or_file)
         file = study / MANIFEST_FILE_NAME
-        manifest = _read(file)
+        manifest = _read_manifest(file)
         if manifest is None or manifest.digest != digest:
             digest_now = _digest(_digest_files(study))
             if digest_now != digest:
                 yield f"the study is not as it was sealed with {digest[:16]}: it is {digest_now[:16]} now"
             return
-    manifest = _read(file)
+    manifest = _read_manifest(file)
     if manifest is None or _digest(manifest.files) != manifest.digest:
         yield f"{file} is not a manifest, or was changed"
         return
@@ -144,7 +144,8 @@ def _compare_files(study: Path, manifest: StudyManifest) -> Iterator[str]:
             yield f"{name} was changed"
 
 
-def _read(path: Path) -> StudyManifest | None:
+def _read_manifest(path: Path) -> StudyManifest | None:
+    """Read a manifest file; None if it is not one."""
     try:
         return msgspec.json.decode(path.read_bytes(), type=StudyManifest)
     except (OSError, msgspec.DecodeError, UnicodeDecodeError):

@@ -191,7 +191,7 @@ def find_interrupted_session(study_dir: Path) -> SessionSummary | None:
 
 
 def _is_running(folder: Path) -> bool:
-    """Tell whether the session of a folder is being recorded."""
+    """Return whether the session of a folder is being recorded."""
     return any(is_being_recorded(part) for part in folder.glob(f"*{PART_SUFFIX}"))
 
 
@@ -227,6 +227,7 @@ def find_local_date(when: datetime, log: SessionLog, utc_offset_min: int | None 
 
 
 def _check_day(protocol: Protocol, before: SessionLog, session: int, utc_offset_min: int | None = None) -> None:
+    """Raise AllocationError unless a session is due today, counted in days after the previous one."""
     if session > len(protocol.sessions):
         return
     days_after_previous = protocol.sessions[session - 1].days_after_previous
@@ -242,7 +243,7 @@ def _check_day(protocol: Protocol, before: SessionLog, session: int, utc_offset_
 
 
 def is_session_complete(log: SessionLog) -> bool:
-    """Tell whether a session has nothing left to do."""
+    """Return whether a session has nothing left to do."""
     return log.end_reason in FINAL_END_REASONS or (not log.plan.parts and not find_remaining_episodes(log))
 
 

@@ -80,11 +80,11 @@ class ProtocolDraft:
 
     @property
     def staged(self) -> bool:
-        """Tell whether the study has a practice block and two tasks."""
+        """Return whether the study has a practice block and two tasks."""
         return not _STAGED.isdisjoint(self.templates)
 
     def has(self, template: str) -> bool:
-        """Tell whether the study uses a template."""
+        """Return whether the study uses a template."""
         return template in self.templates
 
     def toml(self) -> str:
@@ -300,18 +300,19 @@ def _in_any_group(protocol: Protocol, parts: Sequence[Overridable]) -> list[tupl
 
 def _find_policies(protocol: Protocol) -> dict[str, str]:
     """Return the policy files of the agents in any group, each with the field that names it."""
-    agents: list[tuple[str, str | None]] = []
-    teams: list[tuple[str, str | None]] = []
+    agent_fields: dict[str, str] = {}
+    team_fields: dict[str, str] = {}
     for number, block in _in_any_group(protocol, protocol.blocks):
-        if block.agent:
-            agents.append((f"$.blocks[{number}].agent.policy", block.agent.policy))
+        if block.agent and block.agent.policy:
+            agent_fields[block.agent.policy] = f"$.blocks[{number}].agent.policy"
         if block.team:
-            teams += [(f"$.blocks[{number}].team", name) for name in block.team.agents]
-    return {name: field for field, name in (*agents, *teams) if name and _is_policy_file(name)}
+            team_fields |= dict.fromkeys(block.team.agents, f"$.blocks[{number}].team")
+    fields = agent_fields | team_fields
+    return {name: field for name, field in fields.items() if name and _is_policy_file(name)}
 
 
 def _is_policy_file(name: str) -> bool:
-    """Tell whether an agent's name in a protocol is that of a policy file beside it."""
+    """Return whether an agent's name in a protocol is that of a policy file beside it."""
     if name == LATEST_POLICY or name.startswith(f"{SIMULATED}:"):
         return False
     return not is_registered_agent(name)

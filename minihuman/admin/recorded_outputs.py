@@ -93,10 +93,11 @@ def _erase_tables(folder: Path, study: str, code: str) -> None:
 
 
 def _open(data: Path) -> FileJournal[RecordedOutput]:
-    return FileJournal(data / OUTPUTS_FILE_NAME, _decode, mode=0o600)
+    return FileJournal(data / OUTPUTS_FILE_NAME, _decode_output, mode=0o600)
 
 
-def _decode(line: bytes, number: int) -> RecordedOutput | None:
+def _decode_output(line: bytes, number: int) -> RecordedOutput | None:
+    """Decode a line; None for one that a crash cut off."""
     with suppress(msgspec.DecodeError):  # half a line, of a crash
         return msgspec.json.decode(line, type=RecordedOutput)
     return None

@@ -101,14 +101,14 @@ class Recruitment:
         self._journal: Journal[RecruitmentEntry] = open_journal(study_dir, ARRIVALS_FILE_NAME, _decode_entry)
         self._ids = open_journal(study_dir, IDS_FILE_NAME, _platform_id, mode=_OWNER_ONLY)
         self._in_database = bool(find_database_url(study_dir))
-        self._secrets = open_journal(study_dir, SECRET_FILE_NAME, _secret, mode=_OWNER_ONLY)
+        self._secrets = open_journal(study_dir, SECRET_FILE_NAME, _decode_secret, mode=_OWNER_ONLY)
         self._secret_path = study_dir / SECRET_FILE_NAME
         self._state = JournalState(RecruitmentState, RecruitmentState.take)
         self._known_ids: JournalState[PlatformId, set[PlatformId]] = JournalState(set, set.add)
 
     @property
     def begun(self) -> bool:
-        """Tell whether a slot was ever offered online."""
+        """Return whether a slot was ever offered online."""
         return self._journal.begun
 
     def issue(self, count: int) -> list[str]:
@@ -137,7 +137,7 @@ class Recruitment:
         return self._state.after(self._journal.read()).came.get(key)
 
     def has_issued(self, key: str) -> bool:
-        """Tell whether a link was issued."""
+        """Return whether a link was issued."""
         return key in self._state.after(self._journal.read()).issued
 
     def count_sources(self) -> dict[str, int]:
@@ -158,7 +158,7 @@ class Recruitment:
 
     def hash_platform_id(self, platform: str, person: str) -> str:
         """Return the hash of a person's platform id: an HMAC with the study's own secret."""
-        digest = hmac.new(self._secret(), f"{platform}:{person}".encode(), hashlib.sha256).hexdigest()
+        digest = hmac.new(self._decode_secret(), f"{platform}:{person}".encode(), hashlib.sha256).hexdigest()
         return f"{platform}:{digest}"
 
     def remember(self, platform_id: PlatformId) -> None:
@@ -174,9 +174,9 @@ class Recruitment:
     def forget(self, participant: str) -> None:
         """Erase permanently how a participant arrived and their platform id."""
         for journal in (self._journal, self._ids):
-            journal.keep(lambda line: not _names(line, "participant", participant))
+            journal.keep(lambda line: not _has_field_value(line, "participant", participant))
 
-    def _secret(self) -> bytes:
+    def _decode_secret(self) -> bytes:
         """Return the study's secret, which the first process to ask creates for all."""
         if not self._in_database:
             return _secret_in(self._secret_path)
@@ -214,7 +214,8 @@ def _decode_entry(line: bytes, number: int) -> RecruitmentEntry | None:
         return None
 
 
-def _names(line: bytes, field: str, value: str) -> bool:
+def _has_field_value(line: bytes, field: str, value: str) -> bool:
+    """Return whether a field of a JSON line has a value; False for a line that is not JSON."""
     try:
         return bool(msgspec.json.decode(line, type=dict[str, Any]).get(field) == value)
     except msgspec.DecodeError:
@@ -242,7 +243,8 @@ def _secret_in(path: Path) -> bytes:
     return path.read_bytes()
 
 
-def _secret(line: bytes, number: int) -> PlatformSecret | None:
+def _decode_secret(line: bytes, number: int) -> PlatformSecret | None:
+    """Decode a line with a secret; None if it is none."""
     with suppress(msgspec.DecodeError):
         return msgspec.json.decode(line, type=PlatformSecret)
     return None

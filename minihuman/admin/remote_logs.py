@@ -210,14 +210,14 @@ class _Synchronization:
 
 
 def _continues(log: Path, other: Path) -> bool:
-    """Tell whether a log begins with the same segments as another; an unreadable log has no segments."""
+    """Return whether a log begins with the same segments as another; an unreadable log has no segments."""
     segments = _read_segments(log)
     other_segments = _read_segments(other)
     return len(segments) >= len(other_segments) and all(map(_is_same_segment, segments, other_segments))
 
 
 def _is_same_segment(segment: tuple[str, str, str], other: tuple[str, str, str]) -> bool:
-    """Tell whether two descriptions are of the same segment; a chain head that is not known fits any other."""
+    """Return whether two descriptions are of the same segment; a chain head that is not known fits any other."""
     *identity, head = segment
     *other_identity, other_head = other
     if identity != other_identity:

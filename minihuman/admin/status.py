@@ -153,7 +153,7 @@ def _format_flow(flow: ParticipantFlow) -> str:
 def _format_sessions(status: "StudyStatus") -> Iterator[str]:
     logs = Counter(_session(row.summary) for row in status.sessions if row.summary)
     for row in status.sessions:
-        line = _line(row, is_running=bool(status.live) and row.path.parent in status.live)
+        line = _format_session(row, is_running=bool(status.live) and row.path.parent in status.live)
         n_logs = 1
         if row.summary:
             n_logs = logs[_session(row.summary)]
@@ -315,7 +315,8 @@ def _session(summary: SessionSummary) -> tuple[str, str, int]:
     return summary.study, summary.participant, summary.session
 
 
-def _line(row: SessionRow, *, is_running: bool) -> str:
+def _format_session(row: SessionRow, *, is_running: bool) -> str:
+    """Format a session's line, with aligned columns."""
     summary = row.summary
     if summary is None:
         return f"{row.path}  cannot be read: {row.problem}"

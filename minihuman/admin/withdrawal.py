@@ -120,11 +120,12 @@ def _erase_everywhere(study_dir: Path, code: str) -> int | None:
     except (OSError, MinihumanError) as error:
         errors.append(error)
     if errors:
-        raise _explain_leftovers(study_dir, code, errors) from errors[0]
+        raise _build_erasure_error(study_dir, code, errors) from errors[0]
     return partitions
 
 
-def _explain_leftovers(study_dir: Path, code: str, errors: list[Exception]) -> MinihumanError:
+def _build_erasure_error(study_dir: Path, code: str, errors: list[Exception]) -> MinihumanError:
+    """Return the error for data that could not be erased, with the reasons and what to do."""
     distinct = list(dict.fromkeys(map(str, errors)))
     unnamed = len(distinct) - MAX_REASONS
     reasons = "; ".join(distinct[:MAX_REASONS])
@@ -172,7 +173,7 @@ def _write_mark(mark: Path, code: str) -> None:
 def _remove_mark(study_dir: Path, code: str) -> None:
     errors = erase(find_mark(study_dir, code))
     if errors:
-        raise _explain_leftovers(study_dir, code, [*errors]) from errors[0]
+        raise _build_erasure_error(study_dir, code, [*errors]) from errors[0]
 
 
 def replace_participant(study_dir: Path, code: str, note: AuditNote = NO_NOTE) -> None:
@@ -192,7 +193,7 @@ def _check_archive(archive: Path, study_dir: Path, code: str, files: list[Path])
 
 
 def _is_archived(files: list[Path], archive: Path, study_dir: Path, code: str) -> bool:
-    """Tell whether an archive from an earlier withdrawal holds only this participant's files, with these contents."""
+    """Return whether an archive from an earlier withdrawal holds only this participant's files, with these contents."""
     try:
         with zipfile.ZipFile(archive) as sealed:
             names = set(sealed.namelist())

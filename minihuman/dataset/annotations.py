@@ -77,10 +77,11 @@ def read_annotation_file(path: Path) -> tuple[Annotation, ...]:
 
 def open_annotations(path: Path) -> FileJournal[Annotation]:
     """Open an annotation file as a journal."""
-    return FileJournal(path, partial(_decode, path), chained=True)
+    return FileJournal(path, partial(_decode_annotation, path), chained=True)
 
 
-def _decode(path: Path, line: bytes, number: int) -> Annotation:
+def _decode_annotation(path: Path, line: bytes, number: int) -> Annotation:
+    """Decode a line of an annotation file; raise LogError if it is not an annotation."""
     try:
         return msgspec.json.decode(line, type=Annotation)
     except (msgspec.DecodeError, UnicodeDecodeError) as error:

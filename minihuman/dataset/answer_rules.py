@@ -10,7 +10,7 @@ from minihuman.log.model.session_log import SessionLog
 
 
 def breaks_answer_rule(answer: Any, rule: ExclusionSpec) -> bool:
-    """Tell whether a rule excludes an answer, given as it is in the log."""
+    """Return whether a rule excludes an answer, given as it is in the log."""
     if answer is None:
         return rule.is_missing
     codes = answer if isinstance(answer, list) else [answer]
@@ -22,12 +22,12 @@ def breaks_answer_rule(answer: Any, rule: ExclusionSpec) -> bool:
 
 
 def is_outside(number: float, rule: ExclusionSpec) -> bool:
-    """Tell whether a number lies outside the range that a rule allows."""
+    """Return whether a number lies outside the range that a rule allows."""
     return (rule.below is not None and number < rule.below) or (rule.above is not None and number > rule.above)
 
 
 def list_compared_answers(log: SessionLog, measures: Collection[str]) -> dict[str, list[Any]]:
-    """List a session's answers to questions: of each time a question was asked, the last attempt.
+    """List a session's answers to questions: the last attempt for each time that a question was asked.
 
     Args:
         log: the session's log.

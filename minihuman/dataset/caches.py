@@ -38,7 +38,7 @@ _NAMES = frozenset(name + more for name in (TABLE_CACHE, *_FORMER) for more in _
 
 
 def is_cache(path: Path) -> bool:
-    """Tell whether a path relative to the study's folder is a cache file, or lies in a cache folder.
+    """Return whether a path relative to the study's folder is a cache file, or lies in a cache folder.
 
     Only exact names at the top of the study's folder count.
     """
@@ -88,7 +88,7 @@ def transaction(connection: "duckdb.DuckDBPyConnection") -> Iterator[None]:
 
 
 def is_in_use(error: Exception) -> bool:
-    """Tell whether a cache could not be opened because this or another process has it open."""
+    """Return whether a cache could not be opened because this or another process has it open."""
     return isinstance(error, IN_USE_ERRORS) or any(text in str(error) for text in _LOCK_ERRORS)
 
 
@@ -131,7 +131,7 @@ def read_checked(file: Path) -> frozenset[str]:
 
 
 def write_checked(file: Path, names: Iterable[str]) -> None:
-    """Record which tables of a cache were compared with their digests.
+    """Record the names of a cache's tables that were compared with their digests.
 
     If the record cannot be written, the next command compares the tables again.
     """
@@ -176,7 +176,7 @@ def describe_file(file: str | Path, facts: os.stat_result | None = None, *, name
 
 
 def is_same_content(description: str, other: str) -> bool:
-    """Tell whether two descriptions, with one line per file, are of the same content, whenever it was written.
+    """Return whether two descriptions, with one line per file, are of the same content, whenever it was written.
 
     The last field of each line, the system's change time, is ignored.
     """

@@ -71,7 +71,7 @@ def add_info_columns(rows: pa.Table, table: str, columns: Mapping[str, TableColu
         return rows
     objects = [_parse_object(text) for text in rows.column(_JSON_COLUMNS[table].name).to_pylist()]
     for (key, column), field in zip(columns.items(), build_info_schema(columns), strict=True):
-        values = [_convert(content.get(key), column.kind) for content in objects]
+        values = [_convert_to_kind(content.get(key), column.kind) for content in objects]
         rows = rows.append_column(field, pa.array(values, field.type))
     return rows
 
@@ -84,7 +84,8 @@ def _parse_object(text: str | None) -> dict[str, Any]:
     return content
 
 
-def _convert(value: Any, kind: str) -> Any:
+def _convert_to_kind(value: Any, kind: str) -> Any:
+    """Convert a JSON value to a column's kind; a text column holds other values as JSON."""
     if value is None or kind == "boolean":
         return value
     if kind == "number":

@@ -225,7 +225,7 @@ def _session_of(facts: dict[str, str]) -> tuple[str, ...]:
 
 
 def _in_place(path: Path, facts: dict[str, str]) -> bool:
-    """Tell whether a log lies in its session's regular folder under its regular name, unlike a copy kept beside it."""
+    """Return whether a log has its session's regular folder and name, unlike a copy kept beside it."""
     folder = find_containing_folder(path)
     participant = facts.get("participant", "")
     session = f"ses-{facts.get('session', ''):0>2}"
@@ -248,7 +248,7 @@ def map_logs(
 
     A session for which ``work`` raises LogError or ProtocolError is yielded as skipped.
     """
-    return map_paths(paths, partial(_work_on, work=work), processes=processes, engine=engine)
+    return map_paths(paths, partial(_read_and_work, work=work), processes=processes, engine=engine)
 
 
 def map_paths(
@@ -299,7 +299,7 @@ def _map_with_ray(paths: list[Path], work_on_batch: Callable[[list[Path]], list[
     """
     ray: Any = import_module("ray")  # an extra
     with ray.init(log_to_driver=False, logging_level=30):  # warnings
-        work = ray.remote(num_cpus=1)(_call)
+        work = ray.remote(num_cpus=1)(_work_in_folder)
         each_there = ray.put(work_on_batch)
         ahead = 2 * int(ray.cluster_resources()["CPU"])
         waiting = deque[Any]()
@@ -311,7 +311,8 @@ def _map_with_ray(paths: list[Path], work_on_batch: Callable[[list[Path]], list[
             yield from ray.get(waiting.popleft())
 
 
-def _call(work_on_batch: Callable[[list[Path]], list[T]], paths: list[Path], folder: Path) -> list[T]:
+def _work_in_folder(work_on_batch: Callable[[list[Path]], list[T]], paths: list[Path], folder: Path) -> list[T]:
+    """Work on a batch of logs in another process, with ``folder`` as the working directory."""
     os.chdir(folder)  # paths may be relative
     with infrequent_collection():
         return work_on_batch(paths)
@@ -360,7 +361,7 @@ def infrequent_collection() -> Iterator[None]:
 
 
 def _settle(work: Callable[[Path], object]) -> None:
-    """Prepare a worker process.
+    """Make garbage collection rare in a worker process, and exempt the objects that exist now.
 
     Unpickling ``work`` has imported all that it needs, so the garbage collector can ignore the objects that exist now.
     """
@@ -373,7 +374,8 @@ def _work_on_each(paths: list[Path], work: Callable[[Path], T]) -> list[T]:
     return [work(path) for path in paths]
 
 
-def _work_on(path: Path, work: Callable[[SessionLog], T]) -> T | SkippedLog:
+def _read_and_work(path: Path, work: Callable[[SessionLog], T]) -> T | SkippedLog:
+    """Read a log and return what ``work`` makes of it, or the reason why the log is skipped."""
     from minihuman.log.read.session_reader import read_log
 
     try:

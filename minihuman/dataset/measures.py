@@ -312,10 +312,10 @@ def summarize_key_use(tallies: Sequence[KeyTally]) -> tuple[KeyUse, ...]:
 
 def _summarize_key_map(key_map: KeyMap, group: Sequence[KeyTally]) -> Iterator[KeyUse]:
     """Yield the use of each key in the episodes that were played with one key map."""
-    presses = _total(tally.presses for tally in group)
-    refused = _total(tally.refused for tally in group)
-    steps = _total(tally.steps for tally in group)
-    ineffective_steps = _total(tally.ineffective_steps for tally in group)
+    presses = _sum_counts(tally.presses for tally in group)
+    refused = _sum_counts(tally.refused for tally in group)
+    steps = _sum_counts(tally.steps for tally in group)
+    ineffective_steps = _sum_counts(tally.ineffective_steps for tally in group)
     discoveries = _find_discoveries(group)
     further_keys = {*key_map.spare_keys, *+presses, *+steps} - {*key_map.keys, ""}  # "" caused a tick's no-op
     for key in (*sorted(key_map.keys), *sorted(further_keys)):
@@ -353,7 +353,8 @@ def _group_by_key_map(tallies: Iterable[KeyTally]) -> Iterator[tuple[KeyMap, lis
         yield key_map, list(run)
 
 
-def _total(counts: Iterable[Counter[str]]) -> Counter[str]:
+def _sum_counts(counts: Iterable[Counter[str]]) -> Counter[str]:
+    """Return the sum of several counters."""
     total: Counter[str] = Counter()
     for count in counts:
         total.update(count)
@@ -393,13 +394,14 @@ def layout_path_bounds(world_id: str, options: str, seed: int) -> PathLengthBoun
     Raises:
         WorldError: if the world cannot be created here.
     """
-    world = _world(world_id, options)
+    world = _make_world(world_id, options)
     world.reset(seed)
     return world.path_length_bounds()
 
 
 @lru_cache(maxsize=16)
-def _world(world_id: str, options: str) -> "World":
+def _make_world(world_id: str, options: str) -> "World":
+    """Make a world from its id and its options as JSON."""
     from minihuman.worlds.adapters.world import World
 
     return World(world_id, json.loads(options))

@@ -97,6 +97,9 @@ class PlanOutline(msgspec.Struct, frozen=True):
 def measure_recording_quality(log: SessionLog) -> RecordingQuality:
     """Measure the recording quality of one session."""
     press_waits_ms = _measure_press_waits_ms(log)
+    latest_ms = np.nan
+    if press_waits_ms.size:
+        latest_ms = float(press_waits_ms.max())
     pauses = [pause for segment in log.segments for pause in segment.pauses]
     paused_ns = sum(end_ns - begin_ns for begin_ns, end_ns in pauses)
     periods = [_count_periods(episode, pauses) for episode in log.episodes]
@@ -105,7 +108,7 @@ def measure_recording_quality(log: SessionLog) -> RecordingQuality:
         session=log.plan.session,
         presses=int(press_waits_ms.size),
         late=int((press_waits_ms > LATE_MS).sum()),
-        latest_ms=float(press_waits_ms.max()) if press_waits_ms.size else np.nan,
+        latest_ms=latest_ms,
         steps=sum(len(episode.actions) for episode in log.episodes),
         pictures_missing=sum(_count_missing_pictures(episode) for episode in log.episodes),
         key_to_flip_ms=_measure_flip_percentiles_ms(log),

@@ -70,6 +70,7 @@ class RowBatch:
 
 
 def _stack_columns(values: Sequence[Any], counts: Sequence[int]) -> Any:
+    """Concatenate a column of several batches; a value that a whole batch shares is repeated for its rows."""
     match values:
         case [np.ndarray(), *_]:
             return np.concatenate(values)

@@ -48,7 +48,7 @@ def format_version(plan: SessionPlan) -> str:
 
 
 def matches_version(plan: SessionPlan, version: str) -> bool:
-    """Tell whether a session was played under a protocol version.
+    """Return whether a session was played under a protocol version.
 
     The version is given by its own name, as formatted by ``format_version``, or as the start of its SHA-256.
     """
@@ -57,6 +57,7 @@ def matches_version(plan: SessionPlan, version: str) -> bool:
 
 
 UNFINISHED_OUTCOMES = ("abandoned", "agent_failed", CUT_OFF)
+_MEASURED_KINDS = ("integer", "number", "boolean")
 _COLUMNS = {"episode": EPISODES, "participant": PARTICIPANTS}
 
 
@@ -72,16 +73,16 @@ def check_exclusion_measures(exclusions: Sequence[ExclusionSpec], source: str) -
             raise ReportError(f"{place}: a participant has no labels; use level = 'episode'")
         if rule.measured_label or (rule.question and rule.level == "participant"):
             continue
-        known = [column.name for column in _COLUMNS[rule.level] if column.kind in ("integer", "number", "boolean")]
+        known = [column.name for column in _COLUMNS[rule.level] if column.kind in _MEASURED_KINDS]
         if rule.measure not in known:
             level = "an episode" if rule.level == "episode" else "a participant"
-            raise ReportError(
-                f"{place}.measure: {rule.measure!r} is not a measure of {level}; use one of {', '.join(known)}"
-            )
+            names = ", ".join(known)
+            raise ReportError(f"{place}.measure: {rule.measure!r} is not a measure of {level}; use one of {names}")
 
 
 @lru_cache(maxsize=16)
-def _exclusions(protocol_toml: bytes, source: str) -> tuple[ExclusionSpec, ...]:
+def _read_exclusions(protocol_toml: bytes, source: str) -> tuple[ExclusionSpec, ...]:
+    """Read the exclusion rules of a protocol, and check that their measures exist."""
     exclusions = decode_logged_protocol(protocol_toml, source).exclusions
     check_exclusion_measures(exclusions, source)
     return exclusions
@@ -108,11 +109,11 @@ class ExclusionRule:
 
     @property
     def needs_world(self) -> bool:
-        """Tell whether the rule uses a measure that can be computed only from the world itself."""
+        """Return whether the rule uses a measure that can be computed only from the world itself."""
         return self.exclusion.measure in COLUMNS_NEEDING_WORLD
 
     def broken_by(self, row: Mapping[str, Any]) -> bool:
-        """Tell whether a row's measure lies outside the range that the rule allows; an unknown measure does not."""
+        """Return whether a row's measure lies outside the range that the rule allows; an unknown measure does not."""
         rule = self.exclusion
         if rule.question:
             return any(breaks_answer_rule(answer, rule) for answer in row.get(rule.measure, ()))
@@ -138,7 +139,7 @@ def read_exclusion_rules(plan: SessionPlan) -> tuple[ExclusionRule, ...]:
     if not plan.protocol_toml:
         return ()
     return tuple(
-        ExclusionRule(exclusion) for exclusion in _exclusions(plan.protocol_toml, f"the protocol of {plan.study}")
+        ExclusionRule(exclusion) for exclusion in _read_exclusions(plan.protocol_toml, f"the protocol of {plan.study}")
     )
 
 
@@ -204,7 +205,7 @@ class SelectedSession:
 
     @property
     def counts(self) -> bool:
-        """Tell whether the session is included: it has an included episode, or its plan has no episodes at all."""
+        """Return whether the session is included: it has an included episode, or its plan has no episodes at all."""
         nothing_to_play = self.is_selected and not self.session_reason and not self.log.plan.episodes
         return bool(self.places) or nothing_to_play
 
@@ -217,7 +218,7 @@ class SelectedSession:
     def left_out(self) -> tuple[ExcludedItem, ...]:
         """List the selected episodes that are excluded.
 
-        For an excluded participant, a single item for the participant.
+        An excluded participant is listed as a single item.
         """
         session_key = self.log.plan.participant.id, self.log.plan.session
         if self.session_reason and self.is_selected:
@@ -274,17 +275,20 @@ class SelectionSummary:
 
     def lines(self) -> Iterator[str]:
         """Yield the summary, one line per fact; the first line is always present."""
-        included = f"{_format_count(self.episodes, 'episode')} of {_format_count(self.sessions, 'session')} included"
+        episodes = _format_count(self.episodes, "episode")
+        sessions = _format_count(self.sessions, "session")
+        included = f"{episodes} of {sessions} included"
         if self.selection:
             included += f" ({self.selection})"
         yield included
         for (level, reason), count in sorted(self.left_out.items()):
             yield f"excluded: {_format_count(count, level)}: {reason}"
         if len(self.versions) > 1:
-            versions = ", ".join(
-                f"{version} in {_format_count(count, 'session')}"
-                for (_, version), count in sorted(self.versions.items())
-            )
+            version_counts = []
+            for (_, version), count in sorted(self.versions.items()):
+                n_sessions = _format_count(count, "session")
+                version_counts.append(f"{version} in {n_sessions}")
+            versions = ", ".join(version_counts)
             yield f"several versions of the protocol: {versions}; choose one with --version"
         for log in self.skipped:
             yield log.line()
@@ -472,6 +476,9 @@ def summarize_session(log: SessionLog) -> MeasureRow:
     completed = {episode.number for episode in log.episodes if episode.outcome_word not in UNFINISHED_OUTCOMES}
     n_skipped = sum(event.count for event in log.part_events if isinstance(event, EpisodesSkipped))
     n_planned = len(log.plan.episodes) - n_skipped
+    completed_share = None
+    if n_planned:
+        completed_share = len(completed) / n_planned
     window = log.segments[0].facts.get("window", "") if log.segments else ""
     return {
         "player": log.player,
@@ -483,5 +490,5 @@ def summarize_session(log: SessionLog) -> MeasureRow:
         "segments": len(log.segments),
         "clock_notes": sum(isinstance(note, Noted) and note.is_about_clock for note in log.notes),
         "page_alterations": "; ".join(list_page_alterations(log.notes)),
-        "completed_share": len(completed) / n_planned if n_planned else None,
+        "completed_share": completed_share,
     }

@@ -109,7 +109,12 @@ def _measure_episode(tally: KeyTally, walk: PathMeasures) -> MeasureRow:
     plan = episode.plan
     mean_ms, median_ms = mean_and_median(episode.rt_ms)
     response_mean_ms, response_median_ms = mean_and_median(response_ms(episode))
-    labels = json.dumps(plan.labels, sort_keys=True, ensure_ascii=False) if plan.labels else ""
+    labels = ""
+    if plan.labels:
+        labels = json.dumps(plan.labels, sort_keys=True, ensure_ascii=False)
+    turns_in_place = None  # unknown without poses
+    if not math.isnan(walk.length):
+        turns_in_place = walk.turns
     return locate_episode(episode) | {
         "episode_in_block": plan.episode_in_block + 1,
         "world": plan.world,
@@ -127,7 +132,7 @@ def _measure_episode(tally: KeyTally, walk: PathMeasures) -> MeasureRow:
         "response_median_ms": response_median_ms,
         "path_length": _none_if_nan(walk.length),
         "path_efficiency": _none_if_nan(walk.efficiency),
-        "turns_in_place": None if math.isnan(walk.length) else walk.turns,  # unknown without poses
+        "turns_in_place": turns_in_place,
         "ineffective_steps": tally.ineffective_steps.total(),
         "refused": tally.refused.total(),
         "absent_share": None if episode.team is None else episode.team.absent_share,
@@ -157,12 +162,17 @@ def _aggregate_episodes(
     rewards = [row["reward"] for row in rows]
     steps = [row["steps"] for row in rows]
     n_steps = sum(steps)
-    n_ineffective = sum(row["ineffective_steps"] for row in rows)
+    reward_sd = None
+    if len(rewards) > 1:
+        reward_sd = float(np.std(rewards, ddof=1))
+    ineffective_share = None
+    if n_steps:
+        ineffective_share = sum(row["ineffective_steps"] for row in rows) / n_steps
     return {
         "episodes": len(rows),
         "success": _mean([row["success"] for row in rows]),
         "reward_mean": _mean(rewards),
-        "reward_sd": float(np.std(rewards, ddof=1)) if len(rewards) > 1 else None,
+        "reward_sd": reward_sd,
         "reward_first": rewards[0] if rewards else None,
         "reward_slope": _fit_reward_slope(rows),
         "steps_mean": _mean(steps),
@@ -172,7 +182,7 @@ def _aggregate_episodes(
         "reaction_median_ms": _find_median_ms(tally.episode.rt_ms for tally in tallies),
         "response_median_ms": _find_median_ms(response_ms(tally.episode) for tally in tallies),
         "path_efficiency_mean": _mean([row["path_efficiency"] for row in rows]),
-        "ineffective_share": n_ineffective / n_steps if n_steps else None,
+        "ineffective_share": ineffective_share,
         "refused": sum(row["refused"] for row in rows),
         **_aggregate_key_discoveries(begun_tallies),
     }
@@ -216,7 +226,7 @@ def average_path_measures(rows: Sequence[Mapping[str, Any]]) -> MeasureRow:
 def _fit_reward_slope(rows: Sequence[MeasureRow]) -> float | None:
     """Return the reward's change per episode over one block, with excluded episodes as gaps.
 
-    None for several blocks.
+    Return None if there are several blocks.
     """
     if len({row["block"] for row in rows}) != 1:
         return None
@@ -227,6 +237,7 @@ def _fit_reward_slope(rows: Sequence[MeasureRow]) -> float | None:
 
 
 def _mean(values: Iterable[float | None]) -> float | None:
+    """Return the mean of the values that are not None; None if there are none."""
     known = [value for value in values if value is not None]
     if not known:
         return None

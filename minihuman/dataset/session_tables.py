@@ -53,7 +53,7 @@ def build_context_rows(
     *,
     is_selected: bool = True,
 ) -> dict[str, RowBatch]:
-    """Build the context tables' rows, none of a session not selected; starts and frames are of ``episodes``."""
+    """Build the rows of the context tables, empty for an unselected session; starts and frames are of ``episodes``."""
     if not is_selected:
         return dict.fromkeys(_TABLE_BUILDERS, RowBatch(0, {}))
     attempts = Counter(episode.number for episode in log.episodes)
@@ -61,7 +61,7 @@ def build_context_rows(
     rows: dict[str, list[TableRow]] = {
         "segments": [_segment_row(segment, log) for segment in log.segments],
         "plan": [_plan_row(plan, attempts[plan.episode + 1]) for plan in log.plan.episodes],
-        "starts": [_place(episode) | _start_row(episode) for episode in episodes],
+        "starts": [_identify_episode(episode) | _start_row(episode) for episode in episodes],
         "notes": [],
         "samples": [],
         "marks": [msgspec.structs.asdict(mark) for mark in marks],
@@ -73,7 +73,9 @@ def build_context_rows(
             rows["samples"] += [place | row for row in _sample_rows(sampled, channels)]
     frames = [_frame_rows(episode) for episode in episodes]
     other_presses = [_other_press_rows(segment, log.episodes) for segment in log.segments]
-    batches = {name: RowBatch.of([{**session_key, **row} for row in of_table]) for name, of_table in rows.items()}
+    batches = {}
+    for name, table_rows in rows.items():
+        batches[name] = RowBatch.of([{**session_key, **row} for row in table_rows])
     batches["frames"] = RowBatch.stack(frames, **session_key)
     batches["other_presses"] = RowBatch.stack(other_presses, **session_key)
     return batches
@@ -129,7 +131,8 @@ def _plan_row(plan: EpisodePlan, attempts: int) -> TableRow:
     }
 
 
-def _place(episode: EpisodeLog) -> TableRow:
+def _identify_episode(episode: EpisodeLog) -> TableRow:
+    """Return the columns that identify an episode within its session."""
     return {
         "block": episode.plan.block_name,
         "segment": episode.segment,
@@ -160,7 +163,7 @@ def _start_row(episode: EpisodeLog) -> TableRow:
 def _frame_rows(episode: EpisodeLog) -> RowBatch:
     frames = episode.frames
     columns = {name: frames.column(name) for name in ("step", "submit_ns", "flip_ns")}
-    return RowBatch(len(frames), _place(episode) | columns)
+    return RowBatch(len(frames), _identify_episode(episode) | columns)
 
 
 def _other_press_rows(segment: Segment, episodes: Sequence[EpisodeLog]) -> RowBatch:
@@ -346,7 +349,8 @@ def build_session_tables(session: SelectedSession, measured: SessionMeasures) ->
         "steps": RowBatch.stack([_step_rows(episode) for episode in played], **session_key),
         "presses": RowBatch.stack([_press_rows(episode) for episode in played], **session_key),
     }
-    batches |= {name: RowBatch.of([session_key | row for row in of_table]) for name, of_table in rows.items()}
+    for name, table_rows in rows.items():
+        batches[name] = RowBatch.of([session_key | row for row in table_rows])
     batches |= build_context_rows(log, played, session_key, session.marks, is_selected=session.is_selected)
     batches |= build_activity_rows(log, session_key, is_selected=session.is_selected)
     batches |= build_episode_rows(played, session_key)

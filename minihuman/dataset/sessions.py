@@ -106,7 +106,7 @@ class StudySessions:
                 yield session
 
     def _work_on_logs(self, work: Callable[[SessionLog], T], *, processes: int | None) -> Iterator[T]:
-        """Yield the result of ``work`` for each readable log, noting the logs that are skipped."""
+        """Yield the result of ``work`` for each readable log, and record the logs that are skipped."""
         paths, skipped = list_readable_logs(self.source)
         for log in skipped:
             self.skip(log)
@@ -177,7 +177,7 @@ def read_session_rows(log: SessionLog, *, selection: Selection, with_shortest: b
         plan=log.plan,
         rows=build_session_tables(session, measured),
         facts=facts,
-        account=_account(session),
+        account=_summarize_selection(session),
         quality=measure_recording_quality(log),
     )
 
@@ -191,11 +191,12 @@ class _SessionResult(Generic[T]):
 def _process_session(selection: Selection, work: Callable[[SelectedSession], T], log: SessionLog) -> _SessionResult[T]:
     session = selection.judge(log)
     if not session.places:
-        return _SessionResult((), _account(session))
-    return _SessionResult((work(session),), _account(session))
+        return _SessionResult((), _summarize_selection(session))
+    return _SessionResult((work(session),), _summarize_selection(session))
 
 
-def _account(session: SelectedSession) -> SelectionSummary:
+def _summarize_selection(session: SelectedSession) -> SelectionSummary:
+    """Return the selection summary of one session."""
     account = SelectionSummary()
     account.take(session)
     return account

@@ -89,7 +89,7 @@ class StudyStore(AbstractContextManager["StudyStore", None]):
 
     @property
     def is_temporary(self) -> bool:
-        """Tell whether the tables lie in a temporary file instead of the study's own."""
+        """Return whether the tables lie in a temporary file instead of the study's own."""
         return self._file.is_temporary
 
     def facts(self) -> Iterator[tuple[Path, dict[str, Any]]]:
@@ -177,8 +177,11 @@ class StudyStore(AbstractContextManager["StudyStore", None]):
         damaged = damage.changed | {self._known[key].number for key in damage.doubled}
         if damaged:
             self._file.note_damage(len(damaged))
-        ((numbers,),) = self.tables.connection.execute("SELECT coalesce(list(log), []) FROM kept.logs").fetchall()
-        writer.remove(sorted(damage.changed.union(numbers).difference(fresh.values())))
+        ((stored_numbers,),) = self.tables.connection.execute(
+            "SELECT coalesce(list(log), []) FROM kept.logs"
+        ).fetchall()
+        stale_numbers = damage.changed.union(stored_numbers).difference(fresh.values())
+        writer.remove(sorted(stale_numbers))
         unread = {key: log for key, log in logs.items() if key not in fresh}
         if unread:
             writer.read(unread)
@@ -186,7 +189,7 @@ class StudyStore(AbstractContextManager["StudyStore", None]):
         return True
 
     def _lacks_shortest(self, known: KnownLog) -> bool:
-        """Tell whether the fewest possible steps are asked for and a session's rows are without them."""
+        """Return whether the fewest possible steps are requested and the rows of a session lack them."""
         return self._with_shortest and not known.with_shortest
 
     def _find_damage(self) -> _Damage:

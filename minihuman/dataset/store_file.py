@@ -27,7 +27,7 @@ class StoreFile:
 
     @property
     def is_temporary(self) -> bool:
-        """Tell whether the tables lie in a temporary file instead of the study's own."""
+        """Return whether the tables lie in a temporary file instead of the study's own."""
         return self._temporary is not None
 
     def open_database(self, *, read_only: bool) -> TableDatabase:

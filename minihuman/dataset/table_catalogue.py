@@ -152,12 +152,12 @@ def _find_episode_tables() -> set[str]:
 
 
 def is_episode_table(name: str) -> bool:
-    """Tell whether each row of a table belongs to a row of ``episodes``."""
+    """Return whether each row of a table belongs to a row of ``episodes``."""
     return name in _EPISODE_TABLES or name in _find_episode_tables()
 
 
 def find_primary_key(name: str) -> tuple[str, ...]:
-    """Return the columns of a table's primary key; none for a table whose events can coincide."""
+    """Return the columns of a table's primary key; empty for a table whose events can coincide."""
     if name in _find_episode_tables():
         return _EPISODE
     return _PRIMARY_KEYS.get(name, ())

@@ -78,7 +78,7 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
             if not version_tables:
                 if read_only:  # it has the session index alone
                     raise StoreVersionError
-                self._lay_out()
+                self._create_tables()
             else:
                 made_by = self.connection.execute("SELECT version, catalogue FROM kept.made_by").fetchall()
                 if [version for version, _ in made_by] != [software_digest()]:
@@ -339,7 +339,8 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
     def __exit__(self, *error: object) -> None:
         self.close()
 
-    def _lay_out(self) -> None:
+    def _create_tables(self) -> None:
+        """Create the tables of a new file, and record the software that made them."""
         with transaction(self.connection):
             self.connection.execute("CREATE SCHEMA kept")
             self.connection.execute("\n".join(map(_write_definition, TABLES)))  # at once: each call takes a millisecond

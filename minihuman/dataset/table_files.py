@@ -186,13 +186,15 @@ def find_partition_damage(path: Path, partition: TablePartition) -> str:
         for batch in file.iter_batches():
             batch.validate(full=True)
     except (OSError, ValueError) as error:  # pyarrow's errors are among these
-        return f"it cannot be read ({str(error).splitlines()[0][:100]})"
+        first_line = str(error).splitlines()[0]
+        return f"it cannot be read ({first_line[:_MOST_ERROR_CHARACTERS]})"
     if facts.get("partition_digest") != partition.digest:
         return "it holds other rows than its name says"
     versions = {"minihuman_version": minihuman.__version__, "duckdb_version": duckdb.__version__}
     if any(facts.get(name) != version for name, version in versions.items()):
         return ""
-    if _digest_partition(partition.table, _digest_file(path, partition.table), facts["selection"]) != partition.digest:
+    row_digest = _digest_file(path, partition.table)
+    if _digest_partition(partition.table, row_digest, facts["selection"]) != partition.digest:
         return "its rows are not those of its digest"
     return ""
 
@@ -213,6 +215,7 @@ def _digest_file(path: Path, table: str) -> int:
 
 
 MAX_NAMED = 5  # differences of a table; one edit may change every row
+_MOST_ERROR_CHARACTERS = 100
 MAX_SHOWN = 100  # characters of a page's line
 _Cells = Sequence[object]
 
@@ -341,6 +344,7 @@ def compare_pages(page: Path, recomputed: Path) -> Iterator[str]:
 
 
 def _shorten(line: str) -> str:
+    """Return a line without tags and repeated spaces, cut to ``MAX_SHOWN`` characters."""
     text = " ".join(re.sub(r"<[^>]*>", " ", line).split())
     if len(text) <= MAX_SHOWN:
         return text

@@ -37,7 +37,7 @@ def find_queried_tables(sql: str) -> frozenset[str]:
 
 
 def needs_shortest_paths(sql: str) -> bool:
-    """Tell whether a query may read a column that requires the worlds themselves; True if that is unclear."""
+    """Return whether a query may read a column that requires the worlds themselves; True if that is unclear."""
     names = find_queried_tables(sql)
     if not any(has_world_columns(name) for name in names):
         return False
@@ -49,12 +49,16 @@ def needs_shortest_paths(sql: str) -> bool:
     except duckdb.Error:
         return True
     nodes = list(_walk(msgspec.json.decode(tree)))
-    whole_rows = {str(node[key]).lower() for node in nodes for key in ("alias", "table_name") if node.get(key)}
-    return any(_may_read_columns(node, COLUMNS_NEEDING_WORLD | whole_rows) for node in nodes)
+    names_of_whole_rows = set()
+    for node in nodes:
+        for key in ("alias", "table_name"):
+            if node.get(key):
+                names_of_whole_rows.add(str(node[key]).lower())
+    return any(_may_read_columns(node, COLUMNS_NEEDING_WORLD | names_of_whole_rows) for node in nodes)
 
 
 def _may_read_columns(node: Mapping[str, Any], columns: Set[str]) -> bool:
-    """Tell whether a node of a query's syntax tree names one of the columns, or may read it implicitly."""
+    """Return whether a node of a query's syntax tree names one of the columns, or may read it implicitly."""
     if node.get("error") or node.get("class") in ("STAR", "POSITIONAL_REFERENCE") or node.get("type") == "PIVOT":
         return True
     column_names = node.get("column_names")
@@ -73,7 +77,7 @@ def _walk(tree: Any) -> Iterator[dict[str, Any]]:
 
 
 def has_world_columns(name: str) -> bool:
-    """Tell whether a table has columns that require the worlds themselves."""
+    """Return whether a table has columns that require the worlds themselves."""
     return any(column.name in COLUMNS_NEEDING_WORLD for column in TABLES[name])
 
 

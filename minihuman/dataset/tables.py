@@ -89,7 +89,7 @@ class Tables(AbstractContextManager["Tables", None]):
     def sessions(self) -> tuple["CachedSession", ...]:
         """Return the cached description of every log, in order of path.
 
-        Brief for logs that are not selected or not readable.
+        Logs that are not selected or not readable have a shorter description.
         """
         return self.store.cached_sessions
 

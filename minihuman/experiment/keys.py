@@ -127,7 +127,7 @@ _LABELS: Mapping[str, str] = {
 
 
 def list_pad_inputs(names: Iterable[str]) -> list[str]:
-    """Return those of the given names that are buttons or axes of a gamepad."""
+    """Return the given names that are buttons or axes of a gamepad."""
     return [name for name in names if name in PAD_BUTTONS or name in PAD_AXES]
 
 
@@ -143,7 +143,7 @@ class PadAxes:
 
     @property
     def moved(self) -> list[str]:
-        """The names of the axes that are not at rest."""
+        """Return the names of the axes that are not at rest."""
         return [axis for axis, value in self._values.items() if value]
 
     def move(self, axis: str, raw: float) -> tuple[float | None, list[tuple[str, bool]]]:
@@ -181,6 +181,7 @@ def _quantise_axis(raw: float) -> float:
 
 
 def _find_axis_buttons(axis: str) -> tuple[tuple[str, int], ...]:
+    """Return the buttons that a gamepad's axis presses, each with the sign of the axis's value."""
     match axis:
         case "pad_left_x":
             return ("stick_left", -1), ("stick_right", 1)

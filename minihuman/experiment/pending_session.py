@@ -34,7 +34,7 @@ class SlotDrawn(ActivityInput):
 
 
 def is_allocation_pending(plan: SessionPlan) -> bool:
-    """Tell whether the group of a plan's participant is still to be drawn."""
+    """Return whether the group of a plan's participant is still to be drawn."""
     return not plan.participant.group
 
 
@@ -52,7 +52,7 @@ def build_session(
 
 
 def awaits_allocation(session: SessionMachine) -> bool:
-    """Tell whether a session emits no events yet because its group has not been drawn."""
+    """Return whether a session emits no events yet because its group has not been drawn."""
     return isinstance(session, PendingAllocationSession) and not session.is_allocated
 
 
@@ -81,12 +81,12 @@ class PendingAllocationSession(SessionMachine):
 
     @property
     def is_allocated(self) -> bool:
-        """Whether the group has been drawn."""
+        """Return whether the group has been drawn."""
         return self._past is None
 
     @property
     def request(self) -> ActivityRequest | None:
-        """The request for a slot once the answer is given; after the draw, the session's own requests."""
+        """Return the request for a slot once the answer is given; after the draw, the session's own requests."""
         if self.is_allocated or self.over:
             return super().request
         if self._stratum is None:

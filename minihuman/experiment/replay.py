@@ -95,7 +95,7 @@ BROWSER_NOTE = "page"  # notes of this kind are a browser's page's own
 
 
 def renders_same_images(facts: Mapping[str, str]) -> bool:
-    """Tell whether this version draws first-person worlds as the version that recorded these facts did."""
+    """Return whether this version draws first-person worlds as the version that recorded these facts did."""
     return facts.get("pictures", "1") == str(PICTURES_VERSION)
 
 
@@ -140,7 +140,7 @@ def compare_replay(
 
 
 def _is_replayed(event: Event, *, with_model_calls: bool) -> bool:
-    """Tell whether an event is compared with the replay; those from outside the session are not."""
+    """Return whether an event is compared with the replay; those from outside the session are not."""
     if isinstance(event, ModelCall):
         return with_model_calls
     return not _is_external(event)
@@ -284,7 +284,7 @@ def _replay_logged(
 
 
 def _is_external(event: Event) -> bool:
-    """Tell whether an event comes from a device or a browser rather than from the machine."""
+    """Return whether an event comes from a device or a browser rather than from the machine."""
     return isinstance(event, _EXTERNAL_EVENTS) or (isinstance(event, Noted) and event.kind == BROWSER_NOTE)
 
 
@@ -395,14 +395,14 @@ def _show_screen(session: SessionMachine, event: Event) -> None:
 
 
 def _comes_too_soon(event: Event, phase: str) -> TypeGuard[KeyPressed]:
-    """Tell whether Enter was pressed before the ready screen was visible."""
+    """Return whether Enter was pressed before the ready screen was visible."""
     if not isinstance(event, KeyPressed) or phase != Phase.READY or event.phase != phase:
         return False
     return event.down and event.verdict == "not_playing" and event.key in ENTER_KEYS
 
 
 def _finds_phase(event: Event, phase: str) -> bool:
-    """Tell whether an event shows that a phase had not ended before it.
+    """Return whether an event proves that the phase had not ended before it.
 
     If the phase had ended, the events of its end would have come first.
     """
@@ -443,7 +443,7 @@ def _describe_difference(event: Event, replayed: Event) -> str:
 
 
 def is_same_event(logged: Event, replayed: Event) -> bool:
-    """Tell whether an event equals its replay. NaN equals NaN, and failures of a world are equal whatever their text.
+    """Return whether an event equals its replay. NaN equals NaN, and failures of a world are equal whatever their text.
 
     The text of a failing world differs between versions of Python and of this program; the place of the failure does
     not.
@@ -468,6 +468,7 @@ def _is_same(logged: object, now: object) -> bool:
 
 
 def _shorten(value: object) -> str:
+    """Return the start of a value's text, short enough for a line."""
     text = repr(value)
     if len(text) < 200:
         return text

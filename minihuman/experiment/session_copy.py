@@ -18,7 +18,7 @@ _COPIED_PACKAGES = ("minihuman.experiment.", "minihuman.activities.")
 
 
 def can_copy_session(session: SessionMachine) -> bool:
-    """Tell whether a session is in a part whose state can be copied in full."""
+    """Return whether a session is in a part whose state can be copied in full."""
     return type(session) is SessionMachine and session.part.can_copy
 
 
@@ -87,7 +87,7 @@ class _Copier:
 
 
 def _is_mutable(value: Any) -> bool:
-    """Tell whether an object belongs to the session machine and changes while a session runs."""
+    """Return whether an object belongs to the session machine and changes while a session runs."""
     kind = type(value)
     frozen = getattr(kind, "__dataclass_params__", None)
     if isinstance(value, Activity | AnswerDraft):  # a plug-in's too

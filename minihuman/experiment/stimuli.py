@@ -143,6 +143,7 @@ class Stimulus(gymnasium.Env[NDArray[np.int64], int]):
         return self._n_steps > 0
 
     def _draw(self, picture: Image.Image) -> None:
+        """Draw the stimulus: its image, shape, text and cards."""
         width, height = picture.size
         draw = ImageDraw.Draw(picture)
         reach = self._size * height / 2
@@ -166,7 +167,7 @@ class Stimulus(gymnasium.Env[NDArray[np.int64], int]):
                 draw.rectangle(box, fill=self._ink)
             case "diamond":
                 draw.regular_polygon((at, middle, reach * 1.2), 4, rotation=45, fill=self._ink)
-        self._write(draw, self._text, at, middle, self._ink)
+        self._draw_text(draw, self._text, at, middle, self._ink)
         for item, side in self._cards:
             self._draw_card(draw, item, side * width, middle, self._ink)
 
@@ -174,9 +175,10 @@ class Stimulus(gymnasium.Env[NDArray[np.int64], int]):
         reach = self._size * self.picture_size_px[1] * 0.75
         box = (x - reach, y - reach, x + reach, y + reach)
         draw.rounded_rectangle(box, radius=reach / 4, outline=ink, width=max(2, round(reach / 24)))
-        self._write(draw, text, x, y, ink)
+        self._draw_text(draw, text, x, y, ink)
 
-    def _write(self, draw: ImageDraw.ImageDraw, text: str, x: float, y: float, ink: Any) -> None:
+    def _draw_text(self, draw: ImageDraw.ImageDraw, text: str, x: float, y: float, ink: Any) -> None:
+        """Draw a line of text centred at a point."""
         size_px = max(8, round(self._size * self.picture_size_px[1]))
         faces = select_typefaces(self._language)
         draw_line(draw, (x, y), text, faces=faces, size_px=size_px, colour=ink, anchor="m", rtl=is_rtl(text))
@@ -242,6 +244,7 @@ class TwoStep(Stimulus):
         return self._n_steps > 1
 
     def _draw(self, picture: Image.Image) -> None:
+        """Draw the cards of the present choice."""
         draw = ImageDraw.Draw(picture)
         width, height = picture.size
         ink = ImageColor.getrgb(_TWO_STEP_COLOURS[self._pair])[:3]

@@ -16,7 +16,7 @@ from minihuman.worlds.hashing import resolve_files
 def build_environment_spec(chosen: IncludedEpisode) -> EnvSpec | None:
     """Return the Gymnasium specification of an episode's world, with options and the protocol's step limit, for a file.
 
-    The module that registers the world must have been imported. None if the world cannot be created by name elsewhere:
+    The module that registers the world must have been imported. Return None if it cannot be created by name elsewhere:
     its class is not importable, or an option is not a plain value.
     """
     spec = copy.deepcopy(gymnasium.spec(chosen.episode.plan.world.rsplit(":", 1)[-1]))

@@ -60,7 +60,7 @@ def find_exporter(name: str) -> Exporter:
 
 @dataclass(slots=True)
 class ExportCard:
-    """Counts the episodes of an export and writes its card."""
+    """A counter of an export's episodes that writes the export's card."""
 
     format: str
     account: SelectionSummary
@@ -75,10 +75,11 @@ class ExportCard:
     def write(self, out: Path, export: ExportResult) -> Path:
         """Write the card into the export's folder and return its path."""
         path = out / "README.md"
-        path.write_text(export.front_matter + self._text(out, export), encoding="utf-8", newline="\n")
+        path.write_text(export.front_matter + self._format_card(out, export), encoding="utf-8", newline="\n")
         return path
 
-    def _text(self, out: Path, export: ExportResult) -> str:
+    def _format_card(self, out: Path, export: ExportResult) -> str:
+        """Return the card's text in Markdown."""
         if self.stored_frames:
             source = "stored in the logs"
         else:
@@ -149,7 +150,7 @@ def export_study(
     engine: str = "local",
     progress: Callable[[Path], None] = lambda _: None,
 ) -> tuple[ExportResult, ExportCard]:
-    """Write the selected episodes of a log or study to ``out``; call ``progress`` once with each log.
+    """Write the selected episodes of a log or study to ``out``, calling ``progress`` once for each log.
 
     Logs with messages between participants are excluded unless ``with_messages`` is set. Observations are replayed, or
     read from the logs with ``stored_frames``; each is checked against its hash.

@@ -75,7 +75,7 @@ def to_standard_space(space: gymnasium.Space[Any]) -> gymnasium.Space[Any]:
 
 
 def is_picture(space: gymnasium.Space[Any]) -> bool:
-    """Tell whether observations are colour pictures uint8[H, W, 3], at least 32 pixels high and wide."""
+    """Return whether observations are colour pictures uint8[H, W, 3], at least 32 pixels high and wide."""
     if not isinstance(space, gymnasium.spaces.Box) or space.dtype != np.uint8 or len(space.shape) != 3:
         return False
     height, width, n_channels = space.shape
@@ -320,7 +320,7 @@ class Resimulator:
             ExportError: if the world cannot be created here or behaves differently than when it was played; or if the
                 log holds no observations, or observations that do not match their hashes.
         """
-        world = self._world_of(chosen.episode, chosen)
+        world = self._open_world(chosen.episode, chosen)
         observed = self._picture_px is None or is_picture(world.observation_space)
         pictures: list[NDArray[np.uint8]] = []
 
@@ -330,9 +330,9 @@ class Resimulator:
                 pictures.append(world.frame(plan.view, self._picture_px, plan.palette))
 
         if chosen.stored_frames:
-            observations = _stored(chosen)
+            observations = _read_observations(chosen)
         else:
-            observations = _played(chosen, world, draw)
+            observations = _replay_observations(chosen, world, draw)
         shown_pictures = tuple(pictures)
         if self._picture_px is not None and observed:
             shown_pictures = observations
@@ -340,7 +340,8 @@ class Resimulator:
             chosen.episode, observations, world.observation_space, world.action_space, shown_pictures
         )
 
-    def _world_of(self, episode: EpisodeLog, chosen: IncludedEpisode) -> World:
+    def _open_world(self, episode: EpisodeLog, chosen: IncludedEpisode) -> World:
+        """Return a world for an episode: the previous one if it was made in the same way, else a new one."""
         made_from = (episode.plan.world, episode.world_options)
         if self._world is None or self._made_from != made_from:
             try:
@@ -430,7 +431,8 @@ class ReplayedStudy:
         return ExportResult(tuple(paths), self._episodes, self._steps, tuple(self._left_out))
 
 
-def _played(chosen: IncludedEpisode, world: World, draw: Callable[[], None]) -> tuple[Any, ...]:
+def _replay_observations(chosen: IncludedEpisode, world: World, draw: Callable[[], None]) -> tuple[Any, ...]:
+    """Replay an episode and return its observations; ``draw`` is called at the reset and after each step."""
     episode = chosen.episode
     drawn_anew = world.drawn and not all(renders_same_images(segment.facts) for segment in chosen.log.segments)
     if drawn_anew:
@@ -439,19 +441,20 @@ def _played(chosen: IncludedEpisode, world: World, draw: Callable[[], None]) -> 
             chosen.log.path,
             episode.name,
         )
-    _check(world, world.reset(episode.plan.seed), 0, chosen, drawn_anew=drawn_anew)
+    _require_same_observation(world, world.reset(episode.plan.seed), 0, chosen, drawn_anew=drawn_anew)
     observations = [copy.deepcopy(world.observation)]  # as a world may use its arrays again
     draw()
     for step, action in enumerate(episode.actions_taken, 1):
-        _check(world, world.step(action), step, chosen, drawn_anew=drawn_anew)
+        _require_same_observation(world, world.step(action), step, chosen, drawn_anew=drawn_anew)
         observations.append(copy.deepcopy(world.observation))
         draw()
     return tuple(observations)
 
 
-def _check(
+def _require_same_observation(
     world: World, now: ResetResult | StepResult, step: int, chosen: IncludedEpisode, *, drawn_anew: bool
 ) -> None:
+    """Raise ExportError if the replayed step differs from the logged one."""
     episode = chosen.episode
     if drawn_anew:
         same = world.state_hash() == int(episode.state_hashes[step])
@@ -469,7 +472,8 @@ def _check(
         )
 
 
-def _stored(chosen: IncludedEpisode) -> tuple[Any, ...]:
+def _read_observations(chosen: IncludedEpisode) -> tuple[Any, ...]:
+    """Return the observations that the log holds, after checking their hashes."""
     episode = chosen.episode
     if episode.observations is None:
         raise ExportError(

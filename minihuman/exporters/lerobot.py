@@ -90,7 +90,7 @@ class FeatureStatistics:
     def statistics(self) -> dict[str, Any]:
         """Return the statistics in LeRobot's form: a list with one entry per number.
 
-        [[[value]]] per channel for pictures.
+        For pictures, it is a list of [[number]], one per channel.
         """
         mean = self._sum / self._samples
         values = {
@@ -154,7 +154,7 @@ def build_features(item: IncludedEpisode, first: ReplayedEpisode) -> dict[str, d
 
 
 def _number_feature(dtype: str, name: str = "") -> dict[str, Any]:
-    """Describe a feature with a single value."""
+    """Return the description of a feature that has a single value per frame."""
     names = None
     if name:
         names = [name]
@@ -214,9 +214,9 @@ def _require_small_rewards(item: IncludedEpisode) -> None:
 
 
 def _build_success(episode: EpisodeLog, is_last: NDArray[np.bool_]) -> NDArray[Any]:
-    """Return True at the end of a successful episode.
+    """Build a column of booleans, True only at the last step of a successful episode.
 
-    None, which is null in the file, throughout if success is undefined.
+    If success is undefined, every row is None, which the file stores as null.
     """
     if episode.success is None:
         return np.full(len(is_last), None, object)
@@ -454,8 +454,8 @@ class _Dataset:
         episodes = meta / "episodes" / "chunk-000"
         episodes.mkdir(parents=True)
         filled = [name for name in self.rows[0] if any(row[name] is not None for row in self.rows)]
-        rows = [{name: row[name] for name in filled} for row in self.rows]
-        pq.write_table(pa.Table.from_pylist(rows), episodes / "file-000.parquet", compression="snappy")
+        table = pa.Table.from_pylist([{name: row[name] for name in filled} for row in self.rows])
+        pq.write_table(table, episodes / "file-000.parquet", compression="snappy")
         # the task is the unnamed index of a pandas frame: readers look for the column that makes
         pd.DataFrame({"task_index": list(self._tasks.values())}, index=list(self._tasks)).to_parquet(
             meta / "tasks.parquet"
@@ -478,9 +478,8 @@ class _Dataset:
             "features": self.features,
         }
         (meta / "info.json").write_text(json.dumps(info, indent=4), encoding="utf-8", newline="\n")
-        (self.root / "README.md").write_text(
-            build_card(self._study_facts, self._world, info, list(self._tasks)), encoding="utf-8", newline="\n"
-        )
+        card = build_card(self._study_facts, self._world, info, list(self._tasks))
+        (self.root / "README.md").write_text(card, encoding="utf-8", newline="\n")
 
 
 def _table(columns: dict[str, NDArray[Any]], features: dict[str, Any]) -> pa.Table:

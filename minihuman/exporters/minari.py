@@ -82,7 +82,7 @@ def _write_datasets(chosen: IncludedEpisodes, out: Path) -> ExportResult:
             datasets[name] = _begin_dataset(out, name, item, demonstration)
         storage = datasets[name]
         players[name].add(item.log.player)
-        buffer = _buffer(demonstration)
+        buffer = _build_buffer(demonstration)
         _require_room(out, 2 * len(pickle.dumps(buffer)) + _RESERVE_BYTES)
         storage.update_episodes([buffer])
         facts = get_plain_facts(item)
@@ -102,7 +102,7 @@ def _add_version(world: str) -> str:
 
 
 def _require_room(out: Path, needed_bytes: int) -> None:
-    """Raise OSError before HDF5 writes if space is short.
+    """Raise OSError if there is too little space for what HDF5 is about to write.
 
     A failed write can end the process when HDF5 closes the file.
     """
@@ -113,8 +113,8 @@ def _require_room(out: Path, needed_bytes: int) -> None:
 def _begin_dataset(out: Path, name: str, item: IncludedEpisode, demonstration: ReplayedEpisode) -> MinariStorage:
     study_facts = get_plan_study_facts(item.log.plan)
     study = item.log.plan.study
-    _namespace(out / NAMESPACE, "exported by minihuman")
-    _namespace(out / NAMESPACE / study, study_facts.title or f"the study {study}")
+    _make_namespace(out / NAMESPACE, "exported by minihuman")
+    _make_namespace(out / NAMESPACE / study, study_facts.title or f"the study {study}")
     data = out / NAMESPACE / name / "data"
     data.mkdir(parents=True)
     key = find_unnamed_key(demonstration.observation_space)
@@ -135,7 +135,7 @@ def _begin_dataset(out: Path, name: str, item: IncludedEpisode, demonstration: R
     metadata: dict[str, Any] = {
         "dataset_id": f"{NAMESPACE}/{name}",
         "minari_version": minari.__version__,
-        "description": _description(item, study_facts, recoverable=spec is not None),
+        "description": _describe_dataset(item, study_facts, recoverable=spec is not None),
         "requirements": _requirements(item),
         "action_names": list(item.episode.start.action_names),  # of the whole action space, from its start
         "actions_offered": list(get_action_names(item)),  # those that participants had a key for
@@ -164,7 +164,7 @@ def _list_publication_facts(study_facts: AboutSpec) -> dict[str, Any]:
 def find_unnamed_key(space: gymnasium.Space[Any]) -> str:
     """Return the first observation key that is not a valid HDF5 name: not text, empty, or with a slash.
 
-    "" if all are valid.
+    Return "" if all are valid.
     """
     parts: list[gymnasium.Space[Any]] = []
     if isinstance(space, gymnasium.spaces.Dict):
@@ -182,7 +182,8 @@ def find_unnamed_key(space: gymnasium.Space[Any]) -> str:
     return ""
 
 
-def _namespace(folder: Path, description: str) -> None:
+def _make_namespace(folder: Path, description: str) -> None:
+    """Create a namespace's folder with its description, unless it exists."""
     if not folder.exists():
         folder.mkdir(parents=True)
         (folder / "namespace_metadata.json").write_text(
@@ -190,7 +191,8 @@ def _namespace(folder: Path, description: str) -> None:
         )
 
 
-def _description(item: IncludedEpisode, study_facts: AboutSpec, *, recoverable: bool) -> str:
+def _describe_dataset(item: IncludedEpisode, study_facts: AboutSpec, *, recoverable: bool) -> str:
+    """Return the description of a dataset."""
     lines = [study_facts.description or study_facts.title or f"The study {item.log.plan.study}."]
     lines.append(f"Sessions recorded with minihuman {__version__}, every observation checked against its hash.")
     if not recoverable:
@@ -211,7 +213,8 @@ def _requirements(item: IncludedEpisode) -> list[str]:
     ]
 
 
-def _buffer(demonstration: ReplayedEpisode) -> EpisodeBuffer:
+def _build_buffer(demonstration: ReplayedEpisode) -> EpisodeBuffer:
+    """Build the episode buffer that Minari stores."""
     episode = demonstration.episode
     truncated = episode.truncated.copy()
     truncated[-1] |= not episode.terminated[-1]

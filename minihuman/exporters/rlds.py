@@ -122,11 +122,12 @@ class _Dataset:
         self._features = self._features or _features(steps, facts)
         columns = {f"steps/{name}": values for name, values in steps.items()}
         record = _frame(encode_example(columns | {f"episode_metadata/{name}": [fact] for name, fact in facts.items()}))
-        with self._path(len(self._shards) - 1).open("ab") as file:
+        with self._name_file(len(self._shards) - 1).open("ab") as file:
             file.write(record)
         self._shards[-1] = [self._shards[-1][0] + 1, self._shards[-1][1] + len(record)]
 
-    def _path(self, number: int, n_files: int | None = None) -> Path:
+    def _name_file(self, number: int, n_files: int | None = None) -> Path:
+        """Return the path of the file with a number, which names the number of files once it is known."""
         name = f"{self._name}-train.tfrecord-{number:05d}"
         if n_files is not None:
             name += f"-of-{n_files:05d}"
@@ -135,7 +136,7 @@ class _Dataset:
     def finish(self) -> None:
         """Rename the files to include their total number, and write the metadata of the dataset."""
         for number in range(len(self._shards)):
-            self._path(number).rename(self._path(number, len(self._shards)))
+            self._name_file(number).rename(self._name_file(number, len(self._shards)))
         split = {
             "name": "train",
             "shardLengths": [str(episodes) for episodes, _ in self._shards],
@@ -239,10 +240,11 @@ def encode_example(columns: Mapping[str, Any]) -> bytes:
 def _frame(record: bytes) -> bytes:
     """Frame a record of a TFRecord file: its length and its bytes, each followed by a masked CRC-32C."""
     length = struct.pack("<Q", len(record))
-    return length + _checksum(length) + record + _checksum(record)
+    return length + _mask_checksum(length) + record + _mask_checksum(record)
 
 
-def _checksum(content: bytes) -> bytes:
+def _mask_checksum(content: bytes) -> bytes:
+    """Return the masked CRC-32C of bytes, as TFRecord files store it."""
     crc = google_crc32c.value(content)
     rotated = crc >> 15 | crc << 17
     return struct.pack("<I", (rotated + _CRC_MASK_DELTA) & 0xFFFFFFFF)

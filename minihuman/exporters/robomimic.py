@@ -42,12 +42,13 @@ def export(chosen: IncludedEpisodes, out: Path) -> ExportResult:
         for name, item, demonstration in replayed:
             if name not in files:
                 files[name] = stack.enter_context(h5py.File(out / f"{name}.hdf5", "w"))
-                _begin(files[name].create_group("data"), item, demonstration)
+                _write_environment(files[name].create_group("data"), item, demonstration)
             _write_demonstration(files[name]["data"], item, demonstration)
     return replayed.result(out / f"{name}.hdf5" for name in files)
 
 
-def _begin(data: h5py.Group, item: IncludedEpisode, demonstration: ReplayedEpisode) -> None:
+def _write_environment(data: h5py.Group, item: IncludedEpisode, demonstration: ReplayedEpisode) -> None:
+    """Write the attributes that describe the environment and the names of actions and states."""
     plan = item.episode.plan
     made_by = {"env_name": plan.world, "type": _GYMNASIUM, "env_kwargs": resolve_files(plan.options)}
     data.attrs["env_args"] = json.dumps(made_by, default=str)

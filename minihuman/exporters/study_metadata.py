@@ -26,7 +26,7 @@ from minihuman.experiment.protocol.specs import (
 
 def get_plan_study_facts(plan: SessionPlan) -> AboutSpec:
     """Return the facts about a session's study; empty if the log's protocol has none or cannot be read here."""
-    protocol = _protocol(plan.protocol_toml)
+    protocol = _decode_protocol(plan.protocol_toml)
     if protocol is None:
         return AboutSpec()
     return protocol.about
@@ -48,7 +48,7 @@ def get_licence_id(study_facts: AboutSpec) -> str:
 
 def get_plan_devices(plan: SessionPlan) -> dict[str, DeviceSpec]:
     """Return the devices in a session's protocol, by name."""
-    protocol = _protocol(plan.protocol_toml)
+    protocol = _decode_protocol(plan.protocol_toml)
     if protocol is None:
         return {}
     return {device.name: device for device in protocol.devices}
@@ -80,6 +80,7 @@ def get_plain_facts(item: IncludedEpisode) -> dict[str, str | int]:
 
 
 def _flatten(fact: Any) -> str | int:
+    """Return texts and whole numbers unchanged, and anything else as JSON text."""
     if isinstance(fact, str | int):
         return fact
     return json.dumps(fact)
@@ -107,14 +108,15 @@ def _list_blocks(item: IncludedEpisode) -> list[BlockSpec]:
 
 
 def _list_variants(item: IncludedEpisode) -> list[BlockSpec]:
-    protocol = _protocol(item.log.plan.protocol_toml)
+    protocol = _decode_protocol(item.log.plan.protocol_toml)
     if protocol is None:
         return []
     return [apply_overrides(block, group.name) for block in protocol.blocks for group in protocol.groups]
 
 
 @lru_cache(maxsize=8)
-def _protocol(toml: bytes) -> Protocol | None:
+def _decode_protocol(toml: bytes) -> Protocol | None:
+    """Decode the protocol in a log; None if this version cannot read it."""
     try:
         return decode_logged_protocol(toml)
     except ProtocolError:

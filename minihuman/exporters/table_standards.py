@@ -71,12 +71,13 @@ def _describe_as_croissant(plan: SessionPlan, tables: list[Path]) -> dict[str, A
         "description": study_facts.description or f"Sessions of the study {plan.study}, as tidy tables.",
         "version": _version(plan.study_version),
         **{name: value for name, value in facts.items() if value},
-        "distribution": [_file(path) for path in tables],
+        "distribution": [_describe_file(path) for path in tables],
         "recordSet": [_describe_record_set(path.stem, TABLES[path.stem]) for path in tables],
     }
 
 
-def _file(path: Path) -> dict[str, Any]:
+def _describe_file(path: Path) -> dict[str, Any]:
+    """Describe a Parquet file as Croissant's file object."""
     return {
         "@type": "cr:FileObject",
         "@id": path.name,

@@ -136,10 +136,9 @@ def export_hugging_face(chosen: IncludedEpisodes, out: Path) -> ExportResult:
         result = count_included(tables)
         plan = read_first_plan(tables)
     meanings = build_data_dictionary(without=COLUMNS_NEEDING_WORLD)
+    dictionary_json = json.dumps({name: meanings[name] for name in names}, indent=1)
     described = out / "dictionary.json"
-    described.write_text(
-        json.dumps({name: meanings[name] for name in names}, indent=1) + "\n", encoding="utf-8", newline="\n"
-    )
+    described.write_text(f"{dictionary_json}\n", encoding="utf-8", newline="\n")
     study_facts = AboutSpec()
     if plan is not None:
         study_facts = get_plan_study_facts(plan)

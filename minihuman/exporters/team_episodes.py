@@ -112,8 +112,8 @@ def export_overcooked(chosen: IncludedEpisodes, out: Path) -> ExportResult:
         if not states:
             left_out.append(f"{describe_episode(item)} is in no kitchen")
             continue
-        names = (name for name, layout in KITCHENS.items() if layout == kitchen.layout)
-        layout_name = next(names, kitchen.layout.plan)
+        built_in_names = [name for name, layout in KITCHENS.items() if layout == kitchen.layout]
+        layout_name = built_in_names[0] if built_in_names else kitchen.layout.plan
         name = _name_trajectories(layout_name, kitchen.rules)
         trajectory = _describe_trajectory(item, team, kitchen, layout_name, states)
         columns = files.setdefault(name, {key: [] for key in trajectory})

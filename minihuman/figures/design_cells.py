@@ -84,10 +84,13 @@ def _draw_means(
     if limits is not None:
         low = np.clip(low, *limits)
         high = np.clip(high, *limits)
+    marker = _MARKERS[number % len(_MARKERS)]
+    line = _LINES[number % len(_LINES)]
+    colour = SERIES[number % len(SERIES)]
+    n_participants = int((~np.isnan(values)).any(axis=1).sum())
     ax.plot(
-        places, mean, f"{_MARKERS[number % len(_MARKERS)]}{_LINES[number % len(_LINES)]}", color="black",
-        mfc=SERIES[number % len(SERIES)], mec="black", mew=0.9, ms=5.5, lw=1.1, zorder=4, gid=f"means: {group}",
-        label=f"{group} (n = {int((~np.isnan(values)).any(axis=1).sum())})",
+        places, mean, marker + line, color="black", mfc=colour, mec="black", mew=0.9, ms=5.5, lw=1.1, zorder=4,
+        gid=f"means: {group}", label=f"{group} (n = {n_participants})",
     )  # fmt: skip
     for place, bottom, top in zip(places, low, high, strict=True):
         if np.isfinite(bottom):

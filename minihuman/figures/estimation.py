@@ -26,10 +26,11 @@ Values = NDArray[np.float64]
 _TICKS_MS = (50, 100, 200, 500, 1000, 2000, 5000, 10_000, 20_000, 50_000)
 _FEW = 12  # participants of a group: of more, their lines of reaction times hide each other
 _MARKERS = ("o", "s", "^", "D", "v", "P", "X")
+_LINE_STYLES = ("-", "--", ":", "-.")
 
 
 def compare_every_pair(groups: Mapping[str, Values]) -> list[Difference]:
-    """Return the difference of every two groups that have values, with the interval that the report uses."""
+    """Return the difference of each pair of groups that have values, with the interval that the report uses."""
     rows = pd.concat([pd.DataFrame({"group": name, "value": values}) for name, values in groups.items()])
     compared = compare_groups(rows, ["value"], order=list(groups))
     return [
@@ -67,9 +68,11 @@ def draw_participants(
     from minihuman.figures.learning_curves import mean_and_band
 
     size = _choose_dot_size(max((len(values) for values in groups.values()), default=1))
+    tick_labels = []
     for place, (group, values) in enumerate(groups.items()):
         colour = SERIES[place % len(SERIES)]
         known = values[~np.isnan(values)]
+        tick_labels.append(f"{group}\nn = {len(known)}")
         offsets = spread_dots(known)
         mean_offset = max([0.1, *offsets]) + 0.08
         ax.plot(
@@ -83,7 +86,7 @@ def draw_participants(
                     low, high = np.clip((low, high), *limits)
                 ax.plot([place + mean_offset] * 2, [low, high], color="black", lw=1.1, gid=f"interval: {group}")
             ax.plot(place + mean_offset, mean, "D", ms=3.6, color="black", gid=f"mean: {group}")
-    ax.set_xticks(range(len(groups)), [f"{group}\nn = {int((~np.isnan(v)).sum())}" for group, v in groups.items()])
+    ax.set_xticks(range(len(groups)), tick_labels)
     ax.set(xlim=(-0.55, len(groups) - 0.4), ylabel=measure)
     return ax
 
@@ -101,22 +104,10 @@ def draw_differences(ax: Axes, differences: Sequence[Difference], *, level: str 
     """Draw the differences of pairs of groups with their intervals, one below the other, and a line at zero."""
     ax.axvline(0, color=MUTED, lw=0.8, ls="--")
     for row, difference in enumerate(differences):
+        groups = f"{difference.first}, {difference.second}"
         if np.isfinite(difference.interval[0]):
-            ax.plot(
-                difference.interval,
-                [row, row],
-                color="black",
-                lw=1.4,
-                gid=f"interval: {difference.first}, {difference.second}",
-            )
-        ax.plot(
-            difference.estimate,
-            row,
-            "D",
-            color="black",
-            ms=4.5,
-            gid=f"difference: {difference.first}, {difference.second}",
-        )
+            ax.plot(difference.interval, [row, row], color="black", lw=1.4, gid=f"interval: {groups}")
+        ax.plot(difference.estimate, row, "D", color="black", ms=4.5, gid=f"difference: {groups}")
     names = [f"{difference.first}\n\N{MINUS SIGN} {difference.second}" for difference in differences]
     ax.set_yticks(range(len(differences)), names)
     ax.set(ylim=(len(differences) - 0.4, -0.6), xlabel=level)
@@ -180,8 +171,9 @@ def draw_reaction_times(ax: Axes, groups: Mapping[str, NDArray[np.float64]], edg
             low, high = np.percentile(100 * shares, (10, 90), axis=0)
             ax.fill_between(middles, low, high, color=colour, alpha=0.2, lw=0, gid=f"band: {group}")
         mean = 100 * shares.mean(axis=0)
+        line = _LINE_STYLES[place % len(_LINE_STYLES)]
         ax.plot(
-            middles, mean, ("-", "--", ":", "-.")[place % 4], color=colour, lw=1.8, zorder=3,
+            middles, mean, line, color=colour, lw=1.8, zorder=3,
             label=f"{group} (n = {len(shares)})", path_effects=[withStroke(linewidth=3, foreground="white")],
         )  # fmt: skip
     ax.set(xscale="log", xlabel="reaction time (ms, log scale)", ylabel="share of responses (%)", ylim=(0, None))
@@ -233,7 +225,7 @@ def draw_scores(
     mark: float | None = None,
     limits: tuple[float, float] | None = None,
 ) -> None:
-    """Draw one score of each player with its interval, the first player on top.
+    """Draw one of each player's scores with its interval, the first player at the top.
 
     Args:
         ax: the axes to draw on.

@@ -137,7 +137,7 @@ def draw_figure_files(stem: Path, name: str, *values: object, **options: object)
 
 def digest_figure(name: str, values: Sequence[object], options: dict[str, Any]) -> str:
     """Return the digest of everything that determines a figure: its data and options, our code, and the libraries."""
-    encoded = msgspec.msgpack.encode((_describe_software(), name, values, options), enc_hook=_encode)
+    encoded = msgspec.msgpack.encode((_describe_software(), name, values, options), enc_hook=_encode_for_digest)
     return blake2b(encoded, digest_size=16).hexdigest()
 
 
@@ -154,7 +154,8 @@ def _holds(path: Path, digest: str) -> bool:
     return digest.encode() in content and content.endswith(_ENDS[path.suffix])
 
 
-def _encode(value: Any) -> object:
+def _encode_for_digest(value: Any) -> object:
+    """Return a part of a figure's data as values from which a digest can be computed."""
     if isinstance(value, np.ndarray) and not value.dtype.hasobject:
         return value.dtype.str, value.shape, value.tobytes()
     if isinstance(value, np.generic):

@@ -57,6 +57,7 @@ def draw_study(logs: Sequence[SessionLog], out: Path) -> Iterator[Path]:
             yield from save_figure(occupancy_figure(world, groups), out / f"occupancy_{_file_name(world)}")
     for block, episodes in collect_rewards(logs).groupby("block", sort=False):
         title = name_measure("reward", str(block))
+        file_name = _file_name(str(block))
         means = episodes.groupby(["group", "participant"])["reward"].mean()
         by_group = {str(group): group_means.to_numpy(float) for group, group_means in means.groupby("group")}
         if len(by_group) > 1:
@@ -64,11 +65,11 @@ def draw_study(logs: Sequence[SessionLog], out: Path) -> Iterator[Path]:
             from minihuman.figures.estimation import compare_every_pair, estimation_figure
 
             figure = estimation_figure(by_group, compare_every_pair(by_group), measure="mean reward", title=title)
-            yield from save_figure(figure, out / f"estimation_{_file_name(str(block))}")
+            yield from save_figure(figure, out / f"estimation_{file_name}")
         figure = learning_figure(
             collect_learning_curves(episodes), measure="reward", limits=find_reward_limits(episodes), title=title
         )
-        yield from save_figure(figure, out / f"learning_{_file_name(str(block))}")
+        yield from save_figure(figure, out / f"learning_{file_name}")
 
 
 def _strip_session(log: SessionLog) -> SessionLog:

@@ -1,6 +1,7 @@
 """Occupancy: the share of steps spent in each place, over many episodes of one world."""
 
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import chain
 
 import matplotlib as mpl
 import numpy as np
@@ -15,6 +16,7 @@ from minihuman.figures.style import COLUMN_CM, OCCUPANCY_COLOURS, PAGE_CM, WALL,
 from minihuman.log.model.session_log import EpisodeLog, SessionLog
 
 _BIN = {"cell": 1.0, "m": 0.5}
+_ROUNDING = 1e-9  # so that a rounding error adds no edge beyond the last one
 _MAX_SQUARES = 4_000_000
 
 
@@ -30,32 +32,51 @@ def compute_occupancy(
         ValueError: if no episode has a map and poses, or cells and metres are mixed.
         LogError: if a map's bounds are invalid, or too far apart.
     """
-    placed = [[episode for episode in episodes if has_positions(episode)] for episodes in participants]
-    placed = [episodes for episodes in placed if episodes]
-    maps = [episode.start.map for episodes in placed for episode in episodes if episode.start.map]
+    participant_episodes = []
+    for episodes in participants:
+        placed_episodes = [episode for episode in episodes if has_positions(episode)]
+        if placed_episodes:
+            participant_episodes.append(placed_episodes)
+    all_episodes = list(chain.from_iterable(participant_episodes))
+    low, high, size = _measure_extent(all_episodes)
+    x_edges = np.arange(low[0], high[0] + size - _ROUNDING, size)
+    z_edges = np.arange(low[1], high[1] + size - _ROUNDING, size)
+    total = np.zeros((len(x_edges) - 1, len(z_edges) - 1))
+    for episodes in participant_episodes:
+        positions = _stack_positions(episodes)
+        counts = np.histogram2d(positions[:, 0], positions[:, 1], bins=[x_edges, z_edges])[0]
+        total += counts / counts.sum() / len(participant_episodes)
+    return total, x_edges, z_edges
+
+
+def _measure_extent(episodes: Sequence[EpisodeLog]) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+    """Return the lowest and the highest (x, z) of all maps and steps, and the size of a square, in the maps' unit.
+
+    Raises:
+        ValueError: if there is no map, or cells and metres are mixed.
+        LogError: if a map's bounds are invalid, or too far apart.
+    """
+    maps = [episode.start.map for episode in episodes if episode.start.map]
     units = {floor.unit for floor in maps}
     if len(units) != 1:
-        raise ValueError(
-            "occupancy needs episodes with a map and poses in one unit; found units: "
-            f"{', '.join(sorted(units)) or 'none'}"
-        )
+        names = ", ".join(sorted(units)) or "none"
+        raise ValueError(f"occupancy needs episodes with a map and poses in one unit; found units: {names}")
     size = _BIN[units.pop()]
     bounds = np.array([check_map_bounds(floor).bounds for floor in maps])
-    places = np.concatenate([episode.poses[:, [0, 2]] for episodes in placed for episode in episodes])
-    low = np.minimum(bounds[:, :2].min(0), places.min(0))  # all steps are in it, wherever a world's map ends
-    high = np.maximum(bounds[:, 2:].max(0), places.max(0))
+    positions = _stack_positions(episodes)
+    low = np.minimum(bounds[:, :2].min(axis=0), positions.min(axis=0))  # a step can lie outside its world's map
+    high = np.maximum(bounds[:, 2:].max(axis=0), positions.max(axis=0))
     if ((high - low) / size).prod() > _MAX_SQUARES:
         raise LogError(
-            f"{placed[0][0].plan.world}: its maps and paths span {low.tolist()} to {high.tolist()}, too much to draw; "
+            f"{episodes[0].plan.world}: its maps and paths span {low.tolist()} to {high.tolist()}, too much to draw; "
             "the log was changed or the world's map is wrong; run: minihuman verify"
         )
-    edges = [np.arange(low[i], high[i] + size - 1e-9, size) for i in (0, 1)]
-    total = np.zeros((len(edges[0]) - 1, len(edges[1]) - 1))
-    for episodes in placed:
-        places = np.concatenate([episode.poses[:, [0, 2]] for episode in episodes])
-        counts = np.histogram2d(places[:, 0], places[:, 1], bins=edges)[0]
-        total += counts / counts.sum() / len(placed)
-    return total, edges[0], edges[1]
+    return low, high, size
+
+
+def _stack_positions(episodes: Sequence[EpisodeLog]) -> NDArray[np.float64]:
+    """Return the position (x, z) at every step of all episodes, (steps, 2)."""
+    return np.concatenate([episode.poses[:, [0, 2]] for episode in episodes])
 
 
 def draw_occupancy(
@@ -123,8 +144,8 @@ def occupancy_figure(title: str, groups: Mapping[str, Sequence[Sequence[EpisodeL
         for place, (ax, (group, participants)) in enumerate(zip(axes, groups.items(), strict=True)):
             draw_occupancy(ax, participants, limits=limits)
             noun = "participant" if len(participants) == 1 else "participants"
-            n = f"{len(participants)} {noun}"
-            ax.set_title(f"{title}, {n}" if len(groups) == 1 else f"{group}, {n}", loc="left")
+            name = title if len(groups) == 1 else group
+            ax.set_title(f"{name}, {len(participants)} {noun}", loc="left")
             if len(groups) > 1:
                 label_panel(ax, place)
         if len(groups) > 1:

@@ -50,7 +50,7 @@ def draw_time(ax: Axes, log: SessionLog) -> Axes:
 
 def draw_keys(ax: Axes, log: SessionLog) -> Axes:
     """Draw the key presses of each episode by kind: those that made a step, had no action, or fell outside play."""
-    counts = [_presses(episode) for episode in log.episodes]
+    counts = [_count_presses(episode) for episode in log.episodes]
     bottom = np.zeros(len(counts))
     for kind, colour in _KEY_KINDS:
         heights = np.array([count[kind] for count in counts], dtype=float)
@@ -105,7 +105,8 @@ def _numbers(log: SessionLog) -> list[int]:
     return [episode.number for episode in log.episodes]
 
 
-def _presses(episode: EpisodeLog) -> Counter[str]:
+def _count_presses(episode: EpisodeLog) -> Counter[str]:
+    """Count an episode's key presses by kind, as `draw_keys` stacks them."""
     kinds = {"accepted": "steps", "queued": "steps", "unmapped": "no action", "spare": "no action"}
     return Counter(
         kinds.get(press.verdict, "not playing")

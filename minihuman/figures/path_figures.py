@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterable, Sequence
+from itertools import cycle
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -42,7 +43,7 @@ _OTHER = "h"
 
 
 def get_marker(thing: Thing) -> str:
-    """Return the marker for an object's kind. The last known word of its name counts, as in "door locked"."""
+    """Return the marker for an object's kind, chosen by the last known word of its name ("door" in "door locked")."""
     words = thing.name.replace("_", " ").lower().split()
     return next((_SHAPES[word] for word in reversed(words) if word in _SHAPES), _OTHER)
 
@@ -234,18 +235,9 @@ def paths_figure(
     groups = [(title, list(episodes)) for title, episodes in columns if episodes]
     rows = max((math.ceil(len(episodes) / across) for _, episodes in groups), default=1)
     panels_cm = rows * (width_cm / max(1, across * len(groups)) + 0.3) + 0.5
-    things = build_object_legend(episode.start.map for _, episodes in groups for episode in episodes)
-    most = max((len(list_partner_seats(episode)) for _, episodes in groups for episode in episodes), default=0)
-    partners = [
-        Line2D(
-            [],
-            [],
-            color=PARTNERS[number % len(PARTNERS)],
-            lw=1.2,
-            label="partner" if most == 1 else f"other {number + 1}",
-        )
-        for number in range(most)
-    ]
+    all_episodes = [episode for _, episodes in groups for episode in episodes]
+    things = build_object_legend(episode.start.map for episode in all_episodes)
+    partners = _build_partner_legend(all_episodes)
     key_cm = _KEY_CM + _NAMES_CM * math.ceil((len(partners) + len(things)) / _ACROSS)
     with figure_style():
         figure = new_figure(width_cm=width_cm, height_cm=panels_cm + key_cm)
@@ -261,6 +253,17 @@ def paths_figure(
                 episode_panel(ax, episode)
         _draw_key(below, partners, things, key_cm)
     return figure
+
+
+def _build_partner_legend(episodes: Sequence[EpisodeLog]) -> list[Line2D]:
+    """Return a legend entry for the path of each partner; a single one is called "partner"."""
+    n_partners = max((len(list_partner_seats(episode)) for episode in episodes), default=0)
+    if n_partners == 1:
+        labels = ["partner"]
+    else:
+        labels = [f"other {number}" for number in range(1, n_partners + 1)]
+    colours = cycle(PARTNERS)
+    return [Line2D([], [], color=colour, lw=1.2, label=label) for label, colour in zip(labels, colours, strict=False)]
 
 
 def session_paths(log: SessionLog) -> Figure:
@@ -284,7 +287,7 @@ def _draw_key(part: SubFigure, partners: Sequence[Line2D], things: Sequence[Line
     bar.set_ticks([0, 1], labels=["first step", "last step"])
     bar.set_label("time within the episode", labelpad=-8)
     part.legend(
-        handles=[*_legend(), *partners, *things],
+        handles=[*_build_mark_legend(), *partners, *things],
         loc="lower center",
         ncols=_ACROSS,
         handletextpad=0.2,
@@ -292,7 +295,9 @@ def _draw_key(part: SubFigure, partners: Sequence[Line2D], things: Sequence[Line
     )
 
 
-def _legend() -> list[Line2D]:
+def _build_mark_legend() -> list[Line2D]:
+    """Return legend entries for the marks that every path has."""
+
     def mark(label: str, marker: str, size: float, face: str, edge: str = "black") -> Line2D:
         return Line2D([], [], ls="", marker=marker, ms=size, mfc=face, mec=edge, mew=0.6, label=label)
 
@@ -305,7 +310,7 @@ def _legend() -> list[Line2D]:
 
 
 def _spread(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the points, with each later visit to a cell shifted along the diagonal, to five places in turn."""
+    """Return the points, with repeated visits to a cell shifted along its diagonal, cycling through five offsets."""
     moved = points.copy()
     visits: dict[tuple[float, float], int] = {}
     for row in range(len(points)):

@@ -1,6 +1,6 @@
 """Figures of teaching sessions: when the person or the agent steered, and how the agent was rated over time."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -15,6 +15,7 @@ from minihuman.log.model.session_log import EpisodeLog
 
 AGENT = SERIES[0]
 PERSON = SERIES[1]
+_MOST_TICKS = 12
 _RATED = {1.0: ("^", SERIES[2], "good"), -1.0: ("v", SERIES[5], "bad")}
 
 
@@ -40,9 +41,11 @@ def draw_steering(ax: Axes, episodes: Sequence[EpisodeLog]) -> Axes:
             ax.plot(rating.step, row, marker, color=colour, ms=4, mec="white", mew=0.4)
             rated.add(rating.value)
     handles: list[Artist] = [Patch(color=AGENT, label="agent"), Patch(color=PERSON, label="person")]
-    handles += [ax.plot([], [], _RATED[v][0], color=_RATED[v][1], label=_RATED[v][2])[0] for v in sorted(rated)]
+    for value in sorted(rated):
+        marker, colour, label = _RATED[value]
+        handles += ax.plot([], [], marker, color=colour, label=label)
     ax.legend(handles=handles, loc="lower left", bbox_to_anchor=(0, 1), ncols=len(handles))
-    every = max(1, len(episodes) // 12)
+    every = max(1, len(episodes) // _MOST_TICKS)
     ax.set_yticks(range(0, len(episodes), every), [str(episode.number) for episode in episodes[::every]])
     ax.set(xlabel="step", ylabel="episode", ylim=(len(episodes) - 0.4, -0.6))
     return ax
@@ -88,20 +91,17 @@ def draw_ratings(ax: Axes, episodes: Sequence[EpisodeLog]) -> Axes:
         episodes: the block's episodes in order, each with ``taught``; at least one must have a press.
     """
     begins_ns = episodes[0].t_ns[0]
+    for change_ns in _find_policy_changes_ns(episodes):
+        ax.axvline((change_ns - begins_ns) / NS_PER_MIN, color=MUTED, linewidth=0.6, linestyle=":")
     presses = sorted(
         (rating.pressed_ns, rating.value) for episode in episodes if episode.taught for rating in episode.taught.ratings
     )
     minutes = (np.array([t_ns for t_ns, _ in presses]) - begins_ns) / NS_PER_MIN
     values = np.array([value for _, value in presses])
-    before: str | None = None
-    for episode in episodes:
-        policy = episode.taught.policy if episode.taught else before
-        if before is not None and policy != before:
-            ax.axvline((episode.t_ns[0] - begins_ns) / NS_PER_MIN, color=MUTED, linewidth=0.6, linestyle=":")
-        before = policy
-    for good, marker, colour in ((True, "^", SERIES[2]), (False, "v", SERIES[5])):
-        at = minutes[(values > 0) == good]
-        ax.plot(at, np.full(len(at), float(good)), marker, color=colour, ms=3, label="good" if good else "bad")
+    good_minutes = minutes[values > 0]
+    bad_minutes = minutes[values <= 0]
+    ax.plot(good_minutes, np.ones(len(good_minutes)), "^", color=SERIES[2], ms=3, label="good")
+    ax.plot(bad_minutes, np.zeros(len(bad_minutes)), "v", color=SERIES[5], ms=3, label="bad")
     ax.plot(
         minutes,
         compute_shares_of_good(values),
@@ -112,6 +112,18 @@ def draw_ratings(ax: Axes, episodes: Sequence[EpisodeLog]) -> Axes:
     ax.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=3)
     ax.set(xlabel="minutes", ylabel="share of good presses", ylim=(-0.06, 1.06), xlim=(0, None))
     return ax
+
+
+def _find_policy_changes_ns(episodes: Sequence[EpisodeLog]) -> Iterator[int]:
+    """Yield the time at which each episode begins whose policy is not that of the episode before."""
+    before: str | None = None
+    for episode in episodes:
+        if episode.taught is None:
+            continue
+        policy = episode.taught.policy
+        if before is not None and policy != before:
+            yield episode.t_ns[0]
+        before = policy
 
 
 def ratings_figure(episodes: Sequence[EpisodeLog]) -> Figure:

@@ -43,8 +43,9 @@ def draw_conditions(
             lows = np.clip(lows, *limits)
             highs = np.clip(highs, *limits)
         errors = np.nan_to_num(np.stack([means - lows, highs - means]))
+        marker = _MARKERS[number % len(_MARKERS)]
         ax.errorbar(
-            places + shift, means, errors, color="black", mfc=colour, mec="black", marker=_MARKERS[number % 7], ms=5,
+            places + shift, means, errors, color="black", mfc=colour, mec="black", marker=marker, ms=5,
             lw=1.2, capsize=2, zorder=3, label=f"{name} (n = {len(values)})",
         )  # fmt: skip
     ax.set_xticks(places, [str(condition) for condition in conditions])

@@ -67,7 +67,7 @@ class HashChain:
 
     @property
     def head(self) -> str:
-        """The SHA-256 of everything added so far, as 64 hexadecimal digits."""
+        """Return the SHA-256 of everything added so far, as 64 hexadecimal digits."""
         return self._head.hex()
 
     def message(self, message: LogMessage, schema: Schema | None) -> None:
@@ -80,7 +80,7 @@ class HashChain:
             self._known.add((channel.topic, name))
             self._channel(channel, schema)
         numbers = f"{message.sequence} {message.log_time} {message.publish_time}"
-        self._take(b"message", channel.topic.encode(), name.encode(), numbers.encode(), message.data)
+        self._extend(b"message", channel.topic.encode(), name.encode(), numbers.encode(), message.data)
 
     def metadata(self, record: Metadata) -> None:
         """Add a metadata record to the chain, without the chain head that it states."""
@@ -90,20 +90,21 @@ class HashChain:
         for key, text in sorted(record.metadata.items()):
             if key != CHAIN_KEY:
                 parts += [key.encode(), text.encode()]
-        self._take(*parts)
+        self._extend(*parts)
 
     def attachment(self, record: Attachment) -> None:
         """Add an attachment to the chain, unless it is a segment-head copy."""
         if record.name == SEGMENT_HEAD_NAME:
             return
         times = f"{record.create_time} {record.log_time}"
-        self._take(b"attachment", record.name.encode(), record.media_type.encode(), times.encode(), record.data)
+        self._extend(b"attachment", record.name.encode(), record.media_type.encode(), times.encode(), record.data)
 
     def _channel(self, channel: Channel, schema: Schema | None) -> None:
         encoding, data = ("", b"") if schema is None else (schema.encoding, schema.data)
-        self._take(b"channel", channel.topic.encode(), channel.message_encoding.encode(), encoding.encode(), data)
+        self._extend(b"channel", channel.topic.encode(), channel.message_encoding.encode(), encoding.encode(), data)
 
-    def _take(self, *parts: bytes) -> None:
+    def _extend(self, *parts: bytes) -> None:
+        """Extend the chain by a record, given in parts, each preceded by its length."""
         digest = hashlib.sha256(self._head)
         for part in parts:
             digest.update(len(part).to_bytes(8, "little"))

@@ -40,10 +40,11 @@ class ObservationSequence(Sequence[Any]):
     def __getitem__(self, place: int | slice) -> Any:
         steps = range(len(self))[place]
         if isinstance(steps, int):
-            return self._read(steps)
-        return [self._read(step) for step in steps]
+            return self._read_step(steps)
+        return [self._read_step(step) for step in steps]
 
-    def _read(self, step: int) -> Any:
+    def _read_step(self, step: int) -> Any:
+        """Read the observation at a step."""
         place = f"episode {self._episode + 1} step {step}"
         try:
             message = v1.Observation.FromString(self._messages[step])

@@ -98,11 +98,12 @@ BY_NAME = {topic.name: topic for topic in (*TOPICS, *RARE_TOPICS)}
 
 def schema_bytes(message: type[Message]) -> bytes:
     """Serialise a message type and all types that it needs, as MCAP's protobuf encoding requires."""
-    return _schema_bytes(message.DESCRIPTOR)
+    return _serialise_schema(message.DESCRIPTOR)
 
 
 @cache
-def _schema_bytes(message: Any) -> bytes:
+def _serialise_schema(message: Any) -> bytes:
+    """Serialise the files that define a message type, reduced to the types that it needs."""
     needed: set[str] = set()
     files: dict[str, Any] = {}
 

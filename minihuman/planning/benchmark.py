@@ -4,7 +4,7 @@ A set is an ordinary protocol: people, models and policies play it with the same
 them. Levels that a model may have seen in training are replaced by choosing another seed.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -118,7 +118,7 @@ def compose_baseline(kind: str, seed: int, *, levels: int = LEVELS_PER_FAMILY) -
         seed=seed,
         name=f"baseline-{kind}-{seed}",
         modality="both" if kind == "grid" else "picture",
-        blocks=", ".join(f'"{family.name}"' for family in families),
+        blocks=_quote_names(family.name for family in families),
     )
     blocks = (
         _BLOCK_TABLE.format(
@@ -126,7 +126,7 @@ def compose_baseline(kind: str, seed: int, *, levels: int = LEVELS_PER_FAMILY) -
             world=family.world,
             episodes=levels,
             seeds=family_seeds,
-            actions=", ".join(f'"{action}"' for action in family.actions),
+            actions=_quote_names(family.actions),
             max_steps=family.max_steps,
             instructions=family.instructions,
             settings=family.settings,
@@ -134,6 +134,11 @@ def compose_baseline(kind: str, seed: int, *, levels: int = LEVELS_PER_FAMILY) -
         for family, family_seeds in zip(families, seeds, strict=True)
     )
     return head + "".join(blocks)
+
+
+def _quote_names(names: Iterable[str]) -> str:
+    """Return names as the elements of a TOML array."""
+    return ", ".join(f'"{name}"' for name in names)
 
 
 def parse_players(text: str) -> dict[str, int]:

@@ -135,7 +135,7 @@ class ParticipantPool:
 def simulate_pool(
     toml: bytes, *, people: int, player: str, seed: int, block: str | None = None, processes: int | None = None
 ) -> ParticipantPool:
-    """Simulate participants of the protocol's last group on all processor cores. Nothing stays on disk.
+    """Simulate participants of the protocol's last group on all processor cores, without leaving files on disk.
 
     Args:
         toml: the protocol.
@@ -153,7 +153,7 @@ def simulate_pool(
     group = decode_protocol(toml, "protocol").groups[-1].name
     workers = min(processes or count_processes(), people)
     shares = [(len(part), seed * 1_000 + number) for number, part in enumerate(np.array_split(range(people), workers))]
-    work = partial(_play_share, toml, group, player)
+    work = partial(_play_job, toml, group, player)
     if workers == 1:
         tables = [work(shares[0])]
     else:
@@ -171,14 +171,15 @@ def simulate_pool(
     return ParticipantPool(chosen, group, rows.loc[rows["block"] == chosen, _COLUMNS].reset_index(drop=True))
 
 
-def _play_share(toml: bytes, group: str, player: str, job: tuple[int, int]) -> pd.DataFrame:
+def _play_job(toml: bytes, group: str, player: str, job: tuple[int, int]) -> pd.DataFrame:
+    """Simulate some participants of one group, given their number and a seed; return their episodes."""
     people, seed = job
     protocol = decode_protocol(toml, "protocol")
     groups = tuple(group_spec for group_spec in protocol.groups if group_spec.name == group)
     study = msgspec.structs.replace(protocol.study, participants=people, seed=seed)
     group_protocol = msgspec.structs.replace(protocol, study=study, groups=groups)
     if can_run_headless(group_protocol):
-        return _play_bare_share(group_protocol, player, seed)
+        return _play_job_headless(group_protocol, player, seed)
     with TemporaryDirectory(prefix="minihuman-power-") as folder:
         for _ in simulate(group_protocol, Path(folder), participants=people, seed=seed, player=player):
             pass
@@ -187,7 +188,8 @@ def _play_share(toml: bytes, group: str, player: str, job: tuple[int, int]) -> p
             return tables.frame("episodes", _COLUMNS)
 
 
-def _play_bare_share(protocol: Protocol, player: str, seed: int) -> pd.DataFrame:
+def _play_job_headless(protocol: Protocol, player: str, seed: int) -> pd.DataFrame:
+    """Play the episodes of a protocol's participants without sessions or logs; return their episodes."""
     rows = list[dict[str, object]]()
     worlds = dict[int, World]()
     for index in range(protocol.study.participants):
@@ -280,7 +282,7 @@ def _measure_episodes(rows: pd.DataFrame, measure: Callable[..., float | None]) 
     return [math.nan if number is None else number for number in measured]
 
 
-def _best(steps: float) -> int | None:
+def _to_whole(steps: float) -> int | None:
     """Return the fewest steps as a whole number, or None if they are unknown."""
     if pd.isna(steps):
         return None
@@ -295,12 +297,12 @@ def _known(rows: pd.DataFrame, values: "pd.Series[float]") -> list[float]:
 
 MEASURES: Mapping[str, Callable[[pd.DataFrame], Sequence[float]]] = {
     "log_excess_steps": lambda rows: _measure_episodes(
-        rows, lambda steps, best, limit, outcome: log_excess_steps(steps, _best(best), int(limit), outcome)
+        rows, lambda steps, best, limit, outcome: log_excess_steps(steps, _to_whole(best), int(limit), outcome)
     ),
     "log_steps_ratio": lambda rows: _measure_episodes(
-        rows, lambda steps, best, limit, outcome: log_steps_ratio(steps, _best(best), int(limit), outcome)
+        rows, lambda steps, best, limit, outcome: log_steps_ratio(steps, _to_whole(best), int(limit), outcome)
     ),
-    "spl": lambda rows: _measure_episodes(rows, lambda steps, best, _, outcome: spl(steps, _best(best), outcome)),
+    "spl": lambda rows: _measure_episodes(rows, lambda steps, best, _, outcome: spl(steps, _to_whole(best), outcome)),
     "steps_at_limit": lambda rows: _known(rows, rows["steps"].where(rows["outcome"] == "goal", rows["max_steps"])),
     "reward": lambda rows: rows["reward"].tolist(),
     "success": lambda rows: _known(rows, (rows["outcome"] == "goal").astype(float)),
@@ -397,6 +399,8 @@ def _group_p(a: Values, b: Values) -> float:
 
 _LIKELY = 0.8
 _CM = 1 / 2.54
+_MARKERS = "os^DvPX"
+_CELL_WIDTH = 22  # characters of a column of the table of power
 
 
 def describe_power(pool: ParticipantPool, effect: Effect, estimates: Sequence[PowerEstimate], *, player: str) -> str:
@@ -419,12 +423,18 @@ def describe_power(pool: ParticipantPool, effect: Effect, estimates: Sequence[Po
 def tabulate_power(estimates: Sequence[PowerEstimate]) -> Iterator[str]:
     """Yield the lines of a table with a row per measure and a column per number of participants."""
     sizes = sorted({estimate.participants for estimate in estimates})
-    width = max(len("participants per group"), *(len(estimate.measure) + 2 for estimate in estimates))
-    yield f"{'participants per group':<{width}}" + "".join(f"{size:>22}" for size in sizes)
+    heading = "participants per group"
+    width = max(len(heading), *(len(estimate.measure) + 2 for estimate in estimates))
+    yield _format_table_row(heading, width, [str(size) for size in sizes])
     for measure in dict.fromkeys(estimate.measure for estimate in estimates):
-        at = {estimate.participants: estimate for estimate in estimates if estimate.measure == measure}
-        cells = (f"{at[size].power:.2f} ({at[size].low:.2f} to {at[size].high:.2f})" for size in sizes if size in at)
-        yield f"{measure:<{width}}" + "".join(f"{cell:>22}" for cell in cells)
+        by_size = {estimate.participants: estimate for estimate in estimates if estimate.measure == measure}
+        rows = [by_size[size] for size in sizes if size in by_size]
+        cells = [f"{estimate.power:.2f} ({estimate.low:.2f} to {estimate.high:.2f})" for estimate in rows]
+        yield _format_table_row(measure, width, cells)
+
+
+def _format_table_row(label: str, width: int, cells: Sequence[str]) -> str:
+    return label.ljust(width) + "".join(cell.rjust(_CELL_WIDTH) for cell in cells)
 
 
 def write_power(estimates: Sequence[PowerEstimate], out: Path) -> tuple[Path, ...]:
@@ -440,23 +450,17 @@ def power_figure(estimates: Sequence[PowerEstimate]) -> Figure:
     with figure_style():
         figure = Figure(figsize=(COLUMN_CM * _CM, 7.2 * _CM), layout="constrained")
         axes = figure.subplots()
+        by_size = sorted(estimates, key=lambda estimate: estimate.participants)
         for place, measure in enumerate(dict.fromkeys(estimate.measure for estimate in estimates)):
-            rows = sorted(
-                (estimate for estimate in estimates if estimate.measure == measure),
-                key=lambda estimate: estimate.participants,
-            )
+            rows = [estimate for estimate in by_size if estimate.measure == measure]
             sizes = [estimate.participants for estimate in rows]
-            colour = SERIES[place % len(SERIES)]
-            axes.fill_between(
-                sizes,
-                [estimate.low for estimate in rows],
-                [estimate.high for estimate in rows],
-                color=colour,
-                alpha=0.2,
-            )
-            label = measure.replace("_", " ")
+            low = [estimate.low for estimate in rows]
+            high = [estimate.high for estimate in rows]
             powers = [estimate.power for estimate in rows]
-            axes.plot(sizes, powers, "os^DvPX"[place % 7] + "-", color=colour, markersize=3, label=label)
+            colour = SERIES[place % len(SERIES)]
+            marker = _MARKERS[place % len(_MARKERS)]
+            axes.fill_between(sizes, low, high, color=colour, alpha=0.2)
+            axes.plot(sizes, powers, f"{marker}-", color=colour, markersize=3, label=measure.replace("_", " "))
         axes.axhline(_LIKELY, color=MUTED, linewidth=0.6, linestyle=":")
         axes.set(xlabel="participants per group", ylabel="power", ylim=(0, 1.02))
         figure.legend(loc="outside upper center", ncols=3)

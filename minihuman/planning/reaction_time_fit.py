@@ -7,7 +7,7 @@ predicts held-out episodes.
 
 import csv
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -38,6 +38,7 @@ _PRIOR_SDS = (
 _PAUSE_MS = 3000.0  # mean of the pauses' exponential
 _CHANCES = ("practice", "pause")  # whose line is the log odds, not the logarithm
 _FATIGUE = 0.04  # slower by this share in 1,000 presses: too little to be told from practice, so it is taken as given
+_MAX_LAG = 0.9  # of the lag-1 correlation by which intervals are widened
 _STEP = 2e-2  # of a parameter on that line, for the curvature
 
 
@@ -98,18 +99,11 @@ def fit_reaction_times(times: ReactionTimes, *, floor_ms: float) -> ReactionTime
     options: Any = {"maxiter": 4000, "maxfev": 4000, "xatol": 1e-3, "fatol": 1e-2, "adaptive": True}
     optimum = scipy.optimize.minimize(cost, start, method="Nelder-Mead", options=options)
     point = optimum.x
-    steps = np.eye(len(PARAMETER_NAMES)) * _STEP
-    curvature = np.array(
-        [
-            [
-                (cost(point + a + b) - cost(point + a - b) - cost(point - a + b) + cost(point - a - b)) / (4 * _STEP**2)
-                for b in steps
-            ]
-            for a in steps
-        ]
-    )
-    ranks = scipy.stats.rankdata(times.ms / np.where(times.again, _read_parameters(point)["repeat_factor"], 1.0))
-    lag = min(max(float(np.corrcoef(ranks[:-1], ranks[1:])[0, 1]), 0.0), 0.9)
+    curvature = _measure_curvature(cost, point)
+    unrepeated_ms = times.ms / np.where(times.again, _read_parameters(point)["repeat_factor"], 1.0)
+    ranks = scipy.stats.rankdata(unrepeated_ms)
+    lag_1_correlation = float(np.corrcoef(ranks[:-1], ranks[1:])[0, 1])
+    lag = min(max(lag_1_correlation, 0.0), _MAX_LAG)
     variances = np.diag(np.linalg.pinv(curvature)) * (1 + lag) / (1 - lag)  # as of a mean of autocorrelated times
     errors = np.where(variances > 0, np.sqrt(np.maximum(variances, 0)), math.inf)
     z = float(scipy.special.ndtri(0.975))
@@ -123,6 +117,17 @@ def fit_reaction_times(times: ReactionTimes, *, floor_ms: float) -> ReactionTime
 
 def _read_parameters(point: NDArray[np.float64]) -> dict[str, float]:
     return {name: _from_unbounded(name, float(at)) for name, at in zip(PARAMETER_NAMES, point, strict=True)}
+
+
+def _measure_curvature(cost: Callable[[NDArray[np.float64]], float], point: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the matrix of second derivatives of a function at a point, by central differences of ``_STEP``."""
+    steps = np.eye(len(point)) * _STEP
+    curvature = np.empty((len(point), len(point)))
+    for row, a in enumerate(steps):
+        for column, b in enumerate(steps):
+            ahead = cost(point + a + b) - cost(point + a - b)
+            curvature[row, column] = (ahead - cost(point - a + b) + cost(point - a - b)) / (4 * _STEP**2)
+    return curvature
 
 
 def _to_unbounded(name: str, parameter: float) -> float:
@@ -231,11 +236,11 @@ def describe_fits(participants: list[FittedParticipant]) -> Iterator[str]:
         parameters = ", ".join(f"{name} {participant.fitted.values[name]:.3g}" for name in PARAMETER_NAMES)
         bits = f"{participant.gain:+.2f} bits per press"
         yield f"{participant.participant}  {parameters}  ({participant.fitted.n} presses; held out: {bits})"
-    middle = {
-        name: float(np.median([participant.fitted.values[name] for participant in participants]))
-        for name in PARAMETER_NAMES
-    }
-    yield "human-like:" + ",".join(f"{name}={value:.4g}" for name, value in middle.items())
+    settings = []
+    for name in PARAMETER_NAMES:
+        median = float(np.median([participant.fitted.values[name] for participant in participants]))
+        settings.append(f"{name}={median:.4g}")
+    yield "human-like:" + ",".join(settings)
     gain = np.mean([participant.gain for participant in participants])
     yield f"On held-out episodes the fit predicts {gain:+.2f} bits per press better than a conditional log-normal."
 

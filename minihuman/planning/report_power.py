@@ -72,7 +72,7 @@ class ReportPool:
 
 
 def simulate_report_pool(toml: bytes, *, people: int, player: str, seed: int) -> ReportPool:
-    """Simulate participants of every group through whole sessions. Nothing stays on disk.
+    """Simulate whole sessions of participants in every group, without leaving files on disk.
 
     Raises:
         ProtocolError: if the protocol is invalid.
@@ -201,7 +201,7 @@ def _drop_out(rows: pd.DataFrame, chance: float, rng: np.random.Generator) -> pd
 
 
 def _move_success(rows: pd.DataFrame, values: "pd.Series[float]", rng: np.random.Generator) -> "pd.Series[float]":
-    """Return shares of successes changed by the effect, within 0 to 1, by turning episodes' failures or successes."""
+    """Return success shares after the effect, from 0 to 1: some failures become successes, or the reverse."""
     move = rows["move"]
     other_share = values.where(move < 0, 1 - values)
     chance = (move.abs() / rows["middle"].where(move < 0, 1 - rows["middle"])).fillna(0).clip(0, 1)
@@ -320,22 +320,24 @@ def describe_report_power(
 ) -> str:
     """Return the power analysis as text, for the terminal and a preregistration."""
     first_condition = next(iter(pool.analysis.conditions), "")
+    first_group = next(iter(pool.groups))
     location = {
-        "groups": f"in group {next(iter(pool.groups))}, block {pool.target}",
+        "groups": f"in group {first_group}, block {pool.target}",
         "conditions": f"in block {first_condition}, within participants",
-        "interaction": f"in block {first_condition} of group {next(iter(pool.groups))} alone",
-        "change": f"in the later sessions of group {next(iter(pool.groups))}, block {pool.target}",
+        "interaction": f"in block {first_condition} of group {first_group} alone",
+        "change": f"in the later sessions of group {first_group}, block {pool.target}",
     }[design.on]
     if pool.analysis.primary_measure:
         sentence = ""
     else:
         sentence = " The protocol names no primary measure, so all are corrected together."
     studies = estimates[0].studies
+    n_simulated = pool.rows["person"].nunique()
     ratios = ", ".join(f"{group} {ratio}" for group, ratio in pool.groups.items())
     lines = [
         f"Power for a difference of {design.shift:g} standard deviations {location}: the share of {studies:,}",
         f"studies with p < {ALPHA:g} on the report's page, after its corrections.{sentence}",
-        f"Participants are drawn from {pool.rows['person'].nunique()} simulated ones, player {player};",
+        f"Participants are drawn from {n_simulated} simulated ones, player {player};",
         f"allocation ratio {ratios}; {design.drop_out:.0%} miss each session. In brackets: the Monte Carlo interval.",
         "",
     ]

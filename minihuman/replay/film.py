@@ -38,6 +38,39 @@ _LINES = 7  # steps listed
 _MOST_KEYS = 6  # drawn
 _SHEET = 6  # pictures of an episode on a contact sheet
 _THUMB_PX = (200, 150)
+# a film's panel beside the view; positions from the picture's upper edge
+_MARGIN_PX = 20
+_WORLD_TOP_PX = 14
+_PLAYER_TOP_PX = 40
+_KEYS_TOP_PX = 74
+_MAP_TOP_PX = 70
+_MAP_PX = 160
+_PROGRESS_TOP_PX = 250
+_STEPS_TOP_PX = 278
+_STEP_LINE_PX = 19
+_MOST_TITLE_CHARACTERS = 32
+_MOST_CAPTION_CHARACTERS = 48
+_KEYS_PER_ROW = 3
+_KEY_PX = 44
+_KEY_RADIUS_PX = 7
+_KEY_PITCH_PX = (62, 78)  # from one key to the next, across and down
+_CAPTION_OFFSET_PX = 55
+_MOST_KEY_CHARACTERS = 5
+_MOST_ACTION_CHARACTERS = 8
+_LEAST_SMALL = 3  # characters of a key's name that is set small
+_LEAST_THING_PX = 4
+_AGENT_PX = 5
+# a contact sheet
+_DESCRIPTION_PX = 190  # width of the descriptions on the left
+_HEADING_PX = 40
+_TEXT_MARGIN_PX = 10
+_LINE_HEIGHT_PX = 22
+_MOST_BLOCK_CHARACTERS = 20
+_COLUMN_GAP_PX = 6
+_ROW_GAP_PX = 8
+_MAP_MARGIN_PX = (20, 4)
+_LABEL_MARGIN_PX = (5, 4)
+_LABEL_HEIGHT_PX = 20
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,36 +185,39 @@ def compose_frames(log: SessionLog, episode: EpisodeLog, *, stride: int = 1) -> 
     last = len(views) - 1
     for step, view in enumerate(views):
         if step % stride == 0 or step == last:
-            image = _compose(log, episode, step, Image.fromarray(fit_picture(view, VIEW_PX)), times_ms)
+            image = _compose_frame(log, episode, step, Image.fromarray(fit_picture(view, VIEW_PX)), times_ms)
             n_repeats = 1
             if step == last and stride == 1:
                 n_repeats = STEPS_PER_S
             yield from [image] * n_repeats
 
 
-def _compose(
+def _compose_frame(
     log: SessionLog, episode: EpisodeLog, step: int, view: Image.Image, times_ms: NDArray[np.float64]
 ) -> Image.Image:
+    """Draw a film's frame at a step: the view, the keys, the map and the latest steps."""
     image = Image.new("RGB", SIZE_PX, PAPER)
     draw = ImageDraw.Draw(image)
     image.paste(view, (0, 0))
-    left = VIEW_PX[0] + 20
-    right = SIZE_PX[0] - 20
-    draw_label(draw, (left, 14), episode.plan.world.rpartition("/")[2].rpartition(":")[2][:32], INK, TITLE)
+    left = VIEW_PX[0] + _MARGIN_PX
+    right = SIZE_PX[0] - _MARGIN_PX
+    world_name = episode.plan.world.rpartition("/")[2].rpartition(":")[2]
+    draw_label(draw, (left, _WORLD_TOP_PX), world_name[:_MOST_TITLE_CHARACTERS], INK, TITLE)
     caption = f"{log.plan.participant.id}, episode {episode.number}, {episode.plan.block_name}"
-    draw_label(draw, (left, 40), caption[:48], FAINT, TEXT)
+    draw_label(draw, (left, _PLAYER_TOP_PX), caption[:_MOST_CAPTION_CHARACTERS], FAINT, TEXT)
     _draw_keys(draw, episode, step, left)
-    _draw_map(draw, episode, step, (right - 160, 70, right, 230))
+    _draw_map(draw, episode, step, (right - _MAP_PX, _MAP_TOP_PX, right, _MAP_TOP_PX + _MAP_PX))
     seconds = (episode.t_ns[step] - episode.t_ns[0]) / 1e9
-    text = f"step {step} of {len(episode.actions)}, {seconds:.1f} s"
+    progress = f"step {step} of {len(episode.actions)}, {seconds:.1f} s"
     if step == len(episode.actions):
-        text += f": {episode.outcome_word}"
-    draw_label(draw, (left, 250), text, INK, TEXT)
+        progress += f": {episode.outcome_word}"
+    draw_label(draw, (left, _PROGRESS_TOP_PX), progress, INK, TEXT)
     for line, index in enumerate(range(max(0, step - _LINES), step)):
         ink = FAINT
         if index == step - 1:
             ink = INK
-        draw_label(draw, (left, 278 + 19 * line), _describe_step(episode, index, times_ms[index]), ink, MONO)
+        y = _STEPS_TOP_PX + line * _STEP_LINE_PX
+        draw_label(draw, (left, y), _describe_step(episode, index, times_ms[index]), ink, MONO)
     return image
 
 
@@ -190,18 +226,20 @@ def _draw_keys(draw: ImageDraw.ImageDraw, episode: EpisodeLog, step: int, left: 
     pressed = episode.step_keys[step - 1] if step else ""
     key_actions = sorted(episode.plan.key_map.keys.items())
     for place, (key, action) in enumerate(key_actions[:_MOST_KEYS]):
-        row, column = divmod(place, 3)
-        x = left + column * 62
-        y = 74 + row * 78
+        row, column = divmod(place, _KEYS_PER_ROW)
+        x = left + column * _KEY_PITCH_PX[0]
+        y = _KEYS_TOP_PX + row * _KEY_PITCH_PX[1]
+        middle = x + _KEY_PX // 2
         fill = PANEL
         ink = INK
         if pressed == key:
             fill = BLUE
             ink = PAPER
-        draw.rounded_rectangle((x, y, x + 44, y + 44), 7, fill=fill, outline=FAINT)
-        lettering = MONO if len(key) >= 3 else KEY
-        draw_label(draw, (x + 22, y + 22), key[:5], ink, lettering, centred=True)
-        draw_label(draw, (x + 22, y + 55), _shorten_action(action, 8), INK, MONO, centred=True)
+        draw.rounded_rectangle((x, y, x + _KEY_PX, y + _KEY_PX), _KEY_RADIUS_PX, fill=fill, outline=FAINT)
+        lettering = KEY if len(key) < _LEAST_SMALL else MONO
+        draw_label(draw, (middle, y + _KEY_PX // 2), key[:_MOST_KEY_CHARACTERS], ink, lettering, centred=True)
+        caption = _shorten_action(action, _MOST_ACTION_CHARACTERS)
+        draw_label(draw, (middle, y + _CAPTION_OFFSET_PX), caption, INK, MONO, centred=True)
 
 
 def _describe_step(episode: EpisodeLog, index: int, reaction_ms: float) -> str:
@@ -237,7 +275,7 @@ def _draw_map(draw: ImageDraw.ImageDraw, episode: EpisodeLog, step: int, box: tu
         draw.line((*locate(x_begin, z_begin), *locate(x_end, z_end)), fill=INK, width=2)
     for thing in plan.things:
         x, z = locate(thing.x, thing.z)
-        radius = max(thing.radius * scale, 4)
+        radius = max(thing.radius * scale, _LEAST_THING_PX)
         draw.rectangle((x - radius, z - radius, x + radius, z + radius), fill=thing.colour, outline=INK)
     path = episode.poses[: step + 1, [0, 2]]
     is_known = ~np.isnan(path[:, 0])
@@ -246,33 +284,61 @@ def _draw_map(draw: ImageDraw.ImageDraw, episode: EpisodeLog, step: int, box: tu
         draw.line(points, fill=BLUE, width=3, joint="curve")
     if points:
         x, z = points[-1]
-        draw.ellipse((x - 5, z - 5, x + 5, z + 5), fill=BLUE, outline=PAPER)
+        draw.ellipse((x - _AGENT_PX, z - _AGENT_PX, x + _AGENT_PX, z + _AGENT_PX), fill=BLUE, outline=PAPER)
 
 
 def draw_contact_sheet(log: SessionLog, episodes: Sequence[EpisodeLog]) -> Image.Image:
     """Draw a row for each episode: its description, its map with the whole path, and pictures from beginning to end."""
-    width, height = _THUMB_PX
+    column_px = _THUMB_PX[0] + _COLUMN_GAP_PX
+    row_px = _THUMB_PX[1] + _ROW_GAP_PX
     rows = [episode for episode in episodes if len(episode.actions)]
-    left = 190
-    sheet = Image.new("RGB", (left + (_SHEET + 1) * (width + 6), 40 + len(rows) * (height + 8)), PAPER)
+    size_px = (_DESCRIPTION_PX + (_SHEET + 1) * column_px, _HEADING_PX + len(rows) * row_px)
+    sheet = Image.new("RGB", size_px, PAPER)
     draw = ImageDraw.Draw(sheet)
-    draw_label(draw, (10, 10), f"{log.plan.study}: {log.plan.participant.id}, session {log.plan.session}", INK, TITLE)
+    heading = f"{log.plan.study}: {log.plan.participant.id}, session {log.plan.session}"
+    draw_label(draw, (_TEXT_MARGIN_PX, _TEXT_MARGIN_PX), heading, INK, TITLE)
     for row, episode in enumerate(rows):
-        y = 40 + row * (height + 8)
+        y = _HEADING_PX + row * row_px
+        _draw_description(draw, episode, y)
+        _draw_sheet_map(draw, episode, y)
         views = render_frames(episode, _THUMB_PX)
-        words = (
-            f"episode {episode.number}", episode.plan.block_name[:20], f"{len(episode.actions)} steps",
-            f"{episode.outcome_word}, {episode.return_:.2f}",
-        )  # fmt: skip
-        inks = (INK, FAINT, FAINT, FAINT)
-        for line, (text, ink) in enumerate(zip(words, inks, strict=True)):
-            draw_label(draw, (10, y + 10 + 22 * line), text, ink, TEXT)
-        _draw_map(draw, episode, len(episode.actions), (left + 20, y + 4, left + width - 20, y + height - 4))
-        for place, step in enumerate(np.linspace(0, len(views) - 1, _SHEET).round().astype(int).tolist()):
-            picture = Image.fromarray(fit_picture(views[step], _THUMB_PX))
-            x = left + (place + 1) * (width + 6)
-            sheet.paste(picture, (x, y))
-            label = f"step {step}"
-            draw.rectangle((x, y, x + 10 + measure_width_px(label, MONO.faces, MONO.size_px), y + 20), fill=BACKGROUND)
-            draw_label(draw, (x + 5, y + 4), label, PAPER, MONO)
+        steps = np.linspace(0, len(views) - 1, _SHEET).round().astype(int).tolist()
+        for column, step in enumerate(steps, 1):
+            corner = (_DESCRIPTION_PX + column * column_px, y)
+            sheet.paste(Image.fromarray(fit_picture(views[step], _THUMB_PX)), corner)
+            _draw_step_label(draw, step, corner)
     return sheet
+
+
+def _draw_description(draw: ImageDraw.ImageDraw, episode: EpisodeLog, top: int) -> None:
+    """Describe an episode of a contact sheet in lines, of which the first one stands out."""
+    lines = [
+        f"episode {episode.number}",
+        episode.plan.block_name[:_MOST_BLOCK_CHARACTERS],
+        f"{len(episode.actions)} steps",
+        f"{episode.outcome_word}, {episode.return_:.2f}",
+    ]
+    ink = INK
+    for number, text in enumerate(lines):
+        y = top + _TEXT_MARGIN_PX + number * _LINE_HEIGHT_PX
+        draw_label(draw, (_TEXT_MARGIN_PX, y), text, ink, TEXT)
+        ink = FAINT
+
+
+def _draw_sheet_map(draw: ImageDraw.ImageDraw, episode: EpisodeLog, top: int) -> None:
+    """Draw an episode's map with the whole path in the contact sheet's column beside the descriptions."""
+    width, height = _THUMB_PX
+    left = _DESCRIPTION_PX + _MAP_MARGIN_PX[0]
+    right = _DESCRIPTION_PX + width - _MAP_MARGIN_PX[0]
+    box = (left, top + _MAP_MARGIN_PX[1], right, top + height - _MAP_MARGIN_PX[1])
+    _draw_map(draw, episode, len(episode.actions), box)
+
+
+def _draw_step_label(draw: ImageDraw.ImageDraw, step: int, corner: tuple[int, int]) -> None:
+    """Write a picture's step on a dark box in the picture's upper left corner."""
+    x, y = corner
+    margin_x, margin_y = _LABEL_MARGIN_PX
+    text = f"step {step}"
+    right = x + 2 * margin_x + measure_width_px(text, MONO.faces, MONO.size_px)
+    draw.rectangle((x, y, right, y + _LABEL_HEIGHT_PX), fill=BACKGROUND)
+    draw_label(draw, (x + margin_x, y + margin_y), text, PAPER, MONO)

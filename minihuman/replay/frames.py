@@ -75,7 +75,7 @@ def _draw_again(episode: EpisodeLog, world: World, size_px: tuple[int, int]) -> 
 
 
 def fit_picture(picture: NDArray[np.uint8], size_px: tuple[int, int]) -> NDArray[np.uint8]:
-    """Centre a picture on a dark background of that width and height, scaling it down if it is larger."""
+    """Return a picture centred on a dark background of the given size, scaled down if it is larger."""
     width, height = size_px
     image = Image.fromarray(picture)
     image.thumbnail(size_px)

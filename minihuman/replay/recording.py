@@ -40,7 +40,7 @@ def build_layout(logs: Sequence[SessionLog], *, with_view: bool) -> rrb.Blueprin
         content = _lay_out_session(logs[0], with_view=with_view)
         timeline = PLAY_TIME
     else:
-        content = rrb.Horizontal(*(_column(log, with_view=with_view) for log in logs))
+        content = rrb.Horizontal(*(_lay_out_column(log, with_view=with_view) for log in logs))
         timeline = ALIGNED
     return rrb.Blueprint(
         content,
@@ -83,7 +83,8 @@ def _lay_out_session(log: SessionLog, *, with_view: bool) -> rrb.Horizontal:
     )
 
 
-def _column(log: SessionLog, *, with_view: bool) -> rrb.Vertical:
+def _lay_out_column(log: SessionLog, *, with_view: bool) -> rrb.Vertical:
+    """Build the column of one session among several."""
     root = session_root(log)
     pictures: list[Any] = [_maps(log, f"{root} ({log.plan.participant.group}): ")]
     if with_view:
@@ -140,7 +141,8 @@ def save_recording(logs: Sequence[SessionLog], path: Path, *, with_view: bool = 
     """
     roots = [session_root(log) for log in logs]
     if not logs or len(set(roots)) < len(roots):
-        raise LogError(f"name one session or several different ones to replay, not {', '.join(roots) or 'none'}")
+        names = ", ".join(roots) or "none"
+        raise LogError(f"name one session or several different ones to replay, not {names}")
     aligned_ns = None
     if len(logs) > 1:
         aligned_ns = align_episode_starts(logs)
@@ -187,7 +189,7 @@ def _make_write_error(path: Path, *, is_full: bool) -> OSError:
 
 
 def _identity(logs: Sequence[SessionLog]) -> uuid.UUID:
-    """Return an id that is the same for the same sessions, so that opening a replay twice shows it once."""
+    """Return an id that depends on the sessions alone, so that the viewer shows a replay that is opened twice once."""
     names = [f"{log.plan.study}/{session_root(log)}/{log.started_at}" for log in logs]
     return uuid.uuid5(uuid.NAMESPACE_URL, "minihuman:" + "|".join(names))
 

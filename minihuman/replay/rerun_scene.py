@@ -4,6 +4,7 @@ Sending whole columns makes creating a session's recording tens of times faster 
 """
 
 import io
+import math
 import operator
 from collections import defaultdict
 from collections.abc import Sequence
@@ -107,7 +108,7 @@ def build_facts_page(log: SessionLog) -> str:
         "",
         "| episode | attempt | block | world | keys | outcome | steps | return |",
         "|--:|--:|---|---|---|---|--:|--:|",
-        *(_row(episode) for episode in log.episodes),
+        *(_format_episode_row(episode) for episode in log.episodes),
         "",
         "| fact | value |",
         "|---|---|",
@@ -126,7 +127,8 @@ def _segments(log: SessionLog) -> str:
     return f"{len(log.segments)} segments, beginning at session time {begins}"
 
 
-def _row(episode: EpisodeLog) -> str:
+def _format_episode_row(episode: EpisodeLog) -> str:
+    """Format an episode as a row of the facts page's table."""
     plan = episode.plan
     keys = ", ".join(f"{key}: {action}" for key, action in sorted(plan.key_map.keys.items()))
     return (
@@ -143,6 +145,7 @@ PARTNER = 0xCC79A7FF
 _POINT = pa.list_(pa.field("item", pa.float32(), nullable=False), 2)
 _STRIP = pa.list_(pa.field("item", _POINT, nullable=False))
 _TRAIL_MOVES = 12
+_FIRST_LINE_ORDER = 20  # draw order of the path; the trail lies on it
 _VIDEO_FPS = 10  # nominal: each row names its picture in the video
 _PATH_ROWS = 400  # a longer path is redrawn every few moves: the whole of it each time would grow with the square
 _HEADING = {"cell": 0.8, "m": 0.7}
@@ -300,10 +303,12 @@ def _send_lines(
     path: list[tuple[int, int]] = []
     trail: list[tuple[int, int]] = []
     for begin, end in pairwise(np.cumsum([0, *map(len, moves)]).tolist()):
-        stride = -(-(end - begin) // _PATH_ROWS)
+        stride = math.ceil((end - begin) / _PATH_ROWS)
+        trail_rows = max(_TRAIL_MOVES, stride)
         path += [(begin, row + 1) for row in range(begin, end, stride)]
-        trail += [(max(begin, row - max(_TRAIL_MOVES, stride)), row + 1) for row in range(begin, end)]
-    for order, (name, windows, colour) in enumerate((("path", path, PATH), ("trail", trail, TRAIL)), 20):
+        trail += [(max(begin, row - trail_rows), row + 1) for row in range(begin, end)]
+    lines = (("path", path, PATH), ("trail", trail, TRAIL))
+    for order, (name, windows, colour) in enumerate(lines, _FIRST_LINE_ORDER):
         columns = rr.LineStrips2D.columns(
             strips=_strips(places, windows),
             colors=np.full(len(windows), colour, np.uint32),
@@ -314,7 +319,7 @@ def _send_lines(
 
 
 def _moves(places: NDArray[np.float32]) -> NDArray[np.int64]:
-    """Return the rows of one episode whose position differs from the row before, and the first row."""
+    """Return the indices of an episode's first row and of each row whose position differs from the previous one."""
     return np.concatenate([[0], 1 + np.flatnonzero((np.diff(places, axis=0) != 0).any(axis=1))])
 
 
@@ -402,7 +407,8 @@ def _send_keys(recording: rr.RecordingStream, root: str, log: SessionLog, moment
             actions[key].setdefault(action)
     states = list(_KEY_STATES)
     for key, presses in sorted(lanes.items()):
-        lane = f"{root}/keys/{'-'.join((key, *actions.get(key, ())))}"
+        lane_name = "-".join((key, *actions.get(key, ())))
+        lane = f"{root}/keys/{lane_name}"
         style = rr.StateConfiguration(values=states, labels=states, colors=list(_KEY_STATES.values()))
         recording.log(lane, style, static=True)
         columns = rr.StateChange.columns(state=[_find_key_state(press) for press in presses])

@@ -10,7 +10,7 @@ from minihuman.dataset.recording_quality import PlanOutline
 
 @dataclass(frozen=True, slots=True)
 class Attrition:
-    """The participants who took part, including those whose data were erased, and the losses."""
+    """Counts of the participants who took part, including those whose data were erased, and of the losses."""
 
     groups: GroupCounts  # who took part
     sessions: Mapping[int, int]  # how many took part in each session

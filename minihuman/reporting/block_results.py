@@ -54,7 +54,7 @@ class BlockSurvival:
 def collect_survival_times(rows: pd.DataFrame, all_episodes: pd.DataFrame, order: Sequence[str]) -> BlockSurvival:
     """Collect survival times from a block's rows of the block table and its episodes.
 
-    The goal's from included episodes.
+    Times to the goal are collected from included episodes only.
 
     A participant who never discovered every key is censored at the end of the block's playing time. An episode that
     failed can no longer reach the goal, so it is censored at its step limit like one that timed out, not earlier.
@@ -92,7 +92,7 @@ def _collect_key_times(first: pd.DataFrame, playing_s: "pd.Series[float]") -> Su
 
 
 def compare_reward_parts(episodes: pd.DataFrame, order: Sequence[str]) -> tuple[TwoPartComparison, ...]:
-    """Compare every two groups in both parts of the reward; no comparison if the reward has no mass at 0."""
+    """Compare each pair of groups on both parts of the reward; return nothing if no episode has a reward of 0."""
     if episodes["success"].isna().all() or not has_mass_at_zero(episodes["reward"].to_numpy(np.float64)):
         return ()
     return tuple(compare_two_parts(episodes, "reward", pair) for pair in combinations(order, 2))
@@ -168,7 +168,7 @@ class BlockResults:
 
 
 def _name_team_units(rows: pd.DataFrame, teams: Collection[str]) -> dict[str, str]:
-    """Name what is counted in each group that has teams; a group of participants alone is left out."""
+    """Return the plural noun for the units of each group that has teams; groups without teams are left out."""
     names: dict[str, str] = {}
     for group, codes in rows.groupby("group")["participant"]:
         is_team = codes.isin(teams)
@@ -260,7 +260,7 @@ def _list_set_aside(rows: pd.DataFrame, episodes: pd.DataFrame, analysis: Analys
 def _select_measures(
     rows: pd.DataFrame, columns: Sequence[str], analysis: AnalysisSpec, set_aside: Collection[str]
 ) -> list[str]:
-    """Return the columns on which groups are compared: those named, and the default ones, that have values."""
+    """Return the measures on which groups are compared: the named and the default ones, if they have values."""
     named = _list_named(analysis)
     default = [name for name in MEASURES if name not in ONLY_IF_NAMED and name not in set_aside]
     return [name for name in columns if (name in named or name in default) and rows[name].notna().any()]
@@ -279,7 +279,7 @@ def _compare_growth(episodes: pd.DataFrame, order: Sequence[str]) -> GrowthCompa
 
 
 def estimate_reliabilities(episodes: pd.DataFrame, measures: Sequence[str]) -> Iterator[Reliability]:
-    """Yield the reliability of each measure that episodes have values of; times are analysed on a log scale."""
+    """Yield the reliability of each measure for which episodes have values; times are analysed on a log scale."""
     episodes = episodes.sort_values("session", kind="stable")  # rows of a session are in the order of play
     for name in measures:
         column = name.removesuffix("_mean")
@@ -298,7 +298,7 @@ def estimate_reliabilities(episodes: pd.DataFrame, measures: Sequence[str]) -> I
 def compare_adjusted(
     participant_means: pd.DataFrame, analysis: AnalysisSpec, order: Sequence[str], logs: Collection[str] = ()
 ) -> tuple[GroupComparison, ...]:
-    """Compare every two groups on the primary measure at equal covariates (analysis of covariance).
+    """Compare each pair of groups on the primary measure at equal covariates (analysis of covariance).
 
     Participants without a covariate are omitted. There is no comparison if the protocol names no covariates; a pair
     with too few participants for the slopes has a reason instead.
@@ -332,7 +332,7 @@ def compare_measures(
     *,
     intervals: bool = True,
 ) -> tuple[GroupComparison, ...]:
-    """Compare every two groups on every measure, with a correction within each role.
+    """Compare each pair of groups on every measure; p values are corrected within each role.
 
     Args:
         participant_means: a table with a row per participant.
@@ -405,7 +405,7 @@ def _compare_changes(
 def _check_equivalences(
     participant_means: pd.DataFrame, analysis: AnalysisSpec, order: Sequence[str]
 ) -> tuple[EquivalenceResult, ...]:
-    """Test every two groups for equivalence on the primary measure; no test if the protocol gives no margin."""
+    """Test each pair of groups for equivalence on the primary measure, if the protocol gives a margin."""
     if analysis.equivalence_margin is None:
         return ()
     bounds = (-analysis.equivalence_margin, analysis.equivalence_margin)

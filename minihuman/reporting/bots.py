@@ -8,7 +8,7 @@ without focus and times shared with another session are reported as separate fac
 """
 
 import json
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
@@ -45,6 +45,8 @@ N_OTHERS = 5
 BOUND = 3.0  # a ratio beyond 1000 is not claimed from some hundred simulated people
 FLAG = -2.0  # log10 of the ratio at which a session is flagged
 NOT_CALIBRATED = "not calibrated on people: fitted to simulated people and programs"
+_N_REASONS = 3  # measures that a session's verdict names
+_NS_PER_MS = 1e6
 # so many times in a row, each as near as this, in another session
 _SAME_RUN = 5
 _SAME_MS = 2.0
@@ -83,46 +85,53 @@ def read_key_times(log: SessionLog) -> PressTimes:
 
 
 def _read_episode(episode: EpisodeLog) -> tuple[Array, ...] | None:
+    """Return an episode's intervals, repetitions, first time, hold times and overlaps; None if no key was pressed.
+
+    A press is marked as an overlap if the next key went down before its own came up.
+    """
     keys = episode.keys
-    begins = [begin for begin, _ in episode.pauses]
     t_ns = np.asarray(keys.column("t_ns")) - np.asarray(keys.column("waited_ns"))
-    down = np.asarray(keys.column("down"), bool)
+    is_down = np.asarray(keys.column("down"), bool)
     codes = keys.column("key").codes
     verdict = keys.column("verdict")
-    pressed = down & ~verdict.equals_any((*UNPRESSED_VERDICTS, "typing", "not_playing"))
-    released = ~down & ~verdict.equals_any(("release_at_focus_loss",))  # no finger left the key then
-    at_ns = t_ns[pressed]
-    which = codes[pressed]
-    if not len(at_ns):
+    is_press = is_down & ~verdict.equals_any((*UNPRESSED_VERDICTS, "typing", "not_playing"))
+    is_release = ~is_down & ~verdict.equals_any(("release_at_focus_loss",))  # no finger left the key then
+    down_ns = t_ns[is_press]
+    pressed_codes = codes[is_press]
+    if not len(down_ns):
         return None
-    up_ns = np.full(len(at_ns), np.nan)
-    for code in np.unique(which):
-        ups = np.append(np.sort(t_ns[released & (codes == code)]).astype(float), np.nan)
-        up_ns[which == code] = ups[np.searchsorted(ups[:-1], at_ns[which == code])]
-    intervals = np.append(np.diff(at_ns) / 1e6, np.nan)
-    intervals[np.append(np.diff(np.searchsorted(begins, at_ns)) > 0, False)] = np.nan
-    return (
-        intervals,
-        np.append(which[1:] == which[:-1], False).astype(float),
-        np.array([(at_ns[0] - episode.t_ns[0]) / 1e6]),
-        ((up_ns - at_ns) / 1e6)[~np.isnan(up_ns)],
-        (at_ns[1:] < up_ns[:-1]).astype(float),
-    )
+    up_ns = np.full(len(down_ns), np.nan)
+    for code in np.unique(pressed_codes):
+        of_key = pressed_codes == code
+        up_ns[of_key] = _find_next(np.sort(t_ns[is_release & (codes == code)]), down_ns[of_key])
+    n_pauses_before = np.searchsorted([begin for begin, _ in episode.pauses], down_ns)
+    is_before_pause = np.append(np.diff(n_pauses_before) > 0, False)
+    intervals_ms = np.append(np.diff(down_ns) / _NS_PER_MS, np.nan)
+    intervals_ms[is_before_pause] = np.nan
+    is_repeated = np.append(pressed_codes[1:] == pressed_codes[:-1], False)
+    first_ms = (down_ns[0] - episode.t_ns[0]) / _NS_PER_MS
+    holds_ms = ((up_ns - down_ns) / _NS_PER_MS)[~np.isnan(up_ns)]
+    overlaps = down_ns[1:] < up_ns[:-1]
+    return intervals_ms, is_repeated.astype(float), np.array([first_ms]), holds_ms, overlaps.astype(float)
+
+
+def _find_next(times_ns: Array, after_ns: Array) -> Array:
+    """Return, for each of some times, the first of other sorted times that is not before it; NaN if there is none."""
+    with_none = np.append(times_ns.astype(float), np.nan)
+    return with_none[np.searchsorted(with_none[:-1], after_ns)]
 
 
 def measure_key_times(times: PressTimes) -> dict[str, float]:
-    """Return the measures of `MEASURES`, NaN where data are insufficient.
-
-    An empty dict if there are too few intervals.
-    """
+    """Return each measure of `MEASURES`, NaN if its data are insufficient; an empty dict if intervals are too few."""
     known = ~np.isnan(times.intervals_ms)
     intervals = np.maximum(times.intervals_ms, _MIN_MS)
     if known.sum() < N_INTERVALS:
         return {}
     logs = np.log10(intervals)
-    kinds = [logs[known & times.same], logs[known & ~times.same]]
-    if min(map(len, kinds)) >= N_OTHERS:  # a run of the same key is no correlation
-        logs = logs - np.where(times.same, np.median(kinds[0]), np.median(kinds[1]))
+    same_key_logs = logs[known & times.same]
+    other_key_logs = logs[known & ~times.same]
+    if min(len(same_key_logs), len(other_key_logs)) >= N_OTHERS:  # a run of the same key is no correlation
+        logs = logs - np.where(times.same, np.median(same_key_logs), np.median(other_key_logs))
     pairs = known[1:] & known[:-1]
     low, middle, high = np.quantile(intervals[known], (0.25, 0.5, 0.75))
     if len(times.holds_ms) >= N_OTHERS:
@@ -134,8 +143,8 @@ def measure_key_times(times: PressTimes) -> dict[str, float]:
         "spread": np.log10((high - low) / middle + _MIN_RATIO),
         "skewness": np.log10((high - middle + 1.0) / (middle - low + 1.0)),
         "autocorrelation": _correlate(logs[1:][pairs], logs[:-1][pairs]),
-        "repetition": _compare(intervals[known & times.same], intervals[known & ~times.same]),
-        "first": _compare(times.firsts_ms, intervals[known]),
+        "repetition": _compare_medians(intervals[known & times.same], intervals[known & ~times.same]),
+        "first": _compare_medians(times.firsts_ms, intervals[known]),
         "practice": _correlate(scipy.stats.rankdata(intervals[known]), np.arange(known.sum())),
         "hold": np.log10(np.median(holds_ms)),
         "hold_spread": np.log10(np.ptp(np.quantile(holds_ms, (0.25, 0.75))) / np.median(holds_ms) + _MIN_RATIO),
@@ -145,12 +154,14 @@ def measure_key_times(times: PressTimes) -> dict[str, float]:
 
 
 def _correlate(first: Array, second: Array) -> float:
+    """Return Pearson's correlation; NaN if there are too few values or one side does not vary."""
     if len(first) < N_OTHERS or min(np.std(first), np.std(second)) < 1e-9:
         return float("nan")
     return float(np.corrcoef(first, second)[0, 1])
 
 
-def _compare(first: Array, second: Array) -> float:
+def _compare_medians(first: Array, second: Array) -> float:
+    """Return log10 of the ratio of two medians; NaN if there are too few values."""
     if min(len(first), len(second)) < N_OTHERS:
         return float("nan")
     first_median = max(float(np.median(first)), _MIN_MS)
@@ -159,7 +170,7 @@ def _compare(first: Array, second: Array) -> float:
 
 
 def place_in_bin(name: str, value: float) -> int:
-    """Return the index of the histogram bin of a measure that holds a value."""
+    """Return the index of a measure's histogram bin that contains a value."""
     _, low, high = MEASURES[name]
     return int(np.clip((value - low) / (high - low) * BINS, 0, BINS - 1))
 
@@ -178,17 +189,24 @@ def weigh_measures(
         bound: the largest log10 of a ratio that is reported in either direction.
     """
     places = {name: place_in_bin(name, value) for name, value in measured.items() if np.isfinite(value)}
-    likelihoods = []
-    best = []
-    for kinds in (model["people"], model["programs"]):
-        fits = [
-            np.log10(kind["weight"]) + sum(kind["log10"][name][at] for name, at in places.items()) for kind in kinds
-        ]
-        likelihoods.append(np.logaddexp.reduce(np.array(fits) * np.log(10)) / np.log(10))
-        best.append(kinds[int(np.argmax(fits))]["log10"])
+    people_likelihood, best_person = _fit_kinds(model["people"], places)
+    program_likelihood, best_program = _fit_kinds(model["programs"], places)
     slope: float = model["slope"]
-    shares = {name: slope * (best[0][name][at] - best[1][name][at]) for name, at in places.items()}
-    return float(np.clip(slope * (likelihoods[0] - likelihoods[1]) + model["intercept"], -bound, bound)), shares
+    ratio = slope * (people_likelihood - program_likelihood) + model["intercept"]
+    shares = {name: slope * (best_person[name][at] - best_program[name][at]) for name, at in places.items()}
+    return float(np.clip(ratio, -bound, bound)), shares
+
+
+def _fit_kinds(kinds: Sequence[Mapping[str, Any]], places: Mapping[str, int]) -> tuple[float, Mapping[str, Any]]:
+    """Return log10 of the likelihood under all kinds together, and the bins' probabilities of the kind that fits best.
+
+    Args:
+        kinds: the kinds of people or of programs in the model.
+        places: the index of the histogram bin of each measure.
+    """
+    fits = [np.log10(kind["weight"]) + sum(kind["log10"][name][at] for name, at in places.items()) for kind in kinds]
+    likelihood = np.logaddexp.reduce(np.array(fits) * np.log(10)) / np.log(10)
+    return likelihood, kinds[int(np.argmax(fits))]["log10"]
 
 
 @cache
@@ -214,7 +232,7 @@ class Evidence:
     decision: str  # a reviewer's annotations of the whole session
 
     def line(self) -> str:
-        """State the verdict in one line; ``facts`` and ``reasons`` explain it."""
+        """State the verdict in one line; ``facts`` and ``reasons`` explain the verdict."""
         verdict = "FLAGGED" if self.flagged else "-"
         line = f"{self.participant} session {self.session}: {verdict}  {self._format_ratio()}"
         if self.decision:
@@ -250,8 +268,8 @@ def weigh_sessions(sessions: Iterable[SelectedSession], *, typing: bool = False)
             plan = read[copies[number]][0].plan
             name = f"{plan.participant.id} session {plan.session}"
             facts.append(f"{_SAME_RUN} times in a row within {_SAME_MS:g} ms of those of {name}")
-        flagged = bool(facts) or (total is not None and total <= FLAG)
-        strongest = sorted(shares, key=lambda name: -shares[name] * np.sign(total or 1))[:3]
+        is_ratio_low = total is not None and total <= FLAG
+        strongest = sorted(shares, key=lambda name: -shares[name] * np.sign(total or 1))[:_N_REASONS]
         yield Evidence(
             participant=log.plan.participant.id,
             session=log.plan.session,
@@ -260,7 +278,7 @@ def weigh_sessions(sessions: Iterable[SelectedSession], *, typing: bool = False)
             log10_ratio=total,
             reasons=tuple(f"{MEASURES[name][0]}: {measured[name]:.2f} ({shares[name]:+.1f})" for name in strongest),
             facts=tuple(facts),
-            flagged=flagged,
+            flagged=bool(facts) or is_ratio_low,
             decision=", ".join(sorted(collect_tags(marks).get(None, ()))),
         )
 
@@ -283,7 +301,7 @@ def _find_facts(log: SessionLog, *, typing: bool) -> Iterator[str]:
 
 
 def _list_lengths_at_once(log: SessionLog) -> Iterator[int]:
-    """Yield how many characters came at once, for each text typed and each change of a field beyond its key presses."""
+    """Yield the number of characters of each text input, and of each field change beyond the keys pressed for it."""
     lengths: dict[tuple[int, str], int] = {}
     for event in log.part_events:
         if isinstance(event, TextTyped):
@@ -296,18 +314,21 @@ def _list_lengths_at_once(log: SessionLog) -> Iterator[int]:
 
 def _count_keys_without_focus(log: SessionLog) -> int:
     """Count the keys that were pressed while the page had no focus."""
-    focus = [note for note in log.notes if isinstance(note, Noted) and note.kind == "focus"]
-    changes = [(note.t_ns, note.text == "lost") for note in focus]
-    if not changes:
+    focus_notes = [note for note in log.notes if isinstance(note, Noted) and note.kind == "focus"]
+    if not focus_notes:
         return 0
-    presses = log.keys
-    t_ns = np.asarray(presses.column("t_ns"))[np.asarray(presses.column("down"), bool)]
-    places = np.searchsorted([change_ns for change_ns, _ in changes], t_ns)
-    return int(np.append(False, [lost for _, lost in changes])[places].sum())
+    is_press = np.asarray(log.keys.column("down"), bool)
+    pressed_ns = np.asarray(log.keys.column("t_ns"))[is_press]
+    n_earlier_notes = np.searchsorted([note.t_ns for note in focus_notes], pressed_ns)
+    is_focus_lost = np.array([False, *(note.text == "lost" for note in focus_notes)])  # focused before the first note
+    return int(is_focus_lost[n_earlier_notes].sum())
 
 
 def find_same_times(times: list[PressTimes]) -> dict[int, int]:
-    """Return the sessions that share a run of key times with another session, as replayed logs do, and that session."""
+    """Map the index of each session that shares a run of key times with another session to the index of that other.
+
+    Replayed logs share such runs. If a session shares runs with several others, one of these is returned.
+    """
     rows = [np.empty((0, _SAME_RUN))]
     owners = [np.empty(0, int)]
     for number, press_times in enumerate(times):

@@ -195,7 +195,7 @@ def _find_trial_levels(report_input: _ReportInput) -> pd.DataFrame | None:
 
 
 def _answer_without_rules(tables: Tables, report_input: _ReportInput) -> list[str]:
-    """State the answers as they are if no rule on answers excludes anybody; none where none does."""
+    """State the study's answers without exclusion rules on answers; return [] if no such rule excludes anyone."""
     reasons = {rule.reason for protocol in report_input.protocols for rule in protocol.exclusions if rule.question}
     if not reasons.intersection(report_input.participants["exclusion_reason"].dropna()):
         return []
@@ -268,7 +268,7 @@ def _read_input(tables: Tables, study: str, names: Sequence[str], figures: Path)
 
 
 def _read_plays(tables: Tables) -> list[PlayerRows]:
-    """Read what people and models played; an empty list if the study has no models."""
+    """Read the rows of people and models; return an empty list if the study has no models."""
     folder = find_models_folder(tables.source)
     if not folder.is_dir():
         return []
@@ -366,7 +366,7 @@ def _tabulate_task_load(report_input: _ReportInput, results: Results) -> Table |
 
 
 def _count_by_block(episodes: pd.DataFrame) -> dict[str, int]:
-    """Count episodes by block, in the order of the first of each."""
+    """Count episodes by block; blocks are in the order of their first episodes."""
     return {str(name): len(rows) for name, rows in episodes.groupby("block", sort=False)}
 
 
@@ -384,7 +384,7 @@ def _fit_mixed(episodes: pd.DataFrame, block: BlockResults) -> MixedModel | None
 
 
 def _score_models(plays: Sequence[PlayerRows], out: Path) -> tuple[list[ReportFigure], list[Path]]:
-    """Draw the scores of the study's models and people and write their table; nothing if there are no models."""
+    """Draw the scores of the study's models and people and write their table, unless the study has no models."""
     if not plays:
         return [], []
     card = compose_scorecard(plays)
@@ -432,23 +432,25 @@ def find_practice(protocols: Sequence[Protocol], groups: Iterable[str]) -> froze
     Raises:
         ReportError: if one version of the protocol analyses a block, and another does not.
     """
-    practice_by_version = [
-        frozenset(
-            (group, block.name)
-            for group in groups
-            for block in (apply_overrides(block_spec, group) for block_spec in protocol.blocks)
-            if not block.analysed
-        )
-        for protocol in protocols
-    ]
-    if len(set(practice_by_version)) > 1:
-        blocks = sorted({block for pairs in practice_by_version for _, block in pairs})
+    group_names = list(groups)
+    practice_versions = {_list_practice(protocol, group_names) for protocol in protocols}
+    if len(practice_versions) > 1:
+        blocks = ", ".join(sorted({block for practice in practice_versions for _, block in practice}))
         raise ReportError(
-            f"the protocol's versions analyse different blocks ({', '.join(blocks)}); choose one version with --version"
+            f"the protocol's versions analyse different blocks ({blocks}); choose one version with --version"
         )
-    if not practice_by_version:
-        return frozenset()
-    return practice_by_version[0]
+    return next(iter(practice_versions), frozenset())
+
+
+def _list_practice(protocol: Protocol, groups: Sequence[str]) -> frozenset[tuple[str, str]]:
+    """Return the group and the block of every practice block in one version of the protocol."""
+    practice = set()
+    for group in groups:
+        for block_spec in protocol.blocks:
+            block = apply_overrides(block_spec, group)
+            if not block.analysed:
+                practice.add((group, block.name))
+    return frozenset(practice)
 
 
 def _is_practice(rows: pd.DataFrame, practice: Collection[tuple[str, str]]) -> "pd.Series[bool]":

@@ -11,7 +11,7 @@ PRACTICE_ALONE = "only practice was played"
 
 
 def exclude_practice_alone(participants: pd.DataFrame) -> pd.DataFrame:
-    """Exclude the participants for whom only practice is included; participants who had nothing to play are kept."""
+    """Exclude participants of whom only practice is included, but keep participants who had nothing to play."""
     is_included = participants["exclusion_reason"].isna()
     played = (participants["episodes"] > 0) | participants["completed_share"].isna()
     players = participants.loc[is_included & played, "participant"]
@@ -20,7 +20,7 @@ def exclude_practice_alone(participants: pd.DataFrame) -> pd.DataFrame:
 
 
 def list_exclusion_reasons(participants: pd.DataFrame) -> dict[str, str]:
-    """List each participant's exclusion reason, of their first session; "" where any session is included."""
+    """Return the exclusion reason of each participant's first session; "" if any of the sessions is included."""
     reasons: dict[str, str] = {}
     for row in to_records(participants):
         code = str(row["participant"])

@@ -153,7 +153,7 @@ def _compare_contrasts(
     roles: Mapping[str, Role],
     logs: frozenset[str],
 ) -> tuple[ContrastComparison, ...]:
-    """Compare every two groups on every contrast of every measure; p is corrected within each role (Holm)."""
+    """Compare each pair of groups on every contrast of every measure; p is corrected within each role (Holm)."""
     compared: list[ContrastComparison] = []
     for role in get_args(Role):
         parts = [
@@ -184,15 +184,14 @@ def _compare_scores(
 def _test_omnibus(
     tables: Mapping[str, pd.DataFrame], groups: tuple[str, ...], roles: Mapping[str, Role], design: ExperimentDesign
 ) -> tuple[OmnibusInteraction, ...]:
-    """Test all groups and conditions together; no test with a single degree of freedom or if contrasts are planned."""
-    if design.contrasts or (len(groups) == 2 and len(design.conditions) == 2):
+    """Test all groups and conditions together, unless there is only one degree of freedom or contrasts are planned."""
+    has_one_degree_of_freedom = len(groups) == 2 and len(design.conditions) == 2
+    if design.contrasts or has_one_degree_of_freedom:
         return ()
-    tests = {
-        measure: compare_contrast_scores(
-            [np.diff(_select_group(table, group).to_numpy(float), axis=1) for group in groups]
-        )
-        for measure, table in tables.items()
-    }
+    tests = {}
+    for measure, table in tables.items():
+        scores = [np.diff(_select_group(table, group).to_numpy(float), axis=1) for group in groups]
+        tests[measure] = compare_contrast_scores(scores)
     corrected: dict[str, float] = {}
     for role in get_args(Role):
         names = [measure for measure in tests if roles[measure] == role]
@@ -226,6 +225,7 @@ def _state_omnibus(opening: str, test: InteractionTest, interaction: Interaction
 
 
 def _state_contrast(opening: str, compared: ContrastComparison, *, is_alone: bool) -> str:
+    """State in one sentence how much two groups differ on a contrast, or why they are not compared."""
     groups = compared.groups
     subject = f"{opening}: {compared.contrast}, {format_pair(groups.first, groups.second)}"
     if groups.reason and math.isnan(groups.p):
@@ -248,7 +248,7 @@ def _state_contrast(opening: str, compared: ContrastComparison, *, is_alone: boo
 
 
 def interaction_table(interaction: InteractionResults) -> Table:
-    """Tabulate the interaction for every measure: the omnibus test, then each contrast between every two groups."""
+    """Tabulate the interaction for every measure: the omnibus test, then each contrast between each pair of groups."""
     rows: list[tuple[str, ...]] = []
     for measure in interaction.roles:
         start = (label_measure(measure), interaction.roles[measure])

@@ -93,19 +93,21 @@ def find_known_keys(plans: Sequence[PlanOutline], protocols: Sequence[Protocol] 
 
     A group is named if this was true of all its participants the first time they played the block.
     """
-    known_keys: dict[str, dict[str, bool]] = {}
-    for block, cells in _find_known_cells(plans, BlockSpecs(protocols)).items():
-        of_group = known_keys.setdefault(block, {})
-        first = {
-            group: min(session for cell_group, session, _ in cells if cell_group == group) for group, _, _ in cells
-        }
-        for (group, session, _), known in cells.items():
-            if session == first[group]:
-                of_group[group] = of_group.get(group, True) and known
-    groups_by_block = {
-        block: sorted(group for group, known in groups.items() if known) for block, groups in known_keys.items()
-    }
+    cells_by_block = _find_known_cells(plans, BlockSpecs(protocols))
+    groups_by_block = {block: _list_groups_with_known_keys(cells) for block, cells in cells_by_block.items()}
     return {block: groups for block, groups in groups_by_block.items() if groups}
+
+
+def _list_groups_with_known_keys(cells: Mapping[tuple[str, int, str], bool]) -> list[str]:
+    """Return, sorted, the groups in which all participants knew the keys in their first session with the block."""
+    first_sessions: dict[str, int] = {}
+    for group, session, _ in cells:
+        first_sessions[group] = min(session, first_sessions.get(group, session))
+    known_in_first = dict.fromkeys(first_sessions, True)
+    for (group, session, _), known in cells.items():
+        if session == first_sessions[group]:
+            known_in_first[group] = known_in_first[group] and known
+    return sorted(group for group, known in known_in_first.items() if known)
 
 
 def _find_known_cells(plans: Sequence[PlanOutline], specs: BlockSpecs) -> dict[str, dict[Cell, bool]]:
@@ -180,14 +182,14 @@ def _describe_sessions(sessions: Mapping[int, int]) -> str:
 
 
 def _name_allocated(*, by_design: bool, has_keys: bool) -> str:
-    """Name what came from the allocation list; an adaptive design assigns the groups itself."""
+    """Return the words for what the allocation list assigned; an adaptive design assigns the groups itself."""
     if by_design:
         return "Keys" if has_keys else "Orders"
     return "Groups and keys" if has_keys else "Groups"
 
 
 def _describe_answer_exclusions(protocols: Sequence[Protocol], n_excluded: Mapping[str, int]) -> list[str]:
-    """Write a paragraph on the rules that exclude by answers, with the count of each; none without such rules."""
+    """Return a paragraph on the rules that exclude by answers and their counts; [] if there are no such rules."""
     rules = {
         rule.reason: describe_answer_exclusion(rule)
         for protocol in protocols
@@ -203,7 +205,7 @@ def _describe_answer_exclusions(protocols: Sequence[Protocol], n_excluded: Mappi
 
 
 def _describe_designs(protocols: Sequence[Protocol]) -> list[str]:
-    """Write a paragraph on the protocols' adaptive designs; none if nothing was adaptive."""
+    """Return a paragraph on the protocols' adaptive designs; [] if nothing was adaptive."""
     sentences: dict[str, None] = {}
     for protocol in protocols:
         for opening, spec in (
@@ -225,7 +227,7 @@ def _describe_designs(protocols: Sequence[Protocol]) -> list[str]:
 
 
 def _describe_later_keys(plans: Sequence[PlanOutline], specs: BlockSpecs) -> str:
-    """State where keys drawn anew in later sessions came from, as the allocation list has only the first session's."""
+    """State where the keys of later sessions came from, because the allocation list has only the first session's."""
     for plan in plans:
         if plan.session <= 1:
             continue
@@ -237,7 +239,7 @@ def _describe_later_keys(plans: Sequence[PlanOutline], specs: BlockSpecs) -> str
 
 
 def _are_keys_drawn(plans: Sequence[PlanOutline], specs: BlockSpecs) -> bool:
-    """Tell whether keys were drawn at random; without a protocol, whether participants had different keys."""
+    """Return whether keys were drawn at random; without a protocol, whether participants had different keys."""
     keys: dict[tuple[str, str], list[dict[str, str]]] = {}
     for plan in plans:
         for number, block_plan in enumerate(plan.blocks):
@@ -256,10 +258,11 @@ def _describe_strata(plans: Sequence[PlanOutline], *, by_design: bool = False) -
         return ""
     counts = Counter(allocations.values())
     groups = sorted({group for _, group in counts})
-    strata = "; ".join(
-        f"{stratum}: {', '.join(f'{group} {counts[stratum, group]}' for group in groups)}"
-        for stratum in sorted({stratum for stratum, _ in counts})
-    )
+    stratum_texts = []
+    for stratum in sorted({stratum for stratum, _ in counts}):
+        group_counts = ", ".join(f"{group} {counts[stratum, group]}" for group in groups)
+        stratum_texts.append(f"{stratum}: {group_counts}")
+    strata = "; ".join(stratum_texts)
     question = next(plan.stratified_by for plan in plans if plan.stratified_by)
     if by_design:
         lists = "the design knew the stratum"
@@ -269,7 +272,7 @@ def _describe_strata(plans: Sequence[PlanOutline], *, by_design: bool = False) -
 
 
 def _describe_simulated(plans: Sequence[PlanOutline], simulated: int, attrition: Attrition) -> str:
-    """State how many sessions were simulated; "" if none was. Whether erased sessions were is unknown."""
+    """State how many sessions were simulated; "" if none was. It is unknown whether erased sessions were simulated."""
     if not simulated:
         return ""
     if simulated == len(plans):
@@ -319,7 +322,7 @@ def _label_descriptions(described: Sequence[tuple[PlanOutline, str]]) -> dict[st
 
 
 def _describe_known_keys(known: Mapping[Cell, bool]) -> str:
-    """State who had no keys to discover; "" if all had."""
+    """State who already knew the keys; "" if no one did."""
     exceptions: list[str] = []
     for group in sorted({group for group, _, _ in known}):
         cells = {(session, before): is_known for (name, session, before), is_known in known.items() if name == group}
@@ -357,19 +360,21 @@ def _describe_episode(block_plan: EpisodePlan, spec: BlockSpec | None) -> str:
     keys = _describe_keys(block_plan)
     if is_of_trials(block_plan, spec):
         return f"{practice}{describe_trials(block_plan, spec)}; {keys}"
-    options = "".join(
-        f", {option} = {value!r}" for option, value in sorted(list_shared_options(block_plan, spec).items())
-    )
+    shared_options = sorted(list_shared_options(block_plan, spec).items())
+    options = "".join(f", {option} = {value!r}" for option, value in shared_options)
     table = describe_stimuli(spec)
     if table:
         options += f", further options from {table}"
     limit = f"at most {block_plan.max_steps} steps"
     if spec is not None and spec.max_episode_s:
         limit += f" or {spec.max_episode_s:g} s"
+    count = _describe_count(block_plan, spec)
+    pace = _describe_pace(block_plan)
+    motion = _describe_motion(spec)
+    outcome = _describe_outcome(block_plan, spec)
     return (
-        f"{practice}{_describe_count(block_plan, spec)} in {block_plan.world}"
-        f"{options}, {block_plan.view} view, {limit} each; {_describe_pace(block_plan)}; "
-        f"{keys}{_describe_motion(spec)}{_describe_outcome(block_plan, spec)}"
+        f"{practice}{count} in {block_plan.world}{options}, {block_plan.view} view, {limit} each; {pace}; "
+        f"{keys}{motion}{outcome}"
     )
 
 
@@ -398,7 +403,7 @@ def _describe_outcome(block_plan: EpisodePlan, spec: BlockSpec | None) -> str:
 
 
 def _describe_motion(spec: BlockSpec | None) -> str:
-    """State for how long the view moved from one picture to the next; "" if it changed at once."""
+    """State how long the view took to move from one picture to the next; "" if it changed at once."""
     moved = "; in windows, and in browsers whose page drew the world, the view moved to each new picture for"
     if spec and spec.motion_ms:
         return f"{moved} {spec.motion_ms:g} ms, from the beginning of which times count"
@@ -406,7 +411,7 @@ def _describe_motion(spec: BlockSpec | None) -> str:
 
 
 def _describe_count(block_plan: EpisodePlan, spec: BlockSpec | None) -> str:
-    """State the number of episodes, and what could end the block earlier."""
+    """State the number of episodes and what could end the block early."""
     ends = []
     if spec is not None and spec.stop_criterion is not None:
         ends.append(f"until {spec.stop_criterion.successes} of the last {spec.stop_criterion.of} reached the goal")
@@ -473,21 +478,22 @@ def _list_software(qualities: Sequence[RecordingQuality], name: str) -> list[str
 
 def _describe_page_kernels(plans: Sequence[PlanOutline], qualities: Sequence[RecordingQuality]) -> str:
     """State which blocks the page stepped and drew itself; "" if there were none."""
-    software = {(quality.participant, quality.session): quality.software for quality in qualities}
-    computes = [plan for plan in plans if plan.computed]
-    with_kernels = [
-        plan
-        for plan in computes
-        if any("page_kernels" in run for run in software.get((plan.participant, plan.session), ()))
-    ]
-    if not with_kernels:
+    sessions_with_kernels = {
+        (quality.participant, quality.session)
+        for quality in qualities
+        if any("page_kernels" in run for run in quality.software)
+    }
+    computing_plans = [plan for plan in plans if plan.computed]
+    plans_with_kernels = [plan for plan in computing_plans if (plan.participant, plan.session) in sessions_with_kernels]
+    if not plans_with_kernels:
         return ""
-    names = sorted({name for plan in with_kernels for name in plan.computed})
-    blocks = f"{'blocks' if len(names) > 1 else 'block'} {' and '.join(names)}"
+    names = sorted({name for plan in plans_with_kernels for name in plan.computed})
+    noun = "blocks" if len(names) > 1 else "block"
+    blocks = f"{noun} " + " and ".join(names)
     kernels = " and ".join(_list_software(qualities, "page_kernels"))
     sessions = ""
-    if len(with_kernels) < len(computes):
-        sessions = f"in {len(with_kernels)} of {len(computes)} sessions "
+    if len(plans_with_kernels) < len(computing_plans):
+        sessions = f"in {len(plans_with_kernels)} of {len(computing_plans)} sessions "
     return (
         f" In browsers {sessions}the page stepped and drew {blocks} ahead of the server (kernels {kernels}), which "
         "compared every step with its own and recorded its own."

@@ -76,7 +76,7 @@ def read_published_subjects() -> pd.DataFrame:
 
 
 def is_published_study(protocols: Collection[str]) -> bool:
-    """Tell whether all sessions used the published study's protocol.
+    """Return whether all sessions used the published study's protocol.
 
     ``protocols`` are the SHA-256 of protocol files.
     """
@@ -195,7 +195,7 @@ def state_answers(
 
 
 def _state_differences(target: BlockResults | None) -> Iterator[str]:
-    """Yield a sentence per group comparison in the target block; none if there is only one group."""
+    """Yield a sentence for each comparison of groups in the target block; nothing if there is only one group."""
     if target is None or len(target.groups) < 2:
         return
     for comparison in target.headline:
@@ -242,6 +242,7 @@ def build_participants_page(study: str, blocks: pd.DataFrame, results: Results) 
     included = blocks[blocks["exclusion_reason"].isna()]
     compared = dict.fromkeys(name for block in results.blocks for name in block.roles)
     measures = [measure for measure in compared if measure in included]
+    labels = {name: label_measure(name) for name in measures}
     rows = []
     for row in to_records(included):
         place = {name: row[name] for name in ("participant", "group", "session", "block")}
@@ -252,8 +253,8 @@ def build_participants_page(study: str, blocks: pd.DataFrame, results: Results) 
         "groups": list(results.order),
         "blocks": [block.block for block in results.blocks],
         "target": results.target,
-        "measures": {name: label_measure(name) for name in measures},
-        "short": {name: label_measure(name).partition(" (")[0].partition(":")[0] for name in measures},
+        "measures": labels,
+        "short": {name: label.partition(" (")[0].partition(":")[0] for name, label in labels.items()},
     }
     return render_template(PARTICIPANTS, {"study": study, "data": contents})
 
@@ -323,7 +324,7 @@ def _name_only_pair(block: BlockResults) -> str:
 
 
 def _list_notes(block: BlockResults, field: Literal["reason", "caution"]) -> list[dict[str, str]]:
-    """Return the comparisons that were not made in every way, or whose p may not hold, each with the reason."""
+    """Return the comparisons that have a note of the given kind, each with the note."""
     return [
         {
             "measure": label_measure(comparison.measure),

@@ -15,7 +15,7 @@ from minihuman.reporting.template import Table
 
 
 class FlowSection(NamedTuple):
-    """The participants by stage; the table is None if the enrolment log cannot be read."""
+    """The section that counts participants by stage; the table is None if the enrolment log cannot be read."""
 
     table: Table | None
     interventions: str = ""  # what was done by hand, in counts
@@ -48,20 +48,18 @@ def looks_table(looks: Sequence[LookTaken]) -> Table | None:
     """Tabulate the looks at a sequential study, one row each; None if there are none."""
     if not looks:
         return None
-    named = dict.fromkeys(name for look in looks for name in look.estimates)
-    estimates = [name for name in named if name not in ("look", "crossed")]
-    rows = [
-        (
-            str(look.look),
-            *(str(int(statistic[0])) for statistic in _find_group_statistics(look).values()),
-            *(_format_estimate(look, name) for name in estimates),
-            "stopped" if look.stop else "went on",
-        )
-        for look in looks
-    ]
-    groups = [f"n, {group}" for group in _find_group_statistics(looks[0])]
+    estimate_names = dict.fromkeys(name for look in looks for name in look.estimates)
+    shown_names = [name for name in estimate_names if name not in ("look", "crossed")]
     labels = {"p": "p, adjusted for the looks", "boundary": "stops at |z|"}
-    return Table(("look", *groups, *(labels.get(name, name) for name in estimates), "study"), rows)
+    group_headings = [f"n, {group}" for group in _find_group_statistics(looks[0])]
+    estimate_headings = [labels.get(name, name) for name in shown_names]
+    rows = []
+    for look in looks:
+        group_sizes = [str(int(statistic[0])) for statistic in _find_group_statistics(look).values()]
+        estimates = [_format_estimate(look, name) for name in shown_names]
+        decision = "stopped" if look.stop else "went on"
+        rows.append((str(look.look), *group_sizes, *estimates, decision))
+    return Table(("look", *group_headings, *estimate_headings, "study"), rows)
 
 
 def _format_estimate(look: LookTaken, name: str) -> str:

@@ -167,7 +167,7 @@ def compose_scorecard(
         label,
         chosen,
         tuple(lines),
-        tuple(_note(lines, chosen, label, set(players))),
+        tuple(_list_notes(lines, chosen, label, set(players))),
         _summarize_answers(answers.assign(player=answers["player"].map(names)).dropna(subset="player")),
     )
 
@@ -355,7 +355,8 @@ def _tabulate_runs(rows: pd.DataFrame, levels: pd.MultiIndex) -> Runs:
     return Runs(*(means[name].unstack(_LEVEL).reindex(columns=levels).to_numpy(float) for name in means))
 
 
-def _note(lines: Sequence[ScoredPlayer], reference: str, named: str, players: set[str]) -> Iterator[str]:
+def _list_notes(lines: Sequence[ScoredPlayer], reference: str, named: str, players: set[str]) -> Iterator[str]:
+    """Yield the notes that are needed to interpret the scores."""
     yield f"reference: {named}"
     if "random" not in players:
         yield "no random player: the human-normalised score's 0 is an efficiency of 0"

@@ -68,7 +68,7 @@ def _summarise_answers(group: pd.DataFrame) -> Cell:
 
 
 def _has_mean(kind: str) -> bool:
-    """Tell whether answers to a kind of question have a mean; False for a kind whose plug-in is not installed."""
+    """Return whether answers to a kind of question have a mean; False for a kind whose plug-in is not installed."""
     try:
         return find_question_kind(kind).answer_type in ("rating", "number")
     except ProtocolError:
@@ -156,7 +156,7 @@ def _state_quality(qualities: Sequence[RecordingQuality]) -> str:
 
 
 def _is_timed(quality: RecordingQuality) -> bool:
-    """Tell whether a session had a display and a keyboard; a simulated window has its own clock."""
+    """Return whether a session had a display and a keyboard; a simulated window has its own clock."""
     return any(display.get("window") != "simulated" for display in quality.displays)
 
 

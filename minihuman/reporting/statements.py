@@ -67,7 +67,7 @@ def _count_units(comparison: GroupComparison, team_units: Mapping[str, str]) -> 
 
 
 def _state_estimate(comparison: GroupComparison | PairedComparison) -> str:
-    """State the difference, or the ratio of geometric means, with its interval; the parenthesis stays open."""
+    """State the difference, or the ratio of geometric means, with its interval; the caller closes the parenthesis."""
     if comparison.is_log:
         bounds = (math.exp(comparison.interval[0]), math.exp(comparison.interval[1]))
         ratio = format_number(math.exp(comparison.difference))

@@ -1,6 +1,6 @@
 """The question that a study asks, worded for its report, and the reason if nothing can be compared."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 from minihuman.experiment.protocol.specs import AnalysisSpec
 from minihuman.experiment.protocol.study_design import ExperimentDesign
@@ -16,34 +16,39 @@ def ask_question(
     interaction: InteractionResults | None = None,
 ) -> str:
     """State in one sentence what the study compares, after the protocol's own question if it has one."""
-    stated = ""
+    own_question = ""
     if design and design.question:
-        stated = f"{design.question} "
+        own_question = f"{design.question} "
     if analysis.primary_measure:
         measure = label_measure(analysis.primary_measure)
     else:
         measure = "every measure"
     if design and interaction and design.primary_effect == "interaction":
+        conditions = join_names(interaction.conditions)
+        groups = join_names(interaction.groups)
         return (
-            f"{stated}Asked: whether differences between conditions {join_names(interaction.conditions)} in {measure} "
-            f"depend on the group ({join_names(interaction.groups)})."
+            f"{own_question}Asked: whether differences between conditions {conditions} in {measure} "
+            f"depend on the group ({groups})."
         )
-    groups: list[str] = []
+    comparisons = ", and ".join(_list_compared(results))
+    if not comparisons:
+        return own_question + _explain_no_comparison(results, design)
+    return f"{own_question}Asked: how {comparisons} differ in {measure}."
+
+
+def _list_compared(results: Results) -> Iterator[str]:
+    """Yield a phrase for the groups and one for the conditions that the study compares, as far as it has them."""
     if results.target_block is not None:
         groups = results.target_block.groups["group"].tolist()
-    conditions: Sequence[str] = ()
-    if results.within is not None:
-        conditions = results.within.conditions
-    parts = []
-    if len(groups) > 1:
-        parts.append(f"groups {join_names(groups)} in block {results.target}")
-    if results.within and results.within.label:
-        parts.append(f"levels {join_names(conditions)} of {results.within.label} within participants")
-    elif conditions:
-        parts.append(f"blocks {join_names(conditions)} within participants")
-    if not parts:
-        return f"{stated}{_explain_no_comparison(results, design)}"
-    return f"{stated}Asked: how {', and '.join(parts)} differ in {measure}."
+        if len(groups) > 1:
+            yield f"groups {join_names(groups)} in block {results.target}"
+    if results.within is None:
+        return
+    conditions = join_names(results.within.conditions)
+    if results.within.label:
+        yield f"levels {conditions} of {results.within.label} within participants"
+    elif results.within.conditions:
+        yield f"blocks {conditions} within participants"
 
 
 def _explain_no_comparison(results: Results, design: ExperimentDesign | None) -> str:

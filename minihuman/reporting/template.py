@@ -60,7 +60,7 @@ class Table:
 
     @property
     def is_long(self) -> bool:
-        """Tell whether the table is so long that the page collapses it."""
+        """Return whether the table is so long that the page collapses it."""
         return len(self.rows) > _MOST_ROWS
 
 

@@ -9,7 +9,7 @@ from minihuman.worlds.catalogue import TRIAL_WORLDS
 
 
 def is_of_trials(plan: EpisodePlan, spec: BlockSpec | None) -> bool:
-    """Tell whether a block consists of trials, according to its kind or its world."""
+    """Return whether a block consists of trials, according to its kind or its world."""
     if plan.world in TRIAL_WORLDS:
         return True
     kind = find_installed_kind(spec.kind) if spec is not None else None

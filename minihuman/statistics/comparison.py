@@ -61,7 +61,7 @@ def compare_groups(
     log_measures: Collection[str] = (),
     intervals: bool = True,
 ) -> tuple[GroupComparison, ...]:
-    """Compare every two groups on every measure.
+    """Compare each pair of groups on every measure.
 
     p values are corrected for all comparisons together (Holm, 1979). A pair that cannot be compared has a reason
     instead of a p value.

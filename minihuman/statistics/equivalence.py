@@ -22,7 +22,7 @@ class Equivalence:
 
     @property
     def alike(self) -> bool:
-        """Whether the tests show that the difference lies within the bounds."""
+        """Return whether the tests show that the difference lies within the bounds."""
         return self.p < ALPHA
 
 
@@ -52,7 +52,7 @@ def check_equivalence(a: Values, b: Values, bounds: tuple[float, float]) -> Equi
 
 
 def _one_sided_p(test: PermutationTest, bound: float, *, sign: int) -> float:
-    """Return the p of the null hypothesis that the difference lies on the far side of a bound.
+    """Return the p of the null hypothesis that the difference lies beyond a bound.
 
     Args:
         test: the test of the two groups

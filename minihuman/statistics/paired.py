@@ -42,7 +42,7 @@ class PairedTest:
 
     @property
     def smallest_p(self) -> float:
-        """The smallest p that this number of differences can reach."""
+        """Return the smallest p that this number of differences can reach."""
         if self.extra:
             return 1 / (RESAMPLES + 1)
         return 2.0 ** (1 - self.n)
@@ -67,7 +67,7 @@ def paired_test(differences: Values) -> PairedTest | None:
     n = len(differences)
     if n < 2:
         return None
-    signs = _flips(n)
+    signs = _draw_signs(n)
     mean = float(differences.mean())
     error = float(differences.std(ddof=1)) / math.sqrt(n)
     extra = int(n > _EXHAUSTIVE)
@@ -75,7 +75,8 @@ def paired_test(differences: Values) -> PairedTest | None:
 
 
 @lru_cache(maxsize=8)
-def _flips(n: int) -> Values:
+def _draw_signs(n: int) -> Values:
+    """Return rows of n signs (1 or -1): every combination if there are few, else RESAMPLES random ones."""
     if n <= _EXHAUSTIVE:
         return np.array(list(product((1.0, -1.0), repeat=n)))
     return np.random.default_rng(SEED).choice([1.0, -1.0], (RESAMPLES, n))
@@ -115,7 +116,7 @@ class CrossoverTerm:
 def compare_conditions(
     values: Mapping[str, pd.DataFrame], *, log_measures: Collection[str] = ()
 ) -> tuple[PairedComparison, ...]:
-    """Compare every two conditions on every measure; p is corrected for all comparisons together (Holm, 1979).
+    """Compare each pair of conditions on every measure; p is corrected for all comparisons together (Holm, 1979).
 
     Args:
         values: per measure, a table with a row per participant and a column per condition; NaN where a value is missing
@@ -220,7 +221,7 @@ def _sum_residuals(values: Values, basis: Values) -> Values:
 
 
 def _compute_ratios(value: Values, whole: Values, other: Values, people: int) -> Values:
-    """Return the effect's over the residual sum of squares, of the observed orders and then of RESAMPLES permutations.
+    """Return the effect's sum of squares divided by the residual one, for the observed orders and then permutations.
 
     Args:
         value: the values, centred within participants, sorted by participant and condition

@@ -1,7 +1,7 @@
 """Permutation tests of the difference of two groups, with or without adjustment for covariates."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -90,7 +90,7 @@ class PermutationTest:
 
     @property
     def has_interval(self) -> bool:
-        """Whether values vary and the groups are large enough for an interval and for p < 0.05."""
+        """Return whether values vary and the groups are large enough for an interval and for p < 0.05."""
         return self.error > 0 and min(self.n) >= LEAST_ESTIMATED and smallest_p(self.n) < ALPHA
 
     def interval(self) -> tuple[float, float]:
@@ -244,38 +244,58 @@ def permutation_tests(pairs: Sequence[tuple[Values, Values]]) -> list[Permutatio
     """
     tests: list[PermutationTest | None] = [None] * len(pairs)
     sizes = [(len(a), len(b)) for a, b in pairs]
-    for n, m in sorted({size for size in sizes if min(size) > 1}):
-        places = [place for place, size in enumerate(sizes) if size == (n, m)]
-        means = [(float(pairs[place][0].mean()), float(pairs[place][1].mean())) for place in places]
-        deviations = np.array(
-            [np.concatenate([pairs[at][0] - a, pairs[at][1] - b]) for at, (a, b) in zip(places, means, strict=True)]
-        )
-        is_first = np.arange(n + m) < n
-        columns = np.concatenate([deviations, deviations**2, deviations * is_first, is_first[None]]).T
-        totals = draw_totals(columns, n)
-        extra = int(count_regroupings(n, m) > RESAMPLES)
-        count = len(places)
-        for at, (place, (a, b)) in enumerate(zip(places, means, strict=True)):
-            squares = deviations[at] ** 2
-            parts = np.array([squares[:n].sum() / (n * (n - 1)), squares[n:].sum() / (m * (m - 1))])
-            error = math.sqrt(parts.sum())
-            if error > 0:
-                freedom = float(parts.sum() ** 2 / (parts**2 / (n - 1, m - 1)).sum())
-            else:
-                freedom = math.nan
-            tests[place] = PermutationTest(
-                n=(n, m),
-                difference=a - b,
-                error=error,
-                freedom=freedom,
-                sum_of_squares=float(squares.sum()),
-                members=totals[:, -1],
-                sums=totals[:, at],
-                own_sums=totals[:, 2 * count + at],
-                squares=totals[:, count + at],
-                extra=extra,
-            )
+    for size in sorted({size for size in sizes if min(size) > 1}):
+        places = [place for place, pair_size in enumerate(sizes) if pair_size == size]
+        same_size_tests = _test_same_size_pairs([pairs[place] for place in places])
+        for place, test in zip(places, same_size_tests, strict=True):
+            tests[place] = test
     return tests
+
+
+def _test_same_size_pairs(pairs: Sequence[tuple[Values, Values]]) -> Iterator[PermutationTest]:
+    """Yield the test of each pair; all pairs have the same two sizes, each at least 2, and share their regroupings."""
+    n = len(pairs[0][0])
+    m = len(pairs[0][1])
+    deviations = np.array([np.concatenate([a - a.mean(), b - b.mean()]) for a, b in pairs])
+    is_first = np.arange(n + m) < n
+    columns = np.concatenate([deviations, deviations**2, deviations * is_first, is_first[None]]).T
+    totals = draw_totals(columns, n)
+    count = len(pairs)
+    sums = totals[:, :count]
+    square_sums = totals[:, count : 2 * count]
+    own_sums = totals[:, 2 * count : 3 * count]
+    extra = int(count_regroupings(n, m) > RESAMPLES)
+    for at, (a, b) in enumerate(pairs):
+        squares = deviations[at] ** 2
+        error, freedom = _measure_welch_error(squares[:n].sum(), squares[n:].sum(), n, m)
+        yield PermutationTest(
+            n=(n, m),
+            difference=float(a.mean()) - float(b.mean()),
+            error=error,
+            freedom=freedom,
+            sum_of_squares=float(squares.sum()),
+            members=totals[:, -1],
+            sums=sums[:, at],
+            own_sums=own_sums[:, at],
+            squares=square_sums[:, at],
+            extra=extra,
+        )
+
+
+def _measure_welch_error(first_squares: float, second_squares: float, n: int, m: int) -> tuple[float, float]:
+    """Return the standard error of a difference of means and its degrees of freedom, NaN if nothing varies.
+
+    Args:
+        first_squares: the sum of squared deviations in the first group.
+        second_squares: the sum of squared deviations in the second group.
+        n: the number of participants in the first group.
+        m: the number of participants in the second group.
+    """
+    parts = np.array([first_squares / (n * (n - 1)), second_squares / (m * (m - 1))])
+    error = math.sqrt(parts.sum())
+    if error == 0:
+        return error, math.nan
+    return error, float(parts.sum() ** 2 / (parts**2 / (n - 1, m - 1)).sum())
 
 
 def floor_freedom(n: tuple[int, int], freedom: float) -> float:

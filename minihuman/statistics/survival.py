@@ -155,7 +155,7 @@ class _RestrictedMeans:
 
     @property
     def apart(self) -> Values:
-        """The absolute difference of the two means, in standard errors."""
+        """Return the absolute difference of the two means, in standard errors."""
         difference = np.abs(self.means[0] - self.means[1])
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.where(difference <= _TIES * self.until, 0.0, difference / self.error)

@@ -34,7 +34,7 @@ class Welch:
 
     @property
     def p(self) -> float:
-        """The two-sided p of the null hypothesis that the difference is 0."""
+        """Return the two-sided p of the null hypothesis that the difference is 0."""
         return float(2 * scipy.special.stdtr(self.freedom, -abs(self.difference) / self.error))
 
 

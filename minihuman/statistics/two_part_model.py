@@ -73,16 +73,18 @@ def compare_two_parts(rows: pd.DataFrame, measure: str, groups: tuple[str, str])
     above = {group: _keep_above_zero(people) for group, people in episodes.items()}
     a, b = groups
     shares = (_share_above_zero(episodes[a]), _share_above_zero(episodes[b]))
-    too_few = next((f"fewer than {LEAST} people in {name}" for name in groups if len(episodes[name]) < LEAST), "")
+    small_groups = [group for group in groups if len(episodes[group]) < LEAST]
+    too_few = f"fewer than {LEAST} people in {small_groups[0]}" if small_groups else ""
+    groups_rarely_above = [group for group in groups if len(above[group]) < LEAST]
+    too_few_above = f"fewer than {LEAST} people of {groups_rarely_above[0]} are above 0" if groups_rarely_above else ""
     any_reason = too_few or _find_constant_group(groups, shares)
-    amount_reason = too_few or next(
-        (f"fewer than {LEAST} people of {name} are above 0" for name in groups if len(above[name]) < LEAST), ""
-    )
+    amount_reason = too_few or too_few_above
     if any_reason:
         any_part = _missing(any_reason)
     else:
-        happened = {group: [(person > 0).astype(float) for person in episodes[group]] for group in groups}
-        any_part = _compare_marginals(fit_gee(happened[a], odds=True), fit_gee(happened[b], odds=True))
+        a_happened = [(person > 0).astype(float) for person in episodes[a]]
+        b_happened = [(person > 0).astype(float) for person in episodes[b]]
+        any_part = _compare_marginals(fit_gee(a_happened, odds=True), fit_gee(b_happened, odds=True))
     if amount_reason:
         amount_part = _missing(amount_reason)
     else:

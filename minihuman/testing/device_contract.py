@@ -275,4 +275,6 @@ def _require_heard(strokes: KeyStrokes, heard: Sequence[Input]) -> None:
 
 
 def _spell(strokes: KeyStrokes) -> str:
-    return " ".join(f"{key}{'+' if down else '-'}" for key, down in strokes) or "nothing"
+    """Return strokes as text, such as "left+ left-": a plus for a press and a minus for a release."""
+    signs = {True: "+", False: "-"}
+    return " ".join(key + signs[down] for key, down in strokes) or "nothing"

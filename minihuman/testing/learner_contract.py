@@ -63,7 +63,7 @@ def check_learner(make: "str | Callable[[str], Learner]", settings: str = "", da
         np.array_equal(_weights(stopped.policy), _weights(reproduced.policy)),
         f"after {SHORT_S} s it returned the settings {stopped.settings}, which give another policy without a limit",
     )
-    _refuse_nothing(make, settings, dataset)
+    _check_empty_dataset(make, settings, dataset)
 
 
 def build_teaching_dataset() -> "Dataset":
@@ -144,7 +144,8 @@ def _play_episode(
     return images, actions, rewards
 
 
-def _make(make: "str | Callable[[str], Learner]", settings: str) -> "Learner":
+def _make_learner(make: "str | Callable[[str], Learner]", settings: str) -> "Learner":
+    """Make the learner, by name or with a function, and check its type."""
     from minihuman.learn.teaching.learner import Learner, make_learner
 
     if isinstance(make, str):
@@ -170,7 +171,7 @@ def _learn(
     from minihuman.learn.policy.network import Policy
     from minihuman.learn.teaching.learner import LearningRequest, LearningResult, copy_policy
 
-    learner = _make(make, settings)
+    learner = _make_learner(make, settings)
     state = np.random.get_state()
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(noise)
@@ -204,14 +205,15 @@ def _require_plain(values: dict[str, Any], field: str) -> None:
         require(False, f"{field} cannot be written into the policy's file ({error}); use numbers, text and lists")
 
 
-def _refuse_nothing(make: "str | Callable[[str], Learner]", settings: str, dataset: "Dataset") -> None:
+def _check_empty_dataset(make: "str | Callable[[str], Learner]", settings: str, dataset: "Dataset") -> None:
+    """Check that the learner raises a LearnError for a dataset without lessons."""
     from dataclasses import replace
 
     from minihuman.learn.teaching.learner import LearningRequest
 
     nothing = replace(dataset, lessons=(), ratings=(), comparisons=())
     try:
-        _make(make, settings).learn(LearningRequest(nothing, np.random.default_rng(1)))
+        _make_learner(make, settings).learn(LearningRequest(nothing, np.random.default_rng(1)))
     except LearnError:
         return
     except Exception as error:

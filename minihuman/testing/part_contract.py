@@ -116,8 +116,8 @@ def check_activity(kind: str, *, block: dict[str, Any] | None = None, **settings
 
 def _check_part(protocol: Protocol) -> Iterator[Event]:
     """Check a session in memory and one that is logged; yield the events of the session in memory."""
-    first = _run(protocol)
-    again = _run(protocol)
+    first = _run_study(protocol)
+    again = _run_study(protocol)
     require(repr(first) == repr(again), "the same inputs gave other events; it reads a clock, or draws by itself")
     for rule in find_violations(first):
         require(False, rule)
@@ -131,7 +131,8 @@ def _check_part(protocol: Protocol) -> Iterator[Event]:
     yield from first
 
 
-def _run(protocol: Protocol) -> list[Event]:
+def _run_study(protocol: Protocol) -> list[Event]:
+    """Run a simulated session of a protocol in memory; return its events."""
     clock = VirtualClock()
     recorder = MemoryRecorder()
     session = SessionMachine(expand_protocol(protocol, enrol_participant(protocol, 0)), World, {}, picture_px=None)
@@ -242,7 +243,7 @@ def check_design(
         ContractError: if a guarantee is broken; the message says which.
         ProtocolError: if the design refuses the settings.
     """
-    designs = [_make(make, settings or {}) for _ in range(2)]
+    designs = [_make_any_design(make, settings or {}) for _ in range(2)]
     rng = np.random.default_rng(seed)
     if isinstance(designs[0], EnrolmentDesign):
         people = [
@@ -255,15 +256,18 @@ def check_design(
         decisions = []
         history = list[PlayedEpisode]()
         for length in range(n + 1):
-            decisions.append(_ask(designs[0], history[:length]))
+            decisions.append(_decide_once(designs[0], history[:length]))
             options, episode_seed, *_ = decisions[-1]
             outcome = str(rng.choice(["goal", "failure", "timeout"]))
             history.append(PlayedEpisode(dict(options), episode_seed or 0, outcome, 3, float(outcome == "goal")))
-        again = [_ask(designs[1], history[:length]) for length in reversed(range(n + 1))][::-1]
+        again = [_decide_once(designs[1], history[:length]) for length in reversed(range(n + 1))][::-1]
     require(decisions == again, "the same history led to another decision; a design draws and keeps nothing of its own")
 
 
-def _make(make: str | type[Design | EnrolmentDesign], settings: Mapping[str, Any]) -> Design | EnrolmentDesign:
+def _make_any_design(
+    make: str | type[Design | EnrolmentDesign], settings: Mapping[str, Any]
+) -> Design | EnrolmentDesign:
+    """Make the design by its name or its class, whether it decides at enrolment or between episodes."""
     if not isinstance(make, str):
         require(issubclass(make, Design | EnrolmentDesign), f"{make.__name__} is no Design and no EnrolmentDesign")
         return make(settings)
@@ -274,7 +278,8 @@ def _make(make: str | type[Design | EnrolmentDesign], settings: Mapping[str, Any
     return make_design(spec)
 
 
-def _ask(design: Design | EnrolmentDesign, history: list[PlayedEpisode]) -> tuple[Any, ...]:
+def _decide_once(design: Design | EnrolmentDesign, history: list[PlayedEpisode]) -> tuple[Any, ...]:
+    """Ask a design for one decision, check it, and return it in a comparable form."""
     assert isinstance(design, Design)
     decided = design.decide(tuple(history), make_draw(1, "check", len(history)))
     require(decided.seed is None or 0 <= decided.seed < 2**63, f"seed is {decided.seed}; use 0 to 2**63 - 1, or None")

@@ -56,12 +56,13 @@ def check_participant(
         ContractError: if a guarantee is broken; the message says which.
         SimulationError: if the player cannot play this world.
     """
-    first, again = (_record_keys(_make(make, seed), world, options or {}, episodes, max_steps) for _ in range(2))
+    first, again = (_record_keys(_make_player(make, seed), world, options or {}, episodes, max_steps) for _ in range(2))
     require(bool(first), "the player pressed no key")
     require(first == again, "from the same chance the player pressed other keys; it draws from something else than rng")
 
 
-def _make(make: str | Callable[[np.random.Generator], SimulatedParticipant], seed: int) -> SimulatedParticipant:
+def _make_player(make: str | Callable[[np.random.Generator], SimulatedParticipant], seed: int) -> SimulatedParticipant:
+    """Make the player, by name or with a function, and check its type."""
     rng = np.random.default_rng(seed)
     player = make_participant(make, rng) if isinstance(make, str) else make(rng)
     require(
@@ -74,6 +75,7 @@ def _make(make: str | Callable[[np.random.Generator], SimulatedParticipant], see
 def _record_keys(
     player: SimulatedParticipant, world: str, options: dict[str, Any], episodes: int, max_steps: int
 ) -> Keys:
+    """Run a session with a simulated participant; return the time and key of each press."""
     protocol = build_short_study(world, options, episodes=episodes, max_steps=max_steps)
     clock = VirtualClock()
     recorder = MemoryRecorder()

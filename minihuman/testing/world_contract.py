@@ -96,7 +96,7 @@ def check_world(
         ContractError: if a guarantee is broken; the message says which.
         WorldError: if the world cannot be made or drawn.
     """
-    with _registered(make) as world_id:
+    with _register_temporarily(make) as world_id:
         chance = np.random.default_rng(seeds[0])
         world = World(world_id, options, trusted=True)
         actions = chance.integers(len(world.actions.numbers), size=steps).tolist()
@@ -202,6 +202,7 @@ def _check_restore(world: World, seed: int, actions: list[int]) -> None:
 
 
 def _check_restore_from(world: World, seed: int, before_it: list[int], after_it: list[int]) -> None:
+    """Check that a state saved in mid-episode can be restored, also after pickling, and played on equally."""
     if any(step[1] or step[2] for step in _play(world, seed, before_it)):
         return  # over with its first step: there is no middle to come back to
     saved = world.save()
@@ -366,7 +367,8 @@ def _require_same(when: str, expected: list[Step], actual: list[Step]) -> None:
 
 
 @contextmanager
-def _registered(make: str | Callable[..., gymnasium.Env[Any, Any]]) -> Iterator[str]:
+def _register_temporarily(make: str | Callable[..., gymnasium.Env[Any, Any]]) -> Iterator[str]:
+    """Yield the id of a world; a function that makes one is registered meanwhile."""
     if isinstance(make, str):
         yield make
         return

@@ -31,45 +31,56 @@ _MAKE_GRID = "minihuman.worlds.inside.entry_points:make_grid_world"
 _BATCH_GRID = "minihuman.worlds.inside.batch:make_grid_batch"
 
 
-def _world(name: str, family: str, summary: str, **options: Any) -> CatalogueEntry:
+def _list_grid_world(name: str, family: str, summary: str, **options: Any) -> CatalogueEntry:
+    """Return the catalogue entry of a grid world of a family."""
     return CatalogueEntry(
         f"MiniGrid-{name}", _MAKE_GRID, {"family": family, **options}, _BATCH_GRID, summary, guards_itself=True
     )
 
 
 GRID_WORLDS: tuple[CatalogueEntry, ...] = (
-    _world("Empty-5x5-v0", "empty", "an empty room", size=5),
-    _world("Empty-Random-5x5-v0", "empty", "an empty room, start anywhere", size=5, agent_start_pos=None),
-    _world("Empty-6x6-v0", "empty", "an empty room", size=6),
-    _world("Empty-Random-6x6-v0", "empty", "an empty room, start anywhere", size=6, agent_start_pos=None),
-    _world("Empty-8x8-v0", "empty", "an empty room"),
-    _world("Empty-16x16-v0", "empty", "an empty room", size=16),
-    _world("FourRooms-v0", "four_rooms", "four rooms, a goal somewhere"),
-    _world("DoorKey-5x5-v0", "door_key", "find the key, open the door, reach the goal", size=5),
-    _world("DoorKey-6x6-v0", "door_key", "find the key, open the door, reach the goal", size=6),
-    _world("DoorKey-8x8-v0", "door_key", "find the key, open the door, reach the goal", size=8),
-    _world("DoorKey-16x16-v0", "door_key", "find the key, open the door, reach the goal", size=16),
-    _world("MultiRoom-N2-S4-v0", "multi_room", "two small rooms", minNumRooms=2, maxNumRooms=2, maxRoomSize=4),
-    _world(
+    _list_grid_world("Empty-5x5-v0", "empty", "an empty room", size=5),
+    _list_grid_world("Empty-Random-5x5-v0", "empty", "an empty room, start anywhere", size=5, agent_start_pos=None),
+    _list_grid_world("Empty-6x6-v0", "empty", "an empty room", size=6),
+    _list_grid_world("Empty-Random-6x6-v0", "empty", "an empty room, start anywhere", size=6, agent_start_pos=None),
+    _list_grid_world("Empty-8x8-v0", "empty", "an empty room"),
+    _list_grid_world("Empty-16x16-v0", "empty", "an empty room", size=16),
+    _list_grid_world("FourRooms-v0", "four_rooms", "four rooms, a goal somewhere"),
+    _list_grid_world("DoorKey-5x5-v0", "door_key", "find the key, open the door, reach the goal", size=5),
+    _list_grid_world("DoorKey-6x6-v0", "door_key", "find the key, open the door, reach the goal", size=6),
+    _list_grid_world("DoorKey-8x8-v0", "door_key", "find the key, open the door, reach the goal", size=8),
+    _list_grid_world("DoorKey-16x16-v0", "door_key", "find the key, open the door, reach the goal", size=16),
+    _list_grid_world(
+        "MultiRoom-N2-S4-v0", "multi_room", "two small rooms", minNumRooms=2, maxNumRooms=2, maxRoomSize=4
+    ),
+    _list_grid_world(
         "MultiRoom-N4-S5-v0", "multi_room", "six rooms, despite the name", minNumRooms=6, maxNumRooms=6, maxRoomSize=5
     ),
-    _world("MultiRoom-N4-S5-v1", "multi_room", "four rooms", minNumRooms=4, maxNumRooms=4, maxRoomSize=5),
-    _world("MultiRoom-N6-v0", "multi_room", "six rooms", minNumRooms=6, maxNumRooms=6),
-    _world("LavaCrossingS9N1-v0", "crossing", "cross a river of lava", size=9, num_crossings=1),
-    _world("LavaCrossingS9N2-v0", "crossing", "cross two rivers of lava", size=9, num_crossings=2),
-    _world("LavaCrossingS9N3-v0", "crossing", "cross three rivers of lava", size=9, num_crossings=3),
-    _world("LavaCrossingS11N5-v0", "crossing", "cross five rivers of lava", size=11, num_crossings=5),
-    _world("SimpleCrossingS9N1-v0", "crossing", "cross a wall", size=9, num_crossings=1, obstacle_type="wall"),
-    _world("SimpleCrossingS9N2-v0", "crossing", "cross two walls", size=9, num_crossings=2, obstacle_type="wall"),
-    _world("SimpleCrossingS9N3-v0", "crossing", "cross three walls", size=9, num_crossings=3, obstacle_type="wall"),
-    _world("SimpleCrossingS11N5-v0", "crossing", "cross five walls", size=11, num_crossings=5, obstacle_type="wall"),
-    _world("LavaGapS5-v0", "lava_gap", "find the gap in the lava", size=5),
-    _world("LavaGapS6-v0", "lava_gap", "find the gap in the lava", size=6),
-    _world("LavaGapS7-v0", "lava_gap", "find the gap in the lava", size=7),
-    _world("DistShift1-v0", "dist_shift", "lava along the way, for training", strip2_row=2),
-    _world("DistShift2-v0", "dist_shift", "lava elsewhere, for the test", strip2_row=5),
-    _world("Dynamic-Obstacles-5x5-v0", "dynamic_obstacles", "avoid moving balls", size=5, n_obstacles=2),
-    _world(
+    _list_grid_world("MultiRoom-N4-S5-v1", "multi_room", "four rooms", minNumRooms=4, maxNumRooms=4, maxRoomSize=5),
+    _list_grid_world("MultiRoom-N6-v0", "multi_room", "six rooms", minNumRooms=6, maxNumRooms=6),
+    _list_grid_world("LavaCrossingS9N1-v0", "crossing", "cross a river of lava", size=9, num_crossings=1),
+    _list_grid_world("LavaCrossingS9N2-v0", "crossing", "cross two rivers of lava", size=9, num_crossings=2),
+    _list_grid_world("LavaCrossingS9N3-v0", "crossing", "cross three rivers of lava", size=9, num_crossings=3),
+    _list_grid_world("LavaCrossingS11N5-v0", "crossing", "cross five rivers of lava", size=11, num_crossings=5),
+    _list_grid_world(
+        "SimpleCrossingS9N1-v0", "crossing", "cross a wall", size=9, num_crossings=1, obstacle_type="wall"
+    ),
+    _list_grid_world(
+        "SimpleCrossingS9N2-v0", "crossing", "cross two walls", size=9, num_crossings=2, obstacle_type="wall"
+    ),
+    _list_grid_world(
+        "SimpleCrossingS9N3-v0", "crossing", "cross three walls", size=9, num_crossings=3, obstacle_type="wall"
+    ),
+    _list_grid_world(
+        "SimpleCrossingS11N5-v0", "crossing", "cross five walls", size=11, num_crossings=5, obstacle_type="wall"
+    ),
+    _list_grid_world("LavaGapS5-v0", "lava_gap", "find the gap in the lava", size=5),
+    _list_grid_world("LavaGapS6-v0", "lava_gap", "find the gap in the lava", size=6),
+    _list_grid_world("LavaGapS7-v0", "lava_gap", "find the gap in the lava", size=7),
+    _list_grid_world("DistShift1-v0", "dist_shift", "lava along the way, for training", strip2_row=2),
+    _list_grid_world("DistShift2-v0", "dist_shift", "lava elsewhere, for the test", strip2_row=5),
+    _list_grid_world("Dynamic-Obstacles-5x5-v0", "dynamic_obstacles", "avoid moving balls", size=5, n_obstacles=2),
+    _list_grid_world(
         "Dynamic-Obstacles-Random-5x5-v0",
         "dynamic_obstacles",
         "avoid moving balls, start anywhere",
@@ -77,8 +88,8 @@ GRID_WORLDS: tuple[CatalogueEntry, ...] = (
         agent_start_pos=None,
         n_obstacles=2,
     ),
-    _world("Dynamic-Obstacles-6x6-v0", "dynamic_obstacles", "avoid moving balls", size=6, n_obstacles=3),
-    _world(
+    _list_grid_world("Dynamic-Obstacles-6x6-v0", "dynamic_obstacles", "avoid moving balls", size=6, n_obstacles=3),
+    _list_grid_world(
         "Dynamic-Obstacles-Random-6x6-v0",
         "dynamic_obstacles",
         "avoid moving balls, start anywhere",
@@ -86,39 +97,39 @@ GRID_WORLDS: tuple[CatalogueEntry, ...] = (
         agent_start_pos=None,
         n_obstacles=3,
     ),
-    _world("Dynamic-Obstacles-8x8-v0", "dynamic_obstacles", "avoid moving balls"),
-    _world("Dynamic-Obstacles-16x16-v0", "dynamic_obstacles", "avoid moving balls", size=16, n_obstacles=8),
-    _world("Fetch-5x5-N2-v0", "fetch", "pick up what is asked for", size=5, numObjs=2),
-    _world("Fetch-6x6-N2-v0", "fetch", "pick up what is asked for", size=6, numObjs=2),
-    _world("Fetch-8x8-N3-v0", "fetch", "pick up what is asked for"),
-    _world("GoToDoor-5x5-v0", "go_to_door", "go to the door of a colour"),
-    _world("GoToDoor-6x6-v0", "go_to_door", "go to the door of a colour", size=6),
-    _world("GoToDoor-8x8-v0", "go_to_door", "go to the door of a colour", size=8),
-    _world("GoToObject-6x6-N2-v0", "go_to_object", "go to an object"),
-    _world("GoToObject-8x8-N2-v0", "go_to_object", "go to an object", size=8, numObjs=2),
-    _world("PutNear-6x6-N2-v0", "put_near", "put one object near another"),
-    _world("PutNear-8x8-N3-v0", "put_near", "put one object near another", size=8, numObjs=3),
-    _world("MemoryS7-v0", "memory", "find the match of what was seen", size=7),
-    _world("MemoryS9-v0", "memory", "find the match of what was seen", size=9),
-    _world("MemoryS11-v0", "memory", "find the match of what was seen", size=11),
-    _world("MemoryS13-v0", "memory", "find the match of what was seen", size=13),
-    _world("MemoryS13Random-v0", "memory", "the same, corridor of drawn length", size=13, random_length=True),
-    _world("MemoryS17Random-v0", "memory", "the same, corridor of drawn length", size=17, random_length=True),
-    _world("RedBlueDoors-6x6-v0", "red_blue_doors", "open the red door, then the blue one", size=6),
-    _world("RedBlueDoors-8x8-v0", "red_blue_doors", "open the red door, then the blue one"),
-    _world("LockedRoom-v0", "locked_room", "the key of the goal's room is in another room"),
-    _world("Playground-v0", "playground", "rooms and objects without a task"),
-    _world("Unlock-v0", "unlock", "open a locked door"),
-    _world("UnlockPickup-v0", "unlock_pickup", "pick up a box behind a locked door"),
-    _world("BlockedUnlockPickup-v0", "blocked_unlock_pickup", "the same, a ball before the door"),
-    _world("KeyCorridorS3R1-v0", "key_corridor", "find the key, then the ball", room_size=3, num_rows=1),
-    _world("KeyCorridorS3R2-v0", "key_corridor", "find the key, then the ball", room_size=3, num_rows=2),
-    _world("KeyCorridorS3R3-v0", "key_corridor", "find the key, then the ball", room_size=3, num_rows=3),
-    _world("KeyCorridorS4R3-v0", "key_corridor", "find the key, then the ball", room_size=4, num_rows=3),
-    _world("KeyCorridorS5R3-v0", "key_corridor", "find the key, then the ball", room_size=5, num_rows=3),
-    _world("KeyCorridorS6R3-v0", "key_corridor", "find the key, then the ball", room_size=6, num_rows=3),
+    _list_grid_world("Dynamic-Obstacles-8x8-v0", "dynamic_obstacles", "avoid moving balls"),
+    _list_grid_world("Dynamic-Obstacles-16x16-v0", "dynamic_obstacles", "avoid moving balls", size=16, n_obstacles=8),
+    _list_grid_world("Fetch-5x5-N2-v0", "fetch", "pick up what is asked for", size=5, numObjs=2),
+    _list_grid_world("Fetch-6x6-N2-v0", "fetch", "pick up what is asked for", size=6, numObjs=2),
+    _list_grid_world("Fetch-8x8-N3-v0", "fetch", "pick up what is asked for"),
+    _list_grid_world("GoToDoor-5x5-v0", "go_to_door", "go to the door of a colour"),
+    _list_grid_world("GoToDoor-6x6-v0", "go_to_door", "go to the door of a colour", size=6),
+    _list_grid_world("GoToDoor-8x8-v0", "go_to_door", "go to the door of a colour", size=8),
+    _list_grid_world("GoToObject-6x6-N2-v0", "go_to_object", "go to an object"),
+    _list_grid_world("GoToObject-8x8-N2-v0", "go_to_object", "go to an object", size=8, numObjs=2),
+    _list_grid_world("PutNear-6x6-N2-v0", "put_near", "put one object near another"),
+    _list_grid_world("PutNear-8x8-N3-v0", "put_near", "put one object near another", size=8, numObjs=3),
+    _list_grid_world("MemoryS7-v0", "memory", "find the match of what was seen", size=7),
+    _list_grid_world("MemoryS9-v0", "memory", "find the match of what was seen", size=9),
+    _list_grid_world("MemoryS11-v0", "memory", "find the match of what was seen", size=11),
+    _list_grid_world("MemoryS13-v0", "memory", "find the match of what was seen", size=13),
+    _list_grid_world("MemoryS13Random-v0", "memory", "the same, corridor of drawn length", size=13, random_length=True),
+    _list_grid_world("MemoryS17Random-v0", "memory", "the same, corridor of drawn length", size=17, random_length=True),
+    _list_grid_world("RedBlueDoors-6x6-v0", "red_blue_doors", "open the red door, then the blue one", size=6),
+    _list_grid_world("RedBlueDoors-8x8-v0", "red_blue_doors", "open the red door, then the blue one"),
+    _list_grid_world("LockedRoom-v0", "locked_room", "the key of the goal's room is in another room"),
+    _list_grid_world("Playground-v0", "playground", "rooms and objects without a task"),
+    _list_grid_world("Unlock-v0", "unlock", "open a locked door"),
+    _list_grid_world("UnlockPickup-v0", "unlock_pickup", "pick up a box behind a locked door"),
+    _list_grid_world("BlockedUnlockPickup-v0", "blocked_unlock_pickup", "the same, a ball before the door"),
+    _list_grid_world("KeyCorridorS3R1-v0", "key_corridor", "find the key, then the ball", room_size=3, num_rows=1),
+    _list_grid_world("KeyCorridorS3R2-v0", "key_corridor", "find the key, then the ball", room_size=3, num_rows=2),
+    _list_grid_world("KeyCorridorS3R3-v0", "key_corridor", "find the key, then the ball", room_size=3, num_rows=3),
+    _list_grid_world("KeyCorridorS4R3-v0", "key_corridor", "find the key, then the ball", room_size=4, num_rows=3),
+    _list_grid_world("KeyCorridorS5R3-v0", "key_corridor", "find the key, then the ball", room_size=5, num_rows=3),
+    _list_grid_world("KeyCorridorS6R3-v0", "key_corridor", "find the key, then the ball", room_size=6, num_rows=3),
     *(
-        _world(f"WFC-{preset}-v0", "wfc", summary, wfc_config=preset)
+        _list_grid_world(f"WFC-{preset}-v0", "wfc", summary, wfc_config=preset)
         for preset, summary in (
             ("MazeSimple", "a maze by Wave Function Collapse"),
             ("DungeonMazeScaled", "a dungeon of passages and halls"),
@@ -128,11 +139,13 @@ GRID_WORLDS: tuple[CatalogueEntry, ...] = (
             ("ObstaclesHogs3", "a floor with hooks"),
         )
     ),
-    _world("ObstructedMaze-1Dl-v0", "obstructed_pair", "a locked door", key_in_box=False, blocked=False),
-    _world("ObstructedMaze-1Dlh-v0", "obstructed_pair", "its key hidden in a box", key_in_box=True, blocked=False),
-    _world("ObstructedMaze-1Dlhb-v0", "obstructed_pair", "and a ball before the door"),
+    _list_grid_world("ObstructedMaze-1Dl-v0", "obstructed_pair", "a locked door", key_in_box=False, blocked=False),
+    _list_grid_world(
+        "ObstructedMaze-1Dlh-v0", "obstructed_pair", "its key hidden in a box", key_in_box=True, blocked=False
+    ),
+    _list_grid_world("ObstructedMaze-1Dlhb-v0", "obstructed_pair", "and a ball before the door"),
     *(
-        _world(
+        _list_grid_world(
             f"ObstructedMaze-{name}-v{version}",
             "obstructed_maze",
             summary,
@@ -319,7 +332,8 @@ _MAKE_FIRST_PERSON = "minihuman.worlds.first_person.batch:make_world"
 _BATCH_FIRST_PERSON = "minihuman.worlds.first_person.batch:make_batch"
 
 
-def _entry(name: str, layout: str, summary: str, **options: Any) -> CatalogueEntry:
+def _list_first_person_world(name: str, layout: str, summary: str, **options: Any) -> CatalogueEntry:
+    """Return the catalogue entry of a first-person world of a layout."""
     options = {"layout": layout, **options}
     return CatalogueEntry(
         f"MiniWorld-{name}-v0", _MAKE_FIRST_PERSON, options, _BATCH_FIRST_PERSON, summary, guards_itself=True
@@ -327,14 +341,24 @@ def _entry(name: str, layout: str, summary: str, **options: Any) -> CatalogueEnt
 
 
 FIRST_PERSON_WORLDS: tuple[CatalogueEntry, ...] = (
-    _entry("CollectHealth", "layouts.one_room:CollectHealth", "Stay alive on slime by picking up medical kits"),
-    _entry("FourRooms", "layouts.connected_rooms:FourRooms", "Find the red box in one of four rooms"),
-    _entry("GoToObj-Transfer", "layouts.go_to_obj:GoToObj", "Go to the object that is named, the grid one's pair"),
-    _entry("Hallway", "layouts.connected_rooms:Hallway", "Walk to the red box at the end of a hallway"),
-    _entry("Maze", "layouts.mazes:Maze", "Find the red box in a maze of 8 by 8 rooms"),
-    _entry("MazeS2", "layouts.mazes:Maze", "Find the red box in a maze of 2 by 2 rooms", num_rows=2, num_cols=2),
-    _entry("MazeS3", "layouts.mazes:Maze", "Find the red box in a maze of 3 by 3 rooms", num_rows=3, num_cols=3),
-    _entry(
+    _list_first_person_world(
+        "CollectHealth", "layouts.one_room:CollectHealth", "Stay alive on slime by picking up medical kits"
+    ),
+    _list_first_person_world("FourRooms", "layouts.connected_rooms:FourRooms", "Find the red box in one of four rooms"),
+    _list_first_person_world(
+        "GoToObj-Transfer", "layouts.go_to_obj:GoToObj", "Go to the object that is named, the grid one's pair"
+    ),
+    _list_first_person_world(
+        "Hallway", "layouts.connected_rooms:Hallway", "Walk to the red box at the end of a hallway"
+    ),
+    _list_first_person_world("Maze", "layouts.mazes:Maze", "Find the red box in a maze of 8 by 8 rooms"),
+    _list_first_person_world(
+        "MazeS2", "layouts.mazes:Maze", "Find the red box in a maze of 2 by 2 rooms", num_rows=2, num_cols=2
+    ),
+    _list_first_person_world(
+        "MazeS3", "layouts.mazes:Maze", "Find the red box in a maze of 3 by 3 rooms", num_rows=3, num_cols=3
+    ),
+    _list_first_person_world(
         "MazeS3Fast",
         "layouts.mazes:Maze",
         "MazeS3 with longer steps and wider turns",
@@ -343,9 +367,11 @@ FIRST_PERSON_WORLDS: tuple[CatalogueEntry, ...] = (
         max_steps=300,
         parameters=_FAST,
     ),
-    _entry("OneRoom", "layouts.one_room:OneRoom", "Walk to the red box in a room of 10 m"),
-    _entry("OneRoomS6", "layouts.one_room:OneRoom", "Walk to the red box in a room of 6 m", size=6, max_steps=100),
-    _entry(
+    _list_first_person_world("OneRoom", "layouts.one_room:OneRoom", "Walk to the red box in a room of 10 m"),
+    _list_first_person_world(
+        "OneRoomS6", "layouts.one_room:OneRoom", "Walk to the red box in a room of 6 m", size=6, max_steps=100
+    ),
+    _list_first_person_world(
         "OneRoomS6Fast",
         "layouts.one_room:OneRoom",
         "OneRoomS6 with longer steps and wider turns",
@@ -353,19 +379,33 @@ FIRST_PERSON_WORLDS: tuple[CatalogueEntry, ...] = (
         max_steps=50,
         parameters=_FAST,
     ),
-    _entry("PickupObjects", "layouts.one_room:PickupObjects", "Pick up everything in the yard"),
-    _entry("PutNext", "layouts.one_room:PutNext", "Put the red box next to the yellow one"),
-    _entry("RoomObjects", "layouts.one_room:RoomObjects", "A box, a ball and a key to look at"),
-    _entry("Sidewalk", "layouts.connected_rooms:Sidewalk", "Walk to the box without stepping into the street"),
-    _entry("Sign", "layouts.sign:Sign", "Touch the thing whose colour is on the sign"),
-    _entry("TMaze", "layouts.mazes:TMaze", "Find the red box in the left or the right arm"),
-    _entry("TMazeLeft", "layouts.mazes:TMaze", "TMaze with the box on the left", goal_pos=(10, 0, -6)),
-    _entry("TMazeRight", "layouts.mazes:TMaze", "TMaze with the box on the right", goal_pos=(10, 0, 6)),
-    _entry("ThreeRooms", "layouts.connected_rooms:ThreeRooms", "Three rooms with five things to look at"),
-    _entry("WallGap", "layouts.connected_rooms:WallGap", "Go through the gap in the wall to the red box"),
-    _entry("YMaze", "layouts.mazes:YMaze", "Find the red box in one of two slanted arms"),
-    _entry("YMazeLeft", "layouts.mazes:YMaze", "YMaze with the box on the left", goal_pos=(3.9, 0, -7.0)),
-    _entry("YMazeRight", "layouts.mazes:YMaze", "YMaze with the box on the right", goal_pos=(3.9, 0, 7.0)),
+    _list_first_person_world("PickupObjects", "layouts.one_room:PickupObjects", "Pick up everything in the yard"),
+    _list_first_person_world("PutNext", "layouts.one_room:PutNext", "Put the red box next to the yellow one"),
+    _list_first_person_world("RoomObjects", "layouts.one_room:RoomObjects", "A box, a ball and a key to look at"),
+    _list_first_person_world(
+        "Sidewalk", "layouts.connected_rooms:Sidewalk", "Walk to the box without stepping into the street"
+    ),
+    _list_first_person_world("Sign", "layouts.sign:Sign", "Touch the thing whose colour is on the sign"),
+    _list_first_person_world("TMaze", "layouts.mazes:TMaze", "Find the red box in the left or the right arm"),
+    _list_first_person_world(
+        "TMazeLeft", "layouts.mazes:TMaze", "TMaze with the box on the left", goal_pos=(10, 0, -6)
+    ),
+    _list_first_person_world(
+        "TMazeRight", "layouts.mazes:TMaze", "TMaze with the box on the right", goal_pos=(10, 0, 6)
+    ),
+    _list_first_person_world(
+        "ThreeRooms", "layouts.connected_rooms:ThreeRooms", "Three rooms with five things to look at"
+    ),
+    _list_first_person_world(
+        "WallGap", "layouts.connected_rooms:WallGap", "Go through the gap in the wall to the red box"
+    ),
+    _list_first_person_world("YMaze", "layouts.mazes:YMaze", "Find the red box in one of two slanted arms"),
+    _list_first_person_world(
+        "YMazeLeft", "layouts.mazes:YMaze", "YMaze with the box on the left", goal_pos=(3.9, 0, -7.0)
+    ),
+    _list_first_person_world(
+        "YMazeRight", "layouts.mazes:YMaze", "YMaze with the box on the right", goal_pos=(3.9, 0, 7.0)
+    ),
 )
 
 DRAWN_LEVEL = CatalogueEntry(

@@ -116,6 +116,7 @@ SecondProcess = Callable[[Rehearsal], Sequence[Moment] | str]  # what it gave, o
 
 
 def _examine(rehearsal: Rehearsal, replay_elsewhere: SecondProcess | None, report: ConformanceReport) -> None:
+    """Play a world in the ways that a session does, and add what is wrong to the report."""
     started_s = time.perf_counter()
     with closing(World(rehearsal.world, rehearsal.options)) as world:
         start_s = time.perf_counter() - started_s
@@ -310,10 +311,10 @@ def _examine_copy(world: World, rehearsal: Rehearsal, report: ConformanceReport)
     except WorldError:
         report.notices.append("it cannot be copied, so a browser shows each step one round trip after its key")
         return
-    first = _go_on(world, rehearsal)
+    first = _play_after_save(world, rehearsal)
     try:
         world.restore(saved)
-        again = _go_on(world, rehearsal)
+        again = _play_after_save(world, rehearsal)
     except WorldError as error:
         report.unprovable.append(f"a copy of it in mid-episode cannot be gone back to ({error}); {_COPY_ADVICE}")
         return
@@ -329,7 +330,8 @@ def _is_over(world: World, rehearsal: Rehearsal, number: int) -> bool:
     return transition.terminated or transition.truncated
 
 
-def _go_on(world: World, rehearsal: Rehearsal) -> list[Moment]:
+def _play_after_save(world: World, rehearsal: Rehearsal) -> list[Moment]:
+    """Play some steps from the world's present state; return what each of them returned."""
     moments = []
     for number in range(N_STEPS_AFTER_SAVE):
         transition = world.step(rehearsal.actions[number % len(rehearsal.actions)])
@@ -351,6 +353,7 @@ def _go_on(world: World, rehearsal: Rehearsal) -> list[Moment]:
 
 
 def _compare_processes(moments: Sequence[Moment], replay: Sequence[Moment] | str, report: ConformanceReport) -> None:
+    """Report how a replay in another process differs from the play here."""
     if isinstance(replay, str):
         report.notices.append(f"it was not played in a second process: {replay}")
         return

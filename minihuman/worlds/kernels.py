@@ -122,7 +122,7 @@ def llvm_function(write: Callable[..., Any], plain: F, *, counts: bool) -> F:
         plain: the Python function that does the same without compilation.
         counts: whether the function returns a whole number; otherwise it returns nothing.
     """
-    return cast(F, _or_plain(plain, lambda: _compiler(plain).llvm_function(write, plain, counts=counts)))
+    return cast(F, _or_plain(plain, lambda: _import_compiler(plain).llvm_function(write, plain, counts=counts)))
 
 
 def array_at(kind: type[np.generic]) -> Callable[[int, int], NDArray[Any]]:
@@ -136,7 +136,7 @@ def array_at(kind: type[np.generic]) -> Callable[[int, int], NDArray[Any]]:
         size = np.dtype(kind).itemsize * int(count)
         return np.ndarray((count,), kind, memoryview((ctypes.c_byte * size).from_address(int(address))))
 
-    return cast(Callable[[int, int], NDArray[Any]], _or_plain(plain, lambda: _compiler(plain).array_at(kind)))
+    return cast(Callable[[int, int], NDArray[Any]], _or_plain(plain, lambda: _import_compiler(plain).array_at(kind)))
 
 
 def _or_plain(plain: Any, compile_it: Callable[[], Any]) -> Any:
@@ -151,14 +151,15 @@ def _or_plain(plain: Any, compile_it: Callable[[], Any]) -> Any:
 
 @cache
 def _compiled(source: KernelSource) -> Any:
-    return _compiler(source.function).compiled(source)
+    return _import_compiler(source.function).compiled(source)
 
 
 def _is_compiling() -> bool:
     return os.environ.get("NUMBA_DISABLE_JIT", "0") == "0"
 
 
-def _compiler(function: Any) -> Any:
+def _import_compiler(function: Any) -> Any:
+    """Return the module that compiles kernels; raise MinihumanError if Numba is not installed."""
     try:
         from minihuman.worlds.build import compilation
     except ImportError as error:
@@ -249,7 +250,7 @@ def _refuse(source: KernelSource, entry: Callable[..., Any], *arguments: Any) ->
     Raises:
         TypeError: if no argument needed a conversion, so that the call cannot succeed.
     """
-    fitting = [_fitting(argument) for argument in arguments]
+    fitting = [_convert_argument(argument) for argument in arguments]
     if all(argument is other for argument, other in zip(arguments, fitting, strict=True)):
         kinds = ", ".join(
             f"{argument.dtype}{argument.shape}" if isinstance(argument, np.ndarray) else repr(argument)
@@ -259,7 +260,8 @@ def _refuse(source: KernelSource, entry: Callable[..., Any], *arguments: Any) ->
     return entry(*fitting)
 
 
-def _fitting(value: Any) -> Any:
+def _convert_argument(value: Any) -> Any:
+    """Return an argument in a form that kernels take: a plain number, or a plain array of the usual byte order."""
     if isinstance(value, np.generic):
         return value.item()
     if isinstance(value, np.ndarray):

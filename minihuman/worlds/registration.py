@@ -16,12 +16,13 @@ if TYPE_CHECKING:
 def register_with_gymnasium() -> None:
     """Register every world with Gymnasium now, or have it registered when Gymnasium is imported."""
     if "gymnasium" in sys.modules:
-        _register()
+        _register_worlds()
     elif not any(isinstance(finder, _GymnasiumFinder) for finder in sys.meta_path):
         sys.meta_path.insert(0, _GymnasiumFinder())
 
 
-def _register() -> None:
+def _register_worlds() -> None:
+    """Register every world with Gymnasium."""
     from minihuman.worlds.catalogue import register  # a page for every world: not needed where none is made
 
     register()
@@ -63,4 +64,4 @@ class _RegisteringLoader:
         self._its_own.exec_module(module)
         if self._waiting in sys.meta_path:
             sys.meta_path.remove(self._waiting)
-        _register()
+        _register_worlds()

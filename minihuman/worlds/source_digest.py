@@ -20,7 +20,7 @@ _IMPORT = re.compile(r"(?:^|[;:])[ \t]*(?:from\s+([\w.]+)\s+import\s*(\([^)]*\)|
 @cache
 def rules_digest() -> str:
     """Return the digest of all sources of the built-in worlds: 16 hexadecimal digits, the same on every machine."""
-    return _digest(sorted(_below(files(f"{_OURS}.worlds"), "")))
+    return _digest(sorted(_list_sources(files(f"{_OURS}.worlds"), "")))
 
 
 @cache
@@ -68,16 +68,18 @@ def _reached(*modules: str) -> set[str]:
 
 
 def _digest(sources: list[tuple[str, str]]) -> str:
+    """Return the digest of named texts: 16 hexadecimal digits."""
     digest = hashlib.sha256()
     for name, text in sources:
         digest.update(f"{name} {len(text)}\n{text}".encode())
     return digest.hexdigest()[:16]
 
 
-def _below(folder: Traversable, path: str) -> Iterator[tuple[str, str]]:
+def _list_sources(folder: Traversable, path: str) -> Iterator[tuple[str, str]]:
+    """Yield the path and the text of every Python file below a folder."""
     for entry in folder.iterdir():
         if entry.is_dir():
-            yield from _below(entry, f"{path}{entry.name}/")
+            yield from _list_sources(entry, f"{path}{entry.name}/")
         elif entry.name.endswith(".py"):
             yield f"{path}{entry.name}", entry.read_text(encoding="utf-8")
 

@@ -58,22 +58,22 @@ class AgentPlayActivity(PlayActivity):
 
     @property
     def agent(self) -> AgentPlan:
-        """The protocol's ``[blocks.agent]`` table."""
+        """Return the protocol's ``[blocks.agent]`` table."""
         return self.plan.agent
 
     @property
     def hand_back_key(self) -> str:
-        """The key that returns control to the agent; "" where takeovers are not possible."""
+        """Return the key that returns control to the agent; "" where takeovers are not possible."""
         return ""
 
     @property
     def rating_keys(self) -> tuple[str, str]:
-        """The keys that rate a step as good and as bad; "" where steps are not rated."""
+        """Return the keys that rate a step as good and as bad; "" where steps are not rated."""
         return "", ""
 
     @property
     def rated_episode(self) -> RunningEpisode | None:
-        """The finished episode that can still be rated; None in every other phase."""
+        """Return the finished episode that can still be rated; None in every other phase."""
         return None
 
     @property
@@ -84,7 +84,7 @@ class AgentPlayActivity(PlayActivity):
 
     @property
     def request(self) -> ActivityRequest | None:  # type: ignore[override]
-        """The request for a policy between episodes, or for advice in the present state; None if neither is due."""
+        """Return the request for a policy, or for advice in the present state; None if neither is due."""
         if not self.playing:
             if self._has_first_policy and not self._learning:
                 return None
@@ -122,6 +122,7 @@ class AgentPlayActivity(PlayActivity):
         return None
 
     def _take_policy(self, new: NewPolicy) -> None:
+        """Accept a new policy, or the failure of a learner or agent, and log it; hand control over if need be."""
         if not new.failure:
             self._next_policy = new.policy
         if self.playing:  # the agent that plays has failed
@@ -141,6 +142,7 @@ class AgentPlayActivity(PlayActivity):
             self._steer("person", "agent_failed" if self._names_failures else "no_policy")
 
     def _take_advice(self, advice: Advice) -> None:
+        """Draw the agent's next action from a policy's advice; ignore advice on an earlier state."""
         play = self._current
         now_ns = self.context.now_ns
         if advice.step != play.steps:
@@ -177,7 +179,7 @@ class AgentPlayActivity(PlayActivity):
 
     @property
     def _playable(self) -> list[int]:
-        """The numbers of the world's actions that have a key."""
+        """Return the numbers of the world's actions that have a key."""
         play = self._current
         actions = {play.action_of(key) for key in play.plan.key_map.keys}
         return sorted(action for action in actions if action is not None)
@@ -190,12 +192,12 @@ class AgentPlayActivity(PlayActivity):
 
     @property
     def real_time(self) -> bool:  # type: ignore[override]
-        """Whether steps happen by the clock now, made by the agent or by the world."""
+        """Return whether steps happen by the clock now, made by the agent or by the world."""
         return self.playing and (self.controller == "agent" or self._current.real_time)
 
     @property
     def next_tick_ns(self) -> int | None:  # type: ignore[override]
-        """The time of the agent's next step or of the block's next tick, whichever comes first, in nanoseconds."""
+        """Return the time in nanoseconds of the agent's next step or of the block's next tick, whichever is first."""
         block_due_ns = super().next_tick_ns
         agent_due_ns = self._due_ns if self._agent_can_step else None
         return min((t for t in (block_due_ns, agent_due_ns) if t is not None), default=None)
@@ -213,11 +215,13 @@ class AgentPlayActivity(PlayActivity):
             self._step(action, key="", key_t_ns=now_ns)
 
     def _step(self, action: int, *, key: str, key_t_ns: int) -> None:
+        """Make a step and discard the agent's planned action."""
         stepped = self._current.step(self.context.now_ns, action, key=key, key_t_ns=key_t_ns)
         self._due_ns = self.advised = None
         self._stepped(stepped)
 
     def _shown(self, screen_shown: ScreenShown) -> None:
+        """Handle a picture that reached the display; the agent's next step is due one period after the latest one."""
         super()._shown(screen_shown)
         if not self.playing or self._due_ns is not None:
             return
@@ -233,6 +237,7 @@ class AgentPlayActivity(PlayActivity):
     # Episodes
 
     def _episode_started(self) -> None:
+        """Put the newest policy into force, and give control to the agent or, without a policy, to the person."""
         self.policy = self._next_policy
         self._due_ns = self.advised = None
         if self.policy:
@@ -243,6 +248,7 @@ class AgentPlayActivity(PlayActivity):
             self._steer("person", "no_policy")
 
     def _steer(self, controller: Controller, reason: ControlReason, pressed_ns: int | None = None) -> None:
+        """Give control to the agent or the person, and log it; ``pressed_ns`` is the time of the key press, if any."""
         play = self._current
         now_ns = self.context.now_ns
         self.controller = controller
@@ -262,7 +268,7 @@ class AgentPlayActivity(PlayActivity):
 
     @property
     def learning_s(self) -> float:  # type: ignore[override]
-        """The longest time that the next episode waits for the learner, in seconds."""
+        """Return the longest time that the next episode waits for the learner, in seconds."""
         if self._learning:
             return self.agent.wait_s
         return 0.0
@@ -271,7 +277,7 @@ class AgentPlayActivity(PlayActivity):
 
     @property
     def period_ns(self) -> int:
-        """The time from the display of one of the agent's steps to its next step, in nanoseconds."""
+        """Return the time from the display of one of the agent's steps to its next step, in nanoseconds."""
         return round(self.agent.step_ms * NS_PER_MS)
 
     def describe_steering(self, play: RunningEpisode) -> Steering:

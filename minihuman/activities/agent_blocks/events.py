@@ -11,7 +11,7 @@ ControlReason = Literal["start", "key", "hand_back", "no_policy", "agent_failed"
 
 @dataclass(frozen=True, slots=True)
 class PolicyGiven(ActivityEvent):
-    """A policy was given that plays from the next episode on, or a learner or agent failed."""
+    """A policy was received that plays from the next episode onwards, or a learner or agent failed."""
 
     part: int
     episode: int  # the next one

@@ -34,9 +34,9 @@ class AgentPlayPlan(PlayPlan, frozen=True):
 
     @property
     def needs_learner(self) -> bool:
-        """Whether a learner makes new policies during the block."""
+        """Return whether a learner makes new policies during the block."""
         return bool(self.agent.learner)
 
     def plays_policy_file(self, files: Container[str]) -> bool:
-        """Tell whether the block plays a policy that a learner makes or that is one of the protocol's files."""
+        """Return whether the block plays a policy that a learner makes or that is one of the protocol's files."""
         return bool(self.agent.learner) or self.agent.policy in files

@@ -40,7 +40,7 @@ def steering_minutes(episode: EpisodeLog, taught: TeachingRecord) -> float:
 
 
 def policy_agreement(episodes: Sequence[TaughtEpisode]) -> float:
-    """Return the share of the person's steps at which the policy would have acted alike; NaN if there are none."""
+    """Return the share of the person's steps at which the policy would have acted the same; NaN if there are none."""
     agreements = [np.zeros(0, np.bool_)]
     for episode, taught in episodes:
         advised_steps = taught.by_person & (taught.policy_actions != NO_ADVICE)

@@ -20,7 +20,7 @@ class PolicyRequest(ActivityRequest):
 
     @property
     def takes_long(self) -> bool:
-        """Whether a learner makes the policy."""
+        """Return whether a learner makes the policy."""
         return self.learning
 
 

@@ -54,6 +54,7 @@ class AgentBlockSimulator(PartSimulator):
         return True
 
     def _decide(self, part: AgentPlayActivity, play: RunningEpisode) -> KeyPress | None:
+        """Return the key that a teacher, or a participant who is in control, presses now; None for no press."""
         participant = self.person.participant
         if isinstance(participant, SimulatedTeacher):
             with name_failures():

@@ -43,9 +43,10 @@ class CorrectionActivity(Activity):
         self._number = 0
         self._corrections = 0
         self._cached_screen: tuple[object, Screen] | None = None
-        self._wait()
+        self._await_episode()
 
-    def _wait(self) -> None:
+    def _await_episode(self) -> None:
+        """Wait for the next episode to review, or end the part if all have been reviewed."""
         self.phase = Phase.PREPARING
         self._episode: EpisodeClip | None = None
         self._film: EpisodeFilm | None = None
@@ -57,7 +58,7 @@ class CorrectionActivity(Activity):
 
     @property
     def request(self) -> ActivityRequest | None:  # type: ignore[override]
-        """The request for the next episode to review; None if none is due."""
+        """Return the request for the next episode to review; None if none is due."""
         if self.ended or self.phase is not Phase.PREPARING:
             return None
         return EpisodeRequest(self.number, self._plan.source, self._number, self._plan.episodes)
@@ -84,23 +85,23 @@ class CorrectionActivity(Activity):
             case KeyDown():
                 self._press_while_looking(happened)
             case ScreenShown() if self._episode is not None:
-                self._seen(happened)
+                self._log_picture(happened)
 
     @property
     def playing(self) -> bool:  # type: ignore[override]
-        """Whether a correction is in progress."""
+        """Return whether a correction is in progress."""
         return self.phase is Phase.SHOWING
 
     @property
     def reviewed_episode(self) -> tuple[EpisodeClip, int] | None:
-        """The episode and the step under review, for simulated participants; None if there is none."""
+        """Return the episode and the step under review, for simulated participants; None if there is none."""
         if self._episode is None or self.phase is not Phase.LOOKING:
             return None
         return (self._episode, self._step)
 
     @property
     def review_id(self) -> tuple[int, int]:
-        """The part's index in the plan, and the index of the reviewed episode within the part."""
+        """Return the part's index in the plan, and the index of the reviewed episode within the part."""
         return self.number, self._number
 
     def suspend(self, reason: PauseReason) -> None:
@@ -116,6 +117,7 @@ class CorrectionActivity(Activity):
     # Looking
 
     def _begin_look(self, episode: EpisodeClip | None) -> None:
+        """Show an episode for review and log it; end the part if there is none."""
         now_ns = self.context.now_ns
         if episode is None or not 0 <= episode.episode < len(self.context.plan.episodes):
             self.context.emit(NothingToCorrect(now_ns, self.number, self._number))
@@ -155,6 +157,7 @@ class CorrectionActivity(Activity):
         return self.context.world(episode.world, options)
 
     def _press_while_looking(self, press: KeyDown) -> None:
+        """Handle a key press during the review: step through the episode, correct it or go to the next one."""
         plan = self._plan
         emit_key = self.context.emit_key
         if self.phase is not Phase.LOOKING or self._film is None:
@@ -168,14 +171,15 @@ class CorrectionActivity(Activity):
         elif press.key in ENTER_KEYS:
             emit_key(press, "accepted", self.phase)
             self._number += 1
-            self._wait()
+            self._await_episode()
         elif press.key == plan.begin:
             emit_key(press, "accepted", self.phase)
             self._begin_correction(press)
         else:
             emit_key(press, "unmapped", self.phase)
 
-    def _seen(self, screen_shown: ScreenShown) -> None:
+    def _log_picture(self, screen_shown: ScreenShown) -> None:
+        """Log that a picture of the reviewed episode, or of its correction, reached the display."""
         step = self._current_step
         if self.play is not None and screen_shown.step is not None:
             step = min(screen_shown.step, step)
@@ -193,6 +197,7 @@ class CorrectionActivity(Activity):
     # Showing
 
     def _begin_correction(self, press: KeyDown) -> None:
+        """Recreate the episode up to the step that is shown, and let the participant continue from there."""
         assert self._episode is not None
         episode = self._episode
         context = self.context
@@ -226,6 +231,7 @@ class CorrectionActivity(Activity):
         self._move(Phase.SHOWING)
 
     def _press_while_showing(self, press: KeyDown) -> None:
+        """Handle a key press during a correction: make a step or stop."""
         assert self.play is not None
         play = self.play
         emit_key = self.context.emit_key
@@ -279,7 +285,7 @@ class CorrectionActivity(Activity):
 
     @property
     def _current_step(self) -> int:
-        """The step of the running correction, or otherwise of the episode under review."""
+        """Return the step of the running correction, or otherwise of the episode under review."""
         if self.play is None:
             return self._step
         return self.play.steps

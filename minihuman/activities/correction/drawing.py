@@ -5,6 +5,21 @@ from minihuman.display.drawing import sheet as theme
 from minihuman.display.drawing.play_screens import paste_picture
 from minihuman.display.drawing.sheet import MARGIN, Sheet, Size
 
+# shares of the screen's height
+_FILM_TOP = 0.05
+_FILM_BOTTOM = 0.82
+_BAR_AT = 0.85
+_PROMPT_AT = 0.905
+_PROGRESS_AT = 0.96
+# shares of the screen's width
+_BAR_LEFT = 0.2
+_BAR_RIGHT = 0.8
+# how many times the size goes into the screen's height
+_PROMPTS_HIGH = 30
+_PROGRESS_LINES_HIGH = 36
+_BARS_HIGH = 180
+_LEAST_BAR_PX = 3
+
 
 def draw_film(screen: FilmScreen, size_px: Size) -> Sheet:
     """Draw the episode's present picture and the keys."""
@@ -12,14 +27,17 @@ def draw_film(screen: FilmScreen, size_px: Size) -> Sheet:
     width, height = size_px
     margin = height * MARGIN
     wide = width - 2 * margin
-    paste_picture(sheet, screen.pictures[screen.step], (margin, height * 0.05, width - margin, height * 0.82))
-    y = height * 0.85
-    thick = max(3, round(height / 180))
-    left = width * 0.2
-    right = width * 0.8
+    middle = width / 2
+    film_box = (margin, height * _FILM_TOP, width - margin, height * _FILM_BOTTOM)
+    paste_picture(sheet, screen.pictures[screen.step], film_box)
+    y = height * _BAR_AT
+    left = width * _BAR_LEFT
+    right = width * _BAR_RIGHT
     along = left + (right - left) * screen.step / max(1, len(screen.pictures) - 1)
-    sheet.draw.rectangle((left, y, right, y + thick), fill=theme.SURFACE)
-    sheet.draw.rectangle((left, y, along, y + thick), fill=theme.HIGHLIGHT)
-    sheet.put_line((width / 2, height * 0.905), screen.prompt, round(height / 30), wide, theme.INK)
-    sheet.put_line((width / 2, height * 0.96), screen.progress, round(height / 36), wide, theme.MUTED_INK)
+    thickness = max(_LEAST_BAR_PX, round(height / _BARS_HIGH))
+    sheet.draw.rectangle((left, y, right, y + thickness), fill=theme.SURFACE)
+    sheet.draw.rectangle((left, y, along, y + thickness), fill=theme.HIGHLIGHT)
+    sheet.put_line((middle, height * _PROMPT_AT), screen.prompt, round(height / _PROMPTS_HIGH), wide, theme.INK)
+    progress_px = round(height / _PROGRESS_LINES_HIGH)
+    sheet.put_line((middle, height * _PROGRESS_AT), screen.progress, progress_px, wide, theme.MUTED_INK)
     return sheet

@@ -25,7 +25,7 @@ class EpisodeLookedAt(ActivityEvent):
 
     @property
     def stretch(self) -> EpisodeClip:
-        """The whole episode as a clip."""
+        """Return the whole episode as a clip."""
         return EpisodeClip(self.episode, self.attempt, 0, self.world, self.options, self.seed, self.actions)
 
 
@@ -62,7 +62,7 @@ class CorrectionBegun(ActivityEvent, EpisodeBeginning):
 
     @property
     def begins_at(self) -> tuple[int, int]:
-        """The index of the corrected episode, and the step after which the correction begins."""
+        """Return the index of the corrected episode, and the step after which the correction begins."""
         return self.episode, self.step
 
 

@@ -20,9 +20,9 @@ class CorrectionPlan(PartPlan, frozen=True, forbid_unknown_fields=True):
 
     @property
     def needs_learner(self) -> bool:
-        """Whether a learner chooses the episodes; always false."""
+        """Return whether a learner chooses the episodes; always false."""
         return False
 
     def plays_policy_file(self, files: Container[str]) -> bool:
-        """Tell whether a policy plays in the part; always false."""
+        """Return whether a policy plays in the part; always false."""
         return False

@@ -30,15 +30,15 @@ class FilmScreen(FilmsScreen):
 
     @property
     def films(self) -> tuple[Sequence[NDArray[np.uint8]], ...]:
-        """The episode's film, as a tuple of one."""
+        """Return the episode's film, as a tuple of one."""
         return (self.pictures,)
 
     @property
     def shown_step(self) -> int:
-        """The step whose picture is shown."""
+        """Return the step whose picture is shown."""
         return self.step
 
     @property
     def identity(self) -> tuple[object, ...]:
-        """The texts and the reviewed episode's id: two screens that share them differ in the shown step alone."""
+        """Return the texts and the reviewed episode's id; screens that share them differ only in the shown step."""
         return self.prompt, self.progress, self.film

@@ -11,7 +11,7 @@ from minihuman.experiment.machine.transitions import Phase
 
 
 class KeyboardCheckActivity(Activity):
-    """An activity that shows which keys of the pool have arrived, and what each key types."""
+    """An activity that shows which keys of the pool have been pressed, and what each key types."""
 
     phase = Phase.KEYBOARD_CHECK
     can_copy = True

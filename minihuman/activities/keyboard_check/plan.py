@@ -10,5 +10,5 @@ class KeyboardCheckPlan(PartPlan, frozen=True):
 
     @property
     def is_repeated_on_resume(self) -> bool:
-        """Whether a resumed session repeats the check; true, since the keyboard may be a different one."""
+        """Return whether a resumed session repeats the check; true, since the keyboard may be a different one."""
         return True

@@ -116,6 +116,7 @@ class PagesActivity(Activity):
         return self._open
 
     def _screen(self) -> PageScreen:
+        """Build the screen of the open page."""
         plan: PagePlan = self.part.plan
         words = self.context.words
         reader = self._reader

@@ -18,7 +18,7 @@ class PageReader:
 
     @property
     def at_end(self) -> bool:
-        """Whether the text's last page is open."""
+        """Return whether the text's last page is open."""
         return self.page == self.pages - 1
 
     def turn(self, by: int) -> bool:

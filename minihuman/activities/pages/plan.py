@@ -30,10 +30,10 @@ class PagePlan(PartPlan, frozen=True):
 
     @property
     def asks_consent(self) -> bool:
-        """Whether the participant must agree to the text."""
+        """Return whether the participant must agree to the text."""
         return self.agree
 
     @property
     def closes_session(self) -> bool:
-        """Whether the text closes the session."""
+        """Return whether the text closes the session."""
         return self.closing

@@ -102,30 +102,30 @@ class PlayActivity(Activity):
 
     @property
     def has_next_episode(self) -> bool:
-        """Whether another episode of the block follows."""
+        """Return whether another episode of the block follows."""
         return self.sequence.has_next
 
     @property
     def needs_new_world(self) -> bool:
-        """Whether the next episode's world must still be created."""
+        """Return whether the next episode's world must still be created."""
         plan = self.next_plan
         return not self.context.has_world(plan.world, plan.options)
 
     @property
     def next_plan(self) -> EpisodePlan:
-        """The plan of the next episode; a block that resolves its episodes while it runs overrides it."""
+        """Return the plan of the next episode; a block that resolves its episodes while it runs overrides it."""
         return self.sequence.next_plan
 
     @property
     def waits_for_ready(self) -> bool:
-        """Whether the next episode starts only when the participant presses Enter."""
+        """Return whether the next episode starts only when the participant presses Enter."""
         if not self.plan.trial or self.plan.trial.ready == "each":
             return True
         return self.plan.trial.ready == "first" and not self.has_begun
 
     @property
     def feedback_text(self) -> str:
-        """The text of the feedback on the last episode; "" if there is none."""
+        """Return the text of the feedback on the last episode; "" if there is none."""
         if self._play:
             return self.plan.feedback.get(self._play.outcome or "", "")
         return ""
@@ -142,7 +142,7 @@ class PlayActivity(Activity):
         self._move(TransitionCause.BEGAN)
 
     def receive(self, happened: Input) -> None:
-        """Handle an input, after whatever was due before it."""
+        """Process everything that was due before an input, and then handle the input."""
         match happened:
             case ScreenShown():
                 self._shown(happened)
@@ -188,24 +188,24 @@ class PlayActivity(Activity):
 
     @property
     def playing(self) -> bool:  # type: ignore[override]
-        """Whether an episode is running."""
+        """Return whether an episode is running."""
         return self.phase is Phase.PLAYING
 
     @property
     def real_time(self) -> bool:  # type: ignore[override]
-        """Whether the running episode's steps happen by the clock, without waiting for keys."""
+        """Return whether the running episode's steps happen by the clock, without waiting for keys."""
         return self.playing and self._current.real_time
 
     @property
     def limit_ns(self) -> int | None:  # type: ignore[override]
-        """The time at which the episode's or the block's limit is reached; None between episodes or without a limit."""
+        """Return the time at which the next time limit is reached; None between episodes or without a limit."""
         if self.playing:
             return self._limits.due_ns
         return None
 
     @property
     def next_tick_ns(self) -> int | None:  # type: ignore[override]
-        """The time of the next change by the clock; None if nothing is due.
+        """Return the time of the next change by the clock; None if nothing is due.
 
         A change is a real-time step, a time limit, the end of a timed screen, or the next second of a rest.
         """
@@ -227,6 +227,7 @@ class PlayActivity(Activity):
         return self._latest_screen[1]
 
     def _screen(self) -> Screen:
+        """Build the screen of the present phase."""
         before = self._view.before(self.phase, self._reader)
         if before is not None:
             return before
@@ -245,6 +246,7 @@ class PlayActivity(Activity):
     # Inputs
 
     def _shown(self, screen_shown: ScreenShown) -> None:
+        """Log what reached the display, and start the phase's time from the flip."""
         if self.phase in (Phase.PLAYING, Phase.HOLD):
             self.context.emit(self._current.record_shown(screen_shown))
             if screen_shown.step is not None and screen_shown.step < self._current.steps:
@@ -271,6 +273,7 @@ class PlayActivity(Activity):
             self._move(TransitionCause.DONE)
 
     def _key_in_play(self, press: KeyDown) -> None:
+        """Handle a key press during an episode: make a step, or queue the action in real time."""
         play = self._current
         emit_key = self.context.emit_key
         action = play.action_of(press.key)
@@ -295,6 +298,7 @@ class PlayActivity(Activity):
             self._stepped(play.step(self.context.now_ns, action, key=POINTER, key_t_ns=press.t_ns))
 
     def _key_outside_play(self, press: KeyDown) -> None:
+        """Handle a key press on one of the block's text screens."""
         effect = self._text_keys.judge(
             press, self.phase, now_ns=self.context.now_ns, flip_ns=self._flip_ns, play=self._play
         )
@@ -376,6 +380,7 @@ class PlayActivity(Activity):
         """React to the end of an episode; a hook for subclasses."""
 
     def _stepped(self, stepped: Stepped) -> None:
+        """Log a step with its observation and completed clauses, and end the episode if the step ended it."""
         play = self._current
         now_ns = self.context.now_ns
         self.context.emit(*play.stored_observations(now_ns), *play.clauses_done(now_ns), stepped)
@@ -401,7 +406,7 @@ class PlayActivity(Activity):
 
     @property
     def _look(self) -> object:
-        """Further state on which the screen depends; a hook for subclasses."""
+        """Return further state on which the screen depends; a hook for subclasses."""
         return None
 
     @property

@@ -41,7 +41,7 @@ class BlockTimeLimits:
 
     @property
     def due_ns(self) -> int | None:
-        """The time at which the next limit is reached; None if there is no limit or the clocks are stopped."""
+        """Return the time at which the next limit is reached; None if there is no limit or the clocks are stopped."""
         if self._running_since_ns is None or not (self._episode_ns or self._block_ns):
             return None
         left_ns = []
@@ -61,7 +61,7 @@ class BlockTimeLimits:
         return "max_s"
 
     def block_is_over(self, now_ns: int) -> bool:
-        """Tell whether the block's playing time is used up."""
+        """Return whether the block's playing time is used up."""
         if self._running_since_ns is None:
             running_ns = 0
         else:
@@ -112,11 +112,11 @@ class PhaseTimer:
             self._until_ns = now_ns + self._lasts_ns(phase)
 
     def over(self, phase: StrEnum, now_ns: int) -> bool:
-        """Tell whether a timed phase has lasted its full time."""
+        """Return whether a timed phase has lasted its full time."""
         return phase in self._timed and self._until_ns is not None and now_ns >= self._until_ns
 
     def ends(self, phase: StrEnum) -> bool:
-        """Tell whether a phase ends by time rather than by a key."""
+        """Return whether a phase ends by time rather than by a key."""
         return phase in self._timed
 
     def due_ns(self, phase: StrEnum, now_ns: int) -> int | None:
@@ -135,6 +135,7 @@ class PhaseTimer:
         return (left_ns + NS_PER_S - 1) // NS_PER_S  # rounded up
 
     def _lasts_ns(self, phase: StrEnum) -> int:
+        """Return the duration of a timed phase in nanoseconds."""
         ms: dict[StrEnum, float] = {
             Phase.INTERVAL: self._sequence.interval_ms,
             Phase.FEEDBACK: self._feedback_ms,

@@ -28,12 +28,12 @@ class EpisodeSequence:
 
     @property
     def has_next(self) -> bool:
-        """Whether another episode of the block follows."""
+        """Return whether another episode of the block follows."""
         return self._tally.has_next(self._context.next_episode)
 
     @property
     def next_plan(self) -> EpisodePlan:
-        """The plan of the next episode, resolved by the block's design if it has one."""
+        """Return the plan of the next episode, resolved by the block's design if it has one."""
         plan = self._context.plan.episodes[self._context.next_episode]
         if self._design is None:
             return plan
@@ -41,7 +41,7 @@ class EpisodeSequence:
 
     @property
     def interval_ms(self) -> float:
-        """The time for which the screen is empty before the next episode, in milliseconds."""
+        """Return the time for which the screen is empty before the next episode, in milliseconds."""
         intervals_ms = self._plan.trial.intervals_ms if self._plan.trial else ()
         place = self._context.next_episode - self._plan.first
         if place < len(intervals_ms):  # after the last episode there is none
@@ -50,7 +50,7 @@ class EpisodeSequence:
 
     @property
     def last_points(self) -> float:
-        """The points that the last episode earned."""
+        """Return the points that the last episode earned."""
         return self._tally.scored
 
     def resume(self) -> None:

@@ -11,7 +11,7 @@ from minihuman.experiment.plan.session_plan import PartPlan
 
 
 class CriterionSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The criterion that ends practice: so many successes among the last episodes.
+    """The criterion that ends practice: a number of successes among the last episodes.
 
     A block's ``episodes`` is then the largest number of episodes.
     """
@@ -21,7 +21,7 @@ class CriterionSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     otherwise: Literal["go_on", "end"] = "go_on"  # what follows if it is never met
 
     def is_met(self, outcomes: Sequence[str]) -> bool:
-        """Tell whether enough of the last ``of`` outcomes, or of all if there are fewer, reached the goal."""
+        """Return whether enough of the last ``of`` outcomes, or of all if there are fewer, reached the goal."""
         return sum(outcome == "goal" for outcome in outcomes[-self.of :]) >= self.successes
 
 
@@ -36,7 +36,7 @@ class PointsSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def needs_success(self) -> bool:
-        """Whether the points depend on how an episode ended."""
+        """Return whether the points depend on how an episode ended."""
         return len({self.goal, self.timeout, self.failure}) > 1
 
     def compute(self, outcome: str, steps: int, reward: float) -> float:
@@ -81,7 +81,7 @@ class PlayPlan(PartPlan, frozen=True):
 
     @property
     def planned_episodes(self) -> range:
-        """The indices of the block's episodes."""
+        """Return the indices of the block's episodes."""
         return range(self.first, self.first + self.count)
 
 

@@ -122,13 +122,13 @@ class BlockScreens:
         words = self._context.words
         mission = screen_texts.capitalise(self._mission(play))
         return TextScreen(
-            words["ready.title"], mission, words["ready.prompt"], self._progress(play), locale=words.locale
+            words["ready.title"], mission, words["ready.prompt"], self._format_progress_line(play), locale=words.locale
         )
 
     def feedback(self, play: RunningEpisode, scored: float) -> TextScreen:
         """Build the feedback screen of an episode."""
         return build_feedback_screen(
-            self._context.words, self._plan, play, self._progress(play), scored, self._context.points
+            self._context.words, self._plan, play, self._format_progress_line(play), scored, self._context.points
         )
 
     def play(self, play: RunningEpisode, *, is_last: bool, points: float) -> PlayScreen:
@@ -148,7 +148,7 @@ class BlockScreens:
         return PlayScreen(
             picture=picture,
             mission=self._mission(play),
-            progress=self._progress(play),
+            progress=self._format_progress_line(play),
             legend=tuple((key, words.action(action)) for key, action in legend),
             episode=play.plan.episode,
             step=play.steps,
@@ -176,7 +176,8 @@ class BlockScreens:
     def _mission(self, play: RunningEpisode) -> str:
         return self._plan.mission or self._context.words.mission(play.mission)
 
-    def _progress(self, play: RunningEpisode) -> str:
+    def _format_progress_line(self, play: RunningEpisode) -> str:
+        """Format the episode's position and the points so far, or those of the two that the block shows."""
         total = self._context.points if self._plan.show_points else None
         if not self._shows_progress:
             if total is None:

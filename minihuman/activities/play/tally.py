@@ -36,11 +36,11 @@ class BlockTally:
             self.skip = "time"
 
     def has_next(self, next_episode: int) -> bool:
-        """Tell whether the block continues with the episode of the given index."""
+        """Return whether the block continues with the episode of the given index."""
         return self.skip is None and next_episode < self._plan.first + self._plan.count
 
     @property
     def failed(self) -> bool:
-        """Whether the block ends the session because its criterion was not reached."""
+        """Return whether the block ends the session because its criterion was not reached."""
         until = self._plan.until
         return until is not None and not until.is_met(self.outcomes) and until.otherwise == "end"

@@ -67,7 +67,7 @@ class TextKeys:
         return TextKeyEffect("accepted" if is_page or is_last_enter else "unmapped", turns=turns)
 
     def _waits_for_enter(self, phase: StrEnum, now_ns: int) -> bool:
-        """Tell whether Enter ends a phase at this time."""
+        """Return whether Enter ends a phase at this time."""
         if phase is Phase.REST:
             return not self._timer.left_s(now_ns)
         return phase in _TEXT_PHASES and not self._timer.ends(phase)

@@ -42,9 +42,10 @@ class PreferencesActivity(Activity):
         purpose = f"pair-sides-{self.part.name}-session-{session}"
         order = draw_permutation(self._plan.pairs, seed=plan.study_seed, purpose=purpose, index=plan.participant.index)
         self._first_is_right = [place % 2 == 1 for place in order]
-        self._wait()
+        self._await_pair()
 
-    def _wait(self) -> None:
+    def _await_pair(self) -> None:
+        """Wait for the next pair, or end the part if all pairs have been answered."""
         self.phase = Phase.PREPARING
         self._offered: list[EpisodeClip] = []
         self._films: dict[Side, EpisodeFilm] = {}
@@ -58,7 +59,7 @@ class PreferencesActivity(Activity):
 
     @property
     def request(self) -> ActivityRequest | None:  # type: ignore[override]
-        """The request for the next clip; None if none is due."""
+        """Return the request for the next clip; None if none is due."""
         if self.ended or self.phase is not Phase.PREPARING:
             return None
         first = self._offered[0] if self._offered else None
@@ -87,11 +88,11 @@ class PreferencesActivity(Activity):
         return None
 
     def receive(self, happened: Input) -> None:
-        """Handle an input, after whatever was due before it."""
+        """Process everything that was due before an input, and then handle the input."""
         self._let_time_pass()
         match happened:
             case ClipOffered() if self.request is not None:
-                self._offer(happened.stretch)
+                self._assign_clip(happened.stretch)
             case KeyDown():
                 self._key(happened)
             case ScreenShown() if self.phase is Phase.COMPARING:
@@ -111,7 +112,7 @@ class PreferencesActivity(Activity):
 
     @property
     def next_tick_ns(self) -> int | None:  # type: ignore[override]
-        """The time of the next pictures; None while the present ones have not reached the display."""
+        """Return the time of the next pictures; None while the present ones have not reached the display."""
         return self._until_ns
 
     def suspend(self, reason: PauseReason) -> None:
@@ -120,7 +121,8 @@ class PreferencesActivity(Activity):
 
     # Pairs
 
-    def _offer(self, stretch: EpisodeClip | None) -> None:
+    def _assign_clip(self, stretch: EpisodeClip | None) -> None:
+        """Assign an offered clip to the next side and log it; end the part if there is no clip."""
         now_ns = self.context.now_ns
         if stretch is None:
             self.context.emit(NothingToCompare(now_ns, self.number, self._pair))
@@ -157,6 +159,7 @@ class PreferencesActivity(Activity):
         return "right"
 
     def _film_of(self, stretch: EpisodeClip) -> EpisodeFilm:
+        """Return the film of a clip's pictures."""
         with catch_world_errors():
             options: dict[str, Any] = json.loads(stretch.options)
         plan = self._plan
@@ -172,7 +175,7 @@ class PreferencesActivity(Activity):
 
     @property
     def pair(self) -> tuple[EpisodeClip, EpisodeClip] | None:
-        """The left and the right clip, for simulated participants; None if no pair is shown."""
+        """Return the left and the right clip, for simulated participants; None if no pair is shown."""
         if self.phase is not Phase.COMPARING:
             return None
         first, second = self._offered
@@ -182,12 +185,12 @@ class PreferencesActivity(Activity):
 
     @property
     def pair_id(self) -> tuple[int, int]:
-        """The part's index in the plan, and the index of the pair within the part."""
+        """Return the part's index in the plan, and the index of the pair within the part."""
         return self.number, self._pair
 
     @property
     def length(self) -> int:
-        """The number of pictures of the longer clip."""
+        """Return the number of pictures of the longer clip."""
         return max(map(len, self._films.values()))
 
     def _let_time_pass(self) -> None:
@@ -201,6 +204,7 @@ class PreferencesActivity(Activity):
             self._seen_whole = True
 
     def _key(self, press: KeyDown) -> None:
+        """Log a key press, and replay the pair or record the answer; a pair can be answered once it was seen whole."""
         plan = self._plan
         emit_key = self.context.emit_key
         answers: dict[str, PairAnswer] = {
@@ -233,7 +237,7 @@ class PreferencesActivity(Activity):
                 )
             )
             self._pair += 1
-            self._wait()
+            self._await_pair()
         else:  # both are to be seen to their ends first
             emit_key(press, early_verdict, self.phase)
 
@@ -249,6 +253,7 @@ class PreferencesActivity(Activity):
         return self._cached_screen[1]
 
     def _screen(self) -> PairScreen:
+        """Build the screen of both clips."""
         words = self.context.words
         plan = self._plan
         keys = ("left", "right", "equal", "cannot_tell", "again")

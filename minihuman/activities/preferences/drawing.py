@@ -5,6 +5,23 @@ from minihuman.display.drawing import sheet as theme
 from minihuman.display.drawing.play_screens import paste_picture
 from minihuman.display.drawing.sheet import MARGIN, Sheet, Size
 
+# shares of the screen's height
+_TITLE_AT = 0.07
+_FILMS_TOP = 0.14
+_FILMS_BOTTOM = 0.80
+_BAR_AT = 0.835
+_PROMPT_AT = 0.895
+_PROGRESS_AT = 0.955
+# shares of the screen's width
+_BAR_LEFT = 0.3
+_BAR_RIGHT = 0.7
+# how many times the size goes into the screen's height
+_TITLES_HIGH = 20
+_PROMPTS_HIGH = 30
+_PROGRESS_LINES_HIGH = 36
+_BARS_HIGH = 180
+_LEAST_BAR_PX = 3
+
 
 def draw_pair(screen: PairScreen, size_px: Size) -> Sheet:
     """Draw both films alike, so that they differ in nothing but their content."""
@@ -12,18 +29,19 @@ def draw_pair(screen: PairScreen, size_px: Size) -> Sheet:
     width, height = size_px
     margin = height * MARGIN
     wide = width - 2 * margin
-    sheet.put_line((width / 2, height * 0.07), screen.title, round(height / 20), wide, theme.INK)
-    top = height * 0.14
-    bottom = height * 0.80
-    gap = margin
-    paste_picture(sheet, screen.left, (margin, top, width / 2 - gap, bottom))
-    paste_picture(sheet, screen.right, (width / 2 + gap, top, width - margin, bottom))
-    y = height * 0.835
-    thick = max(3, round(height / 180))
-    left = width * 0.3
-    right = width * 0.7
-    sheet.draw.rectangle((left, y, right, y + thick), fill=theme.SURFACE)
-    sheet.draw.rectangle((left, y, left + (right - left) * screen.along, y + thick), fill=theme.HIGHLIGHT)
-    sheet.put_line((width / 2, height * 0.895), screen.prompt, round(height / 30), wide, theme.INK)
-    sheet.put_line((width / 2, height * 0.955), screen.progress, round(height / 36), wide, theme.MUTED_INK)
+    middle = width / 2
+    sheet.put_line((middle, height * _TITLE_AT), screen.title, round(height / _TITLES_HIGH), wide, theme.INK)
+    top = height * _FILMS_TOP
+    bottom = height * _FILMS_BOTTOM
+    paste_picture(sheet, screen.left, (margin, top, middle - margin, bottom))
+    paste_picture(sheet, screen.right, (middle + margin, top, width - margin, bottom))
+    y = height * _BAR_AT
+    thickness = max(_LEAST_BAR_PX, round(height / _BARS_HIGH))
+    left = width * _BAR_LEFT
+    right = width * _BAR_RIGHT
+    sheet.draw.rectangle((left, y, right, y + thickness), fill=theme.SURFACE)
+    sheet.draw.rectangle((left, y, left + (right - left) * screen.along, y + thickness), fill=theme.HIGHLIGHT)
+    sheet.put_line((middle, height * _PROMPT_AT), screen.prompt, round(height / _PROMPTS_HIGH), wide, theme.INK)
+    progress_px = round(height / _PROGRESS_LINES_HIGH)
+    sheet.put_line((middle, height * _PROGRESS_AT), screen.progress, progress_px, wide, theme.MUTED_INK)
     return sheet

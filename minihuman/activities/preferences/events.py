@@ -29,7 +29,7 @@ class StretchShown(ActivityEvent):
 
     @property
     def stretch(self) -> EpisodeClip:
-        """The clip on this side of the pair."""
+        """Return the clip on this side of the pair."""
         return EpisodeClip(self.episode, self.attempt, self.first, self.world, self.options, self.seed, self.actions)
 
 

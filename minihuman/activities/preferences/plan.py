@@ -30,9 +30,9 @@ class PreferencesPlan(PartPlan, frozen=True, forbid_unknown_fields=True):
 
     @property
     def needs_learner(self) -> bool:
-        """Whether a learner chooses the pairs, by the disagreement about them."""
+        """Return whether a learner chooses the pairs, by the disagreement about them."""
         return self.pairing == "disagreement"
 
     def plays_policy_file(self, files: Container[str]) -> bool:
-        """Tell whether a policy plays in the part; always false."""
+        """Return whether a policy plays in the part; always false."""
         return False

@@ -32,35 +32,35 @@ class PairScreen(FilmsScreen):
 
     @property
     def films(self) -> tuple[Sequence[NDArray[np.uint8]], ...]:
-        """The left and the right film, as sequences of pictures."""
+        """Return the left and the right film, as sequences of pictures."""
         return self.lefts, self.rights
 
     @property
     def shown_step(self) -> int:
-        """The step at which both films are shown."""
+        """Return the step at which both films are shown."""
         return self.step
 
     @property
     def identity(self) -> tuple[object, ...]:
-        """The texts and the pair's id: two screens that share them differ in the shown step alone."""
+        """Return the texts and the pair's id; screens that share them differ only in the shown step."""
         return self.prompt, self.progress, self.pair
 
     @property
     def length(self) -> int:
-        """The number of pictures of the longer film."""
+        """Return the number of pictures of the longer film."""
         return max(len(self.lefts), len(self.rights))
 
     @property
     def left(self) -> NDArray[np.uint8]:
-        """The present picture of the left film."""
+        """Return the present picture of the left film."""
         return self.lefts[min(self.step, len(self.lefts) - 1)]
 
     @property
     def right(self) -> NDArray[np.uint8]:
-        """The present picture of the right film."""
+        """Return the present picture of the right film."""
         return self.rights[min(self.step, len(self.rights) - 1)]
 
     @property
     def along(self) -> float:
-        """The share of the longer film that has been shown, from 0 to 1."""
+        """Return the share of the longer film that has been shown, from 0 to 1."""
         return min(1.0, self.step / max(1, self.length - 1))

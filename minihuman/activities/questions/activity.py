@@ -45,9 +45,10 @@ class QuestionsActivity(Activity):
         self._tries = self.context.tries.get(self.part.name, 0)
         self._wrong = False  # the screen that says so is shown
         self.context.emit(Noted(self.context.now_ns, "phase", self.phase))
-        self._ask_all()
+        self._start_over()
 
-    def _ask_all(self) -> None:
+    def _start_over(self) -> None:
+        """Discard all answers and show the first question."""
         words = self.context.words
         today = self.context.facts.get("number_rules", "1") == NUMBER_RULES
         language = words.language if today else None
@@ -59,9 +60,10 @@ class QuestionsActivity(Activity):
             for question in self._plan.items
         ]
         self._right: list[bool | None] = [None] * len(self._drafts)
-        self._open(0)
+        self._show_question(0)
 
-    def _open(self, number: int) -> None:
+    def _show_question(self, number: int) -> None:
+        """Make a question the present one."""
         self._number = number
         self._shown_ns = self._first_ns = self._changes = 0
         self._note = ""
@@ -93,7 +95,7 @@ class QuestionsActivity(Activity):
                 self._changed_from(before)
 
     def _edit_text(self, edited: TextEdited) -> None:
-        """Take the whole text of a native field, log it as it is, and say at once if it is too long."""
+        """Accept the whole text of a native field, log it unchanged, and report at once if it is too long."""
         before = self._answer
         name = self.draft.question.name
         if edited.field not in ("", name) or not self.draft.put_text(edited.text):
@@ -108,6 +110,7 @@ class QuestionsActivity(Activity):
             self._note = self.context.words.fill(error[0], **error[1])
 
     def _key(self, press: KeyDown) -> None:
+        """Handle a key press: edit the answer, give it, or step back to the question before."""
         before = self._answer
         if self.draft.key(press):
             self.context.emit_key(press, "accepted", self.phase)
@@ -142,7 +145,7 @@ class QuestionsActivity(Activity):
     def _step_back(self) -> None:
         before = [number for number in self._asked_numbers if number < self._number]
         if before:
-            self._open(before[-1])
+            self._show_question(before[-1])
 
     def _give(self) -> None:
         """Log the answer and continue, or show a note if the answer is missing or not valid."""
@@ -173,13 +176,13 @@ class QuestionsActivity(Activity):
             )
         following = [number for number in self._asked_numbers if number > self._number]
         if following:
-            self._open(following[0])
+            self._show_question(following[0])
         else:
             self._conclude()
 
     @property
     def _asked_numbers(self) -> list[int]:
-        """The indices of the questions that the answers so far leave open to ask; ``only_if`` excludes the others."""
+        """Return the indices of the questions to ask; ``only_if`` excludes some, depending on the answers so far."""
         answers_by_name: dict[str, list[Any]] = {}
         numbers = []
         for number, draft in enumerate(self._drafts):
@@ -194,6 +197,7 @@ class QuestionsActivity(Activity):
         return numbers
 
     def _conclude(self) -> None:
+        """End the questionnaire, or allow another try after wrong answers if the plan has one left."""
         if not any(self._right[number] is False for number in self._asked_numbers):
             self.ended = PartEnding()
             return
@@ -219,7 +223,7 @@ class QuestionsActivity(Activity):
         if self._plan.back_to is not None:
             self.ended = PartEnding("again", back_to=self._plan.back_to)
         else:
-            self._ask_all()
+            self._start_over()
 
     @property
     def history(self) -> tuple[object, ...]:
@@ -252,7 +256,7 @@ class QuestionsActivity(Activity):
 
     @property
     def draft(self) -> AnswerDraft:
-        """The draft of the answer to the present question."""
+        """Return the draft of the answer to the present question."""
         return self._drafts[self._number]
 
 

@@ -20,7 +20,7 @@ class QuestionsPlan(msgspec.Struct, frozen=True):
 
     @property
     def has_text_fields(self) -> bool:
-        """Whether a question of an installed kind is answered in a field."""
+        """Return whether a question of an installed kind is answered in a field."""
         return any(_takes_text(question.kind) for question in self.items)
 
 

@@ -47,19 +47,19 @@ class QuestionItemSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def asked(self) -> dict[str, str]:
-        """The text of the question by the name of its answer in the log; a matrix has an entry for each statement."""
+        """Return the question's text by the name of its answer in the log; a matrix has an entry per statement."""
         if not self.statements:
             return {self.name: self.ask}
         return {f"{self.name}_{name}": f"{self.ask} {text}".strip() for name, text in self.statements.items()}
 
     @property
     def all_codes(self) -> tuple[str | int, ...]:
-        """The code of each option or point, for kinds without codes of their own (see `list_codes`)."""
+        """Return the code of each option or point, for kinds without codes of their own (see `list_codes`)."""
         return self.codes or tuple(range(1, (len(self.options) or self.points) + 1))
 
     @property
     def right_answers(self) -> tuple[str | int | float, ...]:
-        """Every right answer; empty if no answer is right or wrong."""
+        """Return every right answer; empty if no answer is right or wrong."""
         if self.right is None:
             return ()
         if isinstance(self.right, tuple):
@@ -113,16 +113,16 @@ class AnswerDraft(abc.ABC):
     @property
     @abc.abstractmethod
     def value(self) -> AnswerValue:
-        """The answer so far; None if there is none."""
+        """Return the answer so far; None if there is none."""
 
     @property
     @abc.abstractmethod
     def display_text(self) -> str:
-        """The answer so far, as the participant sees it."""
+        """Return the answer so far, as the participant sees it."""
 
     @property
     def answers(self) -> tuple[tuple[str, AnswerValue, str], ...]:
-        """The name, value and text of each answer to log; a matrix has several."""
+        """Return the name, value and text of each answer to log; a matrix has several."""
         return ((self.question.name, self.value, self.display_text),)
 
     @abc.abstractmethod
@@ -140,7 +140,7 @@ class AnswerDraft(abc.ABC):
 
     @property
     def error(self) -> tuple[str, dict[str, Any]] | None:
-        """The reason why the answer cannot be given, as the key of an interface text and its fields; None if it can."""
+        """Return why the answer cannot be given, as an interface text's key and its fields; None if it can."""
         if self.question.required and self.value is None:
             return ("note.required", {})
         return None
@@ -292,7 +292,7 @@ def check_range(item: QuestionItemSpec) -> ItemErrors:
 
 
 def is_correct(question: QuestionItemSpec, value: AnswerValue) -> bool | None:
-    """Tell whether an answer is right; None if the question has no right answer."""
+    """Return whether an answer is right; None if the question has no right answer."""
     if question.right is None:
         return None
     if isinstance(value, list):

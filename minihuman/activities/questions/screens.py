@@ -28,5 +28,5 @@ def build_question_screen(
 
 
 def build_wrong_answer_screen(words: InterfaceWords, text: str) -> TextScreen:
-    """Build the screen that announces another try after wrong answers."""
+    """Build the screen that announces another attempt after wrong answers."""
     return TextScreen(words["wrong.title"], text.strip() or words["wrong.body"], words["go_on"], locale=words.locale)

@@ -32,7 +32,7 @@ def _build_answer_row(event: Answered, log: SessionLog) -> TableRow:
 
 
 def _find_latency_ms(shown_ns: int, t_ns: int) -> float | None:
-    """Return the time from a question's display in milliseconds; None if either time is unknown, which is 0."""
+    """Return the milliseconds since a question's display; None if either time is 0, which means unknown."""
     if not shown_ns or not t_ns:
         return None
     return (t_ns - shown_ns) * _MS_PER_NS

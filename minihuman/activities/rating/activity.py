@@ -47,6 +47,7 @@ class RatingActivity(AgentPlayActivity):
         return {self.agent.good: 1.0, self.agent.bad: -1.0}
 
     def _rate(self, press: KeyDown) -> None:
+        """Log a rating and flash it on the screen; ignore auto-repeats that come too soon."""
         if press.repeat and self._last_ns is not None:
             since_last_ns = press.t_ns - self._last_ns
             if since_last_ns < REPEAT_INTERVAL_NS:
@@ -70,6 +71,7 @@ class RatingActivity(AgentPlayActivity):
         return self.agent.policy or "random"  # an agent has to act before it can be rated
 
     def _shown(self, screen_shown: ScreenShown) -> None:
+        """Handle a picture that reached the display; without a policy, act at random or end a failed episode."""
         super()._shown(screen_shown)
         if not self.playing or self.policy or self.advised is not None:
             return
@@ -94,20 +96,20 @@ class RatingActivity(AgentPlayActivity):
 
     @property
     def next_tick_ns(self) -> int | None:  # type: ignore[override]
-        """The end of a rating's flash, or the next tick of every agent block, whichever comes first."""
+        """Return the end of a rating's flash, or the next tick of every agent block, whichever comes first."""
         due = (super().next_tick_ns, self._flash_until_ns)
         return min((t for t in due if t is not None), default=None)
 
     @property
     def rated_episode(self) -> RunningEpisode | None:
-        """The finished episode whose last picture is still shown, and can be rated."""
+        """Return the finished episode whose last picture is still shown, and can be rated."""
         if self.phase is Phase.HOLD:
             return self._current
         return None
 
     @property
     def rating_keys(self) -> tuple[str, str]:
-        """The keys that rate a step as good and as bad."""
+        """Return the keys that rate a step as good and as bad."""
         return self.agent.good, self.agent.bad
 
     @property

@@ -7,7 +7,7 @@ from minihuman.experiment.machine.events import ActivityEvent
 
 @dataclass(frozen=True, slots=True)
 class Rated(ActivityEvent):
-    """The person pressed a key for good or bad.
+    """The person pressed the key that rates a step as good or as bad.
 
     The learner decides which step the rating refers to; ``FrameShown`` events hold the pictures' times.
     """

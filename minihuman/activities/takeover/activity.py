@@ -14,6 +14,7 @@ class TakeoverActivity(AgentPlayActivity):
     takes_over = True
 
     def _key_in_play(self, press: KeyDown) -> None:
+        """Handle a key press during an episode: hand control back, or make a step and take control with it."""
         play = self._current
         emit_key = self.context.emit_key
         action = play.action_of(press.key)
@@ -33,7 +34,7 @@ class TakeoverActivity(AgentPlayActivity):
 
     @property
     def hand_back_key(self) -> str:
-        """The key that returns control to the agent; "" if there is no agent to return it to."""
+        """Return the key that returns control to the agent; "" if there is no agent to return it to."""
         if self.policy:
             return self.agent.hand_back
         return ""

@@ -89,7 +89,7 @@ class TeamPlayActivity(PlayActivity):
 
     @property
     def next_plan(self) -> EpisodePlan:
-        """The plan of the next episode, with the seed, the seat and the keys that the team resolved."""
+        """Return the plan of the next episode, with the seed, the seat and the keys that the team resolved."""
         plan = super().next_plan
         assert self.formed is not None, "a team is formed before its first episode"
         options = {**plan.options, "seat": self.formed.seat}
@@ -123,7 +123,7 @@ class TeamPlayActivity(PlayActivity):
 
     @property
     def team_episode(self) -> TeamEpisode:
-        """The present episode, as a team's episode."""
+        """Return the present episode, as a team's episode."""
         assert isinstance(self._play, TeamEpisode)
         return self._play
 
@@ -131,7 +131,7 @@ class TeamPlayActivity(PlayActivity):
 
     @property
     def request(self) -> ActivityRequest | None:  # type: ignore[override]
-        """The request for the team, for the start of an episode or for the next joint action; None if none is due."""
+        """Return the request for a team, an episode's start or the next joint action; None if no request is due."""
         if self.phase is Phase.LOBBY:
             return TeamRequest(self.number, self.part.name, self.plan, self.context.teams)
         if self.phase is Phase.WAITING and self.formed is not None:
@@ -167,13 +167,13 @@ class TeamPlayActivity(PlayActivity):
         """Handle an input, including answers from the team host."""
         match happened:
             case TeamJoined() if self.phase is Phase.LOBBY:
-                self._join(happened.team, happened.salt)
+                self._join_team(happened.team, happened.salt)
             case SeatsReady() if self.phase is Phase.WAITING and happened.episode == self.team_episode.plan.episode:
                 self.context.emit(SeatsReadied(self.context.now_ns, happened.episode, self.team_episode.poses()))
                 self._move(TransitionCause.DONE)
             case JointTaken() if self.playing:
                 self._let_time_pass()
-                self._take_joint(happened)
+                self._make_joint_step(happened)
             case SeatSighted() if self.playing:
                 self._note_sighting(happened)
             case MessageGiven() if self.playing and happened.message.seat != self._messages.seat:
@@ -181,7 +181,7 @@ class TeamPlayActivity(PlayActivity):
             case TextInput() if self.playing and self._messages.draft is not None:
                 self._messages.draft.type_text(happened.text)
             case TeamLost() if self.phase in (Phase.LOBBY, Phase.WAITING, Phase.PLAYING):
-                self._lose(happened.reason)
+                self._lose_team(happened.reason)
             case ActivityInput():
                 pass
             case _:
@@ -207,7 +207,8 @@ class TeamPlayActivity(PlayActivity):
                 return TeamLost(event.t_ns, event.reason)
         return None
 
-    def _join(self, team: Team, salt: str) -> None:
+    def _join_team(self, team: Team, salt: str) -> None:
+        """Take the seat that the team assigned, log the team, and leave the lobby."""
         self.formed = team
         self._messages.seat = team.seat
         self._messages.salt = salt
@@ -231,11 +232,13 @@ class TeamPlayActivity(PlayActivity):
         self.context.waited_ns += self.context.now_ns - self._lobby_ns
 
     def _move(self, cause: TransitionCause) -> None:
+        """Enter the next phase, and note when the lobby was entered."""
         super()._move(cause)
         if self.phase is Phase.LOBBY:
             self._lobby_ns = self.context.now_ns
 
-    def _lose(self, reason: GoneReason) -> None:
+    def _lose_team(self, reason: GoneReason) -> None:
+        """Log why the team ended, and return to the lobby or end the block."""
         self.context.emit(TeamEnded(self.context.now_ns, self.number, reason))
         if reason == "declined":
             self.formed = None
@@ -251,7 +254,8 @@ class TeamPlayActivity(PlayActivity):
         else:
             self._end()
 
-    def _take_joint(self, joint: JointTaken) -> None:
+    def _make_joint_step(self, joint: JointTaken) -> None:
+        """Make and log a step with the joint action of all seats; ignore one for another step."""
         if not self.playing or (joint.episode, joint.step) != (self._current.plan.episode, self._current.steps + 1):
             return
         play = self.team_episode
@@ -277,7 +281,7 @@ class TeamPlayActivity(PlayActivity):
         self._stepped(stepped)
 
     def _note_holders(self, joint: JointTaken) -> None:
-        """Note who acts for each seat, and emit an event for each change; who is late still holds their seat."""
+        """Record who acts for each seat and emit an event for each change; a late person still holds their seat."""
         holders = list(self._holders)
         for seat, source in enumerate(joint.sources):
             if source != "late" and source != holders[seat]:
@@ -297,6 +301,7 @@ class TeamPlayActivity(PlayActivity):
     # Keys and time
 
     def _key_in_play(self, press: KeyDown) -> None:
+        """Handle a key press during an episode: a message, or this seat's action for the next joint step."""
         play = self.team_episode
         action = play.action_of(press.key)
         if self._messages.take_key(press, play):
@@ -311,7 +316,7 @@ class TeamPlayActivity(PlayActivity):
 
     @property
     def next_tick_ns(self) -> int | None:  # type: ignore[override]
-        """The next tick of any block, the next repetition of a request, or the end of a mark, whichever comes first."""
+        """Return the time of the next tick, repeated request or end of a mark, whichever comes first."""
         due = super().next_tick_ns
         waits = self.phase in (Phase.LOBBY, Phase.WAITING) or (self.playing and self.team_episode.submitted is not None)
         times_ns = []
@@ -334,6 +339,7 @@ class TeamPlayActivity(PlayActivity):
         return isinstance(self._play, TeamEpisode) and not self._play.real_time and self._play.submitted is not None
 
     def _screen(self) -> Screen:
+        """Build the screen of the present phase: the lobby's notices, or those of `PlayActivity`."""
         words = self.context.words
         match self.phase:
             case Phase.LOBBY | Phase.WAITING:
@@ -354,7 +360,7 @@ class TeamPlayActivity(PlayActivity):
 
     @property
     def _has_partner_gone(self) -> bool:
-        """Whether an agent acts in another person's seat, in a session whose presence rules announce it."""
+        """Return whether an agent acts in another person's seat, in a session whose presence rules announce it."""
         if self.formed is None or self.context.facts.get("presence_rules", "1") != PRESENCE_RULES:
             return False
         partner_seats = [

@@ -75,7 +75,7 @@ class TeamEpisode(RunningEpisode):
 
     @property
     def open_action(self) -> int | None:  # type: ignore[override]
-        """The action that this seat has submitted in turn-based play; None without one, or in real time."""
+        """Return the action that this seat has submitted in turn-based play; None without one, or in real time."""
         if self.real_time or self.submitted is None:
             return None
         return self.submitted.action

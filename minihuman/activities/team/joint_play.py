@@ -66,7 +66,7 @@ class JointPlay:
 
     @property
     def is_over(self) -> bool:
-        """Whether the team ended before its first step, so that its people return to the lobby."""
+        """Return whether the team ended before its first step, so that its people return to the lobby."""
         return self._has_declined and not self._has_played
 
     @property
@@ -230,7 +230,7 @@ class JointPlay:
         return self._open_step.find_due(frozenset())
 
     def _find_delay(self, want: JointRequest, missing: Collection[int], now_s: float) -> Delay:
-        """Return how late the missing inputs are by the server's clock, whatever times other pages report."""
+        """Return how late the missing inputs are by the server's clock, regardless of the times that pages report."""
         period_s = want.plan.step_period_ms / MS_PER_S
         due_s = self._schedules[want.plan.episode].find_due_s(missing, want.step, self._clock.opened_s, period_s)
         return self._clock.find_delay(now_s, due_s)

@@ -58,16 +58,16 @@ class OpenStep:
 
     @property
     def has_input(self) -> bool:
-        """Whether any seat has given an input."""
+        """Return whether any seat has given an input."""
         return bool(self._inputs)
 
     @property
     def seats(self) -> frozenset[int]:
-        """The seats that have given an input."""
+        """Return the seats that have given an input."""
         return frozenset(self._inputs)
 
     def has_submitted(self, seat: int, episode: int, step: int) -> bool:
-        """Tell whether a seat has given its input for a step."""
+        """Return whether a seat has given its input for a step."""
         return self._place == (episode, step) and seat in self._inputs
 
     def open(self, episode: int, step: int) -> None:

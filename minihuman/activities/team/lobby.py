@@ -33,7 +33,7 @@ class LobbyEntry(Generic[Member]):
 
     @property
     def index(self) -> int:
-        """The participant's index."""
+        """Return the participant's index."""
         return self.participant.index
 
 
@@ -56,7 +56,7 @@ class SeatedTeam(Generic[Member]):
 
     @property
     def members(self) -> dict[int, Member]:
-        """The team's members by seat."""
+        """Return the team's members by seat."""
         return {seat: entry.member for seat, entry in self.entries.items()}
 
     def admit(self) -> None:
@@ -94,7 +94,7 @@ class Lobby(Generic[Member]):
 
     @property
     def unpaired(self) -> list[LobbyEntry[Member]]:
-        """The entries without a team, in the order of their participants."""
+        """Return the entries without a team, in the order of their participants."""
         return sorted((entry for entry in self._entries if entry.team is None), key=lambda entry: entry.index)
 
     def match(self, entry: LobbyEntry[Member], present_since_s: float) -> list[LobbyEntry[Member]] | None:
@@ -125,6 +125,7 @@ class Lobby(Generic[Member]):
         return candidates
 
     def _may_pair(self, entry: LobbyEntry[Member], other: LobbyEntry[Member]) -> bool:
+        """Return whether the rule of pairing allows two entries in one team."""
         match entry.rules.pairing:
             case "fixed":
                 return self._number_pair(other) == self._number_pair(entry)
@@ -140,6 +141,7 @@ class Lobby(Generic[Member]):
         return rank // len(entry.rules.persons)
 
     def _shuffle(self, candidates: list[LobbyEntry[Member]], entry: LobbyEntry[Member]) -> list[LobbyEntry[Member]]:
+        """Return candidates in a random order drawn from the study's seed."""
         in_order = sorted(candidates, key=lambda candidate: candidate.index)
         purpose = f"pairing-{len(self._entries)}"
         order = draw_permutation(len(in_order), seed=self._seed, purpose=purpose, index=entry.index)

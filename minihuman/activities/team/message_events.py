@@ -19,7 +19,7 @@ class MessageShown(ActivityEvent):
 
     @property
     def words_to_others(self) -> str:
-        """The message's words; empty for a mark."""
+        """Return the message's words; empty for a mark."""
         return self.text
 
 
@@ -31,7 +31,7 @@ class MessageTyped(ActivityEvent):
 
     @property
     def words_to_others(self) -> str:
-        """The letters that were typed."""
+        """Return the letters that were typed."""
         return self.text
 
 

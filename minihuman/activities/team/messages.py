@@ -41,7 +41,7 @@ class TeamMessages:
 
     @property
     def received(self) -> frozenset[str]:
-        """The digests of the messages that need not be sent again.
+        """Return the digests of the messages that need not be sent again.
 
         A session that was resumed from its log lacks the words of other seats, so their digests are not among these.
         """
@@ -49,7 +49,7 @@ class TeamMessages:
 
     @property
     def marks(self) -> list[MessageShown]:
-        """The marks that are visible now."""
+        """Return the marks that are visible now."""
         over_ns = self.context.now_ns - INTERVAL_NS
         return [message for message in self.messages.values() if message.cell and message.t_ns > over_ns]
 
@@ -57,7 +57,7 @@ class TeamMessages:
         """Handle a key press and return whether it concerned messages."""
         if self.draft is None and (press.repeat or press.key not in self._keys):
             return False
-        verdict = self._judge(press)
+        verdict = self._judge_key(press)
         self.context.emit_key(press, verdict, Phase.PLAYING)
         if self.draft is not None and verdict != "accepted":
             self.draft.key(press)
@@ -73,12 +73,13 @@ class TeamMessages:
 
     @property
     def _keys(self) -> tuple[object, ...]:
-        """The keys that have an effect while no message is being typed."""
+        """Return the keys that have an effect while no message is being typed."""
         if self.rules.chat:
             return (*ENTER_KEYS, REPORT_KEY, self.rules.ping)
         return (self.rules.ping,)
 
-    def _judge(self, press: KeyDown) -> KeyVerdict:
+    def _judge_key(self, press: KeyDown) -> KeyVerdict:
+        """Return the verdict on a key that concerned messages."""
         if press.repeat:
             return "repeat"
         if press.key in ENTER_KEYS or self.draft is None:
@@ -130,7 +131,7 @@ class TeamMessages:
 
     def look(self, play: RunningEpisode | None) -> PlayMessages | None:
         """Return the messages as the page displays them; None if the block has neither chat nor marks."""
-        hints = self._hints
+        hints = self._key_hints
         if not hints:
             return None
         marks = self.marks
@@ -154,7 +155,8 @@ class TeamMessages:
         return {"messages": messages} if messages else {}
 
     @property
-    def _hints(self) -> list[str]:
+    def _key_hints(self) -> list[str]:
+        """Return the lines that tell the participant which keys write and ping."""
         words = self.context.words
         hints = [words["team.chat_keys"]] if self.rules.chat else []
         if self.rules.ping:

@@ -34,19 +34,19 @@ class TeamPlan(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def persons(self) -> tuple[int, ...]:
-        """The indices of the seats that people take."""
+        """Return the indices of the seats that people take."""
         return tuple(seat for seat, kind in enumerate(self.seats) if kind == PERSON)
 
     @property
     def thinking_limit_s(self) -> float:
-        """The longest wait for the input of a person who is present, in turns and before an episode, in seconds."""
+        """Return the longest wait in seconds for a present person's input, in turns and before an episode."""
         if self.thinking_wait_s is msgspec.UNSET:
             return max(THINKING_WAIT_S, self.partner_wait_s)
         return self.thinking_wait_s
 
     @property
     def agents(self) -> tuple[str, ...]:
-        """The names of the agents that may hold a seat, as in the agent registry and the protocol's files."""
+        """Return the names of the agents that may hold a seat, as in the agent registry and the protocol's files."""
         kinds = list(self.seats)
         if len(self.persons) > 1 and self.partner_leaves == "agent":
             kinds.append(self.stand_in)
@@ -75,10 +75,10 @@ class TeamPlayPlan(PlayPlan, frozen=True):
 
     @property
     def sign_interval_s(self) -> float:
-        """The interval between a page's signs of life in seconds, a fraction of the time that partners wait for one."""
+        """Return the seconds between a page's signs of life, a fraction of the time that partners wait for one."""
         return self.team.partner_wait_s / PINGS_PER_WAIT
 
     @property
     def has_text_entry(self) -> bool:
-        """Whether people can write to each other."""
+        """Return whether people can write to each other."""
         return bool(self.team.chat)

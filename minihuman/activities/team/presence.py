@@ -72,21 +72,21 @@ class TeamPresence:
 
     @property
     def persons(self) -> frozenset[int]:
-        """The seats of people, whether they or an agent act in them now."""
+        """Return the seats of people, whether they or an agent act in them now."""
         return frozenset(self._seats)
 
     @property
     def absent(self) -> frozenset[int]:
-        """The seats of people in which the stand-in acts."""
+        """Return the seats of people in which the stand-in acts."""
         return frozenset(seat for seat, presence in self._seats.items() if presence.holder == "agent")
 
     @property
     def present(self) -> frozenset[int]:
-        """The seats of people who act in them themselves."""
+        """Return the seats of people who act in them themselves."""
         return self.persons - self.absent
 
     def may_act(self, seat: int) -> bool:
-        """Tell whether a seat's person holds it or may take it back.
+        """Return whether a seat's person holds it or may take it back.
 
         Under the rule "watch", a person may take the seat back only if no other person acts.
         """
@@ -98,7 +98,7 @@ class TeamPresence:
         return seat not in self.absent
 
     def is_shut_out(self, seat: int) -> bool:
-        """Tell whether the block is over for a seat's person because an agent has the seat for good."""
+        """Return whether the block is over for a seat's person because an agent has the seat for good."""
         return self._rules.partner_return == "end" and not self.may_act(seat)
 
     # Signs of life
@@ -117,7 +117,7 @@ class TeamPresence:
             signs.act(now_s)
 
     def has_acted(self, seat: int) -> bool:
-        """Tell whether a seat's person has acted since its signs of life are followed."""
+        """Return whether a seat's person has acted since its signs of life are followed."""
         return self._seats[seat].signs.person_s is not None
 
     def begin_wait(self, seats: Iterable[int], now_s: float) -> None:
@@ -169,7 +169,7 @@ class TeamPresence:
         return [seat for seat in seats if now_s - self._seats[seat].find_person_sign_s() >= limit_s]
 
     def find_news(self, known: Sequence[SeatState], now_s: float, *, is_real_time: bool) -> SeatNews | None:
-        """Return a seat whose state differs from the known one; None if none does or no state is known.
+        """Return a seat whose state differs from the known state; None if there is no such seat or no known state.
 
         Args:
             known: the known state of each of the team's seats.
@@ -186,7 +186,7 @@ class TeamPresence:
         return None
 
     def has_returned(self, seat: int) -> bool:
-        """Tell whether a seat's person is here and has acted since an agent took the seat."""
+        """Return whether a seat's person is here and has acted since an agent took the seat."""
         presence = self._seats[seat]
         acted_s = presence.signs.person_s
         return presence.signs.page == "open" and acted_s is not None and acted_s >= presence.replaced_s

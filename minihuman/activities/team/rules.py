@@ -27,7 +27,7 @@ class TeamBlock(Protocol):
 
     @property
     def design(self) -> object:
-        """The design that resolves each episode."""
+        """Return the design that resolves each episode."""
 
 
 _FIELDS_OF_ONE_SEAT = ("max_episode_s", "max_block_s", "stop_criterion", "noop_action")

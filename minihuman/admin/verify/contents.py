@@ -62,7 +62,7 @@ class LogSegment:
 
     @property
     def provable(self) -> bool:
-        """Tell whether the session machine's current rules recorded the segment, so that all checks apply to it."""
+        """Return whether the session machine's current rules recorded the segment, so that all checks apply to it."""
         return self.facts.get("session_rules") == str(MACHINE_VERSION)
 
 
@@ -126,6 +126,7 @@ class _ContentsReader:
         return contents
 
     def _take_metadata(self, record: Metadata) -> None:
+        """Add a metadata record to the contents, and note what is wrong with it."""
         contents = self._contents
         if record.name == log_names.SEGMENT_METADATA:
             self._finish_messages()
@@ -165,6 +166,7 @@ class _ContentsReader:
             self._contents.plan_copies += (message.data for message in messages)
 
     def _take_message(self, record: LogMessage) -> None:
+        """Add a message to its segment, and note how it differs from what was to be written."""
         contents = self._contents
         schema = self._scan.schemas.get(record.channel.schema_id)
         self._chain.message(record, schema)

@@ -118,13 +118,15 @@ def _at_start(logged: EpisodeStarted, again: EpisodeStarted, place: str) -> Iter
     for name in ("action_names", "mission", "map", "pose"):
         if getattr(logged, name) != getattr(again, name):
             yield f"{place}: {name} {getattr(logged, name)!r} in the log, now {getattr(again, name)!r}"
-    yield from _hashes(place, logged.state_hash, again.state_hash, logged.observation_hash, again.observation_hash)
+    yield from _compare_hashes(
+        place, logged.state_hash, again.state_hash, logged.observation_hash, again.observation_hash
+    )
 
 
 def _at_step(episode: EpisodeLog, index: int, again: Stepped, place: str) -> Iterator[str]:
     """Yield the differences between a logged step and the same step now; the state after it has the next index."""
     state = index + 1
-    yield from _hashes(
+    yield from _compare_hashes(
         place,
         int(episode.state_hashes[state]),
         again.state_hash,
@@ -152,7 +154,8 @@ def _logged_success(episode: EpisodeLog, index: int) -> bool | None:
     return bool(episode.successes[index])
 
 
-def _hashes(place: str, state: int, state_now: int, observation: int, observation_now: int) -> Iterator[str]:
+def _compare_hashes(place: str, state: int, state_now: int, observation: int, observation_now: int) -> Iterator[str]:
+    """Yield a difference for each of the two hashes that is not as logged."""
     for name, logged, now in (("state", state, state_now), ("observation", observation, observation_now)):
         if logged != now:
             yield f"{place}: {name} hash {logged:016x} in the log, now {now:016x}"

@@ -218,8 +218,9 @@ def verify_session(log: Path, *, trust: bool = False, policies: bool = False) ->
     session = read_log(log)
     if trust:
         Trust(modules=list_foreign_modules(episode.plan.world for episode in session.episodes)).record()
-    if other := describe_other_rules(session):
-        yield other, True
+    rules_note = describe_other_rules(session)
+    if rules_note:
+        yield rules_note, True
     with raise_as_log_error(log, "played again"):
         steps = verify_episodes(session)
         pictures = None
@@ -227,7 +228,8 @@ def verify_session(log: Path, *, trust: bool = False, policies: bool = False) ->
             pictures = verify_pictures(session)
     yield from _describe_replay(session, steps)
     differences = _find_session_differences(log)
-    yield from ((difference, False) for difference in differences[:MAX_DIFFERENCES])
+    for difference in differences[:MAX_DIFFERENCES]:
+        yield difference, False
     if len(differences) > MAX_DIFFERENCES:
         yield f"and {len(differences) - MAX_DIFFERENCES} more", False
     if policies:
@@ -235,7 +237,8 @@ def verify_session(log: Path, *, trust: bool = False, policies: bool = False) ->
     if find_evidence(session.facts) == "consistent":
         yield "imported from a page: consistent, not witnessed", True
     _, useless = split_annotations(session, read_annotations(session.path))
-    yield from ((describe_useless_annotation(annotation), False) for annotation in useless)
+    for annotation in useless:
+        yield describe_useless_annotation(annotation), False
     if pictures is not None:
         yield str(pictures), pictures.verdict != "different"
     if not steps.difference and not differences:

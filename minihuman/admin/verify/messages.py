@@ -67,17 +67,18 @@ class MessageVerifier:
         if message.publish_time != self._started_ns + event_cause_ns(event):
             differences.append(f"{place}: publish time {message.publish_time} is not when it was caused")
         expected = list(self._previews.encode(topic, message.data))
-        return event, differences + self._compare(expected, message, previews, place)
+        return event, differences + self._compare_previews(expected, message, previews, place)
 
     def finish(self) -> list[str]:
         """Compare the preview messages at the segment's end; only the poses of an interrupted episode may remain."""
         if self._last is None:
             return [f"a message on {message.channel.topic} repeats nothing" for message in self._waiting]
-        return self._compare(list(self._previews.finish()), self._last, self._waiting, "the segment's end")
+        return self._compare_previews(list(self._previews.finish()), self._last, self._waiting, "the segment's end")
 
-    def _compare(
+    def _compare_previews(
         self, expected: list[tuple[str, Message]], message: LogMessage, previews: list[LogMessage], place: str
     ) -> list[str]:
+        """Compare the previews of a message with the expected ones; return the differences."""
         if self._live and not previews:
             return []
         topics_expected = [topic for topic, _ in expected]
@@ -95,7 +96,7 @@ class MessageVerifier:
 
 
 def _is_as_written(again: Message, logged: bytes) -> bool:
-    """Tell whether a message has the bytes that this version of minihuman, or an earlier one, writes for it."""
+    """Return whether a message has the bytes that this version of minihuman, or an earlier one, writes for it."""
     if again.SerializeToString(deterministic=True) == logged:
         return True
     if not isinstance(again, v1.SessionPlan):
@@ -115,7 +116,7 @@ def _without_later_defaults(plan_json: str, logged_json: str) -> str:
 
 
 def _bytes_match(topic: str, again: bytes, logged_bytes: bytes) -> bool:
-    """Tell whether two messages show the same; other versions of a library may compress a picture differently."""
+    """Return whether two messages show the same; other versions of a library may compress a picture differently."""
     if again == logged_bytes or topic not in (topics.MAP_IMAGE, topics.OBSERVATION_IMAGE):
         return again == logged_bytes
     try:
@@ -131,12 +132,12 @@ def _bytes_match(topic: str, again: bytes, logged_bytes: bytes) -> bool:
 
 
 def _differ_by_a_pixel(drawing: NDArray[np.uint8], other: NDArray[np.uint8]) -> bool:
-    """Tell whether two drawings [H, W, 3] are the same except for edges that lie up to one pixel apart."""
+    """Return whether two drawings [H, W, 3] are the same except for edges that lie up to one pixel apart."""
     return drawing.shape == other.shape and _lies_within(drawing, other) and _lies_within(other, drawing)
 
 
 def _lies_within(drawing: NDArray[np.uint8], other: NDArray[np.uint8]) -> bool:
-    """Tell whether each pixel of a drawing has a colour within the range of the other drawing's adjacent pixels."""
+    """Return whether each pixel of a drawing has a colour within the range of the other drawing's adjacent pixels."""
     image = Image.fromarray(other)
     low = np.asarray(image.filter(ImageFilter.MinFilter(3)))
     high = np.asarray(image.filter(ImageFilter.MaxFilter(3)))

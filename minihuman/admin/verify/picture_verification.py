@@ -120,7 +120,7 @@ def _list_differences(
 
 
 def _judge_difference(recorded: Mapping[str, str], difference: str, pictures: int) -> PictureVerification:
-    """Judge a difference: pictures drawn with other software than here cannot be compared."""
+    """Return the verdict on a difference; pictures that were drawn with other software cannot be compared."""
     changed = []
     for name, recorded_fact in recorded.items():
         if not _draws(name):
@@ -135,7 +135,7 @@ def _judge_difference(recorded: Mapping[str, str], difference: str, pictures: in
 
 
 def _draws(fact: str) -> bool:
-    """Tell whether pictures may depend on a recorded fact about the station."""
+    """Return whether pictures may depend on a recorded fact about the station."""
     return fact in _STATION_FACTS or (fact.startswith(_VERSION) and fact not in _NOT_COMPARED)
 
 

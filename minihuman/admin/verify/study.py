@@ -68,19 +68,24 @@ def verify_enrolment(study: Path) -> Iterator[tuple[str, bool]]:
         LogError: if a line of the enrolment log is damaged.
     """
     folders = list(find_log_folders(study))
-    yield from ((f"skipped {path.name}: {SYSTEM_COMPANION}", True) for path in find_system_companions(folders))
-    yield from ((double, False) for double in find_double_sessions(folders))
-    yield from ((pending, False) for pending in find_pending_machines(study))
+    for path in find_system_companions(folders):
+        yield f"skipped {path.name}: {SYSTEM_COMPANION}", True
+    for double in find_double_sessions(folders):
+        yield double, False
+    for pending in find_pending_machines(study):
+        yield pending, False
     journal = open_enrolment_log(study)
     if not journal.begun:
         return
     sessions = [session for folder, names in folders for session in group_sessions(folder, names).items()]
-    ends = {log.name: _read_ends(log) for log, files in sessions if log in files}
-    yield from find_incomplete_logs(journal.read(), ends)
-    yield from find_slots_without_log(journal.read(), {log.name.partition("_")[0] for log, _ in sessions})
+    finished_logs = [log for log, files in sessions if log in files]
+    participants = {log.name.partition("_")[0] for log, _ in sessions}
+    yield from find_incomplete_logs(journal.read(), {log.name: _read_ends(log) for log in finished_logs})
+    yield from find_slots_without_log(journal.read(), participants)
     for unfinished in find_unfinished_withdrawals(study):
         yield unfinished, False
-    if protocol := _read_protocol(log for log, files in sessions if log in files):
+    protocol = _read_protocol(finished_logs)
+    if protocol:
         yield from verify_design_decisions(study, protocol)
     if journal.unchained:
         yield f"{journal.unchained} lines of the enrolment log are unchained: an earlier version wrote them", True
@@ -97,7 +102,7 @@ def _read_protocol(sessions: Iterable[Path]) -> Protocol | None:
 
 
 def _read_ends(log: Path) -> tuple[str, ...]:
-    """Return the numbers of a log's segments that have a chain head; none for a log that cannot be read."""
+    """Return the numbers of a log's segments that have a chain head; empty for a log that cannot be read."""
     summary = read_summary(log)
     if summary is None:
         return ()

@@ -89,7 +89,7 @@ class SessionContext:
         return events
 
     def has_world(self, world_id: str, options: dict[str, Any]) -> bool:
-        """Tell whether the open world is the one with the given id and options."""
+        """Return whether the open world is the one with the given id and options."""
         return self._world is not None and self._world[0] == (world_id, options)
 
     def world(self, world_id: str, options: dict[str, Any]) -> "World":
@@ -125,7 +125,7 @@ class ActivityRequest:
 
     @property
     def takes_long(self) -> bool:
-        """Whether the host computes the answer while the session continues, and schedules it for a later time."""
+        """Return whether the session continues while the host computes the answer, which then comes later."""
         return False
 
 
@@ -330,7 +330,7 @@ class ActivityKind:
 
     @property
     def plan_fields(self) -> tuple[str, ...]:
-        """The names of the fields of a part's plan; a table of the same name in a block fills a field."""
+        """Return the names of the fields of a part's plan; a table of the same name in a block fills a field."""
         return self.plan.__struct_fields__
 
     def read(self, plan: Any) -> msgspec.Struct:

@@ -211,5 +211,5 @@ class _StreamChecker:
 
 
 def _is_sum(logged: float, summed: float) -> bool:
-    """Tell whether a logged return equals the sum of the rewards, where NaN equals NaN."""
+    """Return whether a logged return equals the sum of the rewards, where NaN equals NaN."""
     return logged == summed or (logged != logged and summed != summed)

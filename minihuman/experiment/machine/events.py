@@ -82,7 +82,7 @@ class EpisodeBeginning(abc.ABC):
     @property
     @abc.abstractmethod
     def begins_at(self) -> tuple[int, int]:
-        """The episode's index, and the step after which it begins."""
+        """Return the episode's index, and the step after which it begins."""
 
 
 class EpisodeStep:
@@ -93,11 +93,11 @@ class EpisodeStep:
 
         @property
         def episode(self) -> int:
-            """The episode's index."""
+            """Return the episode's index."""
 
         @property
         def action(self) -> int:
-            """The number of the action."""
+            """Return the number of the action."""
 
 
 class EpisodeEnding:
@@ -137,7 +137,7 @@ class EpisodeStarted(TimedEvent, EpisodeBeginning):
 
     @property
     def begins_at(self) -> tuple[int, int]:
-        """The episode's index, and step 0, its reset."""
+        """Return the episode's index, and step 0, its reset."""
         return self.plan.episode, 0
 
 
@@ -367,7 +367,7 @@ class Noted(TimedEvent):
 
     @property
     def is_about_clock(self) -> bool:
-        """Whether the note says that the times of a browser's page are not reliable."""
+        """Return whether the note says that the times of a browser's page are not reliable."""
         return self.kind == "page" and self.text.startswith(CLOCK_NOTE)
 
 
@@ -410,7 +410,7 @@ class ActivityEvent(TimedEvent):
 
     @property
     def words_to_others(self) -> str:
-        """The text that the participant wrote to other participants; empty for most kinds of events."""
+        """Return the text that the participant wrote to other participants; empty for most kinds of events."""
         return ""
 
 

@@ -5,7 +5,7 @@ HOLD_TO_END_NS = 2_000_000_000  # Escape, held over the question whether to end 
 
 
 class KeyState:
-    """The keys that are down, as far as the focused window knows.
+    """The keys that are down according to the focused window.
 
     Args:
         down: the dictionary in which to keep the keys, the latest last, with the time of each press in nanoseconds.
@@ -29,7 +29,7 @@ class KeyState:
         self._escape_since_ns = None
 
     def completes_chord(self, key: str) -> bool:
-        """Tell whether a key that has just gone down completes the experimenter's chord."""
+        """Return whether a key that has just gone down completes the experimenter's chord."""
         return key in ABORT_CHORD and self._down.keys() >= ABORT_CHORD
 
     def hold_escape(self, since_ns: int) -> None:
@@ -44,7 +44,7 @@ class KeyState:
 
     @property
     def end_ns(self) -> int | None:
-        """The time at which Escape will have been held long enough to end the session; None while it is not held."""
+        """Return when Escape will have been held long enough to end the session; None while it is not held."""
         if self._escape_since_ns is None:
             return None
         return self._escape_since_ns + HOLD_TO_END_NS

@@ -49,6 +49,6 @@ class LifeSigns:
         self.hear(now_s)
 
     def turn_focus(self, now_s: float, *, has_focus: bool) -> None:
-        """Record that the person went to another window or returned."""
+        """Record that the person switched to another window or returned."""
         self.has_focus = has_focus
         self.act(now_s)

@@ -43,12 +43,12 @@ def list_remaining_parts(plan: SessionPlan, parts: Sequence[PlannedPart]) -> lis
 
 
 def is_only_closing_left(parts: Sequence[PlannedPart], begin: int) -> bool:
-    """Tell whether all parts from an index on are closing pages."""
+    """Return whether all parts from an index on are closing pages."""
     return all(_closes_session(part) for part in parts[begin:])
 
 
 def asks_consent_before_play(plan: SessionPlan) -> bool:
-    """Tell whether a session asks for consent before any play; a resumed session does not."""
+    """Return whether a session asks for consent before any play; a resumed session does not."""
     if plan.segment > 1:
         return False
     parts = list_parts(plan)
@@ -64,6 +64,7 @@ def asks_consent_before_play(plan: SessionPlan) -> bool:
 
 
 def _is_done(number: int, part: PlannedPart, plan: SessionPlan) -> bool:
+    """Return whether earlier segments of a session have completed a part."""
     if _is_repeated(part):
         return False
     if number < plan.standing.part:
@@ -108,7 +109,7 @@ class PartSequence:
 
     @property
     def next_part(self) -> int | None:
-        """The index of the part that follows the one that has ended; None if there is none."""
+        """Return the index of the part that follows the one that has ended; None if there is none."""
         ended = self.part.ended
         assert ended is not None
         if ended.reason is not None:

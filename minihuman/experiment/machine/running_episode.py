@@ -132,7 +132,7 @@ class RunningEpisode:
 
     @property
     def steps(self) -> int:
-        """The number of steps so far."""
+        """Return the number of steps so far."""
         return len(self.actions)
 
     def describe_correction(self, t_ns: int, step: int, submit_ns: int, flip_ns: int) -> Event | None:
@@ -141,17 +141,17 @@ class RunningEpisode:
 
     @property
     def mission(self) -> str:
-        """The world's mission; "" if it has none."""
+        """Return the world's mission; "" if it has none."""
         return self._observed.mission
 
     @property
     def real_time(self) -> bool:
-        """Whether steps happen by the clock rather than by keys."""
+        """Return whether steps happen by the clock rather than by keys."""
         return self.plan.pace == "real_time"
 
     @property
     def repeats_held(self) -> bool:
-        """Whether a held key repeats its action at every tick."""
+        """Return whether a held key repeats its action at every tick."""
         return self.plan.hold == "repeat"
 
     def action_of(self, key: str) -> int | None:
@@ -221,7 +221,7 @@ class RunningEpisode:
         return FrameShown(screen.t_ns, self.plan.episode, step, screen.submit_ns, screen.flip_ns, picture_hash)
 
     def note_onset(self, flip_ns: int) -> None:
-        """Note the flip that response times count from, where not every picture is an onset."""
+        """Record the flip from which response times are measured, for blocks in which not every picture is an onset."""
         self._flips_ns = [flip_ns]
 
     def step_without_key(self, t_ns: int) -> Stepped:
@@ -231,7 +231,7 @@ class RunningEpisode:
 
     @property
     def takes_clicks(self) -> bool:
-        """Whether a click in the picture is an action."""
+        """Return whether a click in the picture is an action."""
         return bool(self._bindings and self._bindings.spot)
 
     def find_click_action(self, x: float, y: float) -> "Action":

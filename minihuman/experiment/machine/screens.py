@@ -227,7 +227,7 @@ class QuestionScreen:
 
     @property
     def accepts_text(self) -> bool:
-        """Whether the screen accepts text from the input method."""
+        """Return whether the screen accepts text from the input method."""
         return isinstance(self.item, TextField)
 
 
@@ -275,17 +275,17 @@ class FilmsScreen(ActivityScreen, abc.ABC):
     @property
     @abc.abstractmethod
     def films(self) -> tuple[Sequence[NDArray[np.uint8]], ...]:
-        """The films, side by side; each picture is drawn when it is read."""
+        """Return the films, side by side; each picture is drawn when it is read."""
 
     @property
     @abc.abstractmethod
     def shown_step(self) -> int:
-        """The index of the pictures that are shown; a shorter film keeps its last picture."""
+        """Return the index of the pictures that are shown; a shorter film keeps its last picture."""
 
     @property
     @abc.abstractmethod
     def identity(self) -> tuple[object, ...]:
-        """The values that distinguish the screen from others, whatever its step."""
+        """Return the values that distinguish the screen from others, whatever its step."""
 
 
 Screen = TextScreen | BlankScreen | PlayScreen | PageScreen | QuestionScreen | ActivityScreen

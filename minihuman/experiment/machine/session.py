@@ -130,46 +130,46 @@ class SessionMachine:
 
     @property
     def phase(self) -> StrEnum:
-        """The session's phase; while a part runs, the part's phase."""
+        """Return the session's phase; while a part runs, the part's phase."""
         if self._phase is Phase.PART:
             return self.part.phase
         return self._phase
 
     @property
     def now_ns(self) -> int:
-        """The time of the latest input in nanoseconds."""
+        """Return the time of the latest input in nanoseconds."""
         return self._context.now_ns
 
     @property
     def next_episode(self) -> int:
-        """The index of the running or next episode."""
+        """Return the index of the running or next episode."""
         return self._context.next_episode
 
     @property
     def over(self) -> bool:
-        """Whether the session has ended, so that no more events follow."""
+        """Return whether the session has ended, so that no more events follow."""
         return self._phase is Phase.OVER
 
     @property
     def screen(self) -> Screen:
-        """The present screen; a new object whenever it has changed."""
+        """Return the present screen; a new object whenever it has changed."""
         if not self._is_drawn:
-            self._draw()
+            self._refresh_screen()
         return self._screen
 
     @property
     def end_reason(self) -> EndReason:
-        """The reason why the session ended; "complete" while it is running."""
+        """Return the reason why the session ended; "complete" while it is running."""
         return self._end_reason
 
     @property
     def end_detail(self) -> str:
-        """The details of the end, such as the error of a failed world; never shown to a participant."""
+        """Return the details of the end, such as the error of a failed world; never shown to a participant."""
         return self._end_detail
 
     @property
     def next_tick_ns(self) -> int | None:
-        """The time at which the session needs a Tick unless another input comes first; None if it needs none."""
+        """Return the time at which the session needs a Tick unless another input comes first; None if it needs none."""
         if self._phase is Phase.PART:
             return self.part.next_tick_ns
         if self._phase is Phase.QUIT_QUESTION:
@@ -178,24 +178,24 @@ class SessionMachine:
 
     @property
     def play(self) -> RunningEpisode | None:
-        """The running episode, for simulated participants that read its world; None between episodes."""
+        """Return the running episode, for simulated participants that read its world; None between episodes."""
         if self._phase is Phase.PART and (part := self._parts.part).playing:
             return part.play
         return None
 
     @property
     def part(self) -> Activity:
-        """The running part."""
+        """Return the running part."""
         return self._parts.part
 
     @property
     def next_part(self) -> int | None:
-        """The index of the part that follows the one that has ended; None if there is none."""
+        """Return the index of the part that follows the one that has ended; None if there is none."""
         return self._parts.next_part
 
     @property
     def request(self) -> ActivityRequest | None:
-        """The running part's request to the session host; None if there is none."""
+        """Return the running part's request to the session host; None if there is none."""
         if self._phase is Phase.PART:
             return self.part.request
         return None
@@ -230,10 +230,11 @@ class SessionMachine:
             self._end("world_error", str(broke))
         self._is_drawn = False
         if draws or self.play is not play:
-            self._draw()
+            self._refresh_screen()
         return self._context.pop_events()
 
     def _handle(self, happened: Input) -> None:
+        """Process what is due before an input, and pass the input on unless the session has ended."""
         if not isinstance(happened, _TIMELESS):
             self._let_time_pass(happened.t_ns)
             if self.over:
@@ -241,6 +242,7 @@ class SessionMachine:
         self._dispatch(happened)
 
     def _dispatch(self, happened: Input) -> None:
+        """Pass an input to the method for its type."""
         match happened:
             case Stop():
                 self._stop(happened)
@@ -264,7 +266,7 @@ class SessionMachine:
                 self._to_part(happened)
 
     def _stop(self, stop: Stop) -> None:
-        """End the session from outside; it stays complete if the window is closed on the closing text."""
+        """End the session from outside; a session whose closing text is shown still counts as complete."""
         if self.phase is Phase.CLOSING and stop.reason in ("window_closed", "signal"):
             self._end("complete", stop.detail)
         else:
@@ -292,7 +294,7 @@ class SessionMachine:
 
     @property
     def _declining(self) -> bool:
-        """Whether ending the session now refuses consent; under the first consent rules it did not."""
+        """Return whether ending the session now refuses consent; under the first consent rules it did not."""
         known = self._facts.get("consent_rules", "1") == CONSENT_RULES
         return known and self._parts.has_begun and self.part.phase is Phase.CONSENT
 
@@ -318,7 +320,7 @@ class SessionMachine:
 
     @property
     def _judges_causes(self) -> bool:
-        """Whether the cause of a key or pointer press matters; under the first key rules it did not."""
+        """Return whether the rules of keys consider the cause of a key or pointer press; the first version did not."""
         return self._facts.get("key_rules", "1") == KEY_RULES
 
     def _use_pointer(self, happened: PointerInput) -> None:
@@ -469,18 +471,21 @@ class SessionMachine:
             self._move(TransitionCause.DONE)
 
     def _end(self, reason: EndReason, detail: str) -> None:
+        """Note why the session ends, and enter its last phase."""
         self._end_reason = reason
         self._end_detail = detail
         self._move(TransitionCause.END)
 
     def _finish(self) -> None:
+        """Stop the running part and log the end of the session."""
         self._parts.stop()
         end = SessionEnded(self.now_ns, self._end_reason, self._end_detail, self._context.completed)
         self._context.emit(end)
 
     # Screens
 
-    def _draw(self) -> None:
+    def _refresh_screen(self) -> None:
+        """Build the present screen; an equal one is not replaced."""
         over_part = screen_texts.build_overlay_screen(
             self._context.words, self._phase, self._end_reason, self._end_detail, declining=self._declining
         )

@@ -102,11 +102,11 @@ class SessionState(Protocol):
 
     @property
     def part(self) -> RunningPart:
-        """The running part."""
+        """Return the running part."""
 
     @property
     def next_part(self) -> int | None:
-        """The index of the part that follows; None if there is none."""
+        """Return the index of the part that follows; None if there is none."""
 
 
 def _it_is_being_played(session: SessionState) -> bool:

@@ -90,7 +90,7 @@ def _build_stratum_list(protocol: Protocol, suffix: str) -> tuple[AllocationSlot
 
 
 def _has_constant_key_map(protocol: Protocol) -> bool:
-    """Tell whether any group plays a block whose key map is the same in the whole study."""
+    """Return whether any group plays a block whose key map is the same in the whole study."""
     return any(
         protocol.block_for(block.name, group.name).key_map == "constant"
         for block in protocol.blocks
@@ -131,7 +131,7 @@ def _count_draws(protocol: Protocol) -> int:
 
 
 def _draw_orders(protocol: Protocol, groups: list[int], suffix: str) -> list[tuple[tuple[int, ...], ...]]:
-    """Draw, for each slot, every order of the protocol; Latin squares are filled within each group."""
+    """Draw every order of the protocol for each slot; each group fills its own Latin squares."""
     group_sizes: Counter[int] = Counter()
     rows = []
     for index, group in enumerate(groups):

@@ -37,7 +37,7 @@ class PlayedEpisode(msgspec.Struct, frozen=True):
 
     @property
     def success(self) -> bool:
-        """Whether the episode reached the goal."""
+        """Return whether the episode reached the goal."""
         return self.outcome == "goal"
 
 

@@ -48,8 +48,10 @@ def describe_plan(plan: SessionPlan) -> Iterator[str]:
     yield f"participant  {participant.id}, group {participant.group}{stratum}, session {plan.session}"
     consent = f"SHA-256 {plan.consent_sha256}" if plan.consent_text else "not asked for"
     yield f"consent      {consent}"
-    keyboard_check = ", each checked first" if plan.keyboard_check else ""
-    yield f"keys         {' '.join(plan.key_pool)}{keyboard_check}"
+    keys = " ".join(plan.key_pool)
+    if plan.keyboard_check:
+        keys += ", each checked first"
+    yield f"keys         {keys}"
     if plan.bonus:
         most = "" if plan.bonus.most is None else f", at most {plan.bonus.most:g}"
         yield f"bonus        {plan.bonus.base:g} + {plan.bonus.per_point:g} a point{most} {plan.bonus.currency}"
@@ -281,14 +283,15 @@ def check_worlds(protocol: Protocol, source: str = "protocol", *, provable: bool
 
 def _examine_block(block: BlockSpec, examined: dict[bytes, ConformanceReport], *, provable: bool) -> ConformanceReport:
     """Play a block's world as its participants will, once for all blocks that play it alike."""
-    rehearsal = _rehearse(block, N_CHECKED_STEPS if provable else N_STARTED_STEPS)
+    rehearsal = _build_rehearsal(block, N_CHECKED_STEPS if provable else N_STARTED_STEPS)
     key = msgspec.json.encode(rehearsal)
     if key not in examined:
         examined[key] = examine_world(rehearsal, play_in_second_process if provable else None)
     return examined[key]
 
 
-def _rehearse(block: BlockSpec, steps: int) -> Rehearsal:
+def _build_rehearsal(block: BlockSpec, steps: int) -> Rehearsal:
+    """Return the settings with which a conformance check plays a block as its participants will."""
     seeds = tuple(dict.fromkeys(_list_tried_seeds(block)))
     options = list_world_options(block)
     with closing(World(block.world, options)) as world:

@@ -67,8 +67,10 @@ class Staircase(Design):
             if direction not in (0, move):
                 reversals.append(place)
             direction = move
-            move *= settings.step_sizes[min(len(reversals), len(settings.step_sizes) - 1)]
-            place = min(max(place + move, 0), len(settings.values) - 1)
+            last_size = len(settings.step_sizes) - 1
+            step_size = settings.step_sizes[min(len(reversals), last_size)]
+            last_place = len(settings.values) - 1
+            place = min(max(place + move * step_size, 0), last_place)
         estimates = {"reversals": float(len(reversals))}
         turned = [settings.values[at] for at in reversals[-settings.averaged_reversals :]]
         if len(turned) > 1 and not any(isinstance(value, str) for value in turned):

@@ -157,7 +157,7 @@ def _plan_blocks(
 
 
 def _find_draw(protocol: Protocol, block: BlockSpec, number: int) -> int:
-    """Return the index of a block's draw: its position in its group, or in the file if sessions list parts."""
+    """Return the index of a block's draw: the block's position in its group, or in the file if sessions list parts."""
     if not protocol.lists_parts:
         return number
     return next(place for place, other in enumerate(protocol.blocks) if other.name == block.name)

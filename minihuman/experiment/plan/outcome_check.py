@@ -22,6 +22,7 @@ from minihuman.worlds.adapters.success import can_keep, find_info, has_info, rea
 from minihuman.worlds.adapters.world import World
 from minihuman.worlds.outcomes import WORLD_RULE, parse_outcome_rule
 
+_N_EXAMPLE_KEYS = 3
 N_TRIED_STEPS = 100  # for what a world says in ``info``
 SUCCESS_MEASURES = frozenset(
     {
@@ -39,7 +40,7 @@ class TriedWorld:
     values: Mapping[str, Any] = field(default_factory=dict)  # by key, the first of each
 
     def says_success(self, rule: StatedRule) -> bool:
-        """Tell whether the world reported, or may report, what a rule reads."""
+        """Return whether the world reported, or may report, what a rule reads."""
         parsed = parse_outcome_rule(rule.rule)
         if not parsed.may_be_unknown:
             return True
@@ -72,7 +73,7 @@ def _require_no_need(protocol: Protocol, block: BlockSpec, rule: StatedRule, tri
     place = f"{source}: block {block.name!r}"
     key = parse_outcome_rule(rule.rule).info_key
     if key:
-        content = _describe(find_info(tried.values, key))
+        content = _describe_content(find_info(tried.values, key))
         raise ProtocolError(
             f"{place}: success is info[{key!r}], which is {content}; name a key, or KEY.PART of a dictionary, that is "
             "one yes or no"
@@ -104,12 +105,13 @@ def _describe_info(block: BlockSpec, rule: StatedRule, tried: TriedWorld) -> Ite
             continue
         content = find_info(tried.values, key)
         if not can_keep(content):
-            yield f"{place}: info[{key!r}] is {_describe(content)}, of which a log keeps null"
+            yield f"{place}: info[{key!r}] is {_describe_content(content)}, of which a log keeps null"
     recorded = {key.partition(".")[0] for key in block.record_info}
     left_out = [key for key in tried.values if key not in recorded]
     if left_out:
-        example = msgspec.json.encode(left_out[:3]).decode()
-        yield (f"{place}: not kept of the world's info: {', '.join(left_out)}; record_info = {example} keeps them")
+        names = ", ".join(left_out)
+        example = msgspec.json.encode(left_out[:_N_EXAMPLE_KEYS]).decode()
+        yield f"{place}: not kept of the world's info: {names}; record_info = {example} keeps them"
 
 
 def _list_keys(tried: TriedWorld) -> str:
@@ -118,7 +120,8 @@ def _list_keys(tried: TriedWorld) -> str:
     return "info was empty"
 
 
-def _describe(content: Any) -> str:
+def _describe_content(content: Any) -> str:
+    """Describe a value of ``info`` in a few words."""
     shape = getattr(content, "shape", None)
     if shape is not None:
         return f"an array of shape {tuple(shape)}"

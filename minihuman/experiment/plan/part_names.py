@@ -90,5 +90,5 @@ def _has_page(protocol: Protocol, names: list[str], role: str) -> bool:
 
 
 def is_block(protocol: Protocol, name: str) -> bool:
-    """Tell whether a part is a block."""
+    """Return whether a part is a block."""
     return any(block.name == name for block in protocol.blocks)

@@ -30,7 +30,7 @@ class Participant(msgspec.Struct, frozen=True):
 
     @property
     def place(self) -> int:
-        """The participant's index in the allocation list."""
+        """Return the participant's index in the allocation list."""
         if self.slot is None:
             return self.index
         return self.slot
@@ -100,32 +100,32 @@ class PartPlan(msgspec.Struct, frozen=True):
 
     @property
     def asks_consent(self) -> bool:
-        """Whether the part asks for consent."""
+        """Return whether the part asks for consent."""
         return False
 
     @property
     def sign_interval_s(self) -> float:
-        """The longest interval between a page's signs of life in seconds; 0 if no partner waits for them."""
+        """Return the longest interval between a page's signs of life in seconds; 0 if no partner waits for them."""
         return 0.0
 
     @property
     def has_text_entry(self) -> bool:
-        """Whether people type text during play, so that a page sends every key."""
+        """Return whether people type text during play, so that a page sends every key."""
         return False
 
     @property
     def closes_session(self) -> bool:
-        """Whether the part consists of the session's closing text alone."""
+        """Return whether the part consists of the session's closing text alone."""
         return False
 
     @property
     def is_repeated_on_resume(self) -> bool:
-        """Whether a resumed session repeats the part."""
+        """Return whether a resumed session repeats the part."""
         return False
 
     @property
     def planned_episodes(self) -> range | None:
-        """The indices of the part's episodes; None for a part that is not a block."""
+        """Return the indices of the part's episodes; None for a part that is not a block."""
         return None
 
 
@@ -200,7 +200,7 @@ def name_label_column(label: str) -> str:
 
 
 def needs_gamepad(plan: SessionPlan) -> bool:
-    """Tell whether a session's keys include gamepad buttons, or its bindings gamepad axes."""
+    """Return whether a session's keys include gamepad buttons, or its bindings gamepad axes."""
     names = list(plan.key_pool)
     for part in plan.parts:
         bindings = getattr(part.plan, "bindings", None)

@@ -31,7 +31,7 @@ class StatedRule(NamedTuple):
 
     @property
     def is_unknown(self) -> bool:
-        """Whether success can never be known under the rule."""
+        """Return whether success can never be known under the rule."""
         return not parse_outcome_rule(self.rule).conditions
 
     def describe(self) -> str:
@@ -93,6 +93,6 @@ def find_world_rule(world_id: str) -> StatedRule:
 
 
 def is_of_catalogue(world_id: str) -> bool:
-    """Tell whether a world is one of this package's, by its id."""
+    """Return whether a world is one of this package's, by its id."""
     module, _, name = world_id.rpartition(":")
     return module in ("", "minihuman") and name.startswith("minihuman/")

@@ -305,7 +305,7 @@ def _find_row_mistakes(protocol: Protocol, block: BlockSpec, cells: dict[str, An
 
 
 def _draw_always(share: float) -> DrawShare:
-    """Return a draw whose every share is the same."""
+    """Return a function that ignores how many random numbers are requested and always draws the same share."""
     return lambda place: share
 
 

@@ -98,7 +98,7 @@ def _check_participant_columns(columns: tuple[ParticipantColumnSpec, ...]) -> It
 
 
 def is_orcid(text: str) -> bool:
-    """Tell whether a text has the form of an ORCID with a correct check digit (ISO 7064, mod 11-2)."""
+    """Return whether a text has the form of an ORCID with a correct check digit (ISO 7064, mod 11-2)."""
     if not _ORCID.fullmatch(text):
         return False
     digits = text.replace("-", "")

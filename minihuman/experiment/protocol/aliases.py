@@ -140,6 +140,7 @@ def _rename_fields(value: Any, table: str, path: str, file_path: str, names: Cur
 
 
 def _rename_table(fields: dict[str, Any], table: str, path: str, file_path: str, names: CurrentNames) -> dict[str, Any]:
+    """Return a table under current names, noting in ``names`` what was renamed or given under both names."""
     aliases = FIELD_ALIASES.get(table, {})
     renamed = {}
     for name, inner in fields.items():

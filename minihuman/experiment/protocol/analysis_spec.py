@@ -29,7 +29,7 @@ class AnalysisSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def condition_label(self) -> str:
-        """The label of trials whose levels are the conditions; "" if blocks are the conditions."""
+        """Return the label of trials whose levels are the conditions; "" if blocks are the conditions."""
         (name,) = self.conditions if len(self.conditions) == 1 else ("",)
         if name.startswith("label:"):
             return name.removeprefix("label:")

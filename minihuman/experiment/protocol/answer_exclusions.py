@@ -75,14 +75,16 @@ def _check_comparison(rule: ExclusionSpec, question: QuestionItemSpec, path: str
         codes = getattr(rule, field)
         if codes and answer_type == "text":
             yield f"{path}.{field}", f"compares codes, but {place}; use is_missing, or ask a choice"
-        known = list_codes(question) if answer_type in ANSWER_TYPES_WITH_CODES else ()
-        unknown = [code for code in codes if code not in known]
-        if unknown and answer_type in ANSWER_TYPES_WITH_CODES:
-            known_codes = ", ".join(map(repr, known))
-            yield f"{path}.{field}", f"has {unknown[0]!r}, which is not an option's code; codes: {known_codes}"
-        texts = [code for code in codes if isinstance(code, str)]
-        if texts and answer_type == "number":
-            yield f"{path}.{field}", f"has {texts[0]!r}, but {place}; give numbers"
+        elif answer_type in ANSWER_TYPES_WITH_CODES:
+            known = list_codes(question)
+            unknown = [code for code in codes if code not in known]
+            if unknown:
+                known_codes = ", ".join(map(repr, known))
+                yield f"{path}.{field}", f"has {unknown[0]!r}, which is not an option's code; codes: {known_codes}"
+        elif answer_type == "number":
+            texts = [code for code in codes if isinstance(code, str)]
+            if texts:
+                yield f"{path}.{field}", f"has {texts[0]!r}, but {place}; give numbers"
     if rule.is_missing and question.required:
         yield f"{path}.is_missing", f"is true, but {rule.question} is required; set required = false in the question"
 

@@ -254,7 +254,7 @@ def _check_axes(block: BlockSpec) -> Iterator[FieldError]:
 
 
 def is_played_alone(kind: str) -> bool:
-    """Tell whether only the participant acts in blocks of a kind; true for a kind that is not installed.
+    """Return whether only the participant acts in blocks of a kind; true for a kind that is not installed.
 
     A kind that is not installed is reported as an error elsewhere.
     """
@@ -268,7 +268,7 @@ def _can_page_compute(kind: str) -> bool:
 
 
 def _has_table(kind: str, table: str) -> bool:
-    """Tell whether blocks of a kind have a table of that name; true for what is not a kind of block.
+    """Return whether blocks of a kind have a table of that name; true for what is not a kind of block.
 
     What is not a kind of block is reported as an error elsewhere.
     """

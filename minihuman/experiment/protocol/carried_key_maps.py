@@ -57,8 +57,8 @@ def _list_block_pairs(protocol: Protocol, group: GroupSpec, listed: Sequence[str
         chosen = group.replace_parts.get(name, name)
         order = orders.get(chosen)
         listed_units = ((chosen,),) if order is None else order.units
-        units = [_list_played(unit, group, known) for unit in listed_units]
-        units = [unit for unit in units if unit]
+        played_units = [_list_played(unit, group, known) for unit in listed_units]
+        units = [unit for unit in played_units if unit]
         if not units:
             continue
         for unit in units:

@@ -1,6 +1,7 @@
 """Validation rules across a protocol's tables: names, parts, orders, questions and overrides per group."""
 
 from collections.abc import Iterator, Sequence
+from itertools import chain
 
 import msgspec
 
@@ -158,10 +159,10 @@ def _check_part_lists(protocol: Protocol) -> Iterator[FieldError]:
         yield from _check_session(session, number)
     for number, group in enumerate(protocol.groups):
         yield from _check_known_parts(f"$.groups[{number}].parts", group.parts, parts_and_orders)
-        for names in group.replace_parts.items():
-            for name in names:
-                if name and name not in parts_and_orders:
-                    yield f"$.groups[{number}].replace_parts", f"names {name!r}, which is not a part"
+        replaced_and_replacing = chain.from_iterable(group.replace_parts.items())
+        for name in replaced_and_replacing:
+            if name and name not in parts_and_orders:
+                yield f"$.groups[{number}].replace_parts", f"names {name!r}, which is not a part"
     blocks = {block.name for block in protocol.blocks}
     for number, order in enumerate(protocol.orders):
         path = f"$.orders[{number}].parts"

@@ -146,14 +146,14 @@ class ExclusionSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def measured_label(self) -> str:
-        """The label of trials that the rule measures; "" for another measure."""
+        """Return the label of trials that the rule measures; "" for another measure."""
         if self.measure.startswith("label:"):
             return self.measure.removeprefix("label:")
         return ""
 
     @property
     def question(self) -> str:
-        """The question whose answer is compared, as QUESTIONS.ITEM; "" for another measure."""
+        """Return the question whose answer is compared, as QUESTIONS.ITEM; "" for another measure."""
         if self.measure.startswith("answer:"):
             return self.measure.removeprefix("answer:")
         return ""
@@ -186,7 +186,7 @@ class Protocol(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def sha256(self) -> str:
-        """The SHA-256 of the file in hexadecimal."""
+        """Return the SHA-256 of the file in hexadecimal."""
         return hashlib.sha256(self.toml).hexdigest()
 
     def block(self, name: str) -> BlockSpec:
@@ -203,7 +203,7 @@ class Protocol(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def lists_parts(self) -> bool:
-        """Whether the file itself lists the parts of sessions or groups."""
+        """Return whether the file itself lists the parts of sessions or groups."""
         return bool(self.sessions) or any(group.parts for group in self.groups)
 
     def group(self, name: str) -> GroupSpec:

@@ -320,10 +320,10 @@ def _describe_type(field: dict[str, Any], schema: dict[str, Any]) -> str:
     if "$ref" in field:
         return "table"
     if "enum" in field:
-        *first_words, last_word = (f'`"{word}"`' for word in field["enum"])
-        if not first_words:
-            return last_word
-        return f"{', '.join(first_words)} or {last_word}"
+        words = [f'`"{word}"`' for word in field["enum"]]
+        if len(words) == 1:
+            return words[0]
+        return ", ".join(words[:-1]) + f" or {words[-1]}"
     if "anyOf" in field:
         choices = [choice for choice in field["anyOf"] if choice.get("type") != "null"]
         return " or ".join(dict.fromkeys(_describe_type(choice, schema) for choice in choices))
@@ -332,7 +332,7 @@ def _describe_type(field: dict[str, Any], schema: dict[str, Any]) -> str:
     if field.get("type") == "array":
         nouns = _describe_type(field["items"], schema).split(" or ")
         plurals = [_PLURALS.get(noun, noun.replace("list ", "lists ")) for noun in nouns]
-        return f"list of {' or '.join(plurals)}"
+        return "list of " + " or ".join(plurals)
     return _TYPES[field["type"]]
 
 

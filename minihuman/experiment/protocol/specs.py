@@ -109,7 +109,7 @@ class OrderSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def units(self) -> tuple[tuple[str, ...], ...]:
-        """The units that the order permutes: lists of parts, most of them with one part."""
+        """Return the units that the order permutes: lists of parts, most of them with one part."""
         return tuple((unit,) if isinstance(unit, str) else unit for unit in self.parts)
 
 

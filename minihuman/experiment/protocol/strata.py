@@ -45,7 +45,7 @@ class Strata:
 
     @property
     def question(self) -> str:
-        """The name of the question in the protocol, or of the questionnaire whose right answers are counted."""
+        """Return the name of the question in the protocol, or of the questionnaire whose right answers are counted."""
         if self.item:
             return f"{self.part}.{self.item}"
         return self.part
@@ -225,13 +225,14 @@ def _check_parts_before(protocol: Protocol) -> Iterator[FieldError]:
                 f"asks {part!r}, which is not a part of the first session of group {group.name!r}; list it",
             )
             return
-        names = names[: names.index(part) + 1]
-        too_early = _find_part_after_draw(protocol, names)
+        end = names.index(part) + 1
+        names_to_draw = names[:end]
+        too_early = _find_part_after_draw(protocol, names_to_draw)
         if too_early:
             yield "stratify_by", f"asks {part!r} after {too_early}; ask before that"
             return
-        first_names = first_names or names
-        if names != first_names:
+        first_names = first_names or names_to_draw
+        if names_to_draw != first_names:
             yield (
                 "stratify_by",
                 f"asks {part!r} after parts that are others for group {group.name!r}; give all the same",

@@ -50,7 +50,7 @@ class ExperimentDesign:
 
     @property
     def conditions(self) -> tuple[str, ...]:
-        """The levels of the factor "condition", which is compared within participants."""
+        """Return the levels of the factor "condition", which is compared within participants."""
         return self.levels("condition")
 
     def add_levels(self, levels: Sequence[str]) -> "ExperimentDesign":
@@ -65,12 +65,12 @@ class ExperimentDesign:
 
     @property
     def is_mixed(self) -> bool:
-        """Whether groups and conditions are crossed."""
+        """Return whether groups and conditions are crossed."""
         return bool(self.levels("group") and self.conditions)
 
     @property
     def tested_contrasts(self) -> tuple[Contrast, ...]:
-        """The protocol's contrasts, or otherwise the difference between every two conditions, first minus second."""
+        """Return the protocol's contrasts; if it has none, each pair of conditions, the first minus the second."""
         pairs = combinations(self.conditions, 2)
         return self.contrasts or tuple(
             Contrast(f"{first} \N{MINUS SIGN} {second}", ((first, 1.0), (second, -1.0))) for first, second in pairs

@@ -113,7 +113,7 @@ def find_structural_errors(tree: object, kind: type[msgspec.Struct], path: str =
             yield f"{path}.{name}", f"is not a field; {suggest_names(name, fields)}"
     for name, field in fields.items():
         if name in tree:
-            yield from _value(tree[name], hints[field.name], f"{path}.{name}")
+            yield from _find_value_errors(tree[name], hints[field.name], f"{path}.{name}")
         elif field.required and name not in meant:
             yield path, f"needs the field `{name}`: {_example(hints[field.name], name)}"
 
@@ -182,7 +182,8 @@ def _name_table(path: str, tree: dict[str, Any]) -> str:
     return ""
 
 
-def _value(value: object, hint: Any, path: str) -> Iterator[FieldError]:
+def _find_value_errors(value: object, hint: Any, path: str) -> Iterator[FieldError]:
+    """Yield the errors of a field's value, which may be a table or a list of tables."""
     struct, many = _structs(hint)
     if struct is not None and many:
         name = path.rsplit(".", 1)[-1]
@@ -202,7 +203,7 @@ def _value(value: object, hint: Any, path: str) -> Iterator[FieldError]:
 
 def _structs(hint: Any) -> tuple[type[msgspec.Struct] | None, bool]:
     """Return the only struct type that a type hint allows, or None, and whether the hint is a list of it."""
-    options = [option for option in _options(hint) if option is not type(None)]
+    options = [option for option in _list_alternatives(hint) if option is not type(None)]
     if len(options) != 1:
         return None, False
     (only,) = options
@@ -216,7 +217,8 @@ def _structs(hint: Any) -> tuple[type[msgspec.Struct] | None, bool]:
     return None, False
 
 
-def _options(hint: Any) -> tuple[Any, ...]:
+def _list_alternatives(hint: Any) -> tuple[Any, ...]:
+    """Return the types that a type hint allows."""
     if get_origin(hint) in (Union, types.UnionType):
         return get_args(hint)
     return (hint,)
@@ -246,7 +248,7 @@ def _explain_mistake(value: object, hint: Any, path: str, message: str) -> Field
 def _list_words(hint: Any) -> list[str]:
     """Return the words that a type hint admits; none if it is not of fixed words."""
     words: list[str] = []
-    for option in _options(hint):
+    for option in _list_alternatives(hint):
         if get_origin(option) is Literal:
             words += get_args(option)
     return words
@@ -255,7 +257,7 @@ def _list_words(hint: Any) -> list[str]:
 def _example(hint: Any, name: str) -> str:
     """Return an example of a valid value."""
     wishes = " or ".join(
-        dict.fromkeys(_example_of_type(option, name) for option in _options(hint) if option is not type(None))
+        dict.fromkeys(_example_of_type(option, name) for option in _list_alternatives(hint) if option is not type(None))
     )
     return f"write {wishes}"
 

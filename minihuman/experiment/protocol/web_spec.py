@@ -22,7 +22,7 @@ CODE_RULE = "use letters, digits, '-' and '_', at most 64"
 
 
 def is_completion_code(code: str) -> bool:
-    """Tell whether a code can be part of a URL."""
+    """Return whether a code can be part of a URL."""
     return _CODE.fullmatch(code) is not None
 
 

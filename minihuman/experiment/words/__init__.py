@@ -125,12 +125,12 @@ class InterfaceWords:
 
     @property
     def rtl(self) -> bool:
-        """Whether text runs from right to left."""
+        """Return whether text runs from right to left."""
         return self._words["direction"] == "rtl"
 
     @property
     def locale(self) -> TextLocale:
-        """The language, direction, fonts and theme in which the texts are shown."""
+        """Return the language, direction, fonts and theme in which the texts are shown."""
         return TextLocale(self.language, self.rtl, self._fonts, self.find("theme", "dark"))
 
     def action(self, name: str) -> str:

@@ -96,8 +96,13 @@ def export(chosen: IncludedEpisodes, out: Path) -> ExportResult:
 
 
 def _holds_messages(log: SessionLog) -> bool:
-    """Tell whether a log holds messages that its participant wrote to others."""
+    """Return whether a log contains messages that its participant wrote to others."""
     return any(isinstance(event, ActivityEvent) and event.words_to_others for event in log.part_events)
+
+
+def _format_time(timestamp: str) -> str:
+    """Return an ISO time in UTC as BIDS has it: without a time zone, and down to microseconds."""
+    return timestamp.removesuffix("Z")[: len("2026-01-31T12:00:00.000000")]
 
 
 class _Dataset:
@@ -153,13 +158,13 @@ class _Dataset:
             recordings = [write_tsv(events, [*EVENT_COLUMNS, *labels], rows)]
             recordings += write_motion(stem, folder / "motion", segment.number, self._task_facts, segment, run_episodes)
             recordings += write_physio(stem, folder / "beh", segment.number, self._task_facts, segment, devices)
-            at = segment.started_at.removesuffix("Z")[:26]  # microseconds are the finest that BIDS has
-            scans += [{"filename": str(path.relative_to(folder)), "acq_time": at} for path in recordings]
+            acquired_at = _format_time(segment.started_at)
+            scans += [{"filename": str(path.relative_to(folder)), "acq_time": acquired_at} for path in recordings]
         write_tsv(folder / f"{subject}_{session}_scans.tsv", ["filename", "acq_time"], scans)
         self._keep_log(selected, Path("sourcedata") / subject / session)
         self._draw(selected, f"{subject}_{session}")
         self._phenotype.add(log, subject, session)
-        self._sessions[subject].append({"session_id": session, "acq_time": log.started_at.removesuffix("Z")[:26]})
+        self._sessions[subject].append({"session_id": session, "acq_time": _format_time(log.started_at)})
         self._people.setdefault(
             subject,
             {
@@ -169,7 +174,7 @@ class _Dataset:
                 "player": log.player,
             },
         )
-        self._count(selected.episodes)
+        self._count_session(selected.episodes)
 
     def describe_excluded_logs(self) -> tuple[str, ...]:
         """Return a line with the number of logs missing from the dataset and the reason; none if no log is missing."""
@@ -252,7 +257,8 @@ class _Dataset:
         if any(episode.start.map for episode in session.episodes):
             save_png(session_paths(session.session), self._out / _DERIVATIVES / "figures" / f"{name}_paths.png")
 
-    def _count(self, episodes: tuple[EpisodeLog, ...]) -> None:
+    def _count_session(self, episodes: tuple[EpisodeLog, ...]) -> None:
+        """Add a session to the export's counts."""
         self.sessions += 1
         self.episodes += len(episodes)
         self.steps += sum(len(episode.actions) for episode in episodes)

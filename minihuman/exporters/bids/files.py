@@ -69,7 +69,7 @@ def write_json(path: Path, value: Mapping[str, Any]) -> Path:
 
 
 def _format_cell(value: Any) -> str:
-    """Format a cell as BIDS has it: "n/a" if missing, plain decimals, no tabs and line ends."""
+    """Return a cell's text as BIDS requires: "n/a" if missing, plain decimals, and neither tabs nor line breaks."""
     if value is None or value == "" or value != value:  # NaN is unequal to itself
         return MISSING
     if isinstance(value, bool):
@@ -154,14 +154,16 @@ def build_events(segment: Segment, episodes: Sequence[EpisodeLog], counting: fro
 def _list_pauses(segment: Segment) -> Iterator[_Row]:
     reasons = {note.t_ns: note.reason for note in segment.notes if isinstance(note, Paused)}
     for begin_ns, end_ns in segment.pauses:
-        yield _row("pause", begin_ns, segment, duration=(end_ns - begin_ns) * _S, detail=reasons.get(begin_ns, ""))
+        yield _build_event_row(
+            "pause", begin_ns, segment, duration=(end_ns - begin_ns) * _S, detail=reasons.get(begin_ns, "")
+        )
 
 
 def _list_episode_events(episode: EpisodeLog, segment: Segment, counting: frozenset[tuple[int, int]]) -> Iterator[_Row]:
     """Yield a row for the episode, for each of its steps and for each picture on the display."""
     place = _place(episode) | list_labels(episode)
     begin_ns, *step_times_ns = episode.t_ns.tolist()
-    yield _row(
+    yield _build_event_row(
         "episode",
         begin_ns,
         segment,
@@ -176,7 +178,7 @@ def _list_episode_events(episode: EpisodeLog, segment: Segment, counting: frozen
     rewards = episode.rewards.tolist()
     responses_ms = response_ms(episode).tolist()
     for index, t_ns in enumerate(step_times_ns):
-        yield _row(
+        yield _build_event_row(
             "step",
             t_ns,
             segment,
@@ -189,7 +191,7 @@ def _list_episode_events(episode: EpisodeLog, segment: Segment, counting: frozen
         )
     flips = zip(episode.frames.column("flip_ns").tolist(), episode.frames.column("step").tolist(), strict=True)
     for flip_ns, step in flips:
-        yield _row("flip", flip_ns, segment, step=step, **place)
+        yield _build_event_row("flip", flip_ns, segment, step=step, **place)
 
 
 def _list_key_events(segment: Segment, episodes: Sequence[EpisodeLog]) -> Iterator[_Row]:
@@ -214,7 +216,7 @@ def _list_key_events(segment: Segment, episodes: Sequence[EpisodeLog]) -> Iterat
                 action = ""
             else:
                 action = episodes[at].start.action_names[press.action]
-        pressed[press.key] = _row(
+        pressed[press.key] = _build_event_row(
             "key", press.t_ns, segment, key=table_key_name(press.key), action=action, verdict=press.verdict, **place
         )
     yield from pressed.values()
@@ -224,7 +226,8 @@ def _place(episode: EpisodeLog) -> _Row:
     return {"block": episode.plan.block_name, "episode": episode.number, "attempt": episode.attempt}
 
 
-def _row(kind: str, t_ns: int, segment: Segment, *, duration: float | None = None, **more: Any) -> _Row:
+def _build_event_row(kind: str, t_ns: int, segment: Segment, *, duration: float | None = None, **more: Any) -> _Row:
+    """Build an event's row; the duration is 0 if none is given, and missing for a key."""
     if duration is not None:
         lasted = duration
     elif kind == "key":
@@ -265,7 +268,10 @@ def write_motion(
         columns = [channel for channel, *_ in _CHANNELS]
         recordings.append(write_tsv(folder / f"{name}_motion.tsv", columns, rows, header=False))
         lasted_s = rows[-1]["latency"] - rows[0]["latency"]
-        write_json(folder / f"{name}_motion.json", task | _facts(system, _mean_rate_hz(len(rows), lasted_s), lasted_s))
+        write_json(
+            folder / f"{name}_motion.json",
+            task | _build_tracking_facts(system, _mean_rate_hz(len(rows), lasted_s), lasted_s),
+        )
         write_tsv(folder / f"{name}_channels.tsv", _CHANNEL_COLUMNS, _describe_channels(unit))
         frame = {"Description": "What positions and headings are told in.", "Levels": {"world": _FRAME}}
         write_json(folder / f"{name}_channels.json", {"reference_frame": frame})
@@ -315,7 +321,8 @@ def _mean_rate_hz(n_samples: int, lasted_s: float) -> float:
     return (n_samples - 1) / lasted_s
 
 
-def _facts(system: str, effective: float, lasted_s: float) -> dict[str, Any]:
+def _build_tracking_facts(system: str, effective: float, lasted_s: float) -> dict[str, Any]:
+    """Return the sidecar's facts about a motion recording of one tracked point."""
     return {
         "SamplingFrequency": effective,
         "SamplingFrequencyEffective": effective,
@@ -346,16 +353,17 @@ def write_physio(
     for sampled in segment.samples:
         of_device[sampled.device].append(sampled)
     return [
-        _write(
+        _write_recording(
             folder / f"{stem}_run-{run}_recording-{make_label(name)}_physio", task, segment, samples, devices.get(name)
         )
         for name, samples in of_device.items()
     ]
 
 
-def _write(
+def _write_recording(
     path: Path, task: Mapping[str, Any], segment: Segment, samples: Sequence[Sampled], device: DeviceSpec | None
 ) -> Path:
+    """Write samples as a compressed table with its sidecar; return the table's path."""
     names = _name_channels(samples, device)
     text_columns = []
     if any(sampled.text for sampled in samples):
@@ -392,7 +400,7 @@ def _write(
 
 
 def _name_channels(samples: Sequence[Sampled], device: DeviceSpec | None) -> list[str]:
-    """Return a name for each number of a sample; a number that the protocol does not name is called by its position."""
+    """Return a name for each number of a sample; a number that the protocol does not name is named by its position."""
     n_channels = max(len(sampled.values) for sampled in samples)
     names: list[str] = []
     if device is not None:
@@ -447,7 +455,7 @@ class Phenotype:
         return (folder,)
 
     def _describe(self, name: str, plan: QuestionsPlan, time: int) -> None:
-        """Record the meaning of a questionnaire's columns; if groups see different wordings, the first group's is used.
+        """Record the meaning of a questionnaire's columns; if groups see different wordings, use the first group's.
 
         Raises:
             ExportError: if another questionnaire's name makes the same label.

@@ -106,7 +106,7 @@ class Segment:
 
     @property
     def pauses(self) -> PauseSpans:
-        """The begin and end of every pause in nanoseconds of session time; an open pause ends with the segment."""
+        """Return the start and end of every pause in nanoseconds of session time; an open one ends with the segment."""
         spans: list[tuple[int, int]] = []
         began_ns: int | None = None
         for note in self.notes:
@@ -171,33 +171,33 @@ class TeamRecord:
 
     @property
     def partner_seats(self) -> tuple[int, ...]:
-        """The indices of the other members' seats."""
+        """Return the indices of the other members' seats."""
         return tuple(seat for seat in range(len(self.seats)) if seat != self.seat)
 
     @property
     def partners(self) -> tuple[str, ...]:
-        """What sits in each of the other seats, in the order of the seats."""
+        """Return "person" or the agent's name for each of the other seats, in the order of the seats."""
         return tuple(self.seats[seat] for seat in self.partner_seats)
 
     @property
     def partner(self) -> str:
-        """The partners as one word: "person", an agent's name, or several joined by "+"."""
+        """Return the partners as one word: "person", an agent's name, or several joined by "+"."""
         return "+".join(self.partners)
 
     @property
     def persons(self) -> tuple[int, ...]:
-        """The indices of the seats in which people sit."""
+        """Return the indices of the seats in which people sit."""
         return tuple(seat for seat, kind in enumerate(self.seats) if kind == PERSON)
 
     @property
     def steps_by_source(self) -> tuple[dict[str, int], ...]:
-        """For each seat, the number of joint steps in which each source acted."""
+        """Return, for each seat, the number of joint steps in which each source acted."""
         by_seat = zip(*self.sources, strict=True) if self.sources else ((),) * len(self.seats)
         return tuple(dict(sorted(Counter(sources).items())) for sources in by_seat)
 
     @property
     def absent_share(self) -> float | None:
-        """The share of joint steps in which some person's seat idled without an input, or an agent acted for it."""
+        """Return the share of joint steps in which a person's seat idled without input, or an agent acted for it."""
         if not self.sources:
             return None
         n_absent = 0
@@ -321,48 +321,48 @@ class EpisodeLog:
 
     @property
     def plan(self) -> EpisodePlan:
-        """The episode's plan."""
+        """Return the episode's plan."""
         return self.start.plan
 
     @property
     def world_options(self) -> dict[str, Any]:
-        """The options that recreate the world as it was played; in a team they include the other bodies' actions."""
+        """Return the options that recreate the world as played; in a team they include the other bodies' actions."""
         if self.team is None:
             return self.plan.options
         return {**self.plan.options, "script": self.team.actions.tolist()}
 
     @property
     def shared_options(self) -> dict[str, Any]:
-        """The options of the world; in a team, only those that all seats share."""
+        """Return the options of the world; in a team, only those that all seats share."""
         return {name: value for name, value in self.plan.options.items() if self.team is None or name != "seat"}
 
     @property
     def actions_taken(self) -> list[int | tuple[float, ...]]:
-        """The ``n`` actions as a world's ``step`` takes them: numbers, or vectors if the log has vectors."""
+        """Return the ``n`` actions as a world's ``step`` takes them: numbers, or vectors if the log has vectors."""
         if self.action_vectors is None:
             return [int(action) for action in self.actions]
         return [tuple(vector) for vector in self.action_vectors.tolist()]
 
     @property
     def number(self) -> int:
-        """The episode's number in the session, counted from 1 as people do. The log counts from 0."""
+        """Return the episode's number in the session, counted from 1 as people do. The log counts from 0."""
         return self.plan.episode + 1
 
     @property
     def name(self) -> str:
-        """The episode's name in messages, such as "episode 3" or "episode 3 (attempt 2)"."""
+        """Return the episode's name in messages, such as "episode 3" or "episode 3 (attempt 2)"."""
         if self.attempt > 1:
             return f"episode {self.number} (attempt {self.attempt})"
         return f"episode {self.number}"
 
     @property
     def outcome_word(self) -> str:
-        """The outcome as it appears in every table, or "cut_off" if the log ends before there was one."""
+        """Return the outcome as it appears in every table, or "cut_off" if the log ends before there was one."""
         return self.outcome or CUT_OFF
 
     @property
     def success(self) -> bool | None:
-        """Whether the goal was reached; None if no rule decides that."""
+        """Return whether the goal was reached; None if no rule decides that."""
         if self.outcome == "ended":
             return None
         if self.outcome in ("goal", "timeout", "failure"):
@@ -375,7 +375,7 @@ class EpisodeLog:
 
     @property
     def return_(self) -> float:
-        """The sum of the rewards."""
+        """Return the sum of the rewards."""
         return float(self.rewards.sum())
 
 
@@ -403,37 +403,37 @@ class SessionLog:
 
     @property
     def notes(self) -> tuple[SegmentNote, ...]:
-        """The notes of all segments, in order of time."""
+        """Return the notes of all segments, in order of time."""
         return tuple(note for segment in self.segments for note in segment.notes)
 
     @property
     def part_events(self) -> tuple[PartEvent, ...]:
-        """The events of the session's parts other than play, in order; empty in logs from before sessions had parts."""
+        """Return the events of all parts other than play, in order; empty in logs older than session parts."""
         return tuple(event for segment in self.segments for event in segment.part_events)
 
     @property
     def waited_ns(self) -> int:
-        """The total time in lobbies, from each arrival until a team formed, the wait ended, or the segment ended."""
+        """Return the total time in lobbies, each from arrival until a team formed, or the wait or segment ended."""
         return sum(_measure_lobby_ns(segment) for segment in self.segments)
 
     @property
     def stranded(self) -> bool:
-        """Whether one of the session's team blocks ended because no partner came or a partner left."""
+        """Return whether one of the session's team blocks ended because no partner came or a partner left."""
         return any(
             isinstance(event, TeamEnded) and event.reason not in ("replaced", "declined") for event in self.part_events
         )
 
     @property
     def comparisons(self) -> tuple[PairComparison, ...]:
-        """The pairs of clips that were compared, with the answers."""
+        """Return the pairs of clips that were compared, with the answers."""
         return gather_comparisons(self.part_events)
 
     @property
     def corrections(self) -> tuple[CorrectionRecord, ...]:
-        """The participant's corrections, which demonstrate better actions from a step of an episode on."""
+        """Return the participant's corrections, which demonstrate better actions from a step of an episode on."""
         return gather_corrections(self.part_events)
 
     @property
     def keys(self) -> EventColumns[KeyPressed]:
-        """Every key press and release of the session, including those outside episodes."""
+        """Return every key press and release of the session, including those outside episodes."""
         return EventColumns.joined([segment.keys for segment in self.segments])

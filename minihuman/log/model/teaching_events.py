@@ -32,7 +32,7 @@ class PairComparison:
 
     @property
     def answer_ms(self) -> float:
-        """The time in milliseconds from the first displayed picture to the key; NaN if it is unknown."""
+        """Return the time in milliseconds from the first displayed picture to the key; NaN if it is unknown."""
         if self.preference.shown_ns:
             return (self.preference.pressed_ns - self.preference.shown_ns) / 1e6
         return float("nan")
@@ -149,7 +149,7 @@ class TeachingRecord:
 
     @property
     def interventions(self) -> int:
-        """The number of times that the person took over from the agent."""
+        """Return the number of times that the person took over from the agent."""
         return sum(change.reason == "key" for change in self.controls)
 
     def agreement(self, actions: NDArray[np.int64]) -> float:

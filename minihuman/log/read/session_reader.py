@@ -137,12 +137,12 @@ class SessionAssembler:
 
     @property
     def started(self) -> list[events.SessionStarted]:
-        """The first event of each segment."""
+        """Return the first event of each segment."""
         return [part.started for part in self._parts]
 
     @property
     def end_reason(self) -> str:
-        """The reason why the last segment ended; "cut_off" if its log states none."""
+        """Return the reason why the last segment ended; "cut_off" if its log states none."""
         ended = self._parts[-1].ended
         return CUT_OFF if ended is None else ended.reason
 
@@ -220,7 +220,7 @@ class SessionAssembler:
         self, starts: Sequence[dict[str, str]], ends: Sequence[dict[str, str]], rows: FrequentRows
     ) -> list[tuple[Segment, tuple[int, int | None]]]:
         """Return every segment placed in session time, still without its keys, with the positions of its messages."""
-        clean = {int(end["segment"]): end["clean"] == "true" for end in ends}
+        ended_cleanly = {int(end["segment"]): end["clean"] == "true" for end in ends}
         first_unix_ns = int(starts[0]["started_unix_ns"])
         begins = [part.begin for part in self._parts]
         spans = list(zip(begins, [*begins[1:], None], strict=True))
@@ -231,8 +231,9 @@ class SessionAssembler:
             unix_ns = int(facts["started_unix_ns"])
             monotonic_ns = part.started.facts.get("started_monotonic_ns", "")
             start_ns = max(unix_ns - first_unix_ns, after_ns)
-            times_ns = [of_topic.column("t_ns").values[of_topic.between(*span)] for of_topic in (rows.steps, rows.keys)]
-            end_ns = start_ns + self._lasted_ns(part, times_ns)
+            step_times_ns = rows.steps.column("t_ns").values[rows.steps.between(*span)]
+            key_times_ns = rows.keys.column("t_ns").values[rows.keys.between(*span)]
+            end_ns = start_ns + self._lasted_ns(part, [step_times_ns, key_times_ns])
             segment = Segment(
                 number=number,
                 started_at=facts["started_at"],
@@ -242,7 +243,7 @@ class SessionAssembler:
                 start_ns=start_ns,
                 end_ns=end_ns,
                 end_reason=CUT_OFF if part.ended is None else part.ended.reason,
-                clean=clean.get(number, False),
+                clean=ended_cleanly.get(number, False),
                 facts=part.started.facts,
                 notes=notes_in_session_time(part.notes, start_ns),
                 part_events=part_events_in_session_time(part.part_events, start_ns),
@@ -277,6 +278,7 @@ class SessionAssembler:
         return None
 
     def _take(self, place: int, event: events.Event | None) -> None:
+        """Add an event at a position among all messages to the segment and the episode to which it belongs."""
         if not self._parts and not isinstance(event, events.SessionStarted):
             return  # the plan is lost, and nothing says what this belongs to
         match event:

@@ -48,7 +48,7 @@ class SampleSequence(Sequence[events.Sampled]):
         return len(self._messages)
 
     def __iter__(self) -> Iterator[events.Sampled]:
-        return map(self._read, self._messages)
+        return map(self._read_sample, self._messages)
 
     @overload
     def __getitem__(self, place: int) -> events.Sampled: ...
@@ -57,9 +57,10 @@ class SampleSequence(Sequence[events.Sampled]):
     def __getitem__(self, place: int | slice) -> "events.Sampled | SampleSequence":
         if isinstance(place, slice):
             return SampleSequence(self._messages[place], self._start_ns)
-        return self._read(self._messages[place])
+        return self._read_sample(self._messages[place])
 
-    def _read(self, message: bytes) -> events.Sampled:
+    def _read_sample(self, message: bytes) -> events.Sampled:
+        """Decode a sample, and shift its time to session time."""
         sampled = decode_event(topics.SAMPLE, message)
         assert isinstance(sampled, events.Sampled)
         return replace(sampled, t_ns=sampled.t_ns + self._start_ns)
@@ -205,11 +206,11 @@ class FrequentRows:
 
     @cached_property
     def key_events(self) -> EventColumns[events.KeyPressed]:
-        """The columns of every key press and release."""
+        """Return the columns of every key press and release."""
         return build_key_columns(self.keys.column, len(self.keys))
 
     @cached_property
     def frame_events(self) -> EventColumns[events.FrameShown]:
-        """The columns of every displayed frame."""
+        """Return the columns of every displayed frame."""
         frames = self.frames  # alone: what is cached here and held this would be a cycle, freed only by the collector
         return EventColumns(events.FrameShown, lambda name: frames.column(name).values, range(len(frames)))

@@ -231,7 +231,7 @@ class FileWriter:
 
     @property
     def fd(self) -> int:
-        """The file's descriptor."""
+        """Return the file's descriptor."""
         return self.file.fd
 
     def begin(self, pieces: Sequence[AppendBlock], *, steps: int) -> None:
@@ -302,6 +302,7 @@ class FileWriter:
         self._written_count += len(jobs)
 
     def _make_durable(self, jobs: Sequence[WriteJob], *, sync: Callable[[], None], closing: bool = False) -> None:
+        """Sync the file after writes, and record how much is durable or why it is not."""
         if not self._is_broken and (jobs or closing):
             try:
                 sync()
@@ -404,9 +405,10 @@ class GroupCommit:
         if at_once or self._idle:
             self._wake.set()
         if self._thread is None:
-            self._begin()
+            self._start_thread()
 
-    def _begin(self) -> None:
+    def _start_thread(self) -> None:
+        """Start the thread that commits, unless it is running."""
         with self._beginning:
             if self._thread is None:
                 # A daemon, so that a crash of the program is not held up; what was written stays and is recovered.
@@ -414,6 +416,7 @@ class GroupCommit:
                 self._thread.start()
 
     def _run(self) -> None:
+        """Commit the files that are due, until the process ends."""
         while True:
             self._wait_until_due()
             self.commit(self._take_due_files())

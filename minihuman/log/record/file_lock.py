@@ -42,7 +42,7 @@ def create_live_file(segment_path: SegmentPath) -> int:
         if is_file_at(fd, segment_path.part):
             break
         os.close(fd)  # a recovery took the empty file away between open and lock
-    refusal = _recorded_error(segment_path)
+    refusal = _find_recorded_error(segment_path)
     if refusal is not None:
         disk.unlink(segment_path.part)
         os.close(fd)
@@ -58,7 +58,7 @@ def require_unclaimed(segment_path: SegmentPath) -> None:
     Raises:
         LogError: if the segment is recorded already or is being recorded.
     """
-    refusal = _running_error(segment_path) if segment_path.part.exists() else _recorded_error(segment_path)
+    refusal = _running_error(segment_path) if segment_path.part.exists() else _find_recorded_error(segment_path)
     if refusal is not None:
         raise refusal
 
@@ -70,7 +70,8 @@ def _running_error(segment_path: SegmentPath) -> LogError:
     )
 
 
-def _recorded_error(segment_path: SegmentPath) -> LogError | None:
+def _find_recorded_error(segment_path: SegmentPath) -> LogError | None:
+    """Return the error for a segment that a finished log holds already; None if none does."""
     from minihuman.log.read.reader import read_segment_starts
 
     if not segment_path.log.exists() or segment_path.segment not in (1, *read_segment_starts(segment_path.log)):

@@ -66,7 +66,7 @@ class FinalizedLog:
 
     @property
     def damaged(self) -> bool:
-        """Whether something in the log was damaged; a torn last write of a live file does not count as damage."""
+        """Return whether part of the log was damaged; a torn last write of a live file does not count as damage."""
         torn = self.damage.startswith("cut off") and not self.was_finished
         return bool(self.damage) and self.readable and not torn
 

@@ -113,7 +113,7 @@ class LiveLogEncoder:
         live._writer.start(profile=PROFILE, library=LIBRARY_NAME)
         live._number(plan)
         for topic in filter(None, map(find_topic, rare)):
-            live._channel(topic)
+            live._register_channel(topic)
         live._bytes.take()  # the file has its beginning
         live.messages = messages
         live.steps = steps
@@ -121,7 +121,7 @@ class LiveLogEncoder:
 
     @property
     def channels(self) -> dict[str, int]:
-        """The number of each topic's channel; empty before the first event."""
+        """Return the number of each topic's channel; empty before the first event."""
         return dict(self._channels)
 
     def encode(self, events: Sequence[Event]) -> list[AppendBlock]:
@@ -136,7 +136,7 @@ class LiveLogEncoder:
             if isinstance(event, EpisodeStarted):
                 pieces.append(AppendBlock(self._take_encoded(), room_for))
                 room_for = event.plan
-            self._add(event)
+            self._add_event(event)
         pieces.append(AppendBlock(self._take_encoded(), room_for))
         return [piece for piece in pieces if piece.data]
 
@@ -177,9 +177,10 @@ class LiveLogEncoder:
     def _number(self, plan: SessionPlan) -> list[Channel]:
         """Register the topics' schemas and channels, always in the same order; return the channels."""
         topics = (*TOPICS, *list_activity_topics(part.kind for part in plan.parts))
-        return [self._channel(topic) for topic in topics if not topic.is_preview]
+        return [self._register_channel(topic) for topic in topics if not topic.is_preview]
 
-    def _channel(self, topic: Topic) -> Channel:
+    def _register_channel(self, topic: Topic) -> Channel:
+        """Register a topic's schema and channel; return the channel."""
         kind = topic.message.DESCRIPTOR.full_name
         data = schema_bytes(topic.message)
         if kind not in self._schemas:
@@ -189,14 +190,15 @@ class LiveLogEncoder:
         self._channels[topic.name] = self._writer.register_channel(topic.name, "protobuf", schema)
         return Channel(self._channels[topic.name], topic.name, "protobuf", {}, schema)
 
-    def _add(self, event: Event) -> None:
+    def _add_event(self, event: Event) -> None:
+        """Add an event to the chunk, after registering its topic if it is new."""
         topic, message = encode_event(event)
         new = topic not in self._channels
         if new:  # of a kind of activity that the plan has no part of
             new_topic = find_topic(topic)
             assert new_topic is not None
             self._bytes.write(self._chunk.take())
-            self._channel(new_topic)
+            self._register_channel(new_topic)
         self.messages += 1
         self.steps += isinstance(event, Stepped)
         data = message.SerializeToString(deterministic=True)

@@ -68,8 +68,8 @@ class LogCopier:
                 case Attachment() if record.name != integrity.SEGMENT_HEAD_NAME and self._head:
                     self._early_attachments.append(record)
                 case Attachment() if record.name != integrity.SEGMENT_HEAD_NAME:
-                    self._attachment(record)
-        self._write_head()
+                    self._copy_attachment(record)
+        self._write_segment_start()
         if self._previews is not None and self._last is not None:
             self._add_previews(self._previews.finish(), self._last)
 
@@ -110,7 +110,8 @@ class LogCopier:
             "lasted_ns": self.lasted_ns,
         }
 
-    def _attachment(self, record: Attachment) -> None:
+    def _copy_attachment(self, record: Attachment) -> None:
+        """Copy an attachment, unless an equal one has been copied."""
         if (record.name, record.data) in self._attachments:
             return
         self._attachments.add((record.name, record.data))
@@ -127,13 +128,13 @@ class LogCopier:
             return
         if topic == topics.PLAN:
             self._write_second_start(message, schema)
-        self._write_head()
+        self._write_segment_start()
         if topic in RECORD_TOPICS:
             self.last_sequence = message.sequence
             self._last = message
         if self._previews is not None:
             self._add_previews(self._previews.encode(topic, message.data), message)
-        self._add(message, schema)
+        self._add_message(message, schema)
         if topic == topics.PLAN or (topic == topics.EPISODE_END and self._chunk_bytes > EPISODE_BYTES):
             self._flush()
         self._first_ns = self._first_ns or message.log_time
@@ -168,9 +169,10 @@ class LogCopier:
             schemas.append(Schema(channels[0].schema_id, schema.data, schema.encoding, schema.name))
         plan = Message(number, message.log_time, message.data, message.publish_time, message.sequence)
         copied = integrity.pack_segment_head(self._head.values(), schemas, channels, plan)
-        self._write_head(copied, message.log_time)
+        self._write_segment_start(copied, message.log_time)
 
-    def _write_head(self, copied: bytes = b"", log_time: int = 0) -> None:
+    def _write_segment_start(self, copied: bytes = b"", log_time: int = 0) -> None:
+        """Write the held-back start of a segment: metadata, the second copy if any, attachments and previews."""
         head = self._head
         self._head = {}
         attached = self._early_attachments
@@ -184,9 +186,9 @@ class LogCopier:
                 log_time, log_time, integrity.SEGMENT_HEAD_NAME, integrity.SEGMENT_HEAD_MEDIA_TYPE, copied
             )
         for attachment in attached:
-            self._attachment(attachment)
+            self._copy_attachment(attachment)
         for message, schema in previews:
-            self._add(message, schema)
+            self._add_message(message, schema)
 
     def _add_previews(self, encoded: Iterator[tuple[str, Protobuf]], message: LogMessage) -> None:
         """Add previews before a message, with its times, so that no step lacks its previews."""
@@ -198,9 +200,10 @@ class LogCopier:
             data = preview.SerializeToString(deterministic=True)
             schema = Schema(id=0, data=topics.schema_bytes(type(preview)), encoding="protobuf", name=name)
             channel = Channel(id=0, topic=topic, message_encoding="protobuf", metadata={}, schema_id=0)
-            self._add(LogMessage(channel, UNNUMBERED, message.log_time, message.publish_time, data), schema)
+            self._add_message(LogMessage(channel, UNNUMBERED, message.log_time, message.publish_time, data), schema)
 
-    def _add(self, message: LogMessage, schema: Schema | None) -> None:
+    def _add_message(self, message: LogMessage, schema: Schema | None) -> None:
+        """Write a message, and add it to the hash chain and the counts."""
         self._writer.add_message(
             self._register_channel(message.channel, schema),
             log_time=message.log_time,

@@ -187,17 +187,17 @@ class McapRecorder(Recorder):
 
     @property
     def durable_steps(self) -> int:
-        """The number of this segment's steps that are fsynced."""
+        """Return the number of this segment's steps that are fsynced."""
         return self._disk.durable_steps
 
     @property
     def durable_writes(self) -> int:
-        """The number of this recorder's writes with events that are fsynced."""
+        """Return the number of this recorder's writes with events that are fsynced."""
         return self._disk.durable_writes
 
     @property
     def late_writes(self) -> int:
-        """The number of writes that the disk did not finish in time, so that their pictures were shown before them."""
+        """Return the number of writes that the disk finished only after their pictures had been shown."""
         return self._disk.late
 
     def drain(self) -> None:
@@ -236,7 +236,7 @@ class McapRecorder(Recorder):
             promised = ExpectedContent(
                 self._live.messages, self._disk.file.crc, self._disk.late, self._disk.longest_wait_s
             )
-            return self._whole(
+            return self._require_undamaged(
                 finish_log(self.segment_path, clean=self._ended, promised=promised, publish=self.publish)
             ).path
         except NotPublishedError:
@@ -249,7 +249,8 @@ class McapRecorder(Recorder):
             if self._closed:
                 os.close(self._fd)
 
-    def _whole(self, finished: FinalizedLog) -> FinalizedLog:
+    def _require_undamaged(self, finished: FinalizedLog) -> FinalizedLog:
+        """Return a finished log; raise DataLossError if it lacks something that was written."""
         if not finished.damage or not self._live.messages:  # nothing was written, so nothing is lost
             return finished
         raise DataLossError(

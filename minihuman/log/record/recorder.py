@@ -47,12 +47,12 @@ class Recorder(abc.ABC):
     @property
     @abc.abstractmethod
     def durable_steps(self) -> int:
-        """The number of Stepped events of this segment that are fsynced."""
+        """Return the number of Stepped events of this segment that are fsynced."""
 
     @property
     @abc.abstractmethod
     def durable_writes(self) -> int:
-        """The number of writes with events that are fsynced, each together with all before it."""
+        """Return the number of writes with events that are fsynced, each together with all before it."""
 
     @abc.abstractmethod
     def close(self) -> Path | None:
@@ -73,12 +73,12 @@ class MemoryRecorder(Recorder):
 
     @property
     def durable_steps(self) -> int:
-        """The number of recorded steps, all of which count as durable in memory."""
+        """Return the number of recorded steps, all of which count as durable in memory."""
         return sum(isinstance(event, Stepped) for event in self.events)
 
     @property
     def durable_writes(self) -> int:
-        """The number of writes with events."""
+        """Return the number of writes with events."""
         return self._writes
 
     def close(self) -> None:
@@ -113,12 +113,12 @@ class WrappedRecorder(Recorder):
 
     @property
     def durable_steps(self) -> int:
-        """The number of steps that the wrapped recorder has made durable."""
+        """Return the number of steps that the wrapped recorder has made durable."""
         return self._recorder.durable_steps
 
     @property
     def durable_writes(self) -> int:
-        """The number of writes that the wrapped recorder has made durable."""
+        """Return the number of writes that the wrapped recorder has made durable."""
         return self._recorder.durable_writes
 
     def close(self) -> Path | None:
@@ -211,7 +211,7 @@ class DeferredRecorder(WrappedRecorder):
 
     @property
     def opened(self) -> bool:
-        """Whether the session is being recorded."""
+        """Return whether the session is being recorded."""
         return not self._waits
 
     def begin(self, events: Sequence[Event]) -> None:

@@ -84,7 +84,8 @@ class Lease:
                 return LogPiece(part.name, copied, recorded), writes
         return None, writes
 
-    def _confirm(self, piece: LogPiece | None, writes: int) -> None:
+    def _note_copied(self, piece: LogPiece | None, writes: int) -> None:
+        """Record that a piece of the log, and a number of writes, have been copied."""
         self.copied_writes = writes
         if piece is not None:
             self._copied[piece.file] = piece.start + len(piece.data)
@@ -165,22 +166,33 @@ class SessionLeases:
         """
         lease = self.acquire(f"{study_folder(part).name}/{part.parent.parent.name}/{part.parent.name}")
         try:
-            if not lease.grant.ended and not only_ended:
-                self.restore(lease, part.parent)
-            elif lease.grant.ended and self._table.read_files(lease.session).get(part.name) != part.read_bytes():
-                put_aside(part, SUPERSEDED)
-            if not part.exists() and not lease.grant.ended:  # finish what the other server left, as it is here now
-                part = next(iter(find_leftovers(part.parent)), part)
-            if not part.exists() or (only_ended and not lease.grant.ended):
+            if lease.grant.ended:
+                return self._recover_ended(part, lease)
+            if only_ended:
                 return None
-            if not lease.grant.ended:
-                return recover_log(part, lambda log: self.publish(lease, log))
-            finished = recover_log(part)  # the copy stays until then: it says whose session it is
-            with suppress(OSError):
-                self.store(lease, None)
-            return finished
+            return self._recover_resumable(part, lease)
         finally:
             self.release(lease)
+
+    def _recover_ended(self, part: Path, lease: Lease) -> FinalizedLog | None:
+        """Finish a live file whose session has ended; put it aside if it is not what the last holder acknowledged."""
+        if self._table.read_files(lease.session).get(part.name) != part.read_bytes():
+            put_aside(part, SUPERSEDED)
+        if not part.exists():
+            return None
+        finished = recover_log(part)  # the copy stays until then: it says whose session it is
+        with suppress(OSError):
+            self.store(lease, None)
+        return finished
+
+    def _recover_resumable(self, part: Path, lease: Lease) -> FinalizedLog | None:
+        """Finish the live file of a session that could be resumed, as its last holder left it."""
+        self.restore(lease, part.parent)
+        if not part.exists():  # finish what the other server left, as it is here now
+            part = next(iter(find_leftovers(part.parent)), part)
+        if not part.exists():
+            return None
+        return recover_log(part, lambda log: self.publish(lease, log))
 
     def renew(self, leases: Sequence[Lease]) -> None:
         """Renew leases, and copy everything recorded since the last renewal.
@@ -198,7 +210,7 @@ class SessionLeases:
                 if not lease.lost:
                     lease.renewed_s = began_s
                     lease.is_requested = wanted_by_session[lease.session]
-                    lease._confirm(piece, writes)
+                    lease._note_copied(piece, writes)
 
     def end(self, lease: Lease, reason: str) -> None:
         """Copy the rest of the log, and mark the session as ended.

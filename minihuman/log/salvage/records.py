@@ -110,7 +110,7 @@ class ChunkMessages:
 
     @property
     def times(self) -> tuple[int, int] | None:
-        """The first and the last log time of the messages; None if there are no messages."""
+        """Return the first and the last log time of the messages; None if there are no messages."""
         log_times = self._heads["log_time"]
         if len(self):
             return (int(log_times.min()), int(log_times.max()))

@@ -106,7 +106,7 @@ class LogScanner:
 
     @property
     def damage(self) -> str:
-        """A description of all that could not be read; "" if everything could be."""
+        """Return a description of all that could not be read; "" if everything could be."""
         gaps = [f"damaged at bytes {gap.begin} to {gap.end} ({gap.reason})" for gap in self.gaps]
         missing = [f"without messages {gap.first} to {gap.last}" for gap in self.missing if gap not in self.declared]
         reasons = [*gaps, *missing]
@@ -116,7 +116,7 @@ class LogScanner:
 
     @property
     def unfinished_reason(self) -> str:
-        """A description of what a finished log lacks; "" if it is intact."""
+        """Return a description of what a finished log lacks; "" if it is intact."""
         if self.damage or self.finished:
             return self.damage
         size = self.path.stat().st_size  # it ends where a record does, and reading met nothing wrong
@@ -263,14 +263,14 @@ class LogScanner:
         """Note where a segment begins, which messages it lacks at its end, and which messages are declared missing."""
         facts = metadata.metadata
         if metadata.name == SEGMENT_METADATA:
-            self._segment = _number(facts.get("segment", ""))
+            self._segment = _parse_number(facts.get("segment", ""))
             self._sequence = 0
         elif metadata.name == END_METADATA:
-            last = _number(facts.get("last_message", ""))
-            if _number(facts.get("segment", "")) == self._segment and 0 < self._sequence < last:
+            last = _parse_number(facts.get("last_message", ""))
+            if _parse_number(facts.get("segment", "")) == self._segment and 0 < self._sequence < last:
                 self.missing.append(MissingMessages(self._segment, self._sequence + 1, last))
         elif metadata.name == MISSING_METADATA:
-            self.declared.add(MissingMessages(**{name: _number(value) for name, value in facts.items()}))
+            self.declared.add(MissingMessages(**{name: _parse_number(value) for name, value in facts.items()}))
 
     def _check_end(self, content: bytes, file: BinaryIO) -> None:
         """Check what follows the data: the summary, by its checksum, and the file's end."""
@@ -391,7 +391,8 @@ def _schema(content: bytes) -> Schema:
     return schema
 
 
-def _number(text: str) -> int:
+def _parse_number(text: str) -> int:
+    """Return a number of fewer than ten digits; 0 for any other text."""
     if text.isdecimal() and len(text) < 10:
         return int(text)
     return 0

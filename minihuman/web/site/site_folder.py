@@ -42,7 +42,7 @@ SITE_VERSION = 1
 _PAGE = Path(__file__).parents[1] / "page"
 _OWN = Path(__file__).parent / "page"
 _COLLECTORS = ("download", "datapipe", "jatos")
-JATOS_SCRIPT = '<script src="jatos.js"></script>\n'  # which JATOS serves beside a component's page
+_JATOS_HEAD = Path(__file__).with_name("jatos_head.html")  # with the script that JATOS serves beside a component's page
 _ENCODER = msgspec.json.Encoder()
 
 
@@ -91,10 +91,10 @@ def write_site(protocol: Protocol, folder: Path, *, collector: str = "download",
     if count > len(build_allocation_list(protocol)):
         raise SiteError(f"{count} slots are more than the study's {protocol.study.participants} participants")
     build = digest_build(protocol)
-    jatos_script = ""
+    head = ""
     if collector == "jatos":
-        jatos_script = JATOS_SCRIPT
-    _copy_page(folder, jatos_script)
+        head = _JATOS_HEAD.read_text(encoding="utf-8")
+    _copy_page(folder, head)
     (folder / "study" / "arrays").mkdir(parents=True, exist_ok=True)
     screens = 0
     for index in range(count):
@@ -124,12 +124,12 @@ def _describe_site(protocol: Protocol, build: str, collector: str, slots: int) -
     }
 
 
-def _copy_page(folder: Path, script: str) -> None:
+def _copy_page(folder: Path, head: str) -> None:
     """Copy the page's files, with the site's own modules in the place of those that speak to a server.
 
     Args:
         folder: the site's folder.
-        script: an element for the page's head; "" for none.
+        head: elements for the end of the page's head, and its end tag in a line of its own; "" for none.
     """
     static = folder / "static"
     shutil.rmtree(static, ignore_errors=True)
@@ -138,7 +138,9 @@ def _copy_page(folder: Path, script: str) -> None:
         shutil.copy(module, static / module.name)
     page = (_PAGE / "page.html").read_text(encoding="utf-8").replace('"/static/', '"static/')
     page = page.replace('<link rel="modulepreload" href="static/polling.js">\n', "")
-    page = page.replace("</head>", f"{script}</head>")
+    if head:
+        end_tag = head.splitlines()[-1]
+        page = page.replace(end_tag, head.strip())
     (folder / "index.html").write_text(page, encoding="utf-8", newline="\n")
 
 

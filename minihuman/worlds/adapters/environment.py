@@ -46,12 +46,10 @@ def make_environment(world_id: str, options: dict[str, Any]) -> gymnasium.Env[An
         WorldError: if the environment cannot be made, or has no render mode for pictures.
     """
     try:
-        seat = make_seat(world_id, options)
-        env = (
-            seat
-            if seat is not None
-            else gymnasium.make(world_id, render_mode="rgb_array", disable_env_checker=True, **resolve_files(options))
-        )
+        env: gymnasium.Env[Any, Any] | None = make_seat(world_id, options)
+        if env is None:
+            files = resolve_files(options)
+            env = gymnasium.make(world_id, render_mode="rgb_array", disable_env_checker=True, **files)
     except ModuleNotFoundError as error:
         raise WorldError(f"{world_id}: {_explain_missing_module(error, world_id)}") from error
     except gymnasium.error.InvalidMetadata as error:

@@ -22,7 +22,7 @@ class WorldCodeError(WorldError):
 
     @property
     def log_text(self) -> str:
-        """The error's text for a log: the world's own message without its place in a file."""
+        """Return the error's text for a log: the world's own message without its place in a file."""
         cause = self.__cause__
         if not isinstance(cause, Exception):
             return str(self)
@@ -45,7 +45,7 @@ class RemoteCodeError(WorldCodeError):
 
     @property
     def log_text(self) -> str:
-        """The error's text for a log."""
+        """Return the error's text for a log."""
         return self._log_text
 
 

@@ -76,7 +76,7 @@ class ActionsVerification:
 
     @property
     def ok(self) -> bool:
-        """Whether the actions, replayed from the seed by the rules installed here, gave these digests and rewards."""
+        """Return whether the replayed actions gave these digests and rewards under the rules installed here."""
         return not self.difference
 
 
@@ -105,10 +105,10 @@ def verify_actions(
         ValueError: if the number of digests or rewards differs from that of actions, or the seed is negative.
         WorldError: if the world cannot be made, or no page computes it.
     """
-    if len(digests) != len(actions) or (rewards is not None and len(rewards) != len(actions)):
-        counts = (
-            f"{len(actions)} actions, {len(digests)} digests and {len(actions if rewards is None else rewards)} rewards"
-        )
+    n_actions = len(actions)
+    n_rewards = n_actions if rewards is None else len(rewards)
+    if len(digests) != n_actions or n_rewards != n_actions:
+        counts = f"{n_actions} actions, {len(digests)} digests and {n_rewards} rewards"
         raise ValueError(f"{world} seed {seed} has {counts}; each action has one of both")
     if seed < 0:
         raise ValueError(f"seed is {seed}; a seed is 0 or more")

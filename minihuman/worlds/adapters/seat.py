@@ -53,7 +53,7 @@ class SeatEnv(gymnasium.Env[Any, Any], NativeWorld):
 
     @property
     def max_steps(self) -> int:
-        """The world's step limit per episode."""
+        """Return the world's step limit per episode."""
         return self.team.max_steps
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
@@ -68,14 +68,15 @@ class SeatEnv(gymnasium.Env[Any, Any], NativeWorld):
 
     def step(self, action: int) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Make a joint step in which this body takes ``action``."""
-        reward, terminated, truncated, info = self._advance(action)
+        reward, terminated, truncated, info = self._step_team(action)
         return self.team.observation(self.seat), reward, terminated, truncated, info
 
     def advance(self, action: int) -> tuple[float, bool, bool]:
         """Make a step without computing an observation; return reward, terminated and truncated."""
-        return self._advance(action)[:3]
+        return self._step_team(action)[:3]
 
-    def _advance(self, action: int) -> tuple[float, bool, bool, dict[str, Any]]:
+    def _step_team(self, action: int) -> tuple[float, bool, bool, dict[str, Any]]:
+        """Make a joint step with this body's action; return its reward, whether the episode ended, and its info."""
         if self.steps < len(self.script):
             planned = self.script[self.steps]
         else:

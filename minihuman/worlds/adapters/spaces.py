@@ -17,6 +17,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 from gymnasium import spaces
+from numpy.typing import NDArray
 
 from minihuman.errors import WorldError
 
@@ -56,7 +57,7 @@ class DiscreteActions:
 
     @property
     def numbers(self) -> range:
-        """The numbers of the actions that a key can do."""
+        """Return the numbers of the actions that a key can do."""
         return range(len(self.names))
 
     def combine(self, numbers: Sequence[int]) -> tuple[int, ActionVector]:
@@ -117,11 +118,7 @@ class VectorActions:
                     counts = np.ravel(leaf.n if isinstance(leaf, spaces.Discrete) else leaf.nvec)
                     still = np.asarray(leaf.start, np.float64).ravel()
                     ends = [still, still + counts - 1]
-                    elements += [
-                        ActionElement(f"choice_{start + place}_{value}", start + place, float(still[place] + value))
-                        for place, count in enumerate(counts.tolist())
-                        for value in range(1, count)
-                    ]
+                    elements += _choice_elements(counts, still, start)
                 case _:
                     raise WorldError(
                         f"sessions do not support the action space {space}; "
@@ -142,12 +139,12 @@ class VectorActions:
 
     @property
     def unbound(self) -> int:
-        """The number of components that no element moves, and that stay at rest."""
+        """Return the number of components that no element moves, and that stay at rest."""
         return len(self.rest) - len({element.component for element in self._elements})
 
     @property
     def numbers(self) -> range:
-        """The numbers of the actions that a key can do: rest and the elements."""
+        """Return the numbers of the actions that a key can do: rest and the elements."""
         return range(len(self._elements) + 1)
 
     def combine(self, numbers: Sequence[int]) -> tuple[int, ActionVector]:
@@ -297,6 +294,14 @@ def _axis_elements(
     return elements
 
 
+def _choice_elements(counts: NDArray[Any], rest: NDArray[np.float64], start: int) -> Iterator[ActionElement]:
+    """Yield an element for each choice but the first, which is rest, of components numbered from ``start``."""
+    for place, count in enumerate(counts.tolist()):
+        component = start + place
+        for choice in range(1, count):
+            yield ActionElement(f"choice_{component}_{choice}", component, float(rest[place] + choice))
+
+
 def find_chords(env: gymnasium.Env[Any, Any], count: int, first: int) -> dict[frozenset[int], int]:
     """Return which actions stand for another action when pressed together, by the environment's ``get_keys_to_action``.
 
@@ -305,20 +310,17 @@ def find_chords(env: gymnasium.Env[Any, Any], count: int, first: int) -> dict[fr
     table = getattr(env, "get_keys_to_action", None)
     if not callable(table):
         return {}
-    known: dict[Any, int] = {}
+    action_by_keys: dict[tuple[Any, ...], int] = {}
     for keys, action in table().items():
-        if isinstance(action, int | np.integer):
-            number = int(action) - first
-        else:
-            number = -1
-        if 0 <= number < count:
-            known[tuple(keys) if isinstance(keys, tuple | list | str) else (keys,)] = number
-    by_key = {keys[0]: number for keys, number in known.items() if len(keys) == 1}
-    return {
-        frozenset(by_key[key] for key in keys): number
-        for keys, number in known.items()
-        if len(keys) > 1 and all(key in by_key for key in keys)
-    }
+        key_tuple = tuple(keys) if isinstance(keys, tuple | list | str) else (keys,)
+        if isinstance(action, int | np.integer) and 0 <= int(action) - first < count:
+            action_by_keys[key_tuple] = int(action) - first
+    action_by_key = {keys[0]: action for keys, action in action_by_keys.items() if len(keys) == 1}
+    chords: dict[frozenset[int], int] = {}
+    for keys, action in action_by_keys.items():
+        if len(keys) > 1 and all(key in action_by_key for key in keys):
+            chords[frozenset(action_by_key[key] for key in keys)] = action
+    return chords
 
 
 def build_actions(world_id: str, env: gymnasium.Env[Any, Any]) -> ActionInterface:

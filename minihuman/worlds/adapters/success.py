@@ -85,6 +85,7 @@ def can_keep(content: Any) -> bool:
 
 
 def _to_plain(content: Any) -> Any:
+    """Return a value of ``info`` with None in place of each part that JSON cannot hold."""
     match content:
         case Mapping():
             return {str(key): _to_plain(inner) for key, inner in content.items()}

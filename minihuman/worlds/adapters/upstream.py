@@ -86,6 +86,7 @@ class MinigridAdapter(_Adapter):
         return Map("cell", (-0.5, -0.5, grid.width - 0.5, grid.height - 0.5), wall_outlines(is_wall), tuple(things))
 
     def _scene(self) -> dict[str, Any]:
+        """Return the parts of the state that determine the future, apart from the step count."""
         env = self._env
         contents = [_nested(cell) for cell in env.grid.grid if cell is not None and cell.contains is not None]
         return {
@@ -145,10 +146,11 @@ class MiniworldAdapter(_Adapter):
         """Return the floor plan, with the walls that stop the agent and all entities but the agent."""
         env = self._env
         walls = tuple((float(a[0]), float(a[2]), float(b[0]), float(b[2])) for a, b in env.wall_segs)
-        things = tuple(_thing(entity) for entity in env.entities if entity is not env.agent)
+        things = tuple(_describe_entity(entity) for entity in env.entities if entity is not env.agent)
         return Map("m", (float(env.min_x), float(env.min_z), float(env.max_x), float(env.max_z)), walls, things)
 
     def _scene(self) -> dict[str, Any]:
+        """Return the parts of the state that determine the future, apart from the step count."""
         env = self._env
         carrying = env.agent.carrying
         return {
@@ -185,7 +187,8 @@ def _state(entity: Any) -> list[Any]:
     return [type(entity).__name__, place, float(entity.dir), float(entity.radius), float(entity.height)]
 
 
-def _thing(entity: Any) -> Thing:
+def _describe_entity(entity: Any) -> Thing:
+    """Return a Miniworld entity as a thing on the floor plan."""
     colour = getattr(entity, "color", "grey")
     kind = type(entity).__name__.lower()
     if hasattr(entity, "color"):

@@ -77,43 +77,43 @@ class World:
 
     @property
     def unwrapped(self) -> Any:
-        """The environment itself, for agents that may use more than the picture."""
+        """Return the environment itself, for agents that may use more than the picture."""
         return self._env.unwrapped
 
     @property
     def env(self) -> gymnasium.Env[Any, Any]:
-        """The environment with its wrappers, for checks of what the wrappers change."""
+        """Return the environment with its wrappers, for checks of what the wrappers change."""
         return self._env
 
     @property
     def is_compiled(self) -> bool:
-        """Whether only compiled kernels step and draw the world, without wrappers, so that a page can compute it."""
+        """Return whether compiled kernels alone step and draw the world, so that a page can compute it."""
         env = self._env.unwrapped
         return isinstance(env, NativeWorld) and env.is_compiled and not self._wrappers.any
 
     @property
     def knows_state(self) -> bool:
-        """Whether the environment reveals its whole state; otherwise, hashes cover what can be observed."""
+        """Return whether the environment reveals its whole state; otherwise, hashes cover what can be observed."""
         return self._known is not None
 
     @property
     def observation(self) -> Any:
-        """The latest observation."""
+        """Return the latest observation."""
         return self._observation
 
     @property
     def observation_space(self) -> gymnasium.Space[Any]:
-        """The space of the world's observations."""
+        """Return the space of the world's observations."""
         return self._env.observation_space
 
     @property
     def action_space(self) -> gymnasium.Space[Any]:
-        """The space of the world's actions."""
+        """Return the space of the world's actions."""
         return self._env.action_space
 
     @property
     def step_limit(self) -> int | None:
-        """The environment's own step limit per episode; None if it states no number."""
+        """Return the environment's own step limit per episode; None if it states no number."""
         if self.is_built_in:
             return step_limit_of(self._env)
         own = self._call("max_steps", getattr, self._env.unwrapped, "max_steps", None)
@@ -305,13 +305,14 @@ class World:
         return self._call("render()", self._draw, view, size_px, palette)
 
     def _draw(self, view: View, size_px: tuple[int, int], palette: Palette) -> NDArray[np.uint8]:
+        """Draw the picture: the environment's own if a wrapper redraws it or the environment is foreign."""
         if self._known and not self._wrappers.redraw:
             return read_picture(self._known.picture(view=view, size_px=size_px, palette=palette))
         return read_picture(self.render(size_px))
 
     @property
     def draws_itself(self) -> bool:
-        """Whether a participant sees what the environment's own ``render`` returns."""
+        """Return whether a participant sees what the environment's own ``render`` returns."""
         return self._known is None or self._wrappers.redraw
 
     def render(self, size_px: tuple[int, int]) -> Any:
@@ -423,6 +424,7 @@ class World:
             raise WorldError(f"{self.id}: the observation contains itself; return a copy of its parts") from error
 
     def _mission(self) -> str:
+        """Return the episode's mission, as observed or as the environment states it; "" if it has none."""
         if isinstance(self._observation, dict):
             observed = self._observation.get("mission")
         else:

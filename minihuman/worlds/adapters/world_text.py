@@ -88,35 +88,37 @@ def describe_view(image: NDArray[np.integer[Any]]) -> Iterator[str]:
     x = columns // 2
     y = rows - 1
     if kinds[x, y] not in (_UNSEEN, _EMPTY):
-        yield f"You carry a {_name(image[x, y])}"
+        yield f"You carry a {_name_cell(image[x, y])}"
     sight = {"forward": kinds[x, :y][::-1], "left": kinds[:x, y][::-1], "right": kinds[x + 1 :, y]}
     for direction, line in sight.items():
         blocked = np.flatnonzero(line > _EMPTY)
         if len(blocked) and line[blocked[0]] == _WALL:
             yield f"a wall {_steps(int(blocked[0]) + 1, direction)}"
-    for i, j in np.argwhere(kinds > _WALL):
-        if (i, j) != (x, y):
-            if i != x:
-                across = [_steps(abs(int(i) - x), "right" if i > x else "left")]
-            else:
-                across = []
-            if j != y:
-                ahead = [_steps(y - int(j), "forward")]
-            else:
-                ahead = []
-            yield f"a {_name(image[i, j])} {' and '.join(across + ahead)}"
+    for column, row in np.argwhere(kinds > _WALL).tolist():
+        if (column, row) == (x, y):
+            continue
+        steps = []
+        if column != x:
+            steps.append(_steps(abs(column - x), "right" if column > x else "left"))
+        if row != y:
+            steps.append(_steps(y - row, "forward"))
+        way = " and ".join(steps)
+        yield f"a {_name_cell(image[column, row])} {way}"
 
 
-def _name(cell: NDArray[np.integer[Any]]) -> str:
+def _name_cell(cell: NDArray[np.integer[Any]]) -> str:
+    """Return a cell's colour and kind in words, and a door's state."""
     kind, colour, state = map(int, cell)
+    kind_name = f"thing {kind}"
     if kind < len(_KINDS):
-        thing = _KINDS[kind]
-    else:
-        thing = f"thing {kind}"
-    named = f"{_COLOURS[colour] if colour < len(_COLOURS) else 'colourless'} {thing}"
+        kind_name = _KINDS[kind]
+    colour_name = "colourless"
+    if colour < len(_COLOURS):
+        colour_name = _COLOURS[colour]
+    name = f"{colour_name} {kind_name}"
     if kind == _DOOR:
-        return f"{_DOORS[state]} {named}"
-    return named
+        return f"{_DOORS[state]} {name}"
+    return name
 
 
 def _steps(count: int, direction: str) -> str:

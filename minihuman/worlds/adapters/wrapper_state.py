@@ -90,6 +90,7 @@ def _attributes(wrapper: Any) -> list[tuple[str, Any]]:
 
 
 def _digest(value: Any) -> int | None:
+    """Return the hash of an attribute's value; None if it cannot be hashed."""
     try:
         return hash64(_plain(value))
     except TypeError:
@@ -97,6 +98,7 @@ def _digest(value: Any) -> int | None:
 
 
 def _plain(value: Any) -> Any:
+    """Return a value in a form that can be hashed."""
     match value:
         case set() | frozenset():
             return sorted(value)

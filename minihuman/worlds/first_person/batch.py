@@ -95,12 +95,12 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
 
     @property  # type: ignore[misc]  # Gymnasium's can be set; Gymnasium's own vectors give one per world too
     def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
-        """The random stream of each world."""
+        """Return the random stream of each world."""
         return tuple(world.np_random for world in self.worlds)
 
     @property
     def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
-        """The seed that each world was last given or drew; -1 before its first reset."""
+        """Return the seed that each world was last given or drew; -1 before its first reset."""
         seeds = [world._np_random_seed for world in self.worlds]
         return tuple(-1 if seed is None else seed for seed in seeds)
 
@@ -188,7 +188,7 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
 
     @property
     def envs(self) -> list[FirstPersonEnv]:
-        """The worlds of the batch."""
+        """Return the worlds of the batch."""
         return self.worlds
 
     def is_readable(self, name: str) -> bool:
@@ -237,12 +237,14 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
         return concatenate(self.single_observation_space, list(chain.from_iterable(observations)), batch)
 
     def _infos(self) -> dict[str, Any]:
+        """Return the infos of all worlds, if their class defines any."""
         infos: dict[str, Any] = {}
         for i, world in enumerate(self.worlds if type(self.worlds[0]).info is not FirstPersonEnv.info else ()):
             infos = self._add_info(infos, world.info(), i)
         return infos
 
     def _final(self, final: dict[int, tuple[Any, dict[str, Any]]]) -> dict[str, Any]:
+        """Return the last observations and infos of the worlds whose episodes ended, in Gymnasium's form."""
         if not final:
             return {}
         observations = np.full(self.num_envs, None, object)

@@ -107,7 +107,7 @@ class Entity:
 
     @property
     def colour(self) -> str:
-        """The entity's colour on a map, "#rrggbb"."""
+        """Return the entity's colour on a map, "#rrggbb"."""
         return "#808080"
 
     @property
@@ -121,19 +121,19 @@ class Entity:
 
     @property
     def dir_vec(self) -> NDArray[np.float64]:
-        """The unit vector of the entity's heading in Miniworld's form, float64[3]: x, 0, z."""
+        """Return the unit vector of the entity's heading in Miniworld's form, float64[3]: x, 0, z."""
         x, z = self.forward
         return np.array((x, 0.0, z))
 
     @property
     def right_vec(self) -> NDArray[np.float64]:
-        """The unit vector to the entity's right, float64[3]: x, 0, z."""
+        """Return the unit vector to the entity's right, float64[3]: x, 0, z."""
         x, z = self.forward
         return np.array((-z, 0.0, x))
 
     @property
     def is_static(self) -> bool:
-        """Whether the entity is static."""
+        """Return whether the entity is static."""
         return self.static
 
     def state(self) -> tuple[object, ...]:
@@ -181,12 +181,12 @@ class Box(Entity):
 
     @property
     def colour(self) -> str:
-        """The box's colour on a map, "#rrggbb"."""
+        """Return the box's colour on a map, "#rrggbb"."""
         return hex_colour(self.rgb)
 
     @property
     def color(self) -> str:
-        """The name of the box's colour."""
+        """Return the name of the box's colour."""
         return self.colour_name
 
     @color.setter
@@ -195,7 +195,7 @@ class Box(Entity):
 
     @property
     def color_vec(self) -> NDArray[np.float64]:
-        """The box's red, green and blue in 0 to 1, float64[3]."""
+        """Return the box's red, green and blue in 0 to 1, float64[3]."""
         return np.array(self.rgb)
 
 
@@ -235,7 +235,7 @@ class ColouredMesh(Mesh):
 
     @property
     def colour(self) -> str:
-        """The entity's colour on a map, "#rrggbb"."""
+        """Return the entity's colour on a map, "#rrggbb"."""
         return hex_colour(RGB_BY_COLOUR[self.colour_name])
 
 
@@ -293,7 +293,7 @@ class TextFrame(Entity):
 
     @property
     def textures(self) -> list[str | None]:
-        """The texture of each character; None for a space."""
+        """Return the texture of each character; None for a space."""
         return [None if letter == " " else f"chars/ch_0x{ord(letter)}" for letter in self.text]
 
     def randomise(self, parameters: Parameters, rng: np.random.Generator | None) -> None:
@@ -322,14 +322,14 @@ class Agent(Entity):
 
     @property
     def cam_pos(self) -> NDArray[np.float64]:
-        """The position of the agent's camera, float64[3]: x, y, z."""
+        """Return the position of the agent's camera, float64[3]: x, y, z."""
         up = np.array((0.0, self.cam_height, 0.0))
         eye: NDArray[np.float64] = np.array(self.pos) + self.dir_vec * self.cam_fwd_disp + up
         return eye
 
     @property
     def cam_dir(self) -> NDArray[np.float64]:
-        """The unit vector of the camera's direction, float64[3]."""
+        """Return the unit vector of the camera's direction, float64[3]."""
         pitch_rad = math.radians(self.cam_pitch)
         upwards = np.array((0.0, math.sin(pitch_rad), 0.0))
         ahead: NDArray[np.float64] = self.dir_vec * math.cos(pitch_rad) + upwards

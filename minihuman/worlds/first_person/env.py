@@ -290,7 +290,7 @@ class FirstPersonEnv(ShowsItself, gymnasium.Env[Any, Any], MiniworldCompat, Nati
 
     @property
     def stage(self) -> WorldState:
-        """The state of the episode.
+        """Return the state of the episode.
 
         Raises:
             WorldError: before the first reset.
@@ -301,12 +301,12 @@ class FirstPersonEnv(ShowsItself, gymnasium.Env[Any, Any], MiniworldCompat, Nati
 
     @property
     def agent(self) -> Agent:
-        """The agent."""
+        """Return the agent."""
         return self.stage.agent
 
     @property
     def entities(self) -> list[Entity]:
-        """All placed entities in order, including the agent."""
+        """Return all placed entities in order, including the agent."""
         return self.stage.entities
 
     # Gymnasium.
@@ -391,14 +391,14 @@ class FirstPersonEnv(ShowsItself, gymnasium.Env[Any, Any], MiniworldCompat, Nati
 
     @property
     def is_compiled(self) -> bool:
-        """Whether kernels alone step the world with our own sine, without its own `reward_and_done` or `advance`."""
+        """Return whether kernels alone step the world with our own sine; `reward_and_done` or `advance` prevents it."""
         own = type(self)
         plain = own.advance is FirstPersonEnv.advance and own.step is FirstPersonEnv.step
         return bool(self.trig) and plain and self.kernels_judge and len(self.action_names) <= rules.MOST_ACTIONS
 
     @property
     def kernels_judge(self) -> bool:
-        """Whether kernels determine the reward of a step, since the world has no `reward_and_done` of its own."""
+        """Return whether kernels determine a step's reward, because the world has no `reward_and_done` of its own."""
         return type(self).reward_and_done is FirstPersonEnv.reward_and_done
 
     def flat_state(self) -> FlatState:

@@ -84,7 +84,7 @@ class MiniworldCompat:
 
     @property
     def max_steps(self) -> int | None:
-        """The number of steps after which an episode is truncated; None for never."""
+        """Return the number of steps after which an episode is truncated; None for never."""
         return self._max_steps
 
     @max_steps.setter
@@ -97,7 +97,7 @@ class MiniworldCompat:
 
     @property
     def domain_rand(self) -> bool:
-        """Whether parameters are drawn from their ranges."""
+        """Return whether parameters are drawn from their ranges."""
         return self._domain_rand
 
     @domain_rand.setter
@@ -109,55 +109,55 @@ class MiniworldCompat:
 
     @UpstreamName
     def obs_disp_height(self: Any) -> float:
-        """The height of the small picture in Miniworld's window."""
+        """Return the height of the small picture in Miniworld's window."""
         frame = self.obs_fb
         return float(frame.height * (self.obs_disp_width / frame.width))
 
     @UpstreamName
     def actions(self: Any) -> type[IntEnum]:
-        """The actions by name: Miniworld's eight if the world has the first of them, or else the world's own."""
+        """Return the actions by name: Miniworld's eight if the world has the first of them, or else the world's own."""
         own = tuple(self.action_names)
         return _actions(ACTIONS if own == ACTIONS[: len(own)] else own)
 
     @set_instead("make the world with render_mode='human'")
     def window(self: Any) -> Any:
-        """The window of ``render_mode="human"``; None if there is none."""
+        """Return the window of ``render_mode="human"``; None if there is none."""
         return self._window
 
     @set_instead(_BUILD)
     def rooms(self: Any) -> list[Room]:
-        """The rooms in the order in which they were added, including passages between them."""
+        """Return the rooms in the order in which they were added, including passages between them."""
         return list(self.stage.rooms)
 
     @set_instead(_BUILD)
     def wall_segs(self: Any) -> NDArray[np.float64]:
-        """The start and end (x, 0, z) of the walls that stop a body, float64[n, 2, 3]."""
+        """Return the start and end (x, 0, z) of the walls that stop a body, float64[n, 2, 3]."""
         ends = self.stage.floor.walls.reshape(-1, 2, 2)
         return np.insert(ends, 1, 0.0, axis=2)
 
     @set_instead(_BUILD)
     def min_x(self: Any) -> float:
-        """The smallest x of the rooms in metres."""
+        """Return the smallest x of the rooms in metres."""
         return float(self.stage.floor.bounds[0])
 
     @set_instead(_BUILD)
     def min_z(self: Any) -> float:
-        """The smallest z of the rooms in metres."""
+        """Return the smallest z of the rooms in metres."""
         return float(self.stage.floor.bounds[1])
 
     @set_instead(_BUILD)
     def max_x(self: Any) -> float:
-        """The largest x of the rooms in metres."""
+        """Return the largest x of the rooms in metres."""
         return float(self.stage.floor.bounds[2])
 
     @set_instead(_BUILD)
     def max_z(self: Any) -> float:
-        """The largest z of the rooms in metres."""
+        """Return the largest z of the rooms in metres."""
         return float(self.stage.floor.bounds[3])
 
     @UpstreamName
     def max_episode_steps(self: Any) -> float:
-        """The number of steps after which an episode is truncated; infinity for never."""
+        """Return the number of steps after which an episode is truncated; infinity for never."""
         if self.max_steps is None:
             return math.inf
         return float(self.max_steps)
@@ -168,7 +168,7 @@ class MiniworldCompat:
 
     @UpstreamName
     def max_forward_step(self: Any) -> float:
-        """The length of the longest step in metres."""
+        """Return the length of the longest step in metres."""
         return float(self.stage.reach)
 
     @max_forward_step.setter
@@ -178,7 +178,7 @@ class MiniworldCompat:
 
     @UpstreamName
     def params(self: Any) -> ParameterNames:
-        """The world's parameters; a parameter that is set takes effect from the next step on."""
+        """Return the world's parameters; a parameter that is set takes effect from the next step on."""
         return ParameterNames(self.parameters, self._take_parameters)
 
     @params.setter
@@ -187,7 +187,7 @@ class MiniworldCompat:
 
     @UpstreamName
     def sky_color(self: Any) -> NDArray[np.float64]:
-        """The colour of the sky in this episode, float64[3] in 0 to 1."""
+        """Return the colour of the sky in this episode, float64[3] in 0 to 1."""
         return np.array(self.stage.sky_colour)
 
     @sky_color.setter
@@ -197,7 +197,7 @@ class MiniworldCompat:
 
     @UpstreamName
     def light_pos(self: Any) -> NDArray[np.float64]:
-        """The position of the light in this episode, float64[3] in metres."""
+        """Return the position of the light in this episode, float64[3] in metres."""
         return np.array(self.stage.light_pos)
 
     @light_pos.setter
@@ -207,7 +207,7 @@ class MiniworldCompat:
 
     @UpstreamName
     def light_color(self: Any) -> NDArray[np.float64]:
-        """The colour of the light in this episode, float64[3] in 0 to 1."""
+        """Return the colour of the light in this episode, float64[3] in 0 to 1."""
         return np.array(self.stage.light_colour)
 
     @light_color.setter
@@ -217,7 +217,7 @@ class MiniworldCompat:
 
     @UpstreamName
     def light_ambient(self: Any) -> NDArray[np.float64]:
-        """The colour of the ambient light, float64[3] in 0 to 1."""
+        """Return the colour of the ambient light, float64[3] in 0 to 1."""
         return np.array(self.stage.light_ambient)
 
     @light_ambient.setter
@@ -227,12 +227,12 @@ class MiniworldCompat:
 
     @set_instead("give obs_width and obs_height when the world is made")
     def obs_fb(self: Any) -> FrameSize:
-        """The size of an observation."""
+        """Return the size of an observation."""
         return FrameSize(*self._pictures.size_px)
 
     @set_instead("give window_width and window_height when the world is made")
     def vis_fb(self: Any) -> FrameSize:
-        """The size of the pictures that `render` draws."""
+        """Return the size of the pictures that `render` draws."""
         return FrameSize(*self.window_px)
 
     def move_agent(self: Any, fwd_dist: float, fwd_drift: float) -> bool:

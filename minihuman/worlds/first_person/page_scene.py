@@ -103,7 +103,7 @@ def cut_scene(layout: SceneTables, view: F64) -> PageScene:
     """
     room_floats, room_wholes = (table.copy() for table in layout.packed_rooms)
     things = layout.things.copy()
-    library = _unpacked(*layout.packed_library)
+    library = _unpack_faces(*layout.packed_library)
     faces = pack([], [])
     places = {}
     for row in things:
@@ -111,7 +111,7 @@ def cut_scene(layout: SceneTables, view: F64) -> PageScene:
         last = int(row[LAST])
         if (first, last) not in places:
             places[first, last] = len(faces.texture)
-            faces = join(faces, _part(library, first, last))
+            faces = join(faces, _cut_faces(library, first, last))
         row[FIRST] = places[first, last]
         row[LAST] = row[FIRST] + last - first
     count = int(room_wholes[1])
@@ -143,7 +143,8 @@ def cut_scene(layout: SceneTables, view: F64) -> PageScene:
     )
 
 
-def _unpacked(floats: F64, wholes: I32) -> FaceTable:
+def _unpack_faces(floats: F64, wholes: I32) -> FaceTable:
+    """Return the face table that was packed into an array of floats and one of whole numbers."""
     corners = int(wholes[0])
     faces = int(wholes[1])
     sizes = np.cumsum([3 * corners, 2 * corners, 3 * corners, 3 * faces, 4 * faces])
@@ -159,7 +160,8 @@ def _unpacked(floats: F64, wholes: I32) -> FaceTable:
     )
 
 
-def _part(faces: FaceTable, first: int, last: int) -> FaceTable:
+def _cut_faces(faces: FaceTable, first: int, last: int) -> FaceTable:
+    """Return the table of the faces from ``first`` up to ``last``, with corners numbered anew."""
     a = int(faces.start[first])
     b = int(faces.start[last])
     start, position, place, normal, colour, texture, plane = faces

@@ -38,8 +38,8 @@ class ParameterNames:
 
     @property
     def params(self) -> dict[str, ParameterRange]:
-        """A copy of all parameters by name."""
-        return {name: _shown(self.table[name]) for name in PARAMETER_NAMES}
+        """Return a copy of all parameters by name."""
+        return {name: _show_parameter(self.table[name]) for name in PARAMETER_NAMES}
 
     def copy(self) -> "ParameterNames":
         """Return a copy of the table that belongs to no world."""
@@ -66,13 +66,15 @@ class ParameterNames:
             raise WorldError(f"the type of {name} is {type!r}; every parameter is a 'float'")
         low = default if min is None else min
         high = default if max is None else max
-        self.table = self.table.varied(**{name: Parameter(_value(default), _value(low), _value(high))})
+        self.table = self.table.varied(
+            **{name: Parameter(_convert_value(default), _convert_value(low), _convert_value(high))}
+        )
         if self._change is not None:
             self._change(self.table)
 
     def get_max(self, name: str) -> Any:
         """Return the upper end of a parameter's range."""
-        return _shown(self.table[name]).max
+        return _show_parameter(self.table[name]).max
 
     def sample(self, rng: np.random.Generator | None, name: str) -> Any:
         """Return a value from the range, drawn as Miniworld does, or the default without a random stream."""
@@ -98,11 +100,12 @@ def read_parameters(params: Any) -> Parameters:
     ranges = getattr(params, "params", None)
     if not isinstance(ranges, dict):
         raise WorldError(f"params is {params!r}; give what env.unwrapped.params is, or parameters=...")
-    table = {name: Parameter(*map(_value, (r.default, r.min, r.max))) for name, r in ranges.items()}
+    table = {name: Parameter(*map(_convert_value, (r.default, r.min, r.max))) for name, r in ranges.items()}
     return Parameters(table)
 
 
-def _value(number: ArrayLike) -> Value:
+def _convert_value(number: ArrayLike) -> Value:
+    """Return a number, or three numbers as a tuple."""
     numbers = np.asarray(number, np.float64).tolist()
     if not isinstance(numbers, list):
         return float(numbers)
@@ -110,7 +113,8 @@ def _value(number: ArrayLike) -> Value:
     return red, green, blue
 
 
-def _shown(parameter: Parameter) -> ParameterRange:
+def _show_parameter(parameter: Parameter) -> ParameterRange:
+    """Return a parameter in Miniworld's form."""
     values = parameter.default, parameter.low, parameter.high
     default, low, high = (np.array(value) if isinstance(value, tuple) else value for value in values)
     return ParameterRange(default, low, high)

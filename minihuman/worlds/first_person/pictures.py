@@ -99,11 +99,16 @@ def room_tables(floor: FloorPlan, library: Library, *, display: bool = False) ->
 
 def _coverings(floor: FloorPlan, library: Library) -> tuple[I64, F64]:
     """Return the texture row of each room's floor, wall and ceiling, and the metres that it covers right and up."""
-    numbers: dict[tuple[str | None, ...], int] = {}  # rooms covered alike share one
-    which = [numbers.setdefault(_covering(room), len(numbers)) for room in floor.rooms]
-    rows = [[-1 if name is None else library.texture_row(name) for name in names] for names in numbers]
-    sizes_m = [[(1.0, 1.0) if name is None else library.texture_size_m(name) for name in names] for names in numbers]
-    return np.array(rows)[which], np.array(sizes_m)[which]
+    coverings = [_covering(room) for room in floor.rooms]
+    rows: list[list[int]] = []
+    sizes_m: list[list[tuple[float, float]]] = []
+    number_by_covering: dict[tuple[str | None, ...], int] = {}
+    for names in dict.fromkeys(coverings):  # rooms covered alike share a row
+        number_by_covering[names] = len(rows)
+        rows.append([-1 if name is None else library.texture_row(name) for name in names])
+        sizes_m.append([(1.0, 1.0) if name is None else library.texture_size_m(name) for name in names])
+    numbers = [number_by_covering[names] for names in coverings]
+    return np.array(rows)[numbers], np.array(sizes_m)[numbers]
 
 
 def _covering(room: RoomPlan) -> tuple[str | None, ...]:
@@ -260,6 +265,7 @@ class WorldRenderer:
         return scene
 
     def _places(self, stage: WorldState, things: Sequence[Entity]) -> NDArray[np.float64]:
+        """Return the places of entities, followed by those of their shadows if shadows are drawn."""
         table = places(stage, things)
         if self.shadows:
             return np.concatenate([table, shaded(table)])

@@ -28,57 +28,57 @@ class RoomNames:
 
     @property
     def mid_x(self) -> float:
-        """The middle of the room along x."""
+        """Return the middle of the room along x."""
         return float(self.outline.max_x + self.outline.min_x) / 2
 
     @property
     def mid_z(self) -> float:
-        """The middle of the room along z."""
+        """Return the middle of the room along z."""
         return float(self.outline.max_z + self.outline.min_z) / 2
 
     @property
     def area(self) -> float:
-        """The area of the rectangle around the room in m²."""
+        """Return the area of the rectangle around the room in m²."""
         return float(self.outline.area)
 
     @property
     def num_walls(self) -> int:
-        """The number of the room's walls."""
+        """Return the number of the room's walls."""
         return len(self.outline.edges)
 
     @property
     def edge_dirs(self) -> NDArray[np.float64]:
-        """The unit vector along each wall, float64[n, 3]."""
+        """Return the unit vector along each wall, float64[n, 3]."""
         return np.insert(np.array([edge.direction for edge in self.outline.edges]), 1, 0.0, axis=1)
 
     @property
     def edge_norms(self) -> NDArray[np.float64]:
-        """The unit normal of each wall into the room, float64[n, 3]."""
+        """Return the unit normal of each wall into the room, float64[n, 3]."""
         return np.insert(np.array([edge.normal for edge in self.outline.edges]), 1, 0.0, axis=1)
 
     @property
     def neighbors(self) -> list[Any]:
-        """An empty list, as in Miniworld; ``portals`` say where the room leads."""
+        """Return an empty list, as in Miniworld; ``portals`` say where the room leads."""
         return []
 
     @property
     def wall_tex_name(self) -> str:
-        """The texture of the walls."""
+        """Return the texture of the walls."""
         return self.wall
 
     @property
     def floor_tex_name(self) -> str:
-        """The texture of the floor."""
+        """Return the texture of the floor."""
         return self.floor
 
     @property
     def ceil_tex_name(self) -> str | None:
-        """The texture of the ceiling; None without a ceiling."""
+        """Return the texture of the ceiling; None without a ceiling."""
         return self.ceiling
 
     @property
     def no_ceiling(self) -> bool:
-        """Whether the room is open to the sky."""
+        """Return whether the room is open to the sky."""
         return self.ceiling is None
 
     def point_inside(self, p: ArrayLike) -> bool:

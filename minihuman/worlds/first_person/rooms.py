@@ -54,7 +54,7 @@ class RoomOutline:
 
     @property
     def area(self) -> float:
-        """The area of the bounding rectangle in m², by which rooms are weighted when one is drawn."""
+        """Return the area of the bounding rectangle in m², by which rooms are weighted when one is drawn."""
         return (self.max_x - self.min_x) * (self.max_z - self.min_z)
 
     def contains(self, x: float, z: float) -> bool:
@@ -76,7 +76,7 @@ def outline_of(corners: tuple[Point, ...]) -> RoomOutline:
         raise WorldError(f"the outline {list(corners)} has fewer than 3 corners; a room needs 3 or more")
     # + 0.0: of two zeros only one is kept, for shapes are remembered by their corners, in which the two are equal
     corners = tuple((float(x) + 0.0, float(z) + 0.0) for x, z in corners)
-    edges = tuple(_edge(start, end) for start, end in zip(corners, corners[1:] + corners[:1], strict=True))
+    edges = tuple(_make_edge(start, end) for start, end in zip(corners, corners[1:] + corners[:1], strict=True))
     across, down = zip(*corners, strict=True)
     table = np.array([(*edge.start, edge.length, *edge.direction, *edge.normal) for edge in edges])
     return RoomOutline(corners, edges, table, min(across), max(across), min(down), max(down))
@@ -129,7 +129,8 @@ def distance(a: Point, b: Point) -> float:
     return math.sqrt(dx * dx + dz * dz)
 
 
-def _edge(start: Point, end: Point) -> OutlineEdge:
+def _make_edge(start: Point, end: Point) -> OutlineEdge:
+    """Return the edge from one corner to the next; raise WorldError if its length is 0 or not finite."""
     length = distance(start, end)
     if length == 0:
         raise WorldError(f"the outline has the corner {start} twice in a row; give it once")
@@ -180,22 +181,22 @@ class Room(RoomNames):
 
     @property
     def min_x(self) -> float:
-        """The smallest x of the room."""
+        """Return the smallest x of the room."""
         return self.outline.min_x
 
     @property
     def max_x(self) -> float:
-        """The largest x of the room."""
+        """Return the largest x of the room."""
         return self.outline.max_x
 
     @property
     def min_z(self) -> float:
-        """The smallest z of the room."""
+        """Return the smallest z of the room."""
         return self.outline.min_z
 
     @property
     def max_z(self) -> float:
-        """The largest z of the room."""
+        """Return the largest z of the room."""
         return self.outline.max_z
 
     def contains(self, x: float, z: float) -> bool:
@@ -266,7 +267,7 @@ class Joint(NamedTuple):
 
 
 def find_passage(a: Room, b: Room, *, limits: OpeningLimits, top: float | None, number: int) -> Room | None:
-    """Cut facing portals into two rooms, and return the passage between them; None if they touch.
+    """Cut facing portals into two rooms, and return the passage between the rooms; None if the rooms touch.
 
     The passage takes its textures from ``a``, and is as high as its portals.
 
@@ -388,7 +389,7 @@ class FloorPlan:
 
     @cached_property
     def bounds(self) -> tuple[float, float, float, float]:
-        """The smallest rectangle around all rooms: x0, z0, x1, z1."""
+        """Return the smallest rectangle around all rooms: x0, z0, x1, z1."""
         shapes = [room.outline for room in self.rooms]
         return (
             min(shape.min_x for shape in shapes),
@@ -399,7 +400,7 @@ class FloorPlan:
 
     @cached_property
     def fingerprint(self) -> int:
-        """A uint64 hash of the whole plan."""
+        """Return a uint64 hash of the whole plan."""
         return hash64([(room.outline.table, *room[1:]) for room in self.rooms])
 
 
@@ -412,7 +413,7 @@ def finish_floor_plan(rooms: list[Room], rng: np.random.Generator | None) -> Flo
     if not rooms:
         raise WorldError("the world has no rooms; add one before placing anything or ending build()")
     _check_overlap(rooms)
-    return floor_plan(tuple([_finished(room, rng) for room in rooms]))
+    return floor_plan(tuple([_finish_room(room, rng) for room in rooms]))
 
 
 def _check_overlap(rooms: list[Room]) -> None:
@@ -460,32 +461,37 @@ def floor_plan(rooms: tuple[RoomPlan, ...]) -> FloorPlan:
     tables = [room.outline.table for room in rooms]
     first_edge = np.cumsum([0, *map(len, tables)])
     edges = np.concatenate(tables)
-    rows = [
-        number
-        for room, first in zip(rooms, first_edge.tolist(), strict=False)
-        for edge, start, end, top, into in room.portals
-        for number in (first + edge, start, end, 0.0, top, -1 if into is None else into)
-    ]
-    portals = np.array(rows, dtype=np.float64).reshape(-1, 6)
+    portal_rows = []
+    for room, first in zip(rooms, first_edge.tolist(), strict=False):
+        for edge, start, end, top, into in room.portals:
+            portal_rows.append((first + edge, start, end, 0.0, top, -1 if into is None else into))
+    portals = np.array(portal_rows, dtype=np.float64).reshape(-1, 6)
     pieces = wall_pieces(first_edge, edges, np.array([room.wall_height for room in rooms]), portals)
+    # a piece: its edge, its start and end along the edge, its lower and upper end
     standing = pieces[pieces[:, 3] == 0]
-    along = edges[standing[:, 0].astype(np.int64)]
-    walls = np.concatenate([along[:, :2] + standing[:, at, None] * along[:, 3:5] for at in (2, 1)], axis=1)
+    piece_edges = edges[standing[:, 0].astype(np.int64)]
+    corners = piece_edges[:, :2]
+    directions = piece_edges[:, 3:5]
+    starts = corners + standing[:, 1, None] * directions
+    ends = corners + standing[:, 2, None] * directions
+    walls = np.concatenate([ends, starts], axis=1)
     weights = running_sum([room.outline.area for room in rooms])
     return FloorPlan(rooms, first_edge, edges, portals, pieces, walls, weights)
 
 
-def _finished(room: Room, rng: np.random.Generator | None) -> RoomPlan:
+def _finish_room(room: Room, rng: np.random.Generator | None) -> RoomPlan:
+    """Return the finished room; a random stream draws the pictures of its textures."""
     textures = room.wall, room.floor, room.ceiling
     if rng is None:
         pictures = (0, 0, 0)
     else:
-        pictures = (_drawn(room.wall, rng), _drawn(room.floor, rng), _drawn(room.ceiling, rng))
+        pictures = (_draw_variant(room.wall, rng), _draw_variant(room.floor, rng), _draw_variant(room.ceiling, rng))
     portals = tuple(sorted(room.portals, key=itemgetter(0, 1)))
     return RoomPlan(room.outline, float(room.wall_height), *textures, pictures, portals)
 
 
-def _drawn(texture: str | None, rng: np.random.Generator) -> int:
+def _draw_variant(texture: str | None, rng: np.random.Generator) -> int:
+    """Draw the number of a picture of a texture; 0 without a texture."""
     if texture is None:
         return 0
     return int(rng.integers(texture_variants(texture)))

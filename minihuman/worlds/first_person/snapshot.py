@@ -39,6 +39,7 @@ def save_state(world: str, over: bool, state: dict[str, Any]) -> FirstPersonSnap
     streams: dict[int, tuple[np.random.Generator, Any]] = {}
 
     def split_attributes(attributes: dict[str, Any], into: _Held) -> _Held:
+        """Add attributes to ``into``: those that can be shared, and copies of the others."""
         plain, copied = into
         for name, value in attributes.items():
             kind = type(value)
@@ -49,6 +50,7 @@ def save_state(world: str, over: bool, state: dict[str, Any]) -> FirstPersonSnap
         return into
 
     def copy_inner(value: Any) -> Any:
+        """Return a copy of a value; entities and random streams are returned as they are, and their state is kept."""
         kind = type(value)
         if kind in _UNCHANGING:
             return value
@@ -82,6 +84,7 @@ def restore_state(saved: FirstPersonSnapshot, *, in_place: bool) -> dict[str, An
         instead |= {id(stream): np.random.Generator(type(stream.bit_generator)()) for stream, _ in saved.streams}
 
     def restore_inner(value: Any) -> Any:
+        """Return a copy of a saved value, with restored entities and random streams in place of the saved ones."""
         kind = type(value)
         if kind in _UNCHANGING:
             return value

@@ -52,17 +52,17 @@ class WorldState:
 
     @property
     def rooms(self) -> tuple[Room, ...]:
-        """The rooms so far, including passages."""
+        """Return the rooms so far, including passages."""
         return tuple(self._rooms)
 
     @property
     def varying(self) -> np.random.Generator | None:
-        """The random stream from which parameters are drawn; None if nothing varies."""
+        """Return the random stream from which parameters are drawn; None if nothing varies."""
         return self.rng if self.randomised else None
 
     @property
     def floor(self) -> FloorPlan:
-        """The floor plan; reading it closes it."""
+        """Return the floor plan; reading it closes it."""
         if self._floor is None:
             self._floor = finish_floor_plan(self._rooms, self.varying)
         return self._floor
@@ -195,7 +195,7 @@ def state_hash(kind: str, state: dict[str, Any]) -> int:
         (
             kind,
             stage.floor.fingerprint,
-            _stream(stage.rng),
+            _read_stream(stage.rng),
             [entity.state() for entity in stage.entities],
             None if carrying is None else places.get(id(carrying), -1),
             (stage.sky_colour, stage.light_pos, stage.light_colour, stage.light_ambient),
@@ -204,13 +204,15 @@ def state_hash(kind: str, state: dict[str, Any]) -> int:
     )
 
 
-def _stream(rng: np.random.Generator) -> tuple[Any, ...]:
+def _read_stream(rng: np.random.Generator) -> tuple[Any, ...]:
+    """Return the numbers that make up the state of a random stream."""
     state = rng.bit_generator.state
     inner = state["state"]
     return inner["state"], inner["inc"], state["has_uint32"], state["uinteger"]
 
 
 def _plain(value: Any, places: dict[int, int], name: str) -> Any:
+    """Return a value in a form that can be hashed; an entity is represented by its place or its looks."""
     match value:
         case Entity():
             place = places.get(id(value))
@@ -269,11 +271,11 @@ class SteppedWorld(Protocol):
 
     @property
     def stage(self) -> WorldState:
-        """The state that has been built."""
+        """Return the state that has been built."""
 
     @property
     def motions(self) -> Mapping[str, str]:
-        """The action of rules.ACTIONS that each action of another name does."""
+        """Return the action of rules.ACTIONS that each action of another name does."""
 
     def termination_rule(self) -> TerminationRule:
         """Return the rule for the reward of a step and the end of an episode."""
@@ -308,7 +310,7 @@ class FlatState:
 
     @property
     def score(self) -> str:
-        """The attribute of the world in which the rule counts; "" if there is none."""
+        """Return the attribute of the world in which the rule counts; "" if there is none."""
         return self._rule.score
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -403,9 +405,9 @@ class FlatState:
         agent = self.stage.agent
         numbers = self._numbers
         if status & rules.MOVED:
-            self._take(agent, int(numbers[rules.AGENT]))
+            self._copy_place(agent, int(numbers[rules.AGENT]))
         if status & rules.LOAD and agent.carrying is not None:
-            self._take(agent.carrying, self._rows[id(agent.carrying)])
+            self._copy_place(agent.carrying, self._rows[id(agent.carrying)])
         if status & rules.HANDS:
             row = int(numbers[rules.CARRIED])
             if row >= 0:
@@ -413,14 +415,15 @@ class FlatState:
             else:
                 agent.carrying = None
             if agent.carrying is not None:
-                self._take(agent.carrying, row)
+                self._copy_place(agent.carrying, row)
         if status & rules.GONE:
             self._gone = self.listed[int(numbers[rules.GONE_ROW])]
             self.stage.entities.remove(self._gone)
-            self._take(self._gone, int(numbers[rules.COUNT]))
+            self._copy_place(self._gone, int(numbers[rules.COUNT]))
             self._entities = []  # lay out anew, even if it is placed where it was in the list
 
-    def _take(self, thing: Entity, row: int) -> None:
+    def _copy_place(self, thing: Entity, row: int) -> None:
+        """Copy an entity's position and heading from the arrays, without recording a change."""
         facts = self._facts
         at = row * rules.COLUMNS
         attributes = vars(thing)

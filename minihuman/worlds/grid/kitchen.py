@@ -238,6 +238,7 @@ def draw_layout(seed: int) -> KitchenLayout:
 
 KitchenRules = Literal["2019", "1.1.0"]
 YAWS_RAD = (np.pi / 2, -np.pi / 2, 0.0, np.pi)  # by direction: up, down, right, left
+_COOK_NUMBERS = 4  # of a cook in a row: column, row, direction, and what they carry
 SOUP_2019 = 5  # what a soup earned in the recordings of 2019
 
 
@@ -285,7 +286,7 @@ class Kitchen(TeamWorld):
         self.layout = layout
         self.bodies = layout.cooks
         self.max_steps = check_max_steps(max_steps)
-        self._start = _start_row(layout, old, self.max_steps)
+        self._start = _build_start_row(layout, old, self.max_steps)
         self.mission = _mission(layout, old)
         self.row = self._start.copy()
         self.row[fields.PHASE] = fields.NEW
@@ -301,7 +302,7 @@ class Kitchen(TeamWorld):
         """Begin a new episode. The seed only affects a drawn layout."""
         if self._draws_layout:
             self.layout = draw_layout(self.choose_seed(seed))
-            self._start = _start_row(self.layout, self.rules == "2019", self.max_steps)
+            self._start = _build_start_row(self.layout, self.rules == "2019", self.max_steps)
         self.row[:] = self._start
         observe(self.row, self._flat_images)
 
@@ -430,11 +431,13 @@ class KitchenBatch(TeamBatch):
         return self.observations, np.broadcast_to(delivered.sum(axis=1, keepdims=True), delivered.shape), self.ends
 
 
-def _start_row(layout: KitchenLayout, old: bool, max_steps: int) -> Row:
-    plan = [list(row) for row in layout.plan.split("/")]
+def _build_start_row(layout: KitchenLayout, old: bool, max_steps: int) -> Row:
+    """Return the row of numbers with which the kernels begin an episode in a layout."""
+    plan = layout.plan.split("/")
     width = len(plan[0])
     height = len(plan)
     cooks = layout.cooks
+    first_cell = fields.COOK + _COOK_NUMBERS * cooks
     row = np.zeros(kitchen_row_length(width, height, cooks), np.int32)
     row[: fields.AUTOMATIC + 1] = width, height, cooks, 0, max_steps, fields.PLAYING, old
     for recipe in RECIPES:
@@ -445,10 +448,10 @@ def _start_row(layout: KitchenLayout, old: bool, max_steps: int) -> Row:
     for x, y in np.ndindex(width, height):
         letter = plan[y][x]
         if letter.isdigit():
-            at = fields.COOK + 4 * (int(letter) - 1)
-            row[at : at + 3] = x, y, fields.UP
+            first_number = fields.COOK + _COOK_NUMBERS * (int(letter) - 1)
+            row[first_number : first_number + 3] = x, y, fields.UP
         else:
-            row[fields.COOK + 4 * cooks + x * height + y] = CELLS.index(letter)
+            row[first_cell + x * height + y] = CELLS.index(letter)
     return row
 
 

@@ -159,18 +159,26 @@ class TeamGrid(OwnRules, TeamWorld, abc.ABC):
                 f"{type(self).__name__} with seed {seed!r} has no free cell for something it places; make the grid "
                 "larger"
             )
-        places = [self._body(body)[:2] for body in range(self.bodies)]
-        for body, place in enumerate(places):
-            if min(place) < 0 or place in places[:body]:
-                raise WorldError(
-                    f"{type(self).__name__} placed body {body} "
-                    f"{'nowhere' if min(place) < 0 else f'where body {places.index(place)} stands'}; "
-                    "give each a cell of its own"
-                )
+        self._require_separate_bodies()
         self._row[fields.PHASE] = fields.PLAYING
         self._look()
 
+    def _require_separate_bodies(self) -> None:
+        """Raise WorldError if a body has no cell, or stands in the cell of another."""
+        body_by_place: dict[tuple[int, ...], int] = {}
+        for body in range(self.bodies):
+            place = tuple(self._body(body)[:2])
+            if min(place) < 0:
+                mistake = "nowhere"
+            elif place in body_by_place:
+                mistake = f"where body {body_by_place[place]} stands"
+            else:
+                body_by_place[place] = body
+                continue
+            raise WorldError(f"{type(self).__name__} placed body {body} {mistake}; give each a cell of its own")
+
     def _lay_out(self) -> None:
+        """Lay out an episode by the compiled rules if there are any, or else by `layout`."""
         if self.is_translated:
             self._compiled_rules = import_module("minihuman.worlds.grid.own.programs").load_rules(self)
         rules = self._compiled_rules
@@ -229,6 +237,7 @@ class TeamGrid(OwnRules, TeamWorld, abc.ABC):
     def _judge(
         self, actions: Sequence[int], rewards: tuple[float, ...], terminated: bool
     ) -> tuple[tuple[float, ...], bool]:
+        """Run `reward_and_done`, compiled if possible."""
         rules = self._compiled_rules
         if rules is None or not rules.has_reward:
             return self.reward_and_done(actions, rewards, terminated)

@@ -51,7 +51,7 @@ class ImageWrapper(gymnasium.ObservationWrapper[Observation, int, Observation], 
     def __init__(self, env: Env, space: spaces.Box) -> None:
         super().__init__(env)
         self.grid = grid_of(env)
-        self.observation_space = spaces.Dict({**_parts(env), "image": space})
+        self.observation_space = spaces.Dict({**_list_subspaces(env), "image": space})
 
     @abc.abstractmethod
     def image(self, observation: Observation) -> NDArray[Any]:
@@ -99,7 +99,7 @@ class OneHot(ImageWrapper):
     """
 
     def __init__(self, env: Env) -> None:
-        size = _parts(env)["image"].shape
+        size = _list_subspaces(env)["image"].shape
         assert size is not None
         self.lengths = len(KINDS) + len(grid_of(env).kinds), len(COLOURS), len(DOOR_STATES)
         super().__init__(env, spaces.Box(0, 1, (*size[:2], sum(self.lengths)), np.uint8))
@@ -176,7 +176,7 @@ class Flat(gymnasium.ObservationWrapper[NDArray[np.uint8], int, Observation]):
 
     def __init__(self, env: Env, letters: int = 96) -> None:
         super().__init__(env)
-        image = _parts(env)["image"]
+        image = _list_subspaces(env)["image"]
         assert image.shape is not None
         self.letters = letters
         length = math.prod(image.shape) + len(self.ALPHABET) * letters
@@ -187,11 +187,12 @@ class Flat(gymnasium.ObservationWrapper[NDArray[np.uint8], int, Observation]):
     def observation(self, observation: Observation) -> NDArray[np.uint8]:
         """Return the image and the mission in one array."""
         if observation["mission"] != self._mission:
-            self._spelt = self._spell(observation["mission"])
+            self._spelt = self._encode_letters(observation["mission"])
             self._mission = observation["mission"]
         return np.concatenate([observation["image"].ravel(), self._spelt])
 
-    def _spell(self, mission: str) -> NDArray[np.uint8]:
+    def _encode_letters(self, mission: str) -> NDArray[np.uint8]:
+        """Return a mission as one-hot vectors of its letters, in one row."""
         if len(mission) > self.letters:
             raise WorldError(
                 f"mission {mission!r} has {len(mission)} characters; use Flat(env, letters={len(mission)})"
@@ -224,7 +225,7 @@ class GoalDirection(gymnasium.ObservationWrapper[Observation, int, Observation])
         self.grid = grid_of(env)
         self.measure = measure
         space = spaces.Box(-bounds[measure], bounds[measure], (), np.float64)
-        self.observation_space = spaces.Dict({**_parts(env), "goal_direction": space})
+        self.observation_space = spaces.Dict({**_list_subspaces(env), "goal_direction": space})
 
     def observation(self, observation: Observation) -> Observation:
         """Return the observation with the direction of the goal added."""
@@ -311,7 +312,8 @@ class ActionBonus(ExplorationBonus):
         return (*self.grid.state.position, self.grid.state.direction, int(action))
 
 
-def _parts(env: Env) -> dict[str, spaces.Space[Any]]:
+def _list_subspaces(env: Env) -> dict[str, spaces.Space[Any]]:
+    """Return the spaces of an observation's parts by name; raise WorldError if it is no dict."""
     space = env.observation_space
     if not isinstance(space, spaces.Dict):
         raise WorldError(

@@ -87,7 +87,7 @@ def build_things(state: State, palette: Palette, kinds: Sequence[ObjectKind] = (
     """Return everything but walls, sorted by look and then by place; looks stay the same while a thing moves."""
     things = []
     for x, z in zip(*np.nonzero(state.cells != cells.EMPTY), strict=True):
-        things += _in_cell(state, int(state.cells[x, z]), int(x), int(z), palette, kinds)
+        things += _build_cell(state, int(state.cells[x, z]), int(x), int(z), palette, kinds)
     return sorted(things, key=repr)
 
 
@@ -127,9 +127,10 @@ def _own(
             return []
 
 
-def _in_cell(
+def _build_cell(
     state: State, code: int, x: int, z: int, palette: Palette, kinds: Sequence[ObjectKind]
 ) -> list[PlacedLook]:
+    """Return the looks of the object in a cell, with their places."""
     middle = (float(x), 0.0, float(z), 0.0)
     if cells.kind_of(code) >= FIRST_OWN_KIND:
         return _own(kinds[cells.kind_of(code) - FIRST_OWN_KIND], code, middle, palette)
@@ -248,12 +249,12 @@ class GridFromInside(ShowsItself, gymnasium.Env[dict[str, Any], int], NativeWorl
 
     @property
     def mission(self) -> str:
-        """The episode's task in words."""
+        """Return the episode's task in words."""
         return self.grid.mission
 
     @property
     def max_steps(self) -> int:
-        """The grid's step limit per episode."""
+        """Return the grid's step limit per episode."""
         return self.grid.max_steps
 
     def reset(
@@ -307,6 +308,7 @@ class GridFromInside(ShowsItself, gymnasium.Env[dict[str, Any], int], NativeWorl
         return observation | {"image": self._draw(self.grid.pose(), self.size_px, "classic")}
 
     def _draw(self, pose: Pose, size_px: tuple[int, int], palette: Palette) -> NDArray[np.uint8]:
+        """Draw the view from a pose, with the eye slightly behind the cell's centre."""
         back_x = _BACK_M * math.cos(pose.yaw_rad)
         back_z = _BACK_M * math.sin(pose.yaw_rad)
         eye = (pose.x - back_x, _EYE_M, pose.z + back_z)

@@ -91,25 +91,26 @@ class WorldServer:
         return messages.Reply(answer, error_text, cause, cpu_s, peak_bytes)
 
     def _answer(self, request: messages.AnyRequest) -> Any:
+        """Execute a request and return its answer."""
         match request:
             case messages.Construct():
                 return self._construct(request)
             case messages.Reset():
                 reset_result = self._world.reset(request.seed)
                 return messages.ResetReport(
-                    reset_result.observation_hash, reset_result.mission, reset_result.onset, self._moment()
+                    reset_result.observation_hash, reset_result.mission, reset_result.onset, self._report_state()
                 )
             case messages.Step():
                 return self._step(request)
             case messages.Advance():
-                return *self._world.advance(request.action), self._moment()
+                return *self._world.advance(request.action), self._report_state()
             case messages.Draw():
                 return self._draw(request)
             case messages.Save():
                 self._saved[request.number] = self._world.save()
             case messages.Restore():
                 self._world.restore(self._saved[request.number])
-                return self._moment()
+                return self._report_state()
             case messages.Forget():
                 for number in request.numbers:
                     del self._saved[number]
@@ -138,6 +139,7 @@ class WorldServer:
         return self._stepped.info
 
     def _construct(self, request: messages.Construct) -> messages.Description:
+        """Make the world and return its constant properties."""
         sys.path[:] = request.search_path
         if request.module and request.world_id not in gymnasium.registry:
             with contain_errors(request.world_id, "its code"):
@@ -160,6 +162,7 @@ class WorldServer:
         )
 
     def _step(self, request: messages.Step) -> messages.StepReport:
+        """Step the world and report the result."""
         self._stepped = stepped = self._world.step(request.action)
         return messages.StepReport(
             stepped.reward,
@@ -168,10 +171,11 @@ class WorldServer:
             stepped.observation_hash,
             stepped.onset,
             stepped.is_own,
-            self._moment(),
+            self._report_state(),
         )
 
-    def _moment(self) -> messages.StateReport:
+    def _report_state(self) -> messages.StateReport:
+        """Return the part of the present state that the host needs at every step."""
         world = self._world
         pose = world.pose()
         if pose is None:
@@ -197,6 +201,7 @@ class WorldServer:
         return picture.shape, True
 
     def _query(self, name: str) -> Any:
+        """Return an attribute of the world, or the result of calling it."""
         if name == "observation":
             try:
                 return encode_value(self._world.observation)
@@ -209,6 +214,7 @@ class WorldServer:
         return attribute
 
     def _close(self) -> None:
+        """Close the world and delete the saved states."""
         self._saved.clear()
         if self._constructed is not None:
             self._constructed.close()

@@ -131,6 +131,7 @@ class IsolatedWorld(World):
         self.action_names = self.actions.names
 
     def _ask(self, request: messages.AnyRequest, answer: type[T], call: str) -> T:
+        """Send a request to the world's process and return the answer; copies no longer needed are deleted first."""
         limits = self._pool.limits
         is_long = isinstance(request, messages.Construct | messages.Reset) or call == "shortest_path()"
         if is_long:
@@ -153,57 +154,57 @@ class IsolatedWorld(World):
 
     @property
     def pid(self) -> int:
-        """The id of the world's process."""
+        """Return the id of the world's process."""
         return self._process.pid
 
     @property
     def unwrapped(self) -> Any:
-        """An object without attributes, since the environment is in another process."""
+        """Return an object without attributes, since the environment is in another process."""
         return RemoteEnvironment(self.id)
 
     @property
     def env(self) -> Any:
-        """An object without attributes, since the environment is in another process."""
+        """Return an object without attributes, since the environment is in another process."""
         return RemoteEnvironment(self.id)
 
     @property
     def can_isolate(self) -> bool:
-        """Whether the world may stay in a process of its own; the module says which worlds may not."""
+        """Return whether the world may stay in a process of its own; the module says which worlds may not."""
         return self._description.can_isolate
 
     @property
     def is_compiled(self) -> bool:
-        """False, since compiled worlds are not isolated."""
+        """Return False, since compiled worlds are not isolated."""
         return False
 
     @property
     def knows_state(self) -> bool:
-        """Whether the environment reveals its whole state."""
+        """Return whether the environment reveals its whole state."""
         return self._present.scene_hash is None
 
     @property
     def observation(self) -> Any:
-        """The latest observation."""
+        """Return the latest observation."""
         return decode_value(self._query("observation", bytes))
 
     @property
     def observation_space(self) -> gymnasium.Space[Any]:
-        """The space of the world's observations."""
+        """Return the space of the world's observations."""
         return decode_space(self._description.observation_space)
 
     @property
     def action_space(self) -> gymnasium.Space[Any]:
-        """The space of the world's actions."""
+        """Return the space of the world's actions."""
         return decode_space(self._description.action_space)
 
     @property
     def step_limit(self) -> int | None:
-        """The environment's own step limit per episode; None if it has none."""
+        """Return the environment's own step limit per episode; None if it has none."""
         return self._query("step_limit", int | None)  # type: ignore[arg-type]
 
     @property
     def draws_itself(self) -> bool:
-        """Whether a participant sees what the environment's own ``render`` returns."""
+        """Return whether a participant sees what the environment's own ``render`` returns."""
         return self._query("draws_itself", bool)
 
     def reset(self, seed: int) -> ResetResult:
@@ -378,7 +379,7 @@ class IsolatedWorlds:
         return self._make_world(world_id, options)
 
     def isolates(self, world_id: str) -> bool:
-        """Return whether a world runs in a process of its own, as far as is known before it is made."""
+        """Return whether a world will run in a process of its own, judged before the world is made."""
         return world_id not in self._stays and not is_from_catalogue(world_id)
 
     def close(self) -> None:

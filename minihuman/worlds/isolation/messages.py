@@ -107,7 +107,7 @@ class Description(msgspec.Struct, frozen=True, array_like=True):
 
 
 class StateReport(msgspec.Struct, frozen=True, array_like=True):
-    """The present state of a world, as far as the host needs it at every step."""
+    """The part of a world's present state that the host needs at every step."""
 
     state_hash: int
     scene_hash: int | None  # None: it takes a query

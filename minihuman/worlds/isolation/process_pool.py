@@ -88,7 +88,7 @@ class WorldProcess:
 
     @property
     def pid(self) -> int:
-        """The id of the process."""
+        """Return the id of the process."""
         pid: int = self._process.pid
         return pid
 
@@ -109,6 +109,7 @@ class WorldProcess:
             return self._ask(request, answer, world_id=world_id, call=call, limit_s=limit_s)
 
     def _ask(self, request: messages.AnyRequest, answer: type[T], *, world_id: str, call: str, limit_s: float) -> T:
+        """Send a request and return the answer; end the process if it takes too long."""
         if not self.is_healthy:
             raise RemoteCodeError(f"{world_id}: its process has ended, so that {call} cannot run")
         try:

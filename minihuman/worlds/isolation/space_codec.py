@@ -12,7 +12,7 @@ from minihuman.worlds.value_codec import decode_value, encode_value
 
 def encode_space(space: gymnasium.Space[Any]) -> bytes:
     """Encode a space; an unsupported kind of space is encoded as its name alone."""
-    return encode_value(_describe(space))
+    return encode_value(_describe_space(space))
 
 
 def decode_space(encoded: bytes) -> gymnasium.Space[Any]:
@@ -21,10 +21,11 @@ def decode_space(encoded: bytes) -> gymnasium.Space[Any]:
     Raises:
         WorldError: if its kind is unsupported, so that only the world's process knows it.
     """
-    return _build(decode_value(encoded))
+    return _build_space(decode_value(encoded))
 
 
-def _describe(space: gymnasium.Space[Any]) -> tuple[Any, ...]:
+def _describe_space(space: gymnasium.Space[Any]) -> tuple[Any, ...]:
+    """Return a space as a tuple of its kind and the arguments that make it."""
     match space:
         case spaces.Box():
             return "box", space.low, space.high, str(space.dtype)
@@ -35,13 +36,14 @@ def _describe(space: gymnasium.Space[Any]) -> tuple[Any, ...]:
         case spaces.MultiDiscrete():
             return "multi_discrete", space.nvec, space.start, str(space.dtype)
         case spaces.Dict():
-            return "dict", tuple((name, _describe(inner)) for name, inner in space.spaces.items())
+            return "dict", tuple((name, _describe_space(inner)) for name, inner in space.spaces.items())
         case spaces.Tuple():
-            return "tuple", tuple(_describe(inner) for inner in space.spaces)
+            return "tuple", tuple(_describe_space(inner) for inner in space.spaces)
     return "other", str(space)[:200]
 
 
-def _build(description: tuple[Any, ...]) -> gymnasium.Space[Any]:
+def _build_space(description: tuple[Any, ...]) -> gymnasium.Space[Any]:
+    """Return the space that a tuple of its kind and arguments describes."""
     match description:
         case "box", low, high, dtype:
             return spaces.Box(low, high, dtype=np.dtype(dtype).type)
@@ -52,7 +54,7 @@ def _build(description: tuple[Any, ...]) -> gymnasium.Space[Any]:
         case "multi_discrete", nvec, start, dtype:
             return spaces.MultiDiscrete(nvec, np.dtype(dtype).type, start=start)
         case "dict", parts:
-            return spaces.Dict({name: _build(inner) for name, inner in parts})
+            return spaces.Dict({name: _build_space(inner) for name, inner in parts})
         case "tuple", parts:
-            return spaces.Tuple([_build(inner) for inner in parts])
+            return spaces.Tuple([_build_space(inner) for inner in parts])
     raise WorldError(f"{description[-1]} is a space that only the world's own process knows")

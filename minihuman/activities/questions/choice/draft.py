@@ -60,7 +60,7 @@ class ChoiceDraft(AnswerDraft):
 
     @property
     def value(self) -> AnswerValue:
-        """The code of the selected option; None if there is none."""
+        """Return the code of the selected option; None if there is none."""
         return next(iter(self._codes), None)
 
     @property
@@ -69,7 +69,7 @@ class ChoiceDraft(AnswerDraft):
 
     @property
     def display_text(self) -> str:
-        """The texts of the selected options."""
+        """Return the texts of the selected options."""
         return "; ".join(self.question.options[number] for number in sorted(self._chosen))
 
     def widget(self) -> OptionList:
@@ -96,7 +96,7 @@ class ChoicesDraft(ChoiceDraft):
 
     @property
     def value(self) -> AnswerValue:
-        """The codes of the selected options in their order; None if a required answer has none."""
+        """Return the codes of the selected options in their order; None if a required answer has none."""
         if self._chosen or not self.question.required:
             return self._codes
         return None

@@ -65,13 +65,13 @@ class TextDraft(AnswerDraft):
 
     @property
     def longest(self) -> int:
-        """The largest number of characters that the text may have."""
+        """Return the largest number of characters that the text may have."""
         if self.has_native_field:
             return min(self.question.longest, MAX_FIELD_CHARACTERS)
         return self.question.longest
 
     def accepts(self, character: str) -> bool:
-        """Tell whether the text accepts a character."""
+        """Return whether the text accepts a character."""
         return character.isprintable() or (self.long and character == "\n")
 
     def _put(self, before: str, after: str) -> None:
@@ -80,21 +80,21 @@ class TextDraft(AnswerDraft):
 
     @property
     def value(self) -> AnswerValue:
-        """The text; None if it is empty or blank."""
+        """Return the text; None if it is empty or blank."""
         if not self._text.strip():
             return None
         return self.display_text
 
     @property
     def display_text(self) -> str:
-        """The text as it is in a native field; else without surrounding blanks."""
+        """Return the text, without surrounding blanks unless it comes from a native field."""
         if self.has_native_field:
             return self._text
         return self._text.strip()
 
     @property
     def error(self) -> tuple[str, dict[str, Any]] | None:
-        """The note that the answer is missing or too long; None if it is valid."""
+        """Return the note that the answer is missing or too long; None if it is valid."""
         if self.has_native_field and len(self._text) > self.longest:
             return "note.too_long", {"longest": self.longest}
         return super().error

@@ -51,14 +51,14 @@ class LikertDraft(AnswerDraft):
 
     @property
     def value(self) -> AnswerValue:
-        """The code of the selected point, counted from 1 unless the protocol sets codes; None if there is none."""
+        """Return the selected point's code, or its number from 1 without codes; None if none is selected."""
         if self._chosen is None:
             return None
         return self.question.all_codes[self._chosen]
 
     @property
     def display_text(self) -> str:
-        """The label of the selected point, or its number."""
+        """Return the label of the selected point, or its number."""
         if self._chosen is None:
             return ""
         return self._labels[self._chosen]
@@ -107,13 +107,13 @@ class MatrixDraft(LikertDraft):
 
     @property
     def value(self) -> AnswerValue:
-        """The codes of the selected points in the order of the rows, with "" for a row without one."""
+        """Return the codes of the selected points in the order of the rows, with "" for a row without one."""
         codes = self.question.all_codes
         return ["" if point is None else codes[point] for point in self._rows]
 
     @property
     def display_text(self) -> str:
-        """The labels or numbers of the selected points of all rows."""
+        """Return the labels or numbers of the selected points of all rows."""
         return ", ".join(map(self._label_of, self._rows))
 
     def _label_of(self, point: int | None) -> str:
@@ -123,7 +123,7 @@ class MatrixDraft(LikertDraft):
 
     @property
     def answers(self) -> tuple[tuple[str, AnswerValue, str], ...]:
-        """The name, code and label to log for each statement."""
+        """Return the name, code and label to log for each statement."""
         codes = self.question.all_codes
         return tuple(
             (name, None if point is None else codes[point], self._label_of(point))
@@ -144,7 +144,7 @@ class MatrixDraft(LikertDraft):
 
     @property
     def error(self) -> tuple[str, dict[str, Any]] | None:
-        """The note that a required answer lacks a point in some row; None if there is nothing to note."""
+        """Return the note that a required answer lacks a point in some row; None if there is nothing to note."""
         if self.question.required and None in self._rows:
             return ("note.required", {})
         return None
@@ -158,7 +158,8 @@ def _build(question: QuestionItemSpec, settings: Any, *, rtl: bool, language: st
 _MAX_STATEMENTS = 8  # that fit a screen
 
 
-def _check(item: QuestionItemSpec) -> ItemErrors:
+def _check_scale(item: QuestionItemSpec) -> ItemErrors:
+    """Yield the errors of a rating scale or matrix in a protocol."""
     if item.statements is not msgspec.UNSET:
         if not 2 <= len(item.statements) <= _MAX_STATEMENTS:
             yield "statements", f"has {len(item.statements)}; give 2 to {_MAX_STATEMENTS}, each its name = its text"
@@ -168,4 +169,4 @@ def _check(item: QuestionItemSpec) -> ItemErrors:
         yield "points", f"is {n_points}; use 2 to 11"
 
 
-LIKERT = QuestionKind("likert", _build, "rating", _check)
+LIKERT = QuestionKind("likert", _build, "rating", _check_scale)

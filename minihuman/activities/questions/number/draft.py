@@ -77,7 +77,7 @@ class NumberDraft(TextDraft):
     """A draft answer that is a typed number."""
 
     def accepts(self, character: str) -> bool:
-        """Tell whether a number can contain a character."""
+        """Return whether a number can contain a character."""
         if self.language is None:
             return character in "0123456789-.,"
         marks = "\N{ARABIC DECIMAL SEPARATOR}\N{ARABIC THOUSANDS SEPARATOR}"
@@ -85,8 +85,8 @@ class NumberDraft(TextDraft):
 
     @property
     def value(self) -> AnswerValue:
-        """The number; None if the text is empty or not a valid number."""
-        number = self._parse(self.display_text)
+        """Return the number; None if the text is empty or not a valid number."""
+        number = self._parse_text(self.display_text)
         if number is None or not math.isfinite(number):  # more digits than a number holds
             return None
         if self.question.whole:
@@ -95,7 +95,8 @@ class NumberDraft(TextDraft):
             return None
         return number
 
-    def _parse(self, text: str) -> float | None:
+    def _parse_text(self, text: str) -> float | None:
+        """Parse the typed text as the session's language writes numbers; None if it is not a number."""
         if self.language is not None:
             return parse_number(text, self.language, is_whole=self.question.whole)
         try:
@@ -105,7 +106,7 @@ class NumberDraft(TextDraft):
 
     @property
     def error(self) -> tuple[str, dict[str, Any]] | None:
-        """The note that the answer is missing, not a number, or out of range; None if it is valid."""
+        """Return the note that the answer is missing, not a number, or out of range; None if it is valid."""
         question = self.question
         number = self.value
         if not self.display_text.strip():

@@ -52,7 +52,7 @@ class SliderDraft(AnswerDraft):
 
     @property
     def value(self) -> AnswerValue:
-        """The number at the thumb; None before the line is touched."""
+        """Return the number at the thumb; None before the line is touched."""
         if self._step is None:
             return None
         number = round(self.question.minimum + self._step * self.question.step, 9)
@@ -62,7 +62,7 @@ class SliderDraft(AnswerDraft):
 
     @property
     def display_text(self) -> str:
-        """The number at the thumb as text."""
+        """Return the number at the thumb as text."""
         if self.value is None:
             return ""
         return f"{self.value:g}"

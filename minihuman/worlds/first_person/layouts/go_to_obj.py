@@ -63,7 +63,7 @@ class GoToObj(FirstPersonEnv):
         arrangement = draw_arrangement(self.np_random)
         self.add_rect_room(min_x=0, max_x=self.size, min_z=0, max_z=self.size)
         placed = [
-            self.place_entity(self._make(colour, kind), pos=(x, self.lift_m, z), dir=number * math.pi / 2)
+            self.place_entity(self._make_object(colour, kind), pos=(x, self.lift_m, z), dir=number * math.pi / 2)
             for number, ((colour, kind), (x, z)) in enumerate(zip(arrangement.objects, places, strict=True))
         ]
         self.target: Entity = placed[arrangement.target]
@@ -91,7 +91,8 @@ class GoToObj(FirstPersonEnv):
         count = len(self.shortest_path() or ()) or None
         return PathLengthBounds(count, count)
 
-    def _make(self, colour: str, kind: str) -> Entity:
+    def _make_object(self, colour: str, kind: str) -> Entity:
+        """Return an object of a colour and a kind."""
         match kind:
             case "ball":
                 return Ball(colour, self.object_m)

@@ -132,13 +132,16 @@ class TeamRooms(TeamWorld):
 
     def observation(self, body: int) -> NDArray[np.uint8]:
         """Return a body's view, uint8[obs_height, obs_width, 3]."""
-        return self._draw(body, self._env.see)
+        return self._draw_from_body(body, self._env.see)
 
     def frame(self, body: int, width: int, height: int, *, palette: Palette = "classic") -> NDArray[np.uint8]:
         """Return what the person in a body sees, in exactly the given size."""
-        return self._draw(body, lambda: self._env.picture(view=self.view, size_px=(width, height), palette=palette))
+        return self._draw_from_body(
+            body, lambda: self._env.picture(view=self.view, size_px=(width, height), palette=palette)
+        )
 
-    def _draw(self, body: int, draw: Callable[[], NDArray[np.uint8]]) -> NDArray[np.uint8]:
+    def _draw_from_body(self, body: int, draw: Callable[[], NDArray[np.uint8]]) -> NDArray[np.uint8]:
+        """Draw a picture while the agent is in a body's place."""
         self._env.enter(check_whole("body", body, 0, self.bodies - 1))
         picture = draw()
         self._env.enter(0)

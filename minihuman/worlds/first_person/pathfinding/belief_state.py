@@ -222,7 +222,7 @@ class ExploredFloor:
         return "turn_left" if off > 0 else "turn_right"
 
     def _free(self) -> NDArray[np.bool_]:
-        """Return which cells are free, as far as is known."""
+        """Return a mask of the cells that are known to be free."""
         agent = self._world.agent
         stage = self._world.stage
         in_the_way = [entity for entity in self.things if not any(entity is thing for thing in self._world.targets())]
@@ -250,6 +250,7 @@ class ExploredFloor:
         return np.array(rows, np.float64).reshape(-1, 3)
 
     def _sees(self, thing: Entity, eye: NDArray[np.float64], tangent: float) -> bool:
+        """Return whether the agent sees a thing: it is not below the picture, and no wall or thing hides it."""
         agent = self._world.agent
         distance = math.hypot(thing.pos[0] - eye[0], thing.pos[2] - eye[1])
         top = thing.pos[1] + thing.height - agent.pos[1] - agent.cam_height
@@ -265,6 +266,7 @@ class ExploredFloor:
         return agent.pos[0], agent.pos[2], agent.dir
 
     def _eye(self) -> tuple[float, float]:
+        """Return the position (x, z) of the agent's camera."""
         agent = self._world.agent
         ahead_x, ahead_z = agent.forward
         return agent.pos[0] + agent.cam_fwd_disp * ahead_x, agent.pos[2] + agent.cam_fwd_disp * ahead_z
@@ -276,11 +278,13 @@ class ExploredFloor:
         return self._cell(self._world.agent.pos[0], self._world.agent.pos[2])
 
     def _cell(self, x: float, z: float) -> tuple[int, int]:
+        """Return the cell that contains a point; the nearest one for a point outside the floor."""
         column = int((x - self._bounds[0]) / self.cell)
         row = int((z - self._bounds[1]) / self.cell)
         return min(max(column, 0), self.seen.shape[0] - 1), min(max(row, 0), self.seen.shape[1] - 1)
 
     def _around(self, cell: tuple[int, int]) -> list[tuple[int, int]]:
+        """Return a cell and those of its neighbours that have not been seen."""
         column, row = cell
         return [
             (c, r)

@@ -92,7 +92,7 @@ def least_steps(world: "FirstPersonEnv", goal: Entity) -> int:
     reach = _reach(stage, goal)
     if straight < reach:
         return 1
-    drift = max(abs(_low(stage, "forward_drift")), abs(stage.parameters.largest("forward_drift")))
+    drift = max(abs(_get_lowest(stage, "forward_drift")), abs(stage.parameters.largest("forward_drift")))
     longest = math.hypot(stage.reach, drift)
     way = straight
     if longest < 2 * stage.agent.radius:  # a longer step could jump across a wall
@@ -103,7 +103,7 @@ def least_steps(world: "FirstPersonEnv", goal: Entity) -> int:
     if "move_back" in world.action_names:
         return steps
     off = abs((math.atan2(-dz, dx) - stage.agent.dir + math.pi) % (2 * math.pi) - math.pi)
-    spared = math.asin(reach / straight) + math.atan2(drift, _low(stage, "forward_step"))
+    spared = math.asin(reach / straight) + math.atan2(drift, _get_lowest(stage, "forward_step"))
     return steps + max(math.ceil((off - spared) / math.radians(stage.parameters.largest("turn_step")) - 1e-9), 0)
 
 
@@ -124,7 +124,8 @@ def _default(stage: WorldState, name: str) -> float:
     return stage.parameters.number(name, None)
 
 
-def _low(stage: WorldState, name: str) -> float:
+def _get_lowest(stage: WorldState, name: str) -> float:
+    """Return the lower end of a parameter's range, for a parameter that is one number."""
     value = stage.parameters[name].low
     assert not isinstance(value, tuple)
     return value
@@ -191,7 +192,7 @@ def _barriers(stage: WorldState, goal: Entity, reach: float, longest: float) -> 
 def _out_of_reach(
     a: NDArray[np.float64], b: NDArray[np.float64], middle: NDArray[np.float64], reach: float, margin: float
 ) -> list[tuple[float, ...]]:
-    """Return a whole segment if it is far enough from the goal, or else its parts that are out of reach."""
+    """Return the parts of a segment that are out of reach of the goal; the whole segment if all of it is."""
     length = math.hypot(*(b - a))
     share = float((middle - a) @ (b - a)) / length**2
     foot = a + (b - a) * min(max(share, 0.0), 1.0)
@@ -219,26 +220,27 @@ def _turning_points(floor: FloorPlan, barriers: NDArray[np.float64]) -> NDArray[
 
 
 def _merged(walls: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return walls with those that continue each other joined into one."""
+    """Return walls, joining any two of which one continues the other."""
     rows = [tuple(row) for row in walls.tolist()]
     starts = {row[:2]: row for row in rows}
     joined: dict[tuple[float, ...], None] = {}
     continued = set()
     for row in rows:
         after = starts.get(row[2:])
-        if after is not None and after != row and _straight(row, after):
+        if after is not None and after != row and _continues(row, after):
             continued.add(after[:2])
     for row in rows:
         if row[:2] in continued:
             continue
         end = row
-        while (after := starts.get(end[2:])) is not None and _straight(end, after):
+        while (after := starts.get(end[2:])) is not None and _continues(end, after):
             end = after
         joined[(*row[:2], *end[2:])] = None
     return np.array(list(joined), dtype=np.float64).reshape(-1, 4)
 
 
-def _straight(a: tuple[float, ...], b: tuple[float, ...]) -> bool:
+def _continues(a: tuple[float, ...], b: tuple[float, ...]) -> bool:
+    """Return whether two segments (x0, z0, x1, z1) have the same direction."""
     ax = a[2] - a[0]
     az = a[3] - a[1]
     bx = b[2] - b[0]

@@ -99,23 +99,30 @@ def read_obj(path: Path) -> MeshData:
         raise WorldError(f"{path}: the file has no faces; a mesh needs at least one triangle")
     image = path.with_suffix(".png")
     materials = {"": Material(texture=image if image.exists() else None), **read_mtl(path.with_suffix(".mtl"))}
+    face_materials = [materials.get(name, materials[""]) for name in lines.materials]
     vertices = np.array(lines.vertices, np.float32)
     normals = np.array(lines.normals, np.float32)
-    places = np.array(lines.places or [[0.0, 0.0]], np.float32)
-    index = np.array([[[v, 0 if t is None else t, n] for v, t, n in face] for face in lines.faces])
-    placed = np.array([[[t is not None] for _, t, _ in face] for face in lines.faces])
-    chosen = [materials.get(name, materials[""]) for name in lines.materials]
-    corners = vertices[index[:, :, 0]].astype(np.float64)
+    vertex_index = np.array([[vertex for vertex, _, _ in face] for face in lines.faces])
+    normal_index = np.array([[normal for _, _, normal in face] for face in lines.faces])
+    corners = vertices[vertex_index].astype(np.float64)
     # Miniworld takes the smallest of the three corners' largest coordinates here; things stand where its files say
     far = corners.max(axis=0).min(axis=0)
     return MeshData(
         _centred(corners, path, far),
-        normals[index[:, :, 2]].astype(np.float64),
-        np.where(placed, places[index[:, :, 1]], 0.0).astype(np.float64),
-        np.array([material.colour for material in chosen], np.float64),
-        tuple(None if material.texture is None else str(material.texture) for material in chosen),
+        normals[normal_index].astype(np.float64),
+        _place_texture(lines),
+        np.array([material.colour for material in face_materials], np.float64),
+        tuple(None if material.texture is None else str(material.texture) for material in face_materials),
         light_scales=True,
     )
+
+
+def _place_texture(lines: _Lines) -> F64:
+    """Return the texture place of each corner, (faces, 3, 2); zeros for a corner that states none."""
+    places = np.array(lines.places or [[0.0, 0.0]], np.float32)
+    index = np.array([[0 if place is None else place for _, place, _ in face] for face in lines.faces])
+    is_placed = np.array([[place is not None for _, place, _ in face] for face in lines.faces])
+    return np.where(is_placed[:, :, None], places[index], 0.0).astype(np.float64)
 
 
 def read_mtl(path: Path) -> dict[str, Material]:
@@ -133,7 +140,7 @@ def read_mtl(path: Path) -> dict[str, Material]:
             case ["newmtl", name]:
                 materials[name] = Material()
             case ["Kd", *numbers] if name:
-                red, green, blue = _numbers(numbers, 3, path, number)
+                red, green, blue = _parse_numbers(numbers, 3, path, number)
                 materials[name] = Material((red, green, blue), materials[name].texture)
             case ["map_Kd", *_, file] if name:
                 materials[name] = Material(materials[name].colour, path.parent / file)
@@ -154,11 +161,11 @@ def _read_lines(path: Path) -> _Lines:
     for number, line in enumerate(text.splitlines(), 1):
         match line.split():
             case ["v", *numbers]:
-                lines.vertices.append(_numbers(numbers, 3, path, number))
+                lines.vertices.append(_parse_numbers(numbers, 3, path, number))
             case ["vt", *numbers]:
-                lines.places.append(_numbers(numbers[:2], 2, path, number))
+                lines.places.append(_parse_numbers(numbers[:2], 2, path, number))
             case ["vn", *numbers]:
-                lines.normals.append(_numbers(numbers, 3, path, number))
+                lines.normals.append(_parse_numbers(numbers, 3, path, number))
             case ["usemtl", name]:
                 material = name
             case ["f", *corners]:
@@ -166,12 +173,13 @@ def _read_lines(path: Path) -> _Lines:
                     raise WorldError(
                         f"{path}:{number}: a face has {len(corners)} corners; export the mesh as triangles"
                     )
-                lines.faces.append([_corner(corner, lines, path, number) for corner in corners])
+                lines.faces.append([_parse_corner(corner, lines, path, number) for corner in corners])
                 lines.materials.append(material)
     return lines
 
 
-def _numbers(words: list[str], count: int, path: Path, number: int) -> list[float]:
+def _parse_numbers(words: list[str], count: int, path: Path, number: int) -> list[float]:
+    """Parse the words of a line as ``count`` finite numbers."""
     try:
         values = [float(word) for word in words]
     except ValueError:
@@ -181,19 +189,21 @@ def _numbers(words: list[str], count: int, path: Path, number: int) -> list[floa
     return values
 
 
-def _corner(word: str, lines: _Lines, path: Path, number: int) -> tuple[int, int | None, int]:
+def _parse_corner(word: str, lines: _Lines, path: Path, number: int) -> tuple[int, int | None, int]:
+    """Parse a face's corner; return the indices of its vertex, texture place (None if it has none) and normal."""
     parts = word.split("/")
     vertex, place, normal = (parts[0], parts[1], parts[2]) if len(parts) == 3 else (parts[0], "", parts[-1])
     if len(parts) not in (2, 3):
         raise WorldError(f"{path}:{number}: the corner {word!r} has no normal; write it as vertex/texture/normal")
     return (
-        _index(vertex, len(lines.vertices), "vertex", path, number),
-        _index(place, len(lines.places), "texture place", path, number) if place else None,
-        _index(normal, len(lines.normals), "normal", path, number),
+        _parse_index(vertex, len(lines.vertices), "vertex", path, number),
+        _parse_index(place, len(lines.places), "texture place", path, number) if place else None,
+        _parse_index(normal, len(lines.normals), "normal", path, number),
     )
 
 
-def _index(word: str, count: int, noun: str, path: Path, number: int) -> int:
+def _parse_index(word: str, count: int, noun: str, path: Path, number: int) -> int:
+    """Parse a number that refers to one of ``count`` earlier lines; return it counted from 0."""
     try:
         index = int(word)
     except ValueError:
@@ -274,6 +284,7 @@ def _colours(part: Any) -> F64:
 
 
 def _places(part: Any) -> F64:
+    """Return the texture places of each triangle's corners, (faces, 3, 2); zeros if the part has none."""
     uv: NDArray[np.float64] | None = getattr(part.visual, "uv", None)
     if uv is None:
         return np.zeros((len(part.faces), 3, 2))
@@ -298,7 +309,7 @@ class FolderAssets(Assets):
 
     @cached_property
     def meshes(self) -> dict[str, Path]:
-        """The files of the folder's meshes, by name."""
+        """Return the files of the folder's meshes, by name."""
         files = sorted((self._folder / "meshes").glob("*"), reverse=True)  # an OBJ file stands before a GLB file
         return {file.stem: file for file in files if file.suffix in _READERS}
 

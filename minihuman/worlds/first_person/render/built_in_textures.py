@@ -153,6 +153,7 @@ def _concrete(low: Shade, high: Shade, seed: int) -> F64:
 
 @_recipe
 def _slabs(low: Shade, high: Shade, columns: int, rows: int, joint: int, dark: float, seed: int) -> F64:
+    """Paint a floor of slabs, each of its own shade, with dark joints."""
     on, column, row = tiles(columns, rows, joint)
     own = scatter(column, row, seed)
     part = 0.30 * own + 0.70 * cloud(32, seed, 3) + 0.15 * (grain(seed + 3) - 0.5)
@@ -161,6 +162,7 @@ def _slabs(low: Shade, high: Shade, columns: int, rows: int, joint: int, dark: f
 
 @_recipe
 def _bricks(low: Shade, high: Shade, mortar: Shade, columns: int, rows: int, joint: int, seed: int) -> F64:
+    """Paint worn bricks in mortar, every other row shifted by half a brick."""
     on, column, row = tiles(columns, rows, joint, offset=True)
     own = scatter(column, row, seed)
     part = 0.6 * own + 0.5 * cloud(32, seed + 5, 4) - 0.05 + 0.14 * (grain(seed + 4) - 0.5)
@@ -171,6 +173,7 @@ def _bricks(low: Shade, high: Shade, mortar: Shade, columns: int, rows: int, joi
 
 
 def _checks(seed: int) -> F64:
+    """Paint a chequered floor of black and white tiles with veins."""
     x, y = grid()
     side = SIZE // 4
     light = ((x // side + y // side) % 2).astype(np.float64)
@@ -186,6 +189,7 @@ def _checks(seed: int) -> F64:
 
 @_recipe
 def _speckled(low: Shade, high: Shade, stones: Shade, seed: int) -> F64:
+    """Paint speckled ground with stones."""
     picture = mix(low, high, 0.6 * cloud(8, seed, 4) + 0.4 * soft(170, 170, seed + 40))
     stone = smooth((soft(128, 128, seed + 60) - 0.72) * 8.0)
     picture = picture + (0.55 * stone)[..., None] * (np.array(stones, np.float64) - picture)
@@ -200,6 +204,7 @@ def _grass(low: Shade, high: Shade, seed: int) -> F64:
 
 @_recipe
 def _wood(low: Shade, high: Shade, planks: int, seed: int) -> F64:
+    """Paint planks with rings and fibres; the joints between several planks are dark."""
     x, y = grid()
     width = SIZE // planks
     plank = x // width
@@ -219,6 +224,7 @@ def _wood(low: Shade, high: Shade, planks: int, seed: int) -> F64:
 
 @_recipe
 def _marble(low: Shade, high: Shade, vein: Shade, seed: int) -> F64:
+    """Paint marble: clouds of two shades with fine veins."""
     picture = mix(low, high, cloud(3, seed, 5))
     fine = smooth(1.0 - np.abs(cloud(2, seed + 5, 6) - 0.5) * 34.0) + 0.6 * smooth(
         1.0 - np.abs(cloud(4, seed + 6, 6) - 0.5) * 40.0
@@ -228,6 +234,7 @@ def _marble(low: Shade, high: Shade, vein: Shade, seed: int) -> F64:
 
 @_recipe
 def _liquid(low: Shade, high: Shade, crest: Shade, cells: int, seed: int) -> F64:
+    """Paint a liquid with bright crests."""
     bend = cloud(cells, seed, 5)
     ridge = smooth(1.0 - np.abs(bend - 0.5) * 11.0)
     picture = mix(low, high, cloud(cells, seed + 7, 4) * 1.5 - 0.25)
@@ -253,6 +260,7 @@ def _panel(base: Shade, inset: int, rows: int, seed: int) -> F64:
 
 @_recipe
 def _grille(bar: Shade, pitch: int, seed: int) -> F64:
+    """Paint a grille of metal bars over dark holes."""
     x, y = grid()
     across = np.minimum(np.abs(x % pitch - pitch // 2), np.abs(y % pitch - pitch // 2)).astype(np.float64)
     metal = mix((bar[0] - 40, bar[1] - 40, bar[2] - 40), bar, 1.0 - across / (pitch * 0.25) + 0.2 * cloud(6, seed))
@@ -261,6 +269,7 @@ def _grille(bar: Shade, pitch: int, seed: int) -> F64:
 
 
 def _fence(seed: int) -> F64:
+    """Paint a wooden fence with gaps that show grass."""
     x, y = grid()
     wood = _wood((196, 190, 178), (236, 232, 222), 4)(seed)
     gap = (x % 128 > 92) & ~((y > 130) & (y < 180)) & ~((y > 360) & (y < 410))

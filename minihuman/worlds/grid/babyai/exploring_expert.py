@@ -82,6 +82,7 @@ class Explorer:
         return self._plan
 
     def _decide(self, row: Row) -> list[int]:
+        """Return the actions planned for what is known of the world; search for more if that does not suffice."""
         known = self.memory.known(row)
         known[fields.MAX_STEPS] = FAR
         known[fields.STEP] = 0
@@ -165,12 +166,14 @@ class Explorer:
         return self._unlocking(known) or self._clearing(known, judgement) or self._opening_boxes(known)
 
     def _unlocking(self, known: Row) -> list[int]:
+        """Return the shortest plan that opens a locked door; empty if there is none."""
         state = State(known)
         locked = state.identities[(state.kinds == DOOR) & (state.states == LOCKED)].tolist()
         plans = (do_to(known, encoding.OPEN, identity) for identity in locked)
         return min((actions for actions in plans if actions is not None), key=len, default=[])
 
     def _clearing(self, known: Row, judgement: FrontierWeights) -> list[int]:
+        """Return actions that move the first object out of the way to unseen cells; empty if they fail."""
         beyond = self.memory.frontier(known, passing=THING_IN_WAY, judgement=judgement)
         if beyond is None:
             return []

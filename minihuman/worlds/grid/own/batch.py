@@ -250,6 +250,7 @@ class OwnBatch(gymnasium.vector.VectorEnv[dict[str, Any], NDArray[np.int64], NDA
             raise_fault(self._program, table, world=int(table[FAULT + 4]))
 
     def _refusal(self, world: int, actions: NDArray[np.integer[Any]]) -> WorldError:
+        """Return the error for an action that a world cannot take."""
         phase = self._rows[world, PHASE]
         if phase == NEW or (phase == OVER and self._mode is not AutoresetMode.NEXT_STEP):
             return WorldError(f"world {world} is not in an episode; call reset() before step()")
@@ -269,6 +270,7 @@ class OwnBatch(gymnasium.vector.VectorEnv[dict[str, Any], NDArray[np.int64], NDA
             self._missions = tuple(missions)
 
     def _observe(self) -> dict[str, Any]:
+        """Return the observations of all worlds."""
         images = np.empty((self.num_envs, *self._world.image_shape), np.uint8)
         directions = np.empty(self.num_envs, np.int64)
         see_many(self._rows, images, directions)
@@ -287,6 +289,7 @@ class OwnBatch(gymnasium.vector.VectorEnv[dict[str, Any], NDArray[np.int64], NDA
         return np.ascontiguousarray(places).view(field.dtype).reshape(self.num_envs, *shape)
 
     def _final(self, over: NDArray[np.bool_]) -> dict[str, Any]:
+        """Return the last observations of the worlds whose episodes ended, in Gymnasium's form."""
         observations = np.full(self.num_envs, None, object)
         last = self._observe()
         for i in np.flatnonzero(over).tolist():

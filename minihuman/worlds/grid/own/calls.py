@@ -43,6 +43,7 @@ class Calls(LayoutCalls):
         return f"{_PLAIN[callee]}({', '.join(arguments)})"
 
     def _over_generator(self, node: ast.Call, callee: Any) -> str:
+        """Return the translation of ``any``, ``sum`` or the like over a generator or a sequence."""
         argument = node.args[0]
         if not isinstance(argument, ast.GeneratorExp | ast.ListComp):
             if callee in (min, max):
@@ -59,6 +60,7 @@ class Calls(LayoutCalls):
         return f"{lifted}({', '.join(['c', *captured])})"
 
     def _tuple(self, node: ast.Call) -> str:
+        """Return the translation of ``tuple(...)``."""
         argument = node.args[0]
         if isinstance(argument, ast.Name) and argument.id in self.lengths:
             place = self.place(node)

@@ -37,13 +37,13 @@ _LIBRARIES: dict[int, Any] = {}  # of all functions, by id: each is linked once,
 
 
 def _collect(user: Any, library: Any) -> None:
-    """Note that one function's code calls another's, where Numba would copy the other's into it."""
+    """Record that one function calls another, instead of copying the other's code as Numba would."""
     library._ensure_finalized()
     _LIBRARIES[id(library)] = library
 
 
 def _make_no_executable(library: Any, description: Any, environment: Any) -> Any:
-    """Do without machine code for this process: the functions are called in others."""
+    """Make Numba produce no machine code for this process, because other processes call the functions."""
     _collect(None, library)
     return [].append
 
@@ -74,7 +74,7 @@ def _emit(codes: list[str]) -> bytes:
     """Link and optimise LLVM codes, and return machine code in which only the entries have names."""
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
-    machine = _machine()
+    machine = _describe_machine()
     module = llvm.parse_assembly(_common_to_internal(codes[0]))
     for code in codes[1:]:
         other = llvm.parse_assembly(_common_to_internal(code))
@@ -89,7 +89,8 @@ def _emit(codes: list[str]) -> bytes:
     return bytes(machine.emit_object(module))
 
 
-def _machine() -> Any:
+def _describe_machine() -> Any:
+    """Return LLVM's description of this machine, for code that may lie anywhere in memory."""
     # "large": the loader puts code and constants wherever there is memory, and near addresses have 32 bits
     features = llvm.get_host_cpu_features()
     return llvm.Target.from_default_triple().create_target_machine(
@@ -102,7 +103,7 @@ def _common_to_internal(code: str) -> str:
 
 
 def main() -> int:
-    """Compile stdin to stdout; on stderr, say in which line of it something does not compile, and why."""
+    """Compile the source on stdin to an object file on stdout; write the line and reason of an error to stderr."""
     try:
         code = compile_text(sys.stdin.read())
     except errors.NumbaError as error:

@@ -30,7 +30,7 @@ def index_in(c, place, i, n):
 
 @overloaded
 def at(c, place, values, i):
-    """Return an element of a tuple or array, or a row of an array. A pair is the index of an array's element."""
+    """Return an element of a tuple or array, or a row of an array; a pair of indices selects an element of an array."""
     if isinstance(values, types.Optional):
         return lambda c, place, values, i: at(c, place, unwrapped(c, place, values), i)
     if isinstance(i, types.BaseTuple):
@@ -61,7 +61,7 @@ def at_2(c, place, values, i, j):
 
 @njit
 def check_code(c, place, code):
-    """Check that a code names no object that was never made."""
+    """Check that a code refers to an object that exists."""
     if code < 0 or code >> 9 > np.int64(row(c)[11]):
         fail(c, place, OUTSIDE, -1, code)
 
@@ -225,7 +225,7 @@ def row_of(typing_context, c, place, values, i):
 
 @intrinsic
 def unwrapped(typing_context, c, place, element):
-    """Return what is not None of what may be."""
+    """Return the value that an optional holds, which must not be None."""
     if not isinstance(element, types.Optional):
         return element(c, int64, element), lambda context, builder, signature, values: values[2]
 

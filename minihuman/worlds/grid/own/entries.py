@@ -104,11 +104,12 @@ def write_entries(
     context = _CONTEXT.format(**places, **lengths)
     text = _LAYOUTS.format(**places, **lengths, context=context, layout=layout, bodies=bodies)
     if rule is not None:
-        text += _STEPS.format(**places, context=context, bodies=bodies, call=_call(rule, bodies, is_team=is_team))
+        text += _STEPS.format(**places, context=context, bodies=bodies, call=_write_call(rule, bodies, is_team=is_team))
     return text.splitlines()
 
 
-def _call(rule: str, bodies: int, *, is_team: bool) -> str:
+def _write_call(rule: str, bodies: int, *, is_team: bool) -> str:
+    """Return the lines that call a rule for one world and store its rewards."""
     if not is_team:
         return f"rewards[i], ended = {rule}(c, actions[i], rewards[i], terminated[i] != 0)"
     places = [f"i * {bodies} + {body}" for body in range(bodies)]

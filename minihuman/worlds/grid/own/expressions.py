@@ -52,7 +52,7 @@ class Expressions:
         return number
 
     def refuse(self, node: ast.AST, what: str, instead: str) -> NoReturn:
-        """Raise the refusal of a node.
+        """Raise a TranslationError that refuses a node.
 
         Raises:
             TranslationError: always.
@@ -69,7 +69,7 @@ class Expressions:
     # --- what names stand for ---
 
     def symbol(self, node: ast.AST) -> Symbol | None:
-        """Return what a name or attribute stands for, or None if it is computed when the rules run."""
+        """Return what a name or attribute stands for; None if its value is computed when the rules run."""
         if isinstance(node, ast.Constant):
             return Symbol("constant", node.value)
         if isinstance(node, ast.Name):
@@ -139,6 +139,7 @@ class Expressions:
         return text
 
     def _symbol_text(self, node: ast.AST, symbol: Symbol) -> str:
+        """Return the translation of a name that stands for a constant or for the row; refuse any other."""
         if symbol.kind == "row":
             return "rt.row(c)"
         if symbol.kind != "constant":
@@ -177,6 +178,7 @@ class Expressions:
         self.refuse(node, f"{ast.unparse(node)}", "docs/grid-worlds.md lists what can be read")
 
     def _own_attribute(self, node: ast.Attribute) -> str:
+        """Return the translation of an attribute of ``self``: a field, a property or a setting."""
         name = node.attr
         if name in _SELF_NUMBERS and not self.program.is_team:
             return f"np.int64(rt.row(c)[{_SELF_NUMBERS[name]}])"
@@ -199,6 +201,7 @@ class Expressions:
         return str(setting)
 
     def _field(self, field: OwnField) -> str:
+        """Return the translation of reading a declared field."""
         at = field.offset
         if isinstance(field, Bool):
             return f"(rt.own(c)[{at}] != 0)"
@@ -256,6 +259,7 @@ class Expressions:
         return not any(isinstance(part, ast.Call) for part in ast.walk(node))
 
     def _comparison(self, node: ast.AST, operator: ast.cmpop, left: ast.AST, right: ast.AST) -> str:
+        """Return the translation of one comparison."""
         if not isinstance(operator, ast.In | ast.NotIn):
             return f"{self.expression(left)} {_COMPARISONS[type(operator)]} {self.expression(right)}"
         negation = "not " if isinstance(operator, ast.NotIn) else ""
@@ -290,6 +294,7 @@ class Expressions:
         return None
 
     def _slice(self, node: ast.Slice) -> str:
+        """Return the translation of a slice, whose ends must be constants."""
         parts = []
         for part in (node.lower, node.upper):
             symbol = None if part is None else self.symbol(part)
@@ -301,6 +306,7 @@ class Expressions:
         return ":".join(parts)
 
     def _pair(self, node: ast.Subscript) -> tuple[str, str]:
+        """Return the translations of both indices of an array of two dimensions."""
         if isinstance(node.slice, ast.Tuple) and len(node.slice.elts) == 2:
             first, second = (self.expression(element) for element in node.slice.elts)
             return first, second
@@ -324,6 +330,7 @@ class Expressions:
         return self._constant_call(node, callee.value)
 
     def _method(self, node: ast.Call, base: Symbol, name: str) -> str:
+        """Return the translation of a method call on something that the rules know by name."""
         if base.kind == "self":
             return self._self_call(node, name)
         if base.kind == "super":
@@ -342,7 +349,7 @@ class Expressions:
         self.refuse(node, f"{ast.unparse(node.func)}(...)", "of the generator, integers(low, high) and random() are")
 
     def draw(self, text: str) -> str:
-        """Note that the rules draw random numbers, and return the text."""
+        """Record that the rules draw random numbers, and return the given text."""
         self.program.draws = True
         return text
 
@@ -401,6 +408,7 @@ class Expressions:
 
     @staticmethod
     def _instead(callee: Any) -> str:
+        """Return the advice for a call that cannot be translated."""
         if getattr(callee, "__module__", "") == "math":
             return "write it with + - * / and sqrt, which are the same on every machine"
         return "docs/grid-worlds.md lists what rules may call"
@@ -431,6 +439,7 @@ class Expressions:
 
     @staticmethod
     def _defaults(function: FunctionType) -> Mapping[str, Any]:
+        """Return a function's default arguments by name."""
         names = function.__code__.co_varnames[: function.__code__.co_argcount]
         defaults = function.__defaults__ or ()
         by_position = dict(zip(names[len(names) - len(defaults) :], defaults, strict=True))

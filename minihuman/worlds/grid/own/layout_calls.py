@@ -27,10 +27,10 @@ class LayoutCalls(Expressions):
         return self._coloured_item(node, callee, named)
 
     def _coloured_item(self, node: ast.Call, callee: Any, named: Mapping[str, Symbol | None]) -> str:
-        arguments = list(node.args)
-        colour = arguments[0] if arguments else next((k.value for k in node.keywords if k.arg == "colour"), None)
-        contents = arguments[1] if len(arguments) > 1 else None
-        contents = next((k.value for k in node.keywords if k.arg == "contains"), contents)
+        """Return an item whose colour or contents are computed when the rules run."""
+        by_name = {keyword.arg: keyword.value for keyword in node.keywords}
+        colour = node.args[0] if node.args else by_name.get("colour")
+        contents = node.args[1] if len(node.args) > 1 else by_name.get("contains")
         options = {
             name: symbol.value
             for name, symbol in named.items()
@@ -48,6 +48,7 @@ class LayoutCalls(Expressions):
         return f"rt.colour_number(c, {self.place(node)}, {self.expression(node)}, COLOURS)"
 
     def _argument(self, node: ast.Call, nth: int, name: str, default: str) -> str:
+        """Return the translation of an argument, given by position or by name, or else the default."""
         if nth < len(node.args):
             return self.expression(node.args[nth])
         for keyword in node.keywords:
@@ -70,6 +71,7 @@ class LayoutCalls(Expressions):
         return f"rt.wall_rect(c, {place}, {x}, {y}, {w}, {h})"
 
     def _line(self, node: ast.Call, place: int, dx: int) -> str:
+        """Return the translation of a call that puts items along a line; ``dx`` is 1 for a row and 0 for a column."""
         x = self._argument(node, 0, "x", "0")
         y = self._argument(node, 1, "y", "0")
         rest = f"(rt.width(c) - {x})" if dx else f"(rt.height(c) - {y})"
@@ -93,12 +95,14 @@ class LayoutCalls(Expressions):
         return f"rt.clear_cell(c, {place}, {self._argument(node, 0, 'x', '0')}, {self._argument(node, 1, 'y', '0')})"
 
     def _rectangle(self, node: ast.Call) -> str:
+        """Return the translations of a rectangle's top left cell and size; by default it is the whole grid."""
         size = self._argument(node, 9, "size", "None")
         if size == "None":
             size = "(rt.width(c), rt.height(c))"
         return f"{self._argument(node, 9, 'top', '(0, 0)')}, {size}"
 
     def _grid_place(self, node: ast.Call, place: int) -> str:
+        """Return the translation of a call that places an item in a random cell."""
         item_text = self._argument(node, 0, "item", "0")
         tries = self._argument(node, 9, "tries", str(MOST_TRIES))
         reject = next((keyword.value for keyword in node.keywords if keyword.arg == "reject"), None)
@@ -108,9 +112,8 @@ class LayoutCalls(Expressions):
                 f"rt.place_item(c, {place}, {self.program.bodies}, {item_text}, {self._rectangle(node)}, {tries})"
             )
         placing, captured = self.program.placement(self, node, reject)
-        return self.draw(
-            f"{placing}({', '.join(['c', str(place), item_text, self._rectangle(node), tries, *captured])})"
-        )
+        arguments = ", ".join(["c", str(place), item_text, self._rectangle(node), tries, *captured])
+        return self.draw(f"{placing}({arguments})")
 
     def _grid_put_agent(self, node: ast.Call, place: int) -> str:
         parts = [self._argument(node, nth, name, "0") for nth, name in enumerate(("x", "y", "direction"))]
@@ -138,7 +141,7 @@ class LayoutCalls(Expressions):
         return "(" + "".join(f"rt.set_task(c, {nth}, {text}), " for nth, text in enumerate(arguments)) + ")"
 
     def diagram(self, node: ast.Call) -> list[str] | None:
-        """Return the statements of ``from_text("...", grid)``, or None if a call is another."""
+        """Return the statements of a call ``from_text("...", grid)``; None for any other call."""
         callee = self.symbol(node.func)
         if callee is None or callee.kind != "constant" or callee.value is not from_text:
             return None

@@ -42,7 +42,7 @@ class RulesLibrary:
     """
 
     def __init__(self, code: bytes, *, has_steps: bool) -> None:
-        self._engine = _load(code)
+        self._engine = _load_engine(code)
         self.layouts = self._function("minihuman_layouts", ctypes.CFUNCTYPE)
         self.steps = self._function("minihuman_steps", ctypes.CFUNCTYPE) if has_steps else None
         # for one world: so short that giving up the interpreter lock would take longer
@@ -50,6 +50,7 @@ class RulesLibrary:
         self.step_of_one = self._function("minihuman_steps", ctypes.PYFUNCTYPE) if has_steps else None
 
     def _function(self, name: str, kind: Any) -> CompiledFunction:
+        """Return a compiled function by its name; raise OSError if there is none."""
         address = self._engine.get_function_address(name)
         if address == 0:
             raise OSError(f"the compiled rules have no {name}")
@@ -57,7 +58,8 @@ class RulesLibrary:
         return function
 
 
-def _load(code: bytes) -> Any:
+def _load_engine(code: bytes) -> Any:
+    """Return an LLVM engine that has loaded an object file."""
     llvm = _llvm()
     machine = llvm.Target.from_default_triple().create_target_machine()
     engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine)
@@ -68,6 +70,7 @@ def _load(code: bytes) -> Any:
 
 @cache
 def _llvm() -> Any:
+    """Import and return LLVM's binding."""
     from minihuman.worlds.build.loading import llvm_binding  # it comes with Numba, and loads in a twentieth of a second
 
     return llvm_binding()
@@ -85,9 +88,9 @@ def find_library(text: str, *, has_steps: bool) -> RulesLibrary | None:
     """Return the compiled form of translated source if it is in memory or in the user's cache."""
     if not can_load():
         return None
-    key = _digest(text)
+    key = _name_entry(text)
     if key not in _LIBRARIES:
-        code = _read(key)
+        code = _read_cached(key)
         if code is None:
             return None
         _LIBRARIES[key] = RulesLibrary(code, has_steps=has_steps)
@@ -112,13 +115,14 @@ def compile_library(text: str, *, has_steps: bool) -> RulesLibrary:
     completed = subprocess.run(command, input=text.encode(), capture_output=True, env=environment, check=False)
     if completed.returncode:
         raise TranslationError(completed.stderr.decode(errors="replace").strip()[-4000:])
-    key = _digest(text)
-    _write(key, completed.stdout)
+    key = _name_entry(text)
+    _write_cached(key, completed.stdout)
     _LIBRARIES[key] = RulesLibrary(completed.stdout, has_steps=has_steps)
     return _LIBRARIES[key]
 
 
-def _digest(text: str) -> str:
+def _name_entry(text: str) -> str:
+    """Return the cache key of translated source, which covers the machine and our own sources."""
     llvm = _llvm()
     machine = f"{llvm.get_process_triple()} {llvm.get_host_cpu_name()} {llvm.get_host_cpu_features().flatten()}"
     return hashlib.sha256("\n".join([text, machine, _sources_digest()]).encode()).hexdigest()[:40]
@@ -146,7 +150,8 @@ def cache_folder() -> Path | None:
         return None
 
 
-def _read(key: str) -> bytes | None:
+def _read_cached(key: str) -> bytes | None:
+    """Read an object file from the user's cache; None if it is absent, damaged or not private."""
     folder = cache_folder()
     if folder is None or not _is_private(folder):
         return None
@@ -164,7 +169,8 @@ def _read(key: str) -> bytes | None:
     return code
 
 
-def _write(key: str, code: bytes) -> None:
+def _write_cached(key: str, code: bytes) -> None:
+    """Write an object file into the user's cache, and remove the files that were unused for longest."""
     folder = cache_folder()
     if folder is None:
         return

@@ -37,11 +37,11 @@ _FORMS: dict[int, Any] = {}
 
 
 def numba_form(kernel: Any) -> Any:
-    """Return a kernel of ours for Numba, which compiles it when other code calls it and not before."""
-    source = _source_of(kernel)
+    """Return one of our kernels in the form that Numba compiles when other code first calls it."""
+    source = _find_source(kernel)
     if id(source.function) not in _FORMS:
         function = source.function
-        names = _names_of(function.__globals__)
+        names = _list_module_names(function.__globals__)
         copy = FunctionType(function.__code__, names, function.__name__, function.__defaults__)
         variables = {name: numba.from_dtype(np.dtype(kind)) for name, kind in source.variables.items()}
         _FORMS[id(function)] = _without_literals(numba.njit(locals=variables, **OPTIONS)(copy))
@@ -49,7 +49,7 @@ def numba_form(kernel: Any) -> Any:
 
 
 def _without_literals(dispatcher: Any) -> Any:
-    """Compile a function once for all whole numbers, not once for each that is written out in a call.
+    """Compile a function once for all whole numbers, not once for each constant in a call.
 
     Breaks, by compiling more, if Numba renames ``Dispatcher.get_call_template``.
     """
@@ -62,7 +62,8 @@ def _without_literals(dispatcher: Any) -> Any:
     return dispatcher
 
 
-def _source_of(kernel: Any) -> KernelSource:
+def _find_source(kernel: Any) -> KernelSource:
+    """Return the source of a kernel, however it was declared."""
     if isinstance(kernel, LateKernel):
         return kernel.source
     if hasattr(kernel, "py_func"):
@@ -73,7 +74,8 @@ def _source_of(kernel: Any) -> KernelSource:
     return KernelSource(plain)
 
 
-def _names_of(module_names: dict[str, Any]) -> dict[str, Any]:
+def _list_module_names(module_names: dict[str, Any]) -> dict[str, Any]:
+    """Return a module's names, with kernels replaced by their forms for Numba; the result is cached."""
     names = _NAMES.get(id(module_names))
     if names is None:
         names = _NAMES[id(module_names)] = dict(module_names)
@@ -143,7 +145,7 @@ def _store_fault(builder: Any, values: Any, kind: int) -> None:
 
 
 def fail_if(context: Any, builder: Any, signature: Any, values: Any, condition: Any, kind: int) -> None:
-    """Emit a fault for the case that a condition holds when the rules run."""
+    """Emit code that records a fault if a condition holds when the rules run."""
     with builder.if_then(condition, likely=False):
         _store_fault(builder, values, kind)
         context.call_conv.return_user_exc(builder, ValueError, ("fault",))
@@ -160,16 +162,18 @@ def fail(c, place, kind, a, b):
 
 
 def is_whole(kind: Any) -> bool:
-    """Return whether a type of Numba's is of whole numbers or truth values."""
+    """Return whether one of Numba's types holds whole numbers or truth values."""
     return isinstance(kind, types.Integer | types.Boolean)
 
 
 def is_number(kind: Any) -> bool:
-    """Return whether a type of Numba's is of numbers."""
+    """Return whether one of Numba's types holds numbers."""
     return is_whole(kind) or isinstance(kind, types.Float)
 
 
-def _stub(name: str) -> Any:
+def _make_stub(name: str) -> Any:
+    """Return a function that stands for a name in compiled code, and cannot be called from Python."""
+
     def stub(*arguments):
         raise NotImplementedError(name)
 
@@ -178,7 +182,7 @@ def _stub(name: str) -> Any:
 
 
 def overloaded(typed: Any) -> Any:
-    """Return a function that compiles as what it returns for the types of its arguments."""
-    stub = _stub(typed.__name__)
+    """Return a function for which Numba compiles whatever the decorated one returns for the arguments' types."""
+    stub = _make_stub(typed.__name__)
     overload(stub, jit_options=OPTIONS, strict=False)(typed)
     return stub

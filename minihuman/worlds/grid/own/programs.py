@@ -29,7 +29,7 @@ _OURS = "minihuman."
 
 @dataclass(frozen=True, slots=True)
 class _Translated:
-    """What came of translating a class's rules, for worlds with certain attributes."""
+    """The result of translating a class's rules, valid for worlds with certain attributes."""
 
     program: Program | None
     refusal: str
@@ -55,14 +55,15 @@ def translate_rules(world: Any) -> Program:
         if translated.fits(world):
             break
     else:
-        translated = _translate(world)
+        translated = _try_translation(world)
         known.append(translated)
     if translated.program is None:
         raise TranslationError(translated.refusal)
     return translated.program
 
 
-def _translate(world: Any) -> _Translated:
+def _try_translation(world: Any) -> _Translated:
+    """Translate a world's rules; the result holds the program, or the reason why there is none."""
     try:
         _check_methods(world)
         program = Translation(world).translate()
@@ -109,7 +110,7 @@ def compile_rules(world: Any) -> None:
 
 
 def _reason(text: str) -> str:
-    """Return the lines of Numba's message that say what is wrong."""
+    """Return the lines of Numba's message that state the error."""
     lines = [re.sub(r"\x1b\[[0-9;]*m", "", line).strip() for line in text.splitlines()]
     telling = [
         line for line in lines if line and not line.startswith(("Failed in", "During", "File", "<source", "[", "-"))
@@ -196,7 +197,7 @@ def setting_arrays(world: Any, program: Program) -> tuple[NDArray[np.int64], NDA
 
 
 class WorldRules:
-    """The compiled rules of one world, on its own memory. A copy of the world begins without them."""
+    """The compiled rules of one world, with their own memory. A copy of the world starts without compiled rules."""
 
     def __init__(self, world: Any, program: Program, library: RulesLibrary) -> None:
         self.has_layout = program.has_layout
@@ -225,7 +226,7 @@ class WorldRules:
         return type(None), ()
 
     def is_of(self, world: Any) -> bool:
-        """Return whether these are the rules of a world as it is now, and read its settings again."""
+        """Read a world's settings again, and return whether these are the rules of the world in its present state."""
         if self._row is not world._row or self._own is not own_numbers(world):
             return False
         try:
@@ -237,6 +238,7 @@ class WorldRules:
         return True
 
     def _refresh(self, world: Any) -> None:
+        """Read the world's settings again, and write the addresses of all arrays into the table."""
         self._settings, self._float_settings = setting_arrays(world, self._program)
         table = self._table
         table[entries.ROWS] = self._row.ctypes.data

@@ -181,30 +181,37 @@ class Statements(Calls):
         return True
 
     def _has_floats(self, right_side: ast.expr) -> bool:
-        """Return whether a list is of floats: of rewards, or with a float written out."""
+        """Return whether a list holds floats: rewards, or at least one float constant."""
         parts = list(ast.walk(right_side))
         floats = any(isinstance(part, ast.Constant) and isinstance(part.value, float) for part in parts)
         return floats or any(isinstance(part, ast.Name) and "reward" in part.id for part in parts)
 
     def _assign_mission(self, target: ast.Attribute, right_side: ast.expr) -> bool:
+        """Translate an assignment to ``grid.mission`` and return True; return False for another target."""
         base = self.symbol(target.value)
         if base is None or base.kind != "grid" or target.attr != "mission":
             return False
         parts = right_side.values if isinstance(right_side, ast.JoinedStr) else [right_side]
-        template: list[str | None] = []
-        nth = 0
+        template: list[str | None] = []  # None is a placeholder
         for part in parts:
             if isinstance(part, ast.Constant) and isinstance(part.value, str):
                 template.append(part.value)
                 continue
-            inner = part.value if isinstance(part, ast.FormattedValue) else part
-            if isinstance(part, ast.FormattedValue) and (part.format_spec is not None or part.conversion != -1):
-                self.refuse(right_side, "a placeholder with a format", "write {name} alone")
-            self.emit(f"rt.text_part(c, {self.place(right_side)}, {nth}, {self.expression(inner)})", right_side)
+            place = self.place(right_side)
+            placeholder = template.count(None)
+            content = self._read_placeholder(part, right_side)
+            self.emit(f"rt.text_part(c, {place}, {placeholder}, {content})", right_side)
             template.append(None)
-            nth += 1
         self.emit(f"rt.mission(c)[0] = {self.program.number_template(tuple(template))}", right_side)
         return True
+
+    def _read_placeholder(self, part: ast.expr, mission: ast.expr) -> str:
+        """Return the translation of what fills a mission's placeholder; refuse one with a format."""
+        if not isinstance(part, ast.FormattedValue):
+            return self.expression(part)
+        if part.format_spec is not None or part.conversion != -1:
+            self.refuse(mission, "a placeholder with a format", "write {name} alone")
+        return self.expression(part.value)
 
     def _assign_tuple(self, target: ast.Tuple | ast.List, right_side: ast.expr, node: ast.AST) -> None:
         count = len(target.elts)

@@ -19,12 +19,12 @@ from minihuman.worlds.grid.object_kinds import Item, ObjectKind, ball, box, door
 
 
 class TranslationError(WorldError):
-    """Something in the author's source that cannot be translated: its line, and what to write instead."""
+    """An error for source that cannot be translated; it states the line and what to write instead."""
 
 
 @dataclass(frozen=True, slots=True)
 class Symbol:
-    """What a name or an attribute stands for while rules are translated.
+    """The meaning of a name or an attribute while rules are translated.
 
     Args:
         kind: "self", "grid", "state", "rng", "row", "kinds", "colours", "states", "identities", "super" or "constant".

@@ -86,6 +86,7 @@ class OwnTeamBatch(TeamBatch):
         return self.observations
 
     def _begin(self, worlds: NDArray[np.int64]) -> None:
+        """Begin an episode in some worlds, each with a newly drawn seed."""
         for number in worlds.tolist():
             generator = np.random.default_rng(int(self._seeds.integers(2**63)))
             read_rng_state(generator, self._rng_states[number])
@@ -126,6 +127,7 @@ class OwnTeamBatch(TeamBatch):
         return total[:, None]
 
     def _refusal(self, world: int, actions: NDArray[np.int64]) -> WorldError:
+        """Return the error for a joint action that a world cannot take."""
         if self._rows[world, PHASE] == NEW:
             return WorldError("the batch has not been reset; call reset() before step()")
         last = self._rows[world, ACTIONS] - 1

@@ -116,8 +116,10 @@ class Translation:
             "scratch": self._scratch,
             "mission": mission_length,
         }
-        numbers = [COLOURS.index(text) if text in COLOURS else -1 for text in self._texts]
-        head = [("COLOURS = (" + "".join(f"{number}, " for number in numbers) + ")", -1)] if self.needs_colours else []
+        head = []
+        if self.needs_colours:
+            numbers = [COLOURS.index(text) if text in COLOURS else -1 for text in self._texts]
+            head.append(("COLOURS = (" + "".join(f"{number}, " for number in numbers) + ")", -1))
         entries = write_entries(layout=layout, rule=rule, bodies=self.bodies, is_team=self.is_team, lengths=lengths)
         lines = [*head, *self._lines, *((line, -1) for line in entries)]
         return Program(
@@ -137,6 +139,7 @@ class Translation:
         )
 
     def _method(self, name: str, symbols: dict[str, Symbol], returns: str) -> str:
+        """Translate one of the world's methods; ``symbols`` are what its parameters stand for, in order."""
         function, owner = self._look_up(name, None)
         source = read_function(function)
         parameters = [argument.arg for argument in source.node.args.args]
@@ -151,6 +154,7 @@ class Translation:
         symbols: dict[str, Symbol],
         returns: str = "any",
     ) -> str:
+        """Translate a function, and return the name of the translation."""
         arguments = source.node.args
         if arguments.vararg or arguments.kwarg or arguments.posonlyargs:
             line = source.node.lineno + source.offset
@@ -192,7 +196,7 @@ class Translation:
         return FIRST_OWN_KIND + self.world.kinds.index(kind) if kind in self.world.kinds else -1
 
     def fixed_attribute(self, name: str) -> tuple[bool, Any]:
-        """Return whether an attribute of the world is a constant, and its content."""
+        """Return whether an attribute of the world is a constant, and the constant."""
         if name in self.fields:
             return False, None
         if name in vars(self.world):
@@ -238,6 +242,7 @@ class Translation:
         return False
 
     def _look_up(self, name: str, after: type | None) -> tuple[FunctionType, type | None]:
+        """Return a method and the class that defines it, searching after a class if one is given."""
         classes = list(type(self.world).__mro__)
         if after is not None:
             classes = classes[classes.index(after) + 1 :]
@@ -255,7 +260,7 @@ class Translation:
     def find_method(
         self, asking: Statements, node: ast.AST, name: str, after: type | None = None
     ) -> tuple[FunctionType, type | None]:
-        """Return a method of the author's and the class that defines it; a static one has none."""
+        """Return one of the author's methods and the class that defines it; None as the class of a static method."""
         try:
             return self._look_up(name, after)
         except KeyError:
@@ -302,7 +307,8 @@ class Translation:
         elif callee is sum:
             inner.emit(f"total = rt.add(c, {place}, total, element)", generator)
         else:
-            inner.emit(f"if not known or element {'<' if callee is min else '>'} best:", generator)
+            operator = "<" if callee is min else ">"
+            inner.emit(f"if not known or element {operator} best:", generator)
             inner.emit("    best = element", generator)
             inner.emit("known = True", generator)
         inner._depth = 1
@@ -315,6 +321,7 @@ class Translation:
         return name, captured
 
     def _inner(self, asking: Statements, node: ast.AST) -> tuple[Statements, list[str]]:
+        """Return the translation of a nested scope, and the variables that it captures."""
         inner = Statements(self, asking.function, asking.owner, asking.source, asking.symbols, asking.variables)
         inner.lengths = dict(asking.lengths)
         stored = {n.id for n in ast.walk(node) if isinstance(n, ast.Name) and not isinstance(n.ctx, ast.Load)}
@@ -374,7 +381,7 @@ class Translation:
 
 
 class _DiagramWriter:
-    """What `from_text` lays a diagram out on."""
+    """A stand-in for the grid on which `from_text` lays out a diagram, and which writes statements instead."""
 
     def __init__(self, translation: Translation, place: int) -> None:
         self.kinds = translation.world.kinds

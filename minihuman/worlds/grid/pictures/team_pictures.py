@@ -137,13 +137,16 @@ def list_kitchen_tiles(row: Row, body: int, tile_px: int, palette: Palette) -> l
     figures = {}
     for cook, (x, y, *looks) in enumerate(row[fields.COOK :][: 4 * cooks].reshape(cooks, 4).tolist()):
         figures[x, y] = (OBJECT_COLOURS[palette][BODY_COLOURS[cook]], *looks, cook == body)
-    places = row[fields.COOK + 4 * cooks :].reshape(2, width, height).tolist()
-    return [
-        (terrain, thing, times[recipe_of(thing)] if kind_of(thing) == fields.SOUP else 0, figures.get((x, y)), tile_px)
-        for y in range(height)
-        for x in range(width)
-        for terrain, thing in [(places[0][x][y], places[1][x][y])]
-    ]
+    terrains, things = row[fields.COOK + 4 * cooks :].reshape(2, width, height).tolist()
+    arguments = []
+    for y in range(height):
+        for x in range(width):
+            thing = things[x][y]
+            time = 0
+            if kind_of(thing) == fields.SOUP:
+                time = times[recipe_of(thing)]
+            arguments.append((terrains[x][y], thing, time, figures.get((x, y)), tile_px))
+    return arguments
 
 
 @lru_cache(maxsize=1024)
@@ -159,6 +162,7 @@ def draw_kitchen_tile(
 
 @lru_cache(maxsize=1024)
 def _station(terrain: int, thing: int, time: int, size_px: int) -> Pixels:
+    """Draw a station, or the floor, with the object on it."""
     canvas = Canvas(size_px)
     if terrain == fields.FLOOR:
         canvas.fill(canvas.everywhere(), shade(_FLOOR, -0.14))
@@ -186,6 +190,7 @@ def _station(terrain: int, thing: int, time: int, size_px: int) -> Pixels:
 
 @lru_cache(maxsize=512)
 def _cook(colour: RGB, direction: int, carried: int, own: bool, size_px: int) -> Figure:
+    """Draw a cook from above with a hat, a pointed side that shows the direction, and the carried object."""
     canvas = Canvas(size_px)
     forward = ((0, -1), (0, 1), (1, 0), (-1, 0))[direction]
     if own:
@@ -243,12 +248,14 @@ def _pot(canvas: Canvas, thing: int, time: int) -> None:
 
 
 def _ingredients(canvas: Canvas, thing: int, u: float, v: float, size: float) -> None:
+    """Draw the onions and tomatoes of a soup around a point."""
     inside = [True] * onions_in(thing) + [False] * tomatoes_in(thing)
     for (spot_u, spot_v), is_onion in zip(_SPOTS[max(len(inside), 1) - 1], inside, strict=False):
         _vegetable(canvas, is_onion, u + (spot_u - 0.5) * size, v + (spot_v - 0.5) * size, 0.13 * size)
 
 
 def _vegetable(canvas: Canvas, is_onion: bool, u: float, v: float, radius: float) -> None:
+    """Draw an onion or a tomato."""
     colour = _ONION if is_onion else _TOMATO
     canvas.fill(canvas.disc(u, v, radius * 1.12), shade(colour, -0.55))
     canvas.fill(canvas.disc(u, v, radius), colour)
@@ -263,6 +270,7 @@ def _vegetable(canvas: Canvas, is_onion: bool, u: float, v: float, radius: float
 
 
 def _plate(canvas: Canvas, u: float, v: float, radius: float) -> None:
+    """Draw a plate."""
     canvas.fill(canvas.disc(u, v, radius * 1.08), shade(_PLATE, -0.5))
     canvas.fill(canvas.disc(u, v, radius), _PLATE)
     canvas.fill(canvas.disc(u, v, radius * 0.68), shade(_PLATE, -0.12))
