@@ -71,7 +71,7 @@ def read_step(returned: Any) -> tuple[Any, float, bool, bool, Mapping[str, Any]]
 
 
 def _explain_count(returned: Any) -> str:
-    """Return what follows from the number of values that a step returned."""
+    """Return the advice for a step that returned the wrong number of values."""
     if not isinstance(returned, tuple | list):
         return ""
     match len(returned):
@@ -89,7 +89,7 @@ def _read_info(info: Any, call: str) -> Mapping[str, Any]:
 
 
 def read_reward(reward: Any) -> float:
-    """Return a reward as a float, which may be NaN or infinite, since a log can store these.
+    """Return a reward as a float. NaN and infinity are accepted, since a log can store them.
 
     Raises:
         WorldError: if the reward is not one real number.
@@ -103,7 +103,7 @@ def read_reward(reward: Any) -> float:
 
 
 def _suggest_reward(reward: Any) -> str:
-    """Return what to write instead of a reward that is no number."""
+    """Return the advice for a reward that is not a number."""
     match reward:
         case np.ndarray():
             return "return a float, such as float(reward.sum())"
@@ -138,7 +138,9 @@ def read_onset(info: Mapping[str, Any]) -> bool:
 
 
 def read_picture(picture: Any) -> NDArray[np.uint8]:
-    """Return a picture as uint8[H, W, 3]; other types are accepted with values of 0 to 255, without their fractions.
+    """Return a picture as uint8[H, W, 3].
+
+    Pictures of other types are accepted if their values lie between 0 and 255; fractions are cut off.
 
     Raises:
         WorldError: if the picture has another shape, or would be shown black or in wrong colours.

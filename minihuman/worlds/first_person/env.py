@@ -335,15 +335,20 @@ class FirstPersonEnv(ShowsItself, gymnasium.Env[Any, Any], MiniworldCompat, Nati
         self._stage = WorldState(self.np_random, self.parameters, randomised=self.domain_rand)
         if self.trig:
             self._stage.agent.trig = self.trig
-        is_made = vars(self).pop("_is_made", False)
-        try:
-            self.build()
-        finally:
-            self._is_made = is_made
-        _ = self._stage.floor  # closes the plan, or says that it has no room
+        self._run_build()
+        self._stage.close_floor_plan()
         if self.agent not in self.entities:
             raise WorldError(f"{type(self).__name__}.build() placed no agent; call self.place_agent() at its end")
         self._stage.randomise()
+
+    def _run_build(self) -> None:
+        """Call the author's `build`, which unlike other code may add attributes to a finished world."""
+        was_made = self._is_made
+        vars(self)["_is_made"] = False
+        try:
+            self.build()
+        finally:
+            self._is_made = was_made
 
     def advance(self, action: Any) -> tuple[float, bool, bool]:
         """Make a step without computing an observation; return reward, terminated and truncated."""

@@ -45,8 +45,10 @@ class Parameter:
     high: Value
 
     def __post_init__(self) -> None:
-        rows = [value if isinstance(value, tuple) else (value,) for value in (self.low, self.default, self.high)]
-        if len({len(row) for row in rows}) != 1 or any(not a <= b <= c for a, b, c in zip(*rows, strict=True)):
+        values = (self.low, self.default, self.high)
+        low, default, high = (value if isinstance(value, tuple) else (value,) for value in values)
+        has_one_length = len(low) == len(default) == len(high)
+        if not has_one_length or not all(a <= b <= c for a, b, c in zip(low, default, high, strict=True)):
             raise WorldError(f"{self!r} must have low <= default <= high, all of the same length")
 
     def sample(self, rng: np.random.Generator | None) -> Value:

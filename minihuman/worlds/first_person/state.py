@@ -62,7 +62,15 @@ class WorldState:
 
     @property
     def floor(self) -> FloorPlan:
-        """Return the floor plan; reading it closes it."""
+        """The floor plan, which is closed when it is first read."""
+        return self.close_floor_plan()
+
+    def close_floor_plan(self) -> FloorPlan:
+        """Finish the floor plan, so that no more rooms can be added, unless it is finished already; return it.
+
+        Raises:
+            WorldError: if there is no room, or two rooms overlap.
+        """
         if self._floor is None:
             self._floor = finish_floor_plan(self._rooms, self.varying)
         return self._floor

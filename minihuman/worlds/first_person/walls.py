@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from minihuman.worlds.first_person.render.kernel_tables import F64, I32, I64, FaceTable
 from minihuman.worlds.kernels import kernel
 
-SLIVER_M = 0.05  # a piece of wall no wider than that is what two rooms that meet at an angle leave, and joins nothing
+SLIVER_M = 0.05  # rooms that meet at an angle leave pieces of wall up to this width, which join nothing
 
 
 @kernel("(float64[:, ::1], float64, float64, float64)")
@@ -190,50 +190,74 @@ def _fill(
 def room_occluders(
     first_edge: I64, edges: F64, heights: F64, pieces: F64, textures: I64, sizes_m: F64, reach_m: float
 ) -> tuple[I32, F64]:
-    """Return what darkens each face of `room_faces` at joints: ``first_occluder`` and ``occluder`` of a `RoomTable`.
+    """Return the occluders that darken each face of `room_faces` at its joints with other faces.
+
+    The result is the arrays ``first_occluder`` and ``occluder`` of a `RoomTable`.
 
     A floor or ceiling is darkened by all walls within ``reach_m`` of its room, including those of other rooms. A piece
     of wall is darkened at its sides where a neighbour is wider than the slivers of rooms that meet at an angle.
     """
     edge = pieces[:, 0].astype(np.int64)
     start, end, bottom, top = pieces[:, 1:].T
-    at = edges[edge, :2]
-    along = edges[edge, 3:5]
-    lying = np.column_stack((at + start[:, None] * along, along, end - start))
-    far_ends = at + end[:, None] * along
-    low = np.minimum(lying[:, :2], far_ends) - reach_m
-    high = np.maximum(lying[:, :2], far_ends) + reach_m
+    direction = edges[edge, 3:5]
+    near_ends = edges[edge, :2] + start[:, None] * direction
+    far_ends = edges[edge, :2] + end[:, None] * direction
+    ground_segments = np.column_stack((near_ends, direction, end - start))
+    low = np.minimum(near_ends, far_ends) - reach_m
+    high = np.maximum(near_ends, far_ends) + reach_m
     room_of = np.searchsorted(first_edge, edge, side="right") - 1
-    # of each edge, whether a wall is at its start and its end; and which edges come before and after it
-    met = np.zeros((2, len(edges)), np.bool_)
-    standing = (bottom == 0.0) & (end - start > SLIVER_M)
-    met[0, edge[(start == 0.0) & standing]] = met[1, edge[(end == edges[edge, 2]) & standing]] = True
-    before = np.arange(len(edges)) - 1
-    after = np.arange(len(edges)) + 1
-    before[first_edge[:-1]] = first_edge[1:] - 1
-    after[first_edge[1:] - 1] = first_edge[:-1]
-    roofed = (textures[room_of, CEILING] >= 0) & (top == heights[room_of])
-    nought = np.zeros(len(pieces))
-    level = (nought + 1.0, nought, end - start)
-    upright = (nought, nought + 1.0, top - bottom)
-    sides = np.array(
-        [(start, bottom, *level), (start, top, *level), (start, bottom, *upright), (end, bottom, *upright)]
-    )
-    meets = np.array(
-        (bottom == 0.0, roofed, (start == 0.0) & met[1, before[edge]], (end == edges[edge, 2]) & met[0, after[edge]])
-    )
+    meets_ceiling = (textures[room_of, CEILING] >= 0) & (top == heights[room_of])
+    sides = _side_segments(pieces)
+    is_dark = _find_dark_sides(first_edge, edges, pieces, meets_ceiling)
     rows: list[F64] = []
     for room, height in enumerate(heights):
         corners = edges[first_edge[room] : first_edge[room + 1], :2]
-        near = np.all((low <= corners.max(axis=0)) & (high >= corners.min(axis=0)), axis=1)
-        for covering, joint in ((FLOOR, bottom == 0.0), (CEILING, top == height)):
+        is_near = np.all((low <= corners.max(axis=0)) & (high >= corners.min(axis=0)), axis=1)
+        for covering, touches in ((FLOOR, bottom == 0.0), (CEILING, top == height)):
             if textures[room, covering] >= 0:
-                rows.append(_sized(lying[near & joint], sizes_m[room, covering], covering == FLOOR))
-        rows += [_sized(sides[meets[:, k], :, k], sizes_m[room, WALL]) for k in np.flatnonzero(room_of == room)]
+                segments = ground_segments[is_near & touches]
+                rows.append(_occluder_rows(segments, sizes_m[room, covering], covering == FLOOR))
+        for piece in np.flatnonzero(room_of == room):
+            segments = sides[is_dark[:, piece], :, piece]
+            rows.append(_occluder_rows(segments, sizes_m[room, WALL]))
     return np.cumsum([0, *map(len, rows)]).astype(np.int32), np.concatenate(rows)
 
 
-def _sized(segments: F64, size_m: F64, floor: bool = False) -> F64:
+def _side_segments(pieces: F64) -> F64:
+    """Return the bottom, top, start and end of each piece as segments in its plane, (4, 5, pieces).
+
+    The five numbers are the place along the wall, the height, the direction in these two, and the length.
+    """
+    start, end, bottom, top = pieces[:, 1:].T
+    zeros = np.zeros(len(pieces))
+    level = (zeros + 1.0, zeros, end - start)
+    upright = (zeros, zeros + 1.0, top - bottom)
+    return np.array([(start, bottom, *level), (start, top, *level), (start, bottom, *upright), (end, bottom, *upright)])
+
+
+def _find_dark_sides(first_edge: I64, edges: F64, pieces: F64, meets_ceiling: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return whether the bottom, top, start and end of each piece meet another face, (4, pieces)."""
+    edge = pieces[:, 0].astype(np.int64)
+    start, end, bottom, _ = pieces[:, 1:].T
+    is_at_start = start == 0.0
+    is_at_end = end == edges[edge, 2]
+    is_wide = (bottom == 0.0) & (end - start > SLIVER_M)
+    has_wall_at_start = np.zeros(len(edges), np.bool_)
+    has_wall_at_start[edge[is_at_start & is_wide]] = True
+    has_wall_at_end = np.zeros(len(edges), np.bool_)
+    has_wall_at_end[edge[is_at_end & is_wide]] = True
+    # the edges before and after each in its room's outline, which is closed
+    previous_edge = np.arange(len(edges)) - 1
+    next_edge = np.arange(len(edges)) + 1
+    previous_edge[first_edge[:-1]] = first_edge[1:] - 1
+    next_edge[first_edge[1:] - 1] = first_edge[:-1]
+    meets_previous = is_at_start & has_wall_at_end[previous_edge[edge]]
+    meets_next = is_at_end & has_wall_at_start[next_edge[edge]]
+    return np.array((bottom == 0.0, meets_ceiling, meets_previous, meets_next))
+
+
+def _occluder_rows(segments: F64, size_m: F64, is_floor: bool = False) -> F64:
+    """Return the rows of a face's occluders; a face without any gets a segment that is too far away to darken it."""
     if len(segments) == 0:
-        segments = np.array([(1e6, 1e6, 1.0, 0.0, 0.0)])  # of a face that nothing is near
-    return np.column_stack((segments, np.tile((*size_m, float(floor)), (len(segments), 1))))
+        segments = np.array([(1e6, 1e6, 1.0, 0.0, 0.0)])
+    return np.column_stack((segments, np.tile((*size_m, float(is_floor)), (len(segments), 1))))

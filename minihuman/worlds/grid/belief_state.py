@@ -57,7 +57,7 @@ BACK = 0.4  # cells that the eye stands behind the middle of its own
 
 @device_function()
 def look_into(row: Row, image: NDArray[np.uint8], explored: SeenCells) -> int:
-    """Mark the cells that the image shows as explored; return how many of them are new."""
+    """Mark the cells that an image shows as explored; return the number of newly explored cells."""
     size = image.shape[0]
     width = row[WIDTH]
     height = row[HEIGHT]
@@ -117,7 +117,7 @@ def as_from_inside(image: NDArray[np.uint8]) -> None:
 
 @kernel("(int32[::1], uint8[:, :, ::1], boolean[::1], boolean)")
 def remember(row: Row, image: NDArray[np.uint8], explored: SeenCells, inside: bool) -> int:
-    """Mark the cells that the agent sees now as explored; return how many are new.
+    """Mark the cells that the agent now sees as explored; return the number of newly explored cells.
 
     ``image`` is filled with the agent's view. With ``inside``, the agent sees less than Minigrid's view shows.
     """
@@ -129,7 +129,7 @@ def remember(row: Row, image: NDArray[np.uint8], explored: SeenCells, inside: bo
 
 @kernel("(int32[::1], boolean[::1], int64)")
 def believe(row: Row, explored: SeenCells, hidden: int) -> Row:
-    """Return the state as far as it was explored; the other cells hold the code ``hidden``."""
+    """Return a copy of the state in which all unexplored cells have the code ``hidden``."""
     known = row.copy()
     cells = row[WIDTH] * row[HEIGHT]
     for identity in range(1, row[OBJECTS] + 1):
@@ -378,7 +378,7 @@ class ExploredGrid:
         self.look(row)
 
     def look(self, row: Row) -> int:
-        """Remember the cells that are visible now; return how many are new."""
+        """Remember the cells that are visible now; return the number of newly seen cells."""
         return int(remember(row, self._image, self.seen, self._inside))
 
     def in_view(self, row: Row) -> NDArray[np.bool_]:
@@ -444,7 +444,7 @@ def _faces_closed(state: State) -> NDArray[np.bool_]:
 
 
 def _path(known: Row, steps: NDArray[np.int32], pose: tuple[int, int, int]) -> tuple[list[int], list[int]]:
-    """Return the actions to a pose and the cells that they enter, traced back from the pose."""
+    """Return the actions to a pose and the cells that they enter, by tracing the path back from the pose."""
     state = State(known)
     actions: list[int] = []
     way: list[int] = []

@@ -291,11 +291,17 @@ def observation_to_text(
         [_observed(*cell, kinds) for cell in zip(*line, strict=True)]
         for line in zip(numbers.T.tolist(), colours.T.tolist(), states.T.tolist(), strict=True)
     ]
-    if (numbers == KINDS.index("agent")).any():
-        return "\n".join(map("".join, cells))
-    carried = cells[-1][len(cells[-1]) // 2]
-    cells[-1][len(cells[-1]) // 2] = AGENT[3]
-    return "\n".join([*map("".join, cells), *([f"carries {carried}"] if carried.strip() else [])])
+    carried = ""
+    shows_whole_grid = (numbers == KINDS.index("agent")).any()
+    if not shows_whole_grid:
+        nearest_row = cells[-1]
+        middle = len(nearest_row) // 2
+        carried = nearest_row[middle]  # the agent's own cell shows what it carries
+        nearest_row[middle] = AGENT[3]
+    lines = ["".join(row) for row in cells]
+    if carried.strip():
+        lines.append(f"carries {carried}")
+    return "\n".join(lines)
 
 
 def _observed(kind: int, colour: int, state: int, kinds: Sequence[ObjectKind]) -> str:

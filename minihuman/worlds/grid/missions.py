@@ -114,18 +114,19 @@ class MissionSpace(Sentences):
             )
         self.template = template
         self.choices = tuple(dict(words) if isinstance(words, Mapping) else dict(enumerate(words)) for words in choices)
-        pattern = re.escape(template).replace(re.escape("{}"), "{}")
-        self._pattern = re.compile(
-            pattern.format(*("(?:" + "|".join(map(re.escape, words.values())) + ")" for words in self.choices))
-        )
-        texts = (template.replace("{}", " "), *(word for words in self.choices for word in words.values()))
-        longest = template.format(*(max(words.values(), key=len) for words in self.choices))
-        wordiest = template.format(
-            *(max(words.values(), key=lambda text: len(words_in(text))) for words in self.choices)
-        )
-        super().__init__(
-            words_in(" ".join(texts)), max_length=len(longest), most_words=len(words_in(wordiest)), seed=seed
-        )
+        alternatives = ["(?:" + "|".join(map(re.escape, words.values())) + ")" for words in self.choices]
+        escaped_template = re.escape(template).replace(re.escape("{}"), "{}")
+        self._pattern = re.compile(escaped_template.format(*alternatives))
+        texts = [template.replace("{}", " ")]
+        longest_choices = []
+        wordiest_choices = []
+        for words in self.choices:
+            texts += words.values()
+            longest_choices.append(max(words.values(), key=len))
+            wordiest_choices.append(max(words.values(), key=lambda text: len(words_in(text))))
+        max_length = len(template.format(*longest_choices))
+        most_words = len(words_in(template.format(*wordiest_choices)))
+        super().__init__(words_in(" ".join(texts)), max_length=max_length, most_words=most_words, seed=seed)
 
     @property
     def varies(self) -> bool:

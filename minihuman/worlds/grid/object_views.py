@@ -426,9 +426,9 @@ class GridView:
         return image * vis_mask[..., None]
 
     def code_for(self, thing: Any) -> int:
-        """Return the code under which to put an object into a cell.
+        """Return the code of an object that is about to be put into a cell.
 
-        An object of this world leaves its present cell; of any other object, a new one like it is made.
+        An object of this world is removed from its present cell; any other object is copied into this world.
 
         Raises:
             WorldError: if the world has no room for another object.

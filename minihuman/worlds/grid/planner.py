@@ -216,13 +216,13 @@ def walk(state: State, poses: NDArray[np.int64]) -> list[int] | None:
 
 
 def _relaxed(state: State) -> tuple[NDArray[np.int32], int]:
-    """Return a lower bound on the actions from each pose to the plan's final actions, and how many those are."""
+    """Return a lower bound on the actions from each pose to a pose of `_nearest`, and the number needed there."""
     poses, extra = _nearest(state)
     return distances(state.row, _numbers(state, poses), True), extra
 
 
 def _nearest(state: State) -> tuple[NDArray[np.int64], int]:
-    """Return the poses of which one must be reached, and the least number of actions that follow."""
+    """Return the poses of which the agent must reach one, and the minimum number of actions that it takes there."""
     row = state.row
     task = int(row[fields.TASK])
     target = row[fields.TARGET : fields.TARGET + 4].tolist()

@@ -21,7 +21,7 @@ class RoomView:
     @property
     def neighbors(self) -> list["RoomView | None"]:
         """Return the rooms to the right, below, to the left and above; None at the edge."""
-        column, row = (at // (self.rooms.size - 1) for at in self.top)
+        column, row = (coordinate // (self.rooms.size - 1) for coordinate in self.top)
         places = ((column + 1, row), (column, row + 1), (column - 1, row), (column, row - 1))
         return [self.rooms.room(*place) if self.rooms.has(*place) else None for place in places]
 

@@ -165,7 +165,7 @@ def _colour_band(layout: SceneTables, view: F64, places: F64, out: NDArray[np.ui
 
 
 def _cover(layout: SceneTables, view: F64, places: F64) -> tuple[F64, I32]:
-    """Compute which face covers each sample; return the memory that contains the result."""
+    """Compute which face covers each sample; return the buffers that contain the result."""
     spans = MOST_SPANS
     while True:
         view[ROOM:LOOK] = spans, layout.capacity, layout.most_corners
@@ -176,7 +176,7 @@ def _cover(layout: SceneTables, view: F64, places: F64) -> tuple[F64, I32]:
 
 
 def _complete(scene: Scene, view: F64, width: int, height: int) -> None:
-    """Add the remaining numbers that kernels need to a view with a camera."""
+    """Fill in the light, the sky, the style and the size of a view whose camera is already set."""
     view[LIGHT:SKY] = _light(scene.light)
     view[SKY:LEAST], view[LOOK] = scene.sky, scene.display
     view[TOP:ROOM] = 0.0, height, height, width
@@ -192,7 +192,7 @@ def _cores() -> int:
 
 @cache
 def _helpers(process: int) -> ThreadPoolExecutor:
-    """Return the threads that draw bands in a process; a forked process needs its own."""
+    """Return the pool of threads that draw bands of large pictures. A forked process needs a pool of its own."""
     return ThreadPoolExecutor(_cores(), thread_name_prefix=f"bands-{process}")
 
 
@@ -285,9 +285,9 @@ def _light(light: Light) -> F64:
 
 
 def _turned(places: F64, trig: int = 0) -> F64:
-    """Return places with the cosine and sine of their yaw.
+    """Return places whose yaw is replaced by its cosine and sine.
 
-    A last column receives the number of samples that each entity covers.
+    A further column is left for the number of samples that each entity covers.
     """
     out = np.empty((len(places), 6))
     out[:, :3] = places[:, :3]

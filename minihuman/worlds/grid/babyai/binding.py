@@ -139,9 +139,9 @@ def bind(row: Row) -> bool:
 
 @device_function()
 def makes_sense(row: Row, keys_matter: bool) -> bool:
-    """Return whether no clause asks to put an object next to itself, or next to an object that it is beside already.
+    """Return whether no clause asks to put an object next to itself, or where it already is.
 
-    With ``keys_matter``, no clause may be about a key that opens a locked door either.
+    With ``keys_matter``, also return False if a clause is about a key that opens a locked door.
     """
     block = block_of(row)
     means = means_of(row)
@@ -163,7 +163,7 @@ def makes_sense(row: Row, keys_matter: bool) -> bool:
 
 @device_function()
 def unlocks(row: Row, at: int) -> bool:
-    """Return whether a description is of a key with the colour of a locked door."""
+    """Return whether a description matches a key that has the colour of a locked door."""
     if row[at + KIND] != KEY:
         return False
     for identity in range(1, row[OBJECTS] + 1):
@@ -177,7 +177,7 @@ def unlocks(row: Row, at: int) -> bool:
 
 @kernel("(int32[::1],)")
 def bind_now(row: Row) -> bool:
-    """Run `bind` from Python, for layouts written in Python."""
+    """Call `bind` from Python, for layouts written in Python."""
     return bind(row)
 
 
@@ -189,10 +189,10 @@ def instruct(
     Args:
         row: the state of a world whose mission is an `InstructionSpace`.
         instruction: the instruction.
-        own_steps: whether to judge each part by its own steps and by where objects are; False for Minigrid's behaviour.
-        done_required: whether a clause is only complete when "done" is said right after it was carried out.
-        room: the number of cells on a side of a room, including its walls, for "on your left"; 0 if the grid is one
-            room.
+        own_steps: whether each part is judged by its own steps and by where objects are, unlike in Minigrid.
+        done_required: whether a clause only counts when the agent says "done" right after carrying it out.
+        room: the number of cells on a side of a room, including its walls, for "on your left"; 0 if the whole grid is
+            one room.
 
     Raises:
         WorldError: if the world has no space for an instruction, or a description matches no object in it.

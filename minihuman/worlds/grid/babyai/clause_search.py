@@ -120,7 +120,7 @@ def key_colours(row: Row) -> int:
 
 @kernel("(int32[::1], int64, int64[::1], int64[:, ::1])")
 def sort_things(row: Row, clause: int, codes: NDArray[np.int64], locks: Locks) -> Sorts:
-    """Return for each object which class it belongs to when it is carried, for a given clause."""
+    """Return each object's class when it is carried, by identity - 1: OTHER, MOVED, or KEYS plus a lock's index."""
     sorts = np.full(len(codes), OTHER, np.int64)
     verb = row[block_of(row) + CLAUSES + clause * CLAUSE + VERB]
     for k in range(len(codes)):
@@ -250,9 +250,9 @@ def distance_heuristic(
 def lies_ahead(
     row: Row, x: int, y: int, direction: int, hand: int, codes: NDArray[np.int64], locks: Locks, sorts: Sorts
 ) -> int:
-    """Return the number of actions to pick up an object of a class from the cell ahead.
+    """Return how many actions it takes to get an object of a class from the cell ahead.
 
-    The number is 1, or 2 if the object is in a box, or 0 if there is none.
+    This is 1 for an object in the cell, 2 for one inside a box there, and 0 if there is no such object.
     """
     i, j = ahead(x, y, direction)
     if i < 0 or j < 0 or i >= row[WIDTH] or j >= row[HEIGHT]:
@@ -292,7 +292,7 @@ def goal(
     lock_at: NDArray[np.int64],
     steps: Table,
 ) -> None:
-    """Write into the table the cost of the last action, for every state in which the clause can be completed."""
+    """Enter the cost of the last action into the table, for every state in which the clause can be completed."""
     width = row[WIDTH]
     height = row[HEIGHT]
     verb = row[block_of(row) + CLAUSES + clause * CLAUSE + VERB]
@@ -327,7 +327,7 @@ def goal(
 
 @device_function()
 def is_next_to(row: Row, x: int, y: int, meant: int) -> bool:
-    """Return whether an object with one of the given description bits lies beside a cell now."""
+    """Return whether an object that matches one of the given description bits now lies next to a cell."""
     for k in range(4):
         i, j = ahead(x, y, k)
         if i >= 0 and j >= 0 and i < row[WIDTH] and j < row[HEIGHT]:
@@ -345,7 +345,7 @@ def codes_of(row: Row) -> NDArray[np.int64]:
 
 @device_function()
 def is_done(row: Row, clause: int, action: int, held_before: int) -> bool:
-    """Return whether a step has completed a clause."""
+    """Return whether the action just taken has completed a clause."""
     at = block_of(row) + CLAUSES + clause * CLAUSE
     verb = row[at + VERB]
     meant = 1 << 2 * clause
@@ -405,7 +405,7 @@ def may_help(row: Row, clause: int, action: int, last: int) -> bool:
 
 @device_function()
 def heuristic_value(row: Row, table: Table, locks: Locks, sorts: Sorts) -> int:
-    """Return the value of the table for a state."""
+    """Look up the estimated number of actions from a state to the completion of the clause."""
     unlocked = 0
     for lock in range(len(locks)):
         cell = where_is(row, locks[lock, 0])
@@ -428,10 +428,17 @@ def search_clause(
 ) -> tuple[int, NDArray[np.int64]]:
     """Search for actions that complete a clause.
 
-    They are the fewest possible with weight 1 and a table that never overestimates.
+    The list is the shortest one if the weight is 1 and the heuristic never overestimates. Otherwise it may be longer.
+
+    Args:
+        start: the state; it is not changed.
+        clause: the number of the clause.
+        table: the result of `distance_heuristic`; ``locks`` and ``sorts`` are those of `find_locks` and `sort_things`.
+        weight: the factor by which the heuristic is multiplied; a larger one finds a list sooner.
+        limit: the maximum number of states to store.
 
     Returns:
-        FOUND and the actions, or NONE or FULL and no actions.
+        FOUND and the actions; or no actions and NONE if none exist, or FULL if the search ran out of space.
     """
     row = start.copy()
     codes = object_codes(row)

@@ -1,9 +1,10 @@
 """Instructions as numbers: a block in the row of state after the cells, and conversions to and from it.
 
 An instruction is one part, or two parts of which one comes before the other; a part is one clause, or two in any order.
-A clause is a verb with one or two descriptions of objects. After the block, each object has a number whose bit `d` says
-that description `d` matches it (description `2 * clause`, and one more for the object next to which another is put).
-Each cell has such a number too, for the object that lay there when places were last noted.
+A clause is a verb with one or two descriptions of objects. Description `2 * clause` is that of the object to act on,
+and `2 * clause + 1` that of the object next to which it is put. After the block, each object has a number, bit `d` of
+which says whether description `d` matches it. Each cell has such a number too, for the object that lay there when
+places were last recorded.
 """
 
 from collections.abc import Callable
@@ -81,7 +82,7 @@ def block_of(row: Row) -> int:
 
 @inline
 def means_of(row: Row) -> int:
-    """Return the index of the numbers that say which descriptions match each object, in the order of identities."""
+    """Return the index in the row of the objects' numbers, by identity - 1; each says which descriptions match."""
     return HEADER + 3 * row[WIDTH] * row[HEIGHT] + BLOCK
 
 
@@ -93,7 +94,7 @@ def is_meant(bits: int, clause: int) -> bool:
 
 @inline
 def noted_of(row: Row) -> int:
-    """Return the index of the numbers that say which descriptions matched the object noted in each cell."""
+    """Return the index in the row of the cells' numbers; each says which descriptions match the object noted there."""
     return HEADER + 4 * row[WIDTH] * row[HEIGHT] + BLOCK
 
 
@@ -136,7 +137,7 @@ def block(row: Row) -> Row:
 
 
 def described_objects(row: Row) -> Row:
-    """Return a view of the bits that say which descriptions match each object, by identity - 1."""
+    """Return a view of each object's number, by identity - 1, the bits of which say which descriptions match it."""
     cells = int(row[WIDTH]) * int(row[HEIGHT])
     begin = HEADER + 3 * cells + BLOCK
     return row[begin : begin + int(row[OBJECTS])]
@@ -144,7 +145,7 @@ def described_objects(row: Row) -> Row:
 
 def instruction_of(row: Row) -> Instruction:
     """Return the instruction that a state encodes."""
-    instruction: Instruction = _read(*_said(block(row).tobytes()), _clause)
+    instruction: Instruction = _read(*_sentence_numbers(block(row).tobytes()), _clause)
     return instruction
 
 
@@ -164,18 +165,21 @@ def clauses_done(row: Row) -> tuple[tuple[str, int], ...]:
 
 @lru_cache(maxsize=4096)
 def _sentence(numbers: bytes) -> str:
-    return str(_read(*_said(numbers), _words))
+    return str(_read(*_sentence_numbers(numbers), _words))
 
 
-def _said(numbers: bytes) -> tuple[int, int, int, tuple[tuple[int, ...], ...]]:
-    """Return the numbers that determine the sentence.
+def _sentence_numbers(block_bytes: bytes) -> tuple[int, int, int, tuple[tuple[int, ...], ...]]:
+    """Return the numbers of a block that determine the sentence.
 
     They are the join, the number of clauses in the first part, the flags, and the clauses without their status.
     """
-    block_numbers = np.frombuffer(numbers, np.int32).tolist()
-    starts = range(CLAUSES, CLAUSES + CLAUSE * (block_numbers[LEFT] + block_numbers[RIGHT]), CLAUSE)
-    lines = ((*block_numbers[at : at + STATUS], *block_numbers[at + THING : at + CLAUSE]) for at in starts)
-    return block_numbers[JOIN], block_numbers[LEFT], block_numbers[FLAGS] & IN_ORDER_STRICTLY, tuple(lines)
+    numbers = np.frombuffer(block_bytes, np.int32).tolist()
+    clause_count = numbers[LEFT] + numbers[RIGHT]
+    clauses = []
+    for start in range(CLAUSES, CLAUSES + CLAUSE * clause_count, CLAUSE):
+        clause = numbers[start : start + CLAUSE]
+        clauses.append((*clause[:STATUS], *clause[THING:]))
+    return numbers[JOIN], numbers[LEFT], numbers[FLAGS] & IN_ORDER_STRICTLY, tuple(clauses)
 
 
 @lru_cache(maxsize=4096)

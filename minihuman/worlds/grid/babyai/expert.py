@@ -6,9 +6,10 @@ was found. If a search takes too many states, objects on the path of the distanc
 one.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 from minihuman.worlds.grid.babyai import encoding
 from minihuman.worlds.grid.babyai.clause_search import (
     NOTHING,
+    Sorts,
     codes_of,
     distance_heuristic,
     find_locks,
@@ -38,9 +40,9 @@ SPARED = 1 << 30  # a meaning that keeps a box from being opened
 
 
 def clear_way(row: Row, clause: int) -> list[int] | None:
-    """Move the objects that block a clause out of the way, in the row; return the actions.
+    """Move the objects that block a clause out of the way; return the actions, or None if one cannot be moved.
 
-    Return None if an object cannot be moved.
+    The row is set to the state after these actions.
     """
     if block(row)[encoding.CLAUSES + clause * encoding.CLAUSE + encoding.STRICT]:
         return None
@@ -81,6 +83,25 @@ def _do(row: Row, actions: list[int]) -> bool:
     return True
 
 
+class _Node(NamedTuple):
+    """A state of the simplified world of the distance heuristic.
+
+    ``unlocked`` has a bit for each lock, and ``hand`` is the class of the carried object.
+    """
+
+    unlocked: int
+    hand: int
+    x: int
+    y: int
+    direction: int
+
+    @property
+    def cell_ahead(self) -> tuple[int, int]:
+        """The column and row of the cell ahead."""
+        columns, rows = STEPS[self.direction]
+        return self.x + columns, self.y + rows
+
+
 def _way(row: Row, clause: int) -> list[int] | None:
     """Return the cells on the path of the distance heuristic, free or not, including the cell for putting down."""
     codes = codes_of(row)
@@ -88,46 +109,47 @@ def _way(row: Row, clause: int) -> list[int] | None:
     sorts = sort_things(row, clause, codes, locks)
     table = distance_heuristic(row, clause, codes, locks, sorts, True)
     state = State(row)
-    inside = state.contents.tolist()
+
+    def distance(node: _Node) -> int:
+        return int(table[node.unlocked, node.hand, (node.x * state.height + node.y) * 4 + node.direction])
+
     lock_at = {state.find(int(identity)): lock for lock, (identity, _) in enumerate(locks)}
     carried = identities_of(row[CARRYING])
-    unlocked = 0
     hand = int(sorts[carried - 1]) if carried else NOTHING
-    x, y = state.position
-    direction = state.direction
+    node = _Node(0, hand, *state.position, state.direction)
     cells: list[int] = []
-    while table[unlocked, hand, (x * state.height + y) * 4 + direction] < FAR:
-        node = (unlocked, hand, x, y, direction)
-        ahead = x + STEPS[direction][0], y + STEPS[direction][1]
-        after = [(unlocked, hand, x, y, (direction + turn) % 4) for turn in (1, 3)]
-        if 0 <= ahead[0] < state.width and 0 <= ahead[1] < state.height:
-            code = int(state.cells[ahead])
-            lock = lock_at.get(ahead, -1)
-            if kinds_of(code) not in (WALL, LAVA) and (lock < 0 or unlocked >> lock & 1):
-                after.append((unlocked, hand, *ahead, direction))
-            if lock >= 0:
-                after.append((unlocked | 1 << lock, hand, x, y, direction))
-            if hand == NOTHING and identities_of(code) > 0 and kinds_of(code) != DOOR:
-                within = identities_of(inside[identities_of(code) - 1])
-                after += [
-                    (unlocked, int(sorts[identity - 1]), x, y, direction)
-                    for identity in (identities_of(code), within)
-                    if identity
-                ]
-        if hand != NOTHING:
-            after.append((unlocked, NOTHING, x, y, direction))
-
-        def value(at: tuple[int, ...]) -> int:
-            return int(table[at[0], at[1], (at[2] * state.height + at[3]) * 4 + at[4]])
-
-        best = min(after, key=value)
-        if value(best) >= value(node):
-            cells.append(ahead[0] * state.height + ahead[1])
+    while distance(node) < FAR:
+        nearest = min(_successors(node, state, sorts, lock_at), key=distance)
+        if distance(nearest) >= distance(node):
+            x, y = node.cell_ahead  # where the last action of the clause takes effect
+            cells.append(x * state.height + y)
             return list(dict.fromkeys(cells))
-        if best[2:4] != (x, y):
-            cells.append(best[2] * state.height + best[3])
-        unlocked, hand, x, y, direction = best
+        if (nearest.x, nearest.y) != (node.x, node.y):
+            cells.append(nearest.x * state.height + nearest.y)
+        node = nearest
     return None
+
+
+def _successors(node: _Node, state: State, sorts: Sorts, lock_at: Mapping[tuple[int, int] | None, int]) -> list[_Node]:
+    """Return the states of the simplified world that one action reaches."""
+    successors = [node._replace(direction=(node.direction + turn) % 4) for turn in (1, 3)]
+    x, y = node.cell_ahead
+    if 0 <= x < state.width and 0 <= y < state.height:
+        code = int(state.cells[x, y])
+        lock = lock_at.get((x, y), -1)
+        if kinds_of(code) not in (WALL, LAVA) and (lock < 0 or node.unlocked >> lock & 1):
+            successors.append(node._replace(x=x, y=y))
+        if lock >= 0:
+            successors.append(node._replace(unlocked=node.unlocked | 1 << lock))
+        if node.hand == NOTHING and identities_of(code) > 0 and kinds_of(code) != DOOR:
+            identity = identities_of(code)
+            contents_identity = identities_of(int(state.contents[identity - 1]))
+            successors.append(node._replace(hand=int(sorts[identity - 1])))
+            if contents_identity:
+                successors.append(node._replace(hand=int(sorts[contents_identity - 1])))
+    if node.hand != NOTHING:
+        successors.append(node._replace(hand=NOTHING))
+    return successors
 
 
 def do_to(row: Row, verb: int, identity: int) -> list[int] | None:
@@ -136,22 +158,24 @@ def do_to(row: Row, verb: int, identity: int) -> list[int] | None:
     numbers = block(trial)
     numbers[encoding.CLAUSES + encoding.VERB] = verb
     numbers[encoding.CLAUSES + encoding.STRICT] = 0
-    meant = described_objects(trial)
-    meant[:] = np.where(meant > 0, SPARED, 0)
-    meant[identity - 1] = SPARED | 1
+    description_bits = described_objects(trial)
+    description_bits[:] = np.where(description_bits > 0, SPARED, 0)
+    description_bits[identity - 1] = SPARED | 1
     codes = codes_of(trial)
     locks = find_locks(trial)
     sorts = sort_things(trial, 0, codes, locks)
-    outcome, actions = search_clause(
-        trial, 0, distance_heuristic(trial, 0, codes, locks, sorts, True), locks, sorts, 2, LIMIT
-    )
+    table = distance_heuristic(trial, 0, codes, locks, sorts, True)
+    outcome, actions = search_clause(trial, 0, table, locks, sorts, 2, LIMIT)
     if outcome == FOUND:
         return [int(action) for action in actions]
     return None
 
 
 def put_down(row: Row, way: list[int]) -> list[int] | None:
-    """Return the actions that put down what the agent carries, if possible off the path and not next to a door."""
+    """Return the actions that put down what the agent carries, off the path and, if possible, not next to a door.
+
+    The list is empty if the agent carries nothing, and the result is None if there is no place to put the object.
+    """
     if row[CARRYING] == EMPTY:
         return []
     for barred in (_barred(row, way, doors=True), _barred(row, way, doors=False)):
@@ -275,9 +299,9 @@ def _orders(row: Row) -> Iterator[tuple[int, ...]]:
 
 
 def _in_order(row: Row, order: tuple[int, ...]) -> tuple[tuple[int, ...] | None, bool, int | None]:
-    """Carry out clauses one after the other in the row.
+    """Plan clauses one after the other, and set the row to the state after them.
 
-    Return the actions, whether a failure was certain, and the lower bound of the first clause.
+    Return the actions, whether it is certain that none exist, and a lower bound on the actions for the first clause.
     """
     actions_made: list[int] = []
     bound: int | None = None
@@ -315,11 +339,8 @@ def _clause(row: Row, clause: int) -> tuple[tuple[int, ...] | None, bool, int | 
         return _after_dropping(row, clause)
     if at_least >= FAR:
         return None, True, None
-    if (
-        block(row)[encoding.CLAUSES + clause * encoding.CLAUSE + encoding.HELD] == 0
-        and row[CARRYING] != EMPTY
-        and at_least <= 1
-    ):
+    judged_hand = block(row)[encoding.CLAUSES + clause * encoding.CLAUSE + encoding.HELD]
+    if judged_hand == 0 and row[CARRYING] != EMPTY and at_least <= 1:
         first = [PICKUP]  # does nothing: what is in hand from the start counts as put down from the second step on
     outcome, actions = search_clause(row, clause, table, locks, sorts, 1, EXACT)
     if outcome == FOUND:

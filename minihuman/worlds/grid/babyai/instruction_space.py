@@ -64,7 +64,7 @@ class InstructionSpace(Sentences):
         return sentence_of(row)
 
     def first(self) -> str:
-        """Return a fixed sentence of this space, which is the mission of a world before its first reset."""
+        """Return the fixed sentence that is a world's mission before its first reset."""
         return str(self._clause(VERBS[self.verbs[0]], ObjectDescription("door" if self.verbs[0] == "open" else "ball")))
 
     def contains(self, x: Any) -> bool:

@@ -144,7 +144,7 @@ def new_objects(
 ) -> None:
     """Put ``count`` random objects into a room, or each into a random room.
 
-    With ``unlike``, each differs in kind or colour from all objects that lie there already.
+    With ``unlike``, each new object differs in kind or colour from every object that lies in a cell.
     """
     lines = len(plan) // columns
     left = count
@@ -271,7 +271,7 @@ def all_in_reach(row: Row) -> bool:
 
 @device_function()
 def draw_door_of(row: Row, rng_state: RngState, plan: Plan, columns: int) -> int:
-    """Draw one of all doors, each counted once for either of its rooms; return its identity."""
+    """Draw a door from a list that has each door twice, once for each of its rooms; return its identity."""
     lines = len(plan) // columns
     pick = -1
     count = 0
@@ -368,7 +368,7 @@ _KINDS = (BOX, BALL, KEY, DOOR)  # what is described; the first three can be car
 
 @inline
 def one_of_list(rng_state: RngState, packed: int) -> int:
-    """Draw from a packed list of small numbers: its length is in the lowest four bits, then each has four bits."""
+    """Draw from a packed list: the lowest four bits contain its length, and every four bits after them a number."""
     return packed >> 4 + 4 * integer(rng_state, 0, packed & 15) & 15
 
 
@@ -384,7 +384,7 @@ def describe(
     columns: int,
     size: int,
 ) -> None:
-    """Draw a description that matches an object: of one of the first ``kinds`` kinds, or of a door for 0."""
+    """Draw a description of an object of one of the first ``kinds`` kinds, or of a door if that is 0."""
     for _ in range(DESCRIBE_TRIES):
         colour_number = integer(rng_state, 0, 7)
         if colour_number == 0:
@@ -418,7 +418,7 @@ def describe(
 
 @device_function()
 def kinds_described(verb: int) -> int:
-    """Return how many kinds, counted from the first, the object of a verb may have; 0 for a door."""
+    """Return the number of kinds, counted from the first, among which a verb's object is drawn; 0 for a door."""
     if verb == GO_TO:
         return 4
     if verb == OPEN:

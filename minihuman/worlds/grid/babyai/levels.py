@@ -1,4 +1,4 @@
-"""The levels of BabyAI: going to objects, opening and unlocking doors, picking up and putting next to, whole language.
+"""The levels of BabyAI: going to objects, opening doors, picking objects up, moving them, and the whole language.
 
 Options are named as Minigrid names them. `LEVELS` has each level by the name of its function. Importing this module
 compiles what all levels have in common.

@@ -48,9 +48,9 @@ def terrain_index(row: Row) -> int:
 
 @inline
 def soup(onions: int, tomatoes: int, clock: int) -> int:
-    """Return the number that encodes a soup.
+    """Return the number that encodes a soup of some onions and tomatoes.
 
-    Its clock is -1 before it cooks, then the number of steps it has cooked.
+    The clock is -1 before the soup cooks, and afterwards the number of steps for which it has cooked.
     """
     return SOUP | onions << 3 | tomatoes << 5 | clock + 1 << 7
 
@@ -146,7 +146,7 @@ def use_pot(row: Row, at: int, thing_at: int) -> float:
 
 @device_function()
 def lacks_dishes(row: Row, active_pots: int) -> bool:
-    """Return whether more pots are active than cooks hold dishes, and no dish lies on a counter."""
+    """Return whether there are more active pots than cooks with a dish, and no dish lies on a counter."""
     cells = row[WIDTH] * row[HEIGHT]
     terrains = terrain_index(row)
     dishes = 0

@@ -85,7 +85,7 @@ def _judge_stand_by(row: Row, action: int, reward: float, ended: bool) -> tuple[
 
 @device_function()
 def _judge_match(row: Row, reward: float, ended: bool) -> tuple[float, bool]:
-    """Return the reward and whether the episode ends, where the task is to go to the matching one of two objects."""
+    """Return the reward and whether the episode ends, if the task is to go to the one of two objects that matches."""
     if row[X] == row[TARGET] and row[Y] == row[TARGET + 1]:
         return success_reward(row), True
     if row[X] == row[TARGET + 2] and row[Y] == row[TARGET + 3]:

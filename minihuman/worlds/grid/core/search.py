@@ -122,7 +122,7 @@ def distances(row: Row, sources: NDArray[np.int64], through: bool) -> NDArray[np
 
 @device_function()
 def stands(row: Row, code: int, through: bool) -> bool:
-    """Return whether an agent that has not succeeded yet can be in a cell."""
+    """Return whether the agent can stand in a cell without ending the episode."""
     kind = kind_of(code)
     if kind == WALL or kind == LAVA or kind == GOAL:
         return False
@@ -131,7 +131,7 @@ def stands(row: Row, code: int, through: bool) -> bool:
 
 @device_function()
 def stands_or_ends(row: Row, code: int, through: bool) -> bool:
-    """Return whether a step into a cell is possible and not a failure."""
+    """Return whether the agent can step into a cell without failing; the step may end the episode with success."""
     return kind_of(code) == GOAL or stands(row, code, through)
 
 
@@ -185,7 +185,7 @@ def open_frontier(row: Row, limit: int, estimate: int) -> Frontier:
 
 @device_function(force_inline=True)
 def pop(frontier: Frontier) -> int:
-    """Remove a node with the lowest estimate, the newest of those, and return it; return -1 if none is left."""
+    """Remove and return the newest of the nodes with the lowest estimate; return -1 if none is left."""
     bucket = frontier.bucket
     estimate = frontier.counters[_ESTIMATE]
     while estimate < len(bucket):
@@ -393,7 +393,7 @@ def load(row: Row, node: NDArray[np.int32], codes: NDArray[np.int64]) -> None:
 
 @device_function()
 def slot(nodes: NDArray[np.int32], table: NDArray[np.int32], node: int) -> int:
-    """Return the place in the table of a node equal to this one, or the free place for this one."""
+    """Return the index in the hash table of a node with the same content, or of the free place for this node."""
     key = 17
     for number in nodes[node]:
         key = (key * 1000003 ^ int(number)) & 0x7FFFFFFFFFFF

@@ -94,9 +94,9 @@ def see_usual(ops: Any, row: Row, image: NDArray[np.uint8]) -> None:
 
 @simd_function(counts=True)
 def look_usual(ops: Any, row: Row, image: NDArray[np.uint8]) -> Any:
-    """Do the first third of `see_usual`, for many worlds.
+    """Write the codes of the cells in view into an image; return a bit for each cell that is transparent.
 
-    Write the codes of the cells into the image, and return which cells are transparent.
+    This is the first of the three stages of `see_usual`, for batches.
     """
     columns, clear = look_ahead(ops, row)
     for number, codes in enumerate(columns):
@@ -106,22 +106,22 @@ def look_usual(ops: Any, row: Row, image: NDArray[np.uint8]) -> Any:
 
 @simd_function()
 def spread_usual(ops: Any, boards: NDArray[np.int64], first: Any) -> None:
-    """Do the second third of `see_usual`, for `TOGETHER` neighbouring worlds.
+    """Replace the bits of the transparent cells by those of the cells that are seen, for `TOGETHER` worlds at once.
 
-    Replace the cells that are transparent by those that are seen.
+    This is the second of the three stages of `see_usual`, for batches.
     """
     ops.store(boards, first, spread_sight(ops.load(boards, first, TOGETHER)))
 
 
 @simd_function()
 def show_usual(ops: Any, image: NDArray[np.uint8], boards: NDArray[np.int64], at: Any) -> None:
-    """Do the last third of `see_usual`: turn the codes that were written into the image into the view."""
+    """Turn the codes in an image into the view; the last of the three stages of `see_usual`, for batches."""
     columns = [ops.view(ops.load(image, 32 * number, 32), "uint16") for number in range(len(PAIRS))]
     write_view(ops, image, columns, ops.number(boards, at))
 
 
 def look_ahead(ops: Any, row: Row) -> tuple[list[Any], Any]:
-    """Return the columns `PAIRS` of a view, and its transparent cells as a number with a byte for each row of the view.
+    """Return the codes in a view by pairs of columns, and its transparent cells as a number with a byte per row.
 
     The cells are loaded column by column of the grid, transposed where the agent faces left or right.
     """

@@ -317,7 +317,7 @@ def obstructed_pair(row: Row, rng_state: RngState, boxed: int, blocked: int) -> 
 def obstructed_maze(
     row: Row, rng_state: RngState, start_room: int, boxed: int, blocked: int, quarters: int, keys_last: int
 ) -> None:
-    """Lay out nine rooms with a blue ball in a corner, and locked doors to the corners of the first ``quarters`` sides.
+    """Lay out nine rooms with a blue ball in a corner room; ``quarters`` sides have locked doors to their corners.
 
     With ``keys_last`` (version 1 of the worlds), the keys of a side are placed after its doors and balls, so that no
     ball is put on a key.

@@ -1,4 +1,4 @@
-"""What the rules of a world of one's own may do with its grid beside reading it: draw, put, remove and move.
+"""The ways in which a user's own rules can change a grid: draw random numbers; put, remove and move objects.
 
 Translated rules do the same in compiled code (`runtime`).
 """
@@ -16,7 +16,7 @@ from minihuman.worlds.grid.object_kinds import Item
 
 
 class OwnRules:
-    """Mixin with what `reward_and_done` may do to a grid, for worlds with one body or several."""
+    """Mixin with the methods by which `reward_and_done` changes a grid, for worlds with one body or several."""
 
     bodies: int = 1
     kinds: ClassVar[Any]
@@ -48,7 +48,7 @@ class OwnRules:
     def move(self, identity: int, x: int, y: int) -> bool:
         """Move an object into an empty cell in which no body stands; return whether it was moved.
 
-        An object that lies in no cell, as it is carried, in a box or gone, is not moved.
+        An object that lies in no cell, because it is carried, in a box or gone, is not moved.
         """
         row = self._row
         if not 1 <= identity <= row[fields.OBJECTS] or not self._is_inside(x, y) or self._is_body_at(x, y):

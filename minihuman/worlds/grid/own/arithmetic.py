@@ -18,7 +18,7 @@ from minihuman.worlds.grid.own.numba_forms import fail, fail_if, is_number, is_w
 
 
 def _checked(name: str, real: str) -> Any:
-    """Return an intrinsic of two numbers: whole ones checked for overflow, others as floats."""
+    """Return an intrinsic for an operation on two numbers, with an overflow check if both are whole numbers."""
 
     @intrinsic
     def operate(typing_context, c, place, a, b):
@@ -202,7 +202,7 @@ def real(c, place, a):
 
 @overloaded
 def declared_whole(c, place, a):
-    """Return a number that is assigned to a field of whole numbers, which takes no float."""
+    """Return a number that is assigned to a field of whole numbers; a float does not compile."""
     if is_whole(a):
         return lambda c, place, a: np.int64(a)
     raise numba.core.errors.TypingError("a field of whole numbers cannot be set to a float; use int(...) or Float")
@@ -210,7 +210,7 @@ def declared_whole(c, place, a):
 
 @overloaded
 def is_in(c, place, a, options):
-    """Return whether a number is one of a tuple's."""
+    """Return whether a tuple contains a number."""
     if isinstance(options, types.BaseTuple) and len(options) == 0:
         return lambda c, place, a, options: False
 

@@ -1,4 +1,4 @@
-"""OwnBatch: many worlds of a class of one's own, whose rules are compiled, as a Gymnasium vector environment.
+"""OwnBatch: a Gymnasium vector environment of many worlds of a user's own class, whose rules are compiled.
 
 A step is three passes over all worlds: the grid's own rules, the author's compiled rules, and the views. Each world of
 a batch behaves as it would alone. Worlds whose rules are not translated are stepped one after the other.
@@ -46,14 +46,14 @@ def make_batch(
     options_per_world: list[dict[str, Any]] | None = None,
     **options: Any,
 ) -> Any:
-    """Return a batch of worlds of a class: compiled where its rules can be translated, else one world after the other.
+    """Make a batch of worlds of a class: compiled if the rules can be translated, otherwise stepped one by one.
 
     Args:
         world_class: the class.
         num_envs: the number of worlds.
         autoreset_mode: Gymnasium's name for the behaviour after an episode's end.
-        options_per_world: for each world, options of its own beside ``options``; spaces must stay equal.
-        options: the options of every world.
+        options_per_world: further options for each world, which must not change its spaces; None for none.
+        options: the options that all worlds share.
     """
     per_world = options_per_world or [{}] * num_envs
     if num_envs < 1 or len(per_world) != num_envs:
@@ -83,11 +83,11 @@ class OwnBatch(gymnasium.vector.VectorEnv[dict[str, Any], NDArray[np.int64], NDA
     """A batch of worlds of one class, stepped together in compiled code.
 
     Args:
-        worlds: one per world of the batch, as it was made; equal ones may be the same. Their rules are compiled.
+        worlds: newly made worlds, one for each world of the batch; the same object may stand for several equal ones.
         autoreset_mode: Gymnasium's name for the behaviour after an episode's end: "NextStep", "SameStep" or "Disabled".
 
     Raises:
-        TranslationError: if the rules of some worlds are translated differently, as other attributes are part of them.
+        TranslationError: if the translated rules differ between worlds, because different attributes are part of them.
         WorldError: if the worlds differ in their sizes or spaces.
     """
 
@@ -202,7 +202,8 @@ class OwnBatch(gymnasium.vector.VectorEnv[dict[str, Any], NDArray[np.int64], NDA
         Raises:
             WorldError: if there is not one valid action per world, before `reset`, and, with autoreset disabled, after
                 an episode's end. No world is changed then.
-            Exception: what the rules raise; the message names the line and the world. Reset the batch then.
+            Exception: if the rules raise an error; the message names the line and the world. The batch must then be
+                reset.
         """
         action_array = np.asarray(actions)
         if action_array.shape != (self.num_envs,) or action_array.dtype.kind not in "iu":
@@ -280,7 +281,7 @@ class OwnBatch(gymnasium.vector.VectorEnv[dict[str, Any], NDArray[np.int64], NDA
         return observation
 
     def _observed(self, name: str) -> NDArray[Any]:
-        """Return a declared field of all worlds."""
+        """Return the observations of a declared field, one row for each world."""
         field = field_named(type(self._world), name)
         places = self._own[:, field.offset : field.offset + field.size]
         if isinstance(field, Bool):
@@ -313,7 +314,7 @@ class OwnBatch(gymnasium.vector.VectorEnv[dict[str, Any], NDArray[np.int64], NDA
             self._own[i] = own_numbers(world)
 
     def is_readable(self, name: str) -> bool:
-        """Return whether `get_attr` supports an attribute: named ones, and declared fields."""
+        """Return whether `get_attr` supports an attribute: one that batches list, or a declared field."""
         return name in self.readable or any(field.name == name for field in self._world.own_fields)
 
     def save(self) -> OwnBatchSnapshot:

@@ -1,4 +1,4 @@
-"""Python's own functions in an author's rules: `range`, `any` over a generator, `tuple`, and such."""
+"""Python's built-in functions in an author's rules: `range`, `any` over a generator, `tuple`, and the like."""
 
 import ast
 from typing import Any
@@ -12,7 +12,7 @@ _CHECKED = {abs: "absolute", int: "whole", float: "real", round: "rounded"}
 
 
 class Calls(LayoutCalls):
-    """The translation of calls of Python's own functions, and of generators and lambdas."""
+    """The translation of calls of Python's built-in functions, and of generators and lambdas."""
 
     def _constant_call(self, node: ast.Call, callee: Any) -> str:
         try:
@@ -71,7 +71,7 @@ class Calls(LayoutCalls):
         return self.expression(argument)
 
     def _unrolled(self, node: ast.Call, generator: ast.GeneratorExp | ast.ListComp) -> str:
-        """Return a tuple of a generator over a constant, element by element."""
+        """Return the tuple that a generator over a constant yields, with each element translated separately."""
         clause = generator.generators[0]
         values = self._known_values(clause.iter)
         simple = len(generator.generators) == 1 and not clause.ifs and isinstance(clause.target, ast.Name)

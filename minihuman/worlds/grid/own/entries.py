@@ -1,7 +1,7 @@
 """The two functions of translated source that Python calls, and the table of addresses that both read.
 
-The table is int64: addresses of arrays, lengths and numbers, in the places that this module names; at the end, a fault.
-Numbers of all worlds of a batch lie in matrices, one row each.
+The table is int64. It contains addresses of arrays, lengths and numbers at the indices that this module names, and ends
+with the record of a fault. The numbers of a batch's worlds are in matrices with a row for each world.
 """
 
 from collections.abc import Mapping
@@ -95,10 +95,10 @@ def write_entries(
 
     Args:
         layout: the name of the translated layout.
-        rule: the name of the translated `reward_and_done`.
-        bodies: how many bodies there are.
-        is_team: whether rules take actions and rewards of every body.
-        lengths: how many numbers a world has of its own, of settings, of its mission, and of scratch memory.
+        rule: the name of the translated `reward_and_done`; None without one.
+        bodies: the number of bodies.
+        is_team: whether the rules take an action and return a reward for each body.
+        lengths: the numbers of elements in a world's declared fields, settings, mission and scratch memory.
     """
     places = {name: number for name, number in globals().items() if name.isupper() and isinstance(number, int)}
     context = _CONTEXT.format(**places, **lengths)

@@ -1,4 +1,4 @@
-"""Errors in translated rules: what compiled code records, and the exception that Python would have raised."""
+"""Errors in translated rules: the record that compiled code makes, and the exception that Python would have raised."""
 
 from minihuman.errors import WorldError
 
@@ -35,10 +35,10 @@ def error_of(kind: int, first: int, second: int, place: str) -> Exception:
     """Return the exception for a recorded fault.
 
     Args:
-        kind: the kind of error.
-        first: the first number that it is about.
-        second: the second.
-        place: the file and line of the author's source.
+        kind: the number of the kind of error.
+        first: the first number that the message mentions.
+        second: the second number that the message mentions.
+        place: the file and line in the author's source.
     """
     error, message = _MESSAGES.get(kind, (WorldError, "the compiled rules failed"))
     return error(f"{place}: {message.format(first, second)}")

@@ -1,11 +1,11 @@
-"""Fields that a grid world of one's own declares: numbers that change in an episode, beside the grid itself.
+"""Fields that a user's own grid world declares: numbers that change during an episode, in addition to the grid.
 
     class Patrol(GridWorld):
         coins = Int()
         guards = IntArray(3)
 
-Each episode begins with all of them at 0. They are saved, restored and hashed with the world. All fields of a world are
-one vector of int64, of which compiled rules work on the same memory; a `Float` lies there with its own bits.
+At the beginning of an episode, all fields are 0. They are saved, restored and hashed with the world. The fields of a
+world share one vector of int64, which compiled rules read and write directly; it contains the bits of a `Float`.
 """
 
 from collections.abc import Sequence
@@ -22,10 +22,10 @@ OwnNumbers = NDArray[np.int64]
 
 
 class OwnField:
-    """A declared field: where it lies in the vector, and how Python reads and writes it.
+    """A declared field, which reads and writes its part of the world's vector.
 
     Args:
-        size: the number of places in the vector.
+        size: the number of elements of the vector that the field occupies.
     """
 
     dtype: ClassVar[type[np.generic]] = np.int64
@@ -47,7 +47,7 @@ class OwnField:
         self.write(own_numbers(world), content)
 
     def read(self, numbers: OwnNumbers) -> Any:
-        """Return the field as Python's number, tuple or array."""
+        """Return the field's content as a Python number, a tuple or an array."""
         raise NotImplementedError
 
     def write(self, numbers: OwnNumbers, content: Any) -> None:
@@ -55,7 +55,7 @@ class OwnField:
         raise NotImplementedError
 
     def places(self, numbers: OwnNumbers) -> NDArray[Any]:
-        """Return the field's places of the vector, as a view with the field's dtype."""
+        """Return the field's part of the vector as a view with the field's dtype."""
         return numbers[self.offset : self.offset + self.size].view(self.dtype)
 
 
@@ -67,7 +67,12 @@ class Int(OwnField):
         return int(numbers[self.offset])
 
     def write(self, numbers: OwnNumbers, content: Any) -> None:
-        """Set the number; raise TypeError if it is not whole, OverflowError if it has over 64 bits."""
+        """Set the number.
+
+        Raises:
+            TypeError: if it is not a whole number.
+            OverflowError: if it does not fit into 64 bits.
+        """
         numbers[self.offset] = index(content)
 
 
@@ -75,11 +80,11 @@ class Bool(OwnField):
     """True or False."""
 
     def read(self, numbers: OwnNumbers) -> bool:
-        """Return the truth content."""
+        """Return whether the field is True."""
         return bool(numbers[self.offset])
 
     def write(self, numbers: OwnNumbers, content: Any) -> None:
-        """Set the truth content."""
+        """Set the field to True or False."""
         numbers[self.offset] = bool(content)
 
 
@@ -98,10 +103,10 @@ class Float(OwnField):
 
 
 class IntTuple(OwnField):
-    """A fixed number of whole numbers, set and read together as a tuple, such as a place.
+    """A tuple of a fixed number of whole numbers, such as a place, which is read and set as a whole.
 
     Args:
-        length: how many numbers.
+        length: the number of elements.
     """
 
     def __init__(self, length: int) -> None:
@@ -112,7 +117,7 @@ class IntTuple(OwnField):
         return tuple(numbers[self.offset : self.offset + self.size].tolist())
 
     def write(self, numbers: OwnNumbers, content: Any) -> None:
-        """Set all numbers; raise ValueError if there are more or fewer."""
+        """Set all numbers; raise ValueError if their count differs from the tuple's length."""
         values = tuple(content)
         if len(values) != self.size:
             raise ValueError(f"{self.name} takes {self.size} numbers, not {len(values)}")
@@ -123,7 +128,7 @@ class _Array(OwnField):
     """An array whose shape never changes.
 
     Args:
-        shape: one or two lengths.
+        shape: the array's length, or its two lengths.
     """
 
     def __init__(self, *shape: int) -> None:
@@ -161,7 +166,7 @@ def _check_length(name: str, length: Any) -> int:
 
 
 def declare_fields(world_class: Any) -> None:
-    """Give each field of a class its places, and add the fields to what the class keeps.
+    """Assign places in the vector to the fields of a class, and have the class save the fields with its state.
 
     Raises:
         WorldError: if two base classes both declare fields, or there are too many numbers.
@@ -187,7 +192,7 @@ def declare_fields(world_class: Any) -> None:
 
 
 def numbers_length(world_class: Any) -> int:
-    """Return how many numbers the fields of a class have together."""
+    """Return the length of the vector that holds all fields of a class."""
     return sum(field.size for field in world_class.own_fields)
 
 
@@ -215,7 +220,7 @@ def field_named(world_class: Any, name: str) -> OwnField:
 
 
 def observed_space(world: Any, name: str) -> spaces.Space[Any]:
-    """Return the observation space of a declared field: as many numbers of its dtype as it has."""
+    """Return the observation space of a declared field, a Box of the field's shape and dtype."""
     field = field_named(type(world), name)
     shape = np.shape(field.read(own_numbers(world)))
     if isinstance(field, Bool):
@@ -227,7 +232,7 @@ def observed_space(world: Any, name: str) -> spaces.Space[Any]:
 
 
 def observed_number(world: Any, name: str) -> Any:
-    """Return what an observation has of a declared field: a copy, of its space's shape and dtype."""
+    """Return the observation of a declared field: a copy of its content in the shape and dtype of its space."""
     field = field_named(type(world), name)
     places = field.places(own_numbers(world))
     if isinstance(field, Bool):

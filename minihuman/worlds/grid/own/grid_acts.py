@@ -61,7 +61,7 @@ def height(c):
 
 @njit
 def code_at(c, x, y):
-    """Return the code in a cell; outside the grid are walls."""
+    """Return the code in a cell. All cells outside the grid are walls."""
     return np.int64(cell_code(row(c), x, y))
 
 
@@ -84,7 +84,7 @@ def find(c, place, identity):
 
 @njit
 def body_start(c, bodies, body):
-    """Return where a body's column, row, direction and hand are in the row."""
+    """Return the index in the row of a body's column; its row, direction and carried object follow."""
     return np.int64(2) if body == 0 else row(c).shape[0] - BLOCK * (bodies - body)
 
 
@@ -251,7 +251,7 @@ def colour_number(c, place, colour, numbers):
 
 @overloaded
 def text_part(c, place, nth, part):
-    """Record what fills a placeholder of the mission: a text, or a whole number."""
+    """Record the text or whole number that fills a placeholder of the mission."""
     if isinstance(part, types.UniTuple) and len(part) == 1:
 
         def record_text(c, place, nth, part):
@@ -271,7 +271,7 @@ def text_part(c, place, nth, part):
 
 @njit
 def set_task(c, nth, number):
-    """Set the task's number, or one of what it is about."""
+    """Set the number of the task, or one of the task's parameters."""
     row(c)[12 + nth] = number
 
 
@@ -294,7 +294,7 @@ def move_to_cell(c, place, identity, cell):
 
 @njit
 def draw_once(c, place, top, size):
-    """Draw a cell in which nothing lies and the first body does not stand."""
+    """Draw an empty cell of a rectangle in which the first body does not stand."""
     x, y = draw_place(row(c), rng_state(c), top[0], top[1], size[0], size[1], 1 << 30)
     if x < 0:
         row(c)[23] = 0

@@ -1,7 +1,7 @@
 """Compiled rules on disk and in memory: object files in the user's cache, loaded through llvmlite and without Numba.
 
-A file is named by the digest of all that it was made of. What does not agree with its own digest, or is not the
-user's own, counts as missing.
+A file is named by the digest of everything from which it was made. A file that does not match the digest in it, or that
+does not belong to the user, is treated as missing.
 """
 
 import ctypes
@@ -85,7 +85,7 @@ _LIBRARIES: dict[str, RulesLibrary] = {}
 
 
 def find_library(text: str, *, has_steps: bool) -> RulesLibrary | None:
-    """Return the compiled form of translated source if it is in memory or in the user's cache."""
+    """Return the compiled form of translated source from memory or the user's cache; None if it is in neither."""
     if not can_load():
         return None
     key = _name_entry(text)
@@ -98,7 +98,7 @@ def find_library(text: str, *, has_steps: bool) -> RulesLibrary | None:
 
 
 def compile_library(text: str, *, has_steps: bool) -> RulesLibrary:
-    """Return the compiled form of translated source, which is compiled if it is not in the cache.
+    """Return the compiled form of translated source, compiling it if it is not in the cache.
 
     Raises:
         TranslationError: if it does not compile; the message begins with ``LINE`` and the line of the source.
@@ -135,7 +135,7 @@ def _sources_digest() -> str:
 
 
 def cache_folder() -> Path | None:
-    """Return the folder of the user's compiled rules; None where it is switched off, or the user has no home."""
+    """Return the folder of the user's compiled rules; None if the cache is switched off or there is no home folder."""
     override = os.environ.get(CACHE_VARIABLE)
     if override is not None:
         return Path(override).absolute() if override else None
@@ -189,7 +189,7 @@ def _write_cached(key: str, code: bytes) -> None:
 
 
 def _is_private(path: Path) -> bool:
-    """Return whether a file or folder is the user's own, no link, and writable by no other: its code will run."""
+    """Return whether a file or folder is safe to run code from: the user's own, not a link, writable by no one else."""
     try:
         status = path.lstat()
     except OSError:

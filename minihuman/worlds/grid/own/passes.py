@@ -1,4 +1,4 @@
-"""The passes over a batch before the rules of its own worlds: what the grid itself does with each action."""
+"""The passes over a batch of a user's own worlds that apply the grid's rules before the user's rules."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,13 +24,13 @@ def act_many(
     stepped: NDArray[np.bool_],
     skips_ended: bool,
 ) -> int:
-    """Apply one action in each world, without observations and without rules of their own.
+    """Apply one action in each world by the grid's rules alone, without observations.
 
     With ``skips_ended``, a world whose episode has ended is not stepped.
 
     Returns:
-        0, or, where a world refuses its action or must not be stepped now, the complement (~) of the index of the first
-            such world. No world is stepped then.
+        0; or the complement (~) of the index of the first world that refuses its action or is not in an episode. In
+            that case no world is stepped.
     """
     for i in range(len(rows)):
         phase = rows[i, PHASE]

@@ -1,6 +1,6 @@
-"""All that translated rules call, in one module, as which they know it.
+"""The functions that translated rules call, collected in one module, which they know as ``rt``.
 
-Only the process that compiles rules imports it.
+Only the process that compiles rules imports this module.
 """
 # mypy: ignore-errors
 

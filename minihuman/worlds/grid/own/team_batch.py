@@ -1,6 +1,6 @@
-"""OwnTeamBatch: many team grids of one class of one's own, whose rules are compiled.
+"""OwnTeamBatch: a batch of team grids of a user's own class, whose rules are compiled.
 
-Seeds, observations, rewards and ends are those of `TeamBatch`, which steps one world after the other.
+It has the same seeds, observations, rewards and ends as `TeamBatch`, which steps one world after the other.
 """
 
 import logging
@@ -25,7 +25,7 @@ LOG = logging.getLogger("minihuman")
 
 
 def make_team_batch(world: Any, num_worlds: int) -> TeamBatch:
-    """Return a batch of copies of a team grid: compiled where its rules can be translated."""
+    """Return a batch of copies of a team grid, compiled if its rules can be translated."""
     if type(world).is_translated and not type(world).__module__.startswith("minihuman."):
         try:
             compile_rules(world)
@@ -39,7 +39,7 @@ class OwnTeamBatch(TeamBatch):
     """A batch of team grids that are stepped together in compiled code.
 
     Args:
-        world: the world, of which the batch takes sizes and settings. Its rules are compiled.
+        world: the world from which the batch takes its sizes, settings and rules.
         num_worlds: the number of worlds.
     """
 
@@ -120,7 +120,7 @@ class OwnTeamBatch(TeamBatch):
 
     @staticmethod
     def _sums(rewards: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return what all bodies earn together, added from the first to the last as `TeamGrid.step` does."""
+        """Return the total reward of all bodies, added from the first to the last, as `TeamGrid.step` does."""
         total = np.zeros(len(rewards))
         for body in range(rewards.shape[1]):
             total += rewards[:, body]

@@ -125,7 +125,7 @@ Colour = tuple[float, float, float]
 
 
 def shade(colour: RGB, amount: float) -> Colour:
-    """Return a colour made lighter (above 0) or darker (below 0); -1 gives black, 1 gives white."""
+    """Return a colour that is lightened (amounts above 0, 1 for white) or darkened (below 0, -1 for black)."""
     target = 255 if amount > 0 else 0
     red, green, blue = (part + (target - part) * abs(amount) for part in colour)
     return red, green, blue

@@ -39,25 +39,38 @@ class Overlaps:
 
 
 def overlaps(picture: NDArray[np.uint8], width: int, orientations: int = 8) -> Overlaps:
-    """Return the patterns of a picture, uint8[height, width, 3]. A pixel without red is a wall."""
-    tiles = _codes(picture.reshape(-1, 3).astype(np.int64)).reshape(picture.shape[:2])
+    """Return the patterns of a picture and which of them may be adjacent.
+
+    Args:
+        picture: uint8[height, width, 3]; a pixel without red is a wall.
+        width: the number of pixels on a side of a pattern.
+        orientations: the number of orientations in which the picture is read, 1 to 8.
+    """
+    tiles = _hash_rows(picture.reshape(-1, 3).astype(np.int64)).reshape(picture.shape[:2])
     wall_tiles = np.unique(tiles[picture[:, :, 0] == 0])
-    times: dict[int, int] = {}
-    cells: dict[int, NDArray[np.int64]] = {}
-    for turned in _orientations(tiles, orientations):
-        around = np.pad(turned, ((0, width - 1), (0, width - 1)), mode="wrap")
-        windows = sliding_window_view(around, (width, width)).reshape(-1, width * width)
-        codes, first = np.unique(_codes(windows), return_index=True)
-        for code, window in zip(codes.tolist(), windows[first], strict=True):
-            times[code] = times.get(code, 0) + 1
-            cells[code] = window.reshape(width, width)
-    order = sorted(times)
-    patterns = np.stack([cells[code] for code in order])
-    weights = np.array([times[code] for code in order], np.float64)
-    return Overlaps(weights, np.isin(patterns[:, 0, 0], wall_tiles), _beside(patterns))
+    counts: dict[int, int] = {}
+    tiles_by_hash: dict[int, NDArray[np.int64]] = {}
+    for oriented_tiles in _orientations(tiles, orientations):
+        for pattern_hash, pattern in _distinct_patterns(oriented_tiles, width).items():
+            counts[pattern_hash] = counts.get(pattern_hash, 0) + 1
+            tiles_by_hash[pattern_hash] = pattern
+    order = sorted(counts)
+    patterns = np.stack([tiles_by_hash[pattern_hash] for pattern_hash in order])
+    weights = np.array([counts[pattern_hash] for pattern_hash in order], np.float64)
+    has_wall_first = np.isin(patterns[:, 0, 0], wall_tiles)
+    return Overlaps(weights, has_wall_first, _find_adjacency(patterns))
 
 
-def _codes(values: NDArray[np.int64]) -> NDArray[np.int64]:
+def _distinct_patterns(tiles: NDArray[np.int64], width: int) -> dict[int, NDArray[np.int64]]:
+    """Return the distinct patterns of a picture by their hash; they wrap around the picture's edges."""
+    wrapped_tiles = np.pad(tiles, ((0, width - 1), (0, width - 1)), mode="wrap")
+    windows = sliding_window_view(wrapped_tiles, (width, width)).reshape(-1, width * width)
+    hashes, first_indices = np.unique(_hash_rows(windows), return_index=True)
+    patterns = windows[first_indices].reshape(-1, width, width)
+    return dict(zip(hashes.tolist(), patterns, strict=True))
+
+
+def _hash_rows(values: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return a hash of each row of int64[n, k]."""
     numbers = np.random.RandomState(0).randint(1 - (1 << 63), 1 << 63, values.shape[1], dtype=np.int64)
     return values @ numbers  # modulo 2**64
@@ -71,16 +84,26 @@ def _orientations(tiles: NDArray[np.int64], count: int) -> list[NDArray[np.int64
     return turned
 
 
-def _beside(patterns: NDArray[np.int64]) -> NDArray[np.uint64]:
-    n, width = patterns.shape[:2]
-    adjacency = np.zeros((len(SIDES), n, -(-n // WORD)), np.uint64)
-    for side, (across, down) in enumerate(SIDES):  # of the pattern's columns and rows
-        pattern = patterns[:, max(0, down) : width + min(0, down), max(0, across) : width + min(0, across)]
-        neighbour = patterns[:, max(0, -down) : width + min(0, -down), max(0, -across) : width + min(0, -across)]
-        fits = (pattern[:, None] == neighbour[None]).all(axis=(2, 3))  # [pattern, neighbour]
-        for k in range(n):
-            adjacency[side, :, k // WORD] |= fits[k].astype(np.uint64) << np.uint64(k % WORD)
+def _find_adjacency(patterns: NDArray[np.int64]) -> NDArray[np.uint64]:
+    """Return which patterns agree in the cells in which they overlap, in the form of `Overlaps.adjacency`."""
+    count, width = patterns.shape[:2]
+    word_count = -(-count // WORD)
+    adjacency = np.zeros((len(SIDES), count, word_count), np.uint64)
+    for side, (columns, rows) in enumerate(SIDES):
+        own_overlap = _shifted_part(patterns, width, columns, rows)
+        neighbour_overlap = _shifted_part(patterns, width, -columns, -rows)
+        agrees = (own_overlap[:, None] == neighbour_overlap[None]).all(axis=(2, 3))  # [pattern, neighbour]
+        for number in range(count):
+            word, bit = divmod(number, WORD)
+            adjacency[side, :, word] |= agrees[number].astype(np.uint64) << np.uint64(bit)
     return adjacency
+
+
+def _shifted_part(patterns: NDArray[np.int64], width: int, columns: int, rows: int) -> NDArray[np.int64]:
+    """Return the part of each pattern that a pattern shifted by some columns and rows also covers."""
+    row_range = slice(max(0, rows), width + min(0, rows))
+    column_range = slice(max(0, columns), width + min(0, columns))
+    return patterns[:, row_range, column_range]
 
 
 Sets = NDArray[np.uint64]  # of patterns, (cells, words): one bit per pattern
@@ -114,30 +137,30 @@ def collapse(
     initial_sets = np.zeros((cells, adjacency.shape[2]), np.uint64)
     for p in range(n):
         initial_sets[:, p // 64] |= _1 << np.uint64(p % 64)
-    left = np.full(cells, n, np.int64)
-    waiting = np.empty(cells, np.int64)
-    waits = np.zeros(cells, np.bool_)
-    possible = _borders(initial_sets, left, adjacency)
+    initial_counts = np.full(cells, n, np.int64)
+    queue = np.empty(cells, np.int64)
+    is_queued = np.zeros(cells, np.bool_)
+    possible = _borders(initial_sets, initial_counts, adjacency)
     if possible:
         for cell in range(cells):
-            waiting[cell] = cell
-            waits[cell] = True
-        possible = _spread(initial_sets, left, adjacency, size, periodic, waiting, waits, cells)
+            queue[cell] = cell
+            is_queued[cell] = True
+        possible = _spread(initial_sets, initial_counts, adjacency, size, periodic, queue, is_queued, cells)
     sets = np.empty_like(initial_sets)
-    counts = np.empty_like(left)
+    counts = np.empty_like(initial_counts)
     for _ in range(attempts):
         if not possible:
             break
         sets[:] = initial_sets
-        counts[:] = left
+        counts[:] = initial_counts
         settled = n == 1
         fits = True
         while fits and not settled:
             cell = _fewest(counts, untied)
             _settle(sets, counts, cell, _draw(rng_state, weights, sets[cell]))
-            waiting[0] = cell
-            waits[cell] = True
-            fits = _spread(sets, counts, adjacency, size, periodic, waiting, waits, 1)
+            queue[0] = cell
+            is_queued[cell] = True
+            fits = _spread(sets, counts, adjacency, size, periodic, queue, is_queued, 1)
             settled = counts.max() == 1
         if fits:
             return _patterns(sets)
@@ -182,22 +205,22 @@ def _spread(
     adjacency: Sets,
     size: int,
     periodic: bool,
-    waiting: NDArray[np.int64],
-    waits: NDArray[np.bool_],
-    many: int,
+    queue: NDArray[np.int64],
+    is_queued: NDArray[np.bool_],
+    queue_length: int,
 ) -> bool:
-    """Propagate the waiting cells' restrictions to their neighbours; return whether every cell has a pattern left."""
+    """Propagate the queued cells' restrictions to their neighbours; return whether every cell has a pattern left."""
     cells = len(sets)
     allowed = np.empty(adjacency.shape[2], np.uint64)
     head = 0
     fits = True
-    while many > 0:
-        cell = waiting[head]
+    while queue_length > 0:
+        cell = queue[head]
         head = (head + 1) % cells
-        many = many - 1
-        waits[cell] = False
+        queue_length = queue_length - 1
+        is_queued[cell] = False
         if not fits:
-            continue  # only to empty the list
+            continue  # only to empty the queue
         x = cell // size
         y = cell % size
         for side in range(4):
@@ -219,16 +242,19 @@ def _spread(
             counts[other] = _narrow(sets[other], allowed)
             if counts[other] == 0:
                 fits = False
-            elif counts[other] < before and not waits[other]:
-                waiting[(head + many) % cells] = other
-                waits[other] = True
-                many += 1
+            elif counts[other] < before and not is_queued[other]:
+                queue[(head + queue_length) % cells] = other
+                is_queued[other] = True
+                queue_length += 1
     return fits
 
 
 @kernel("(int64[::1], float64[::1])")
 def _fewest(counts: NDArray[np.int64], untied: NDArray[np.float64]) -> int:
-    """Return the unsettled cell with the fewest patterns left, or the first cell if all have settled."""
+    """Return the cell with the fewest patterns left of those with several, or the first cell if none has several.
+
+    ``untied`` is added to the counts to break ties.
+    """
     best = np.inf
     cell = 0
     for k in range(len(counts)):
@@ -260,6 +286,7 @@ def _draw(rng_state: RngState, weights: NDArray[np.float64], patterns: NDArray[n
 
 @kernel("(uint64[:, ::1], int64[::1], int64, int64)")
 def _settle(sets: Sets, counts: NDArray[np.int64], cell: int, pattern: int) -> None:
+    """Leave a cell only one pattern."""
     sets[cell] = _0
     sets[cell, pattern // 64] = _1 << np.uint64(pattern % 64)
     counts[cell] = 1
@@ -267,6 +294,7 @@ def _settle(sets: Sets, counts: NDArray[np.int64], cell: int, pattern: int) -> N
 
 @kernel("(uint64[:, ::1],)")
 def _patterns(sets: Sets) -> NDArray[np.int64]:
+    """Return the pattern of each cell, all of which have settled."""
     patterns = np.empty(len(sets), np.int64)
     for cell in range(len(sets)):
         for p in range(64 * sets.shape[1]):
