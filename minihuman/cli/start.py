@@ -146,10 +146,10 @@ def check(
     from minihuman.dataset.selection import check_exclusion_measures
     from minihuman.experiment.plan.dry_run import (
         check_worlds,
-        describe_language,
         describe_plan,
         describe_strata,
         describe_worlds,
+        list_missing_words,
     )
     from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
     from minihuman.experiment.plan.outcome_check import check_outcome_rules
@@ -169,7 +169,7 @@ def check(
     lines = (
         *describe_plan(plan),
         *describe_strata(study),
-        *describe_language(study),
+        *list_missing_words(study),
         *outcomes,
         *describe_worlds(study, notices),
     )

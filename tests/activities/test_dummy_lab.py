@@ -21,7 +21,7 @@ from minihuman.errors import ProtocolError
 from minihuman.experiment.machine.activity import find_kind
 from minihuman.experiment.machine.events import Answered
 from minihuman.experiment.machine.screens import TextLocale
-from minihuman.experiment.plan.dry_run import describe_language
+from minihuman.experiment.plan.dry_run import list_missing_words
 from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.log.codec import find_topic, list_activity_topics
 from minihuman.log.read.session_reader import read_log
@@ -208,7 +208,7 @@ def test_a_study_may_replace_its_words(lab):
 
 def test_check_names_the_words_that_its_language_lacks(lab):
     protocol = decode_protocol(STUDY.replace("seed = 3", 'seed = 3\nlanguage = "ar"').encode())
-    assert list(describe_language(protocol)) == [
+    assert list(list_missing_words(protocol)) == [
         "language 'ar' has no word for prompt.wishes, so English stands in; add wishes to [words.prompt]",
         "language 'ar' has no word for note.mood, so English stands in; add mood to [words.note]",
     ]

@@ -10,7 +10,7 @@ from minihuman.display.typefaces import select_typefaces
 from minihuman.errors import ProtocolError
 from minihuman.experiment import words
 from minihuman.experiment.machine.points import format_points, format_score
-from minihuman.experiment.plan.dry_run import describe_language
+from minihuman.experiment.plan.dry_run import list_missing_words
 from minihuman.experiment.protocol.protocol import decode_logged_protocol, decode_protocol
 from minihuman.experiment.protocol.specs import SHIPPED_FORMS, load_form
 from minihuman.experiment.words import LANGUAGES, InterfaceWords
@@ -112,5 +112,5 @@ def test_a_study_in_its_own_language_goes_on_without_the_words_that_are_newer_th
     for word in words.LATER_WORDS:
         older = re.sub(rf"(?m)^{word.rpartition('.')[2]} .*$".encode(), b"", older)
     protocol = decode_protocol(older)
-    assert [line.split()[6] for line in describe_language(protocol)] == [f"{word}," for word in words.LATER_WORDS]
+    assert [line.split()[6] for line in list_missing_words(protocol)] == [f"{word}," for word in words.LATER_WORDS]
     assert set(words.LATER_WORDS) <= set(words.load_words("en"))

@@ -81,20 +81,19 @@ def _describe_pay(plan: SessionPlan, bonus: BonusSpec) -> Iterator[str]:
     yield f"pay          left early: the bonus for the points until then{waiting}"
 
 
-def describe_language(protocol: Protocol) -> Iterator[str]:
+def list_missing_words(protocol: Protocol) -> Iterator[str]:
     """Yield a line for each interface text that the study's language lacks and English replaces.
 
     Such a text is newer than the study's own language, or belongs to a kind of question without texts in the language.
     """
     language = protocol.study.language
-    words_given = flatten_words(protocol.words)
     missing_words: list[str] = []
     if language not in LANGUAGES:
         missing_words += LATER_WORDS
     for kind in list_question_kinds(protocol.questions, [group.name for group in protocol.groups]):
         missing_words += list_missing_kind_words(kind, language)
     for word in dict.fromkeys(missing_words):
-        if word not in words_given:
+        if word not in flatten_words(protocol.words):
             table, _, name = word.rpartition(".")
             yield f"language {language!r} has no word for {word}, so English stands in; add {name} to [words.{table}]"
 
