@@ -49,7 +49,7 @@ SECTIONS: Mapping[str, Mapping[str, str]] = {  # the commands of each module of 
         "manifest": "Write a study's manifest and print its digest.",
         "withdraw": "Withdraw a participant and free their slot.",
         "replace": "Free the slot of a participant who dropped out; keep their data.",
-        "import": "Import what web pages recorded without a server.",
+        "import": "Import episodes that a web page recorded without a server.",
         "gather": "Synchronize a study's logs and tables with the remote stores.",
     },
     "publish": {
