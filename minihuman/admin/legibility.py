@@ -62,7 +62,7 @@ def find_illegible_in_plan(plan: SessionPlan) -> Iterator[str]:
     yield from _without_typeface(plan, faces)
     for part in plan.parts:
         yield from _too_long(part, words, faces)
-    yield from _without_translation(plan, words)
+    yield from _find_untranslated_missions(plan, words)
 
 
 def _without_typeface(plan: SessionPlan, faces: TypefaceSet) -> Iterator[str]:
@@ -150,8 +150,8 @@ def _titles(part: PlannedPart) -> Iterator[str]:
         yield part.plan.title
 
 
-def _without_translation(plan: SessionPlan, words: InterfaceWords) -> Iterator[str]:
-    """Yield the blocks whose world states the task in English, in a study in another language."""
+def _find_untranslated_missions(plan: SessionPlan, words: InterfaceWords) -> Iterator[str]:
+    """Yield a message for each block whose world states its task in English while the study has another language."""
     if plan.language == ENGLISH:
         return
     for part in plan.parts:

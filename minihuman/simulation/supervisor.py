@@ -326,7 +326,7 @@ class SupervisorParticipant(SimulatedTeacher):
         return KeyPress(key, t_ms - watched.t_ms)
 
     def _press_next(self, world: World, path: list[str]) -> KeyPress:
-        """Return a press of the key of a path's first action, at the pace of repeated presses."""
+        """Return a press of the key for the first action of a path, with the time between repeated presses."""
         if not path:
             raise SimulationError(
                 f"{world.id}: the supervisor found no plan in what it has seen; show it the whole world with "

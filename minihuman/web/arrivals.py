@@ -285,7 +285,7 @@ class Arrivals:
     def _plan_admission(
         self, participant: str, session: int, plan: SessionPlan | None, utc_offset_min: int | None
     ) -> Admission | Rejection:
-        """Return the admission to a participant's session, with its plan or its live log."""
+        """Return the admission to a session: with its live log if there is one to resume, with its plan otherwise."""
         folder = session_folder(self._data, self.protocol.study.name, participant, session)
         part = next(iter(list_log_files(folder, f"*{PART_SUFFIX}")), None)
         key = f"{participant}/{session}"

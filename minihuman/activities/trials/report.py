@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator, Sequence
+from itertools import combinations
 
 import numpy as np
 import pandas as pd
@@ -234,15 +235,13 @@ def compute_effects(people: pd.DataFrame, measure: str) -> pd.DataFrame:
     labelled = people[people["label"].ne("")]
     for (block, label), part in labelled.groupby(["block", "label"], sort=False):
         table = part.pivot_table(measure, ["participant", "group"], "level")
-        for place, first in enumerate(table.columns):
-            for second in table.columns[place + 1 :]:
-                effect = (table[first] - table[second]).dropna().rename("effect").reset_index()
-                rows.append(
-                    effect.assign(block=str(block), label=str(label), levels=format_pair(str(first), str(second)))
-                )
+        for first, second in combinations(table.columns, 2):
+            effect = (table[first] - table[second]).dropna().rename("effect").reset_index()
+            levels = format_pair(str(first), str(second))
+            rows.append(effect.assign(block=str(block), label=str(label), levels=levels))
     if rows:
         return pd.concat(rows)
-    return pd.DataFrame(columns=["participant", "group", "effect", "block", "label"])
+    return pd.DataFrame(columns=["participant", "group", "effect", "block", "label", "levels"])
 
 
 def _tabulate_group_differences(people: pd.DataFrame) -> list[CaptionedTable]:

@@ -130,7 +130,7 @@ class Sheet:
 
     @property
     def top(self) -> float:
-        """The y at which the page begins, which is in the middle of a tall window."""
+        """Return the y of the page's upper edge, in pixels; the page is centred in a window taller than itself."""
         return (self.size_px[1] - self.high) / 2
 
     # Reading order

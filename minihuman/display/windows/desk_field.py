@@ -84,7 +84,7 @@ class DeskField:
         self._question: _Question | None = None
         self._editor = TextEditor("", is_long=False, rtl=False)
         self._reported = ""  # the text that the session has
-        self._keys = 0
+        self._press_count = 0
         self._began_ns: int | None = None  # of the changes that were not reported
         self._due_ns = 0
         self._modifiers: set[str] = set()  # that are down
@@ -122,7 +122,7 @@ class DeskField:
             self._reported = screen.item.text
             self._editor = TextEditor(screen.item.text, is_long=screen.item.long, rtl=screen.locale.rtl)
             self._began_ns = None
-            self._keys = 0
+            self._press_count = 0
         self._screen = screen
         return self.view(screen)
 
@@ -219,8 +219,9 @@ class DeskField:
         if press.key in _SESSION_KEYS_OF_A_LINE and not self._editor.is_long and not is_command:
             return False
         self._own_keys.add(press.key)
-        self._keys += not press.repeat
-        if self._editor.composition:  # the input method's
+        if not press.repeat:
+            self._press_count += 1
+        if self._editor.composition:  # the key belongs to the input method
             return True
         self._apply_edit(press.t_ns, lambda: self._press_key(press.key, is_command=is_command))
         return True
@@ -285,8 +286,8 @@ class DeskField:
             return []
         self._began_ns = None
         self._reported = self._editor.text
-        keys = self._keys
-        self._keys = 0
+        keys = self._press_count
+        self._press_count = 0
         name = ""
         if self._question is not None:
             name = self._question.name

@@ -136,7 +136,7 @@ class RunningEpisode:
         return len(self.actions)
 
     def describe_correction(self, t_ns: int, step: int, submit_ns: int, flip_ns: int) -> Event | None:
-        """Return the event of a picture that was shown before its step was closed and proved wrong, or None."""
+        """Return an event if a picture that was shown before its step was final turned out to be wrong, or None."""
         return None
 
     @property

@@ -70,7 +70,7 @@ def _check_comparison(rule: ExclusionSpec, question: QuestionItemSpec, path: str
     place = f"{rule.measure!r} is a {question.kind}"
     for field in ("below", "above"):
         if getattr(rule, field) is not None and answer_type not in _ORDERED:
-            yield f"{path}.{field}", f"compares numbers, but {place}; {_name_way_out(answer_type)}"
+            yield f"{path}.{field}", f"compares numbers, but {place}; {_suggest_comparison(answer_type)}"
     for field in ("is_one_of", "is_none_of"):
         codes = getattr(rule, field)
         if codes and answer_type == "text":
@@ -89,10 +89,10 @@ def _check_comparison(rule: ExclusionSpec, question: QuestionItemSpec, path: str
         yield f"{path}.is_missing", f"is true, but {rule.question} is required; set required = false in the question"
 
 
-def _name_way_out(answer_type: str) -> str:
+def _suggest_comparison(answer_type: str) -> str:
     """Return the advice for a rule that compares an answer without an order."""
     if answer_type == "text":
-        return "use is_missing, or ask a number"
+        return "use is_missing, or ask for a number"
     return "use is_one_of or is_none_of"
 
 

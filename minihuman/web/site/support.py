@@ -1,6 +1,7 @@
 """The rules for which protocols can run without a server: a rule is a function that yields what stands against it."""
 
 from collections.abc import Iterator
+from itertools import chain
 
 from minihuman.experiment.machine.activity import find_kind
 from minihuman.experiment.plan.session_plan import SessionPlan
@@ -17,7 +18,8 @@ def require_site_support(protocol: Protocol, plan: SessionPlan) -> None:
     Raises:
         SiteError: if it cannot; the message names the first part that stands against it.
     """
-    for obstacle in (*_list_study_obstacles(protocol), *_list_plan_obstacles(plan)):
+    obstacle = next(chain(_list_study_obstacles(protocol), _list_plan_obstacles(plan)), None)
+    if obstacle is not None:
         raise SiteError(f"{protocol.study.name}: {obstacle}; {_INSTEAD}")
 
 

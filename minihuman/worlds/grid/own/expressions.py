@@ -330,7 +330,7 @@ class Expressions:
         return self._constant_call(node, callee.value)
 
     def _method(self, node: ast.Call, base: Symbol, name: str) -> str:
-        """Return the translation of a method call on something that the rules know by name."""
+        """Return the translation of a method call on `self`, `super()`, the grid, or a declared field."""
         if base.kind == "self":
             return self._self_call(node, name)
         if base.kind == "super":
