@@ -106,7 +106,9 @@ def as_logged(plan: SessionPlan) -> Session:
     _, message = encode_event(SessionStarted(0, plan, {}))
     facts = [("minihuman.facts", {"player": "human"})]
     protocol = tomllib.loads(plan.protocol_toml.decode())
-    return Session(Path(plan.participant.id), message, protocol, facts, [], 1, "cut_off", 0, {}, [], [], [], [], [0])
+    return Session(
+        Path(plan.participant.id), message, protocol, facts, [], 1, "cut_off", 0, {}, [], [], [], [], [], [], [0]
+    )
 
 
 @pytest.mark.parametrize("study", studies(), ids=IDS)

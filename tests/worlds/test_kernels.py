@@ -217,4 +217,4 @@ def test_an_error_says_that_numba_is_missing(monkeypatch):
     monkeypatch.delattr(build, "compilation", raising=False)  # another test may have imported it
     monkeypatch.setitem(sys.modules, "minihuman.worlds.build.compilation", None)
     with pytest.raises(MinihumanError, match=r"run `pip install -e .` again in minihuman's folder"):
-        kernels._compiler(step)
+        kernels._import_compiler(step)

@@ -6,6 +6,7 @@ from typing import Any
 import pytest
 
 import minihuman
+from minihuman import study_site
 from minihuman.admin.protocol_file import read_protocol
 from minihuman.web.site.site_folder import write_site
 from tests.machine import needs
@@ -121,7 +122,7 @@ class Answerer:
 
 def import_answers(folder: Path, data: Path, protocol: Path) -> tuple[Any, dict[str, str]]:
     """Import one record; return it and the last answers."""
-    (imported,) = minihuman.import_site_data(folder, study=data / "short", protocol=protocol)
+    (imported,) = study_site.import_site_data(folder, study=data / "short", protocol=protocol)
     assert imported.error is None
     assert imported.differences == ()
     assert all(line.ok for line in minihuman.verify(data / "short"))
@@ -214,7 +215,7 @@ def test_the_online_study_asks_about_its_participants_without_a_server(tmp_path)
         assert not person.errors
         host.posted.append(person.page.evaluate(READ_ARCHIVE.replace("thin", "online")))
         folder = host.write_posted(tmp_path / "parts")
-    (imported,) = minihuman.import_site_data(folder, study=tmp_path / "online", protocol=protocol)
+    (imported,) = study_site.import_site_data(folder, study=tmp_path / "online", protocol=protocol)
     assert (imported.error, imported.differences) == (None, ())
     answers = minihuman.open_study(tmp_path / "online").table("answers", with_excluded=True)
     given = answers.groupby("item").answer.last().to_dict()

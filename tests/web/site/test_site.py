@@ -9,6 +9,7 @@ import gymnasium
 import pytest
 
 import minihuman
+from minihuman import study_site
 from minihuman.admin.protocol_file import read_protocol
 from minihuman.experiment.plan.session_plan import EpisodePlan
 from minihuman.web.site.record_import import ImportedRecord, import_records
@@ -174,7 +175,7 @@ def test_nothing_is_sent_before_the_consent_and_a_left_session_is_kept_in_part(t
         person.page.close()
         assert host.posted
         folder = host.write_posted(tmp_path / "parts")
-    (imported,) = minihuman.import_site_data(folder, study=tmp_path / "thin", protocol=protocol)
+    (imported,) = study_site.import_site_data(folder, study=tmp_path / "thin", protocol=protocol)
     (session,) = minihuman.open_study(tmp_path / "thin").sessions
     assert imported.differences == ()
     assert [(episode.outcome, episode.steps) for episode in session.all_episodes] == [("abandoned", 3)]
@@ -259,7 +260,7 @@ def test_a_first_person_world_and_the_keyboard_check_run_without_a_server(tmp_pa
         assert not person.errors
         host.posted.append(person.page.evaluate(READ_ARCHIVE))
         folder = host.write_posted(tmp_path / "parts")
-    (imported,) = minihuman.import_site_data(folder, study=tmp_path / "thin", protocol=protocol)
+    (imported,) = study_site.import_site_data(folder, study=tmp_path / "thin", protocol=protocol)
     assert imported.differences == ()
     (session,) = minihuman.open_study(tmp_path / "thin").sessions
     assert [(episode.outcome, episode.steps) for episode in session.all_episodes] == [(outcome, steps)]

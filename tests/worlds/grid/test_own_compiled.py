@@ -190,7 +190,7 @@ def list_relocation_kinds(code):
 def test_compiled_rules_work_wherever_their_sections_lie_in_memory():
     """With addresses of 32 bits, a process whose memory was taken could not load them: LLVM ended it."""
     make_batch(examples.Patrol, num_envs=2)
-    code = library._read(library._digest(programs.translate_rules(examples.Patrol()).text))
+    code = library._read_cached(library._name_entry(programs.translate_rules(examples.Patrol()).text))
     assert list_relocation_kinds(code) == {R_X86_64_64}
 
 
