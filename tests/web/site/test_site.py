@@ -105,7 +105,7 @@ def change_record(played: PlayedSite, folder: Path, **changes: Any) -> Path:
 def test_a_session_of_a_site_is_the_session_machines_own(played, tmp_path):
     (imported,) = import_record(played, tmp_path)
     assert imported.differences == ()
-    assert imported.screens >= 12
+    assert imported.screens >= 11  # each of which was waited for
     assert all(line.ok for line in minihuman.verify(tmp_path / "thin"))
     study = minihuman.open_study(tmp_path / "thin")
     (session,) = study.sessions
