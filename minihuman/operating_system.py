@@ -298,16 +298,17 @@ def raise_file_limit(needed: int) -> int:
     """
     if sys.platform == "win32":  # there is none for sockets
         return needed
-    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-    if soft == resource.RLIM_INFINITY:
-        return needed
-    if soft >= needed:
-        return soft
-    allowed = needed
-    if hard != resource.RLIM_INFINITY:
-        allowed = min(needed, hard)
-    resource.setrlimit(resource.RLIMIT_NOFILE, (allowed, hard))
-    return allowed
+    else:
+        soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+        if soft == resource.RLIM_INFINITY:
+            return needed
+        if soft >= needed:
+            return soft
+        allowed = needed
+        if hard != resource.RLIM_INFINITY:
+            allowed = min(needed, hard)
+        resource.setrlimit(resource.RLIMIT_NOFILE, (allowed, hard))
+        return allowed
 
 
 def count_processes() -> int:
