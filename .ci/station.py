@@ -56,6 +56,7 @@ WORDS = {  # of every command; one that is new fails until it is listed here
     "gather": STUDY,
     "import": "no-data.json --study imported",
     "pack": "minihuman/MiniGrid-Empty-5x5-v0 --seeds 0-1 --out packed",
+    "site": f"{DEMO} --out site --slots 1",
     "export": f"csv {STUDY} --out csv",
     "power": f"{DEMO} --effect shift=0.5",
     "fit": STUDY,
