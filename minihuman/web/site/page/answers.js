@@ -34,7 +34,7 @@ export function parseNumber(text, { language, whole }) {
   const marks = plain.match(/[.,]/g) ?? [];
   if (!marks.length) return Number(plain);
   if (marks.length > 1) return parseMarks(plain, marks);
-  const [mark] = marks, decimal = DECIMAL_MARKS[language ?? ""];
+  const mark = String(marks[0]), decimal = DECIMAL_MARKS[language ?? ""];
   if (!GROUPED.test(plain)) return Number(plain.replace(mark, "."));
   if (decimal === undefined) return null;
   if (mark !== decimal) return Number(plain.replace(mark, ""));
