@@ -139,7 +139,7 @@ REFUSED = {
     'measure = "answer:check.age"\nis_one_of = ["18"]': "give numbers",
     'measure = "answer:check.seen"\nbelow = 2': "use is_one_of or is_none_of",
     'measure = "answer:check.words"\nis_one_of = ["blue"]': "use is_missing, or ask a choice",
-    'measure = "answer:check.words"\nbelow = 1': "use is_missing, or ask a number",
+    'measure = "answer:check.words"\nbelow = 1': "use is_missing, or ask for a number",
     'measure = "answer:check.colour"\nis_missing = true': "is required; set required = false",
     'measure = "answer:check.age"\nbelow = 18\nwhere = { side = "left" }': "is of trials",
     'measure = "answer:check.age"': "has neither below nor above",
