@@ -1,14 +1,13 @@
-"""Own grid worlds, untranslated and compiled in turn in one run: ``python -m benchmarks.own_worlds [OUT]``.
+"""Own grid worlds, untranslated and compiled in turn in one run: ``python -m benchmarks.own_worlds``.
 
 Steps per CPU-second under random play, resets included: one world, 64 worlds one after the other as plain Python, and
 a compiled batch of 1,024. Compiled and plain rounds alternate, so that a busy machine slows both.
 """
 
+import argparse
 import platform
-import sys
 import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import gymnasium
@@ -99,20 +98,17 @@ def measure(world_class: Any) -> str:
 
 
 def main() -> None:
-    """Print the table, and write it to the file that is named."""
-    lines = [
-        "# Own grid worlds, plain Python and compiled in turn, steps per CPU-second",
-        "",
-        f"Python {platform.python_version()}, NumPy {np.__version__}, Gymnasium {gymnasium.__version__}.",
-        "",
-        "| world | one, plain | one, compiled | 64 in turn, plain | batch of 1,024 |",
-        "|---|---|---|---|---|",
-    ]
-    for world_class in WORLDS:
-        lines.append(measure(world_class))
-        print(lines[-1], flush=True)
-    if len(sys.argv) > 1:
-        Path(sys.argv[1]).write_text("\n".join(lines) + "\n", encoding="utf-8")
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--short", action="store_true", help="one world alone")
+    worlds = WORLDS
+    if parser.parse_args().short:
+        worlds = WORLDS[:1]
+    print("# Own grid worlds, plain Python and compiled in turn, steps per CPU-second\n")
+    print(f"Python {platform.python_version()}, NumPy {np.__version__}, Gymnasium {gymnasium.__version__}.\n")
+    print("| world | one, plain | one, compiled | 64 in turn, plain | batch of 1,024 |\n|---|---|---|---|---|")
+    for world_class in worlds:
+        print(measure(world_class), flush=True)
 
 
 if __name__ == "__main__":
