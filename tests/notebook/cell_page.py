@@ -5,9 +5,10 @@ import json
 from pathlib import Path
 from typing import Any
 
+import minihuman
 from minihuman.notebook.cell_world import CellWorld, read_modules
 
-FOLDER = Path(__file__).parents[2] / "minihuman" / "notebook"
+FOLDER = Path(minihuman.__file__).parent / "notebook"
 _SHOW = """async ([cell, css, state, pack]) => {
   const bytes = Uint8Array.from(atob(pack), (letter) => letter.charCodeAt(0));
   const kept = { ...state, pack: new DataView(bytes.buffer), played: [] };

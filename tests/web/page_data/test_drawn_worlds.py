@@ -16,6 +16,7 @@ import gymnasium
 import numpy as np
 import pytest
 
+import minihuman
 from minihuman.web.world_pack import PackSummary, pack_worlds
 from minihuman.worlds.catalogue import BABYAI_WORLDS, GRID_WORLDS
 from tests.counts import PATIENCE_S, count
@@ -24,7 +25,7 @@ from tests.web.browser import browsing
 from tests.web.firefox import firefox_at
 
 HERE = Path(__file__).parent
-PAGE = HERE.parents[2] / "minihuman" / "web" / "page"
+PAGE = Path(minihuman.__file__).parent / "web" / "page"
 FOREIGN = "MiniGrid-GoToObj-Transfer-v0"  # its rules are Python
 WORLDS = [entry.name for entry in (*GRID_WORLDS, *BABYAI_WORLDS) if entry.name != FOREIGN]
 SEEDS = [*range(count(3, 1_000)), 2**32, 2**53 - 1]
