@@ -283,4 +283,6 @@ def site(
     from minihuman.study_site import write_site
 
     written = write_site(protocol, out, collector=collector, slots=slots)
-    print(f"{written.slots} slots, {written.screens} screens each, {written.size_bytes / 1e6:.1f} MB in {out}")
+    print(
+        f"slots: {written.slots}, screens of the first: {written.screens}, {written.size_bytes / 1e6:.1f} MB in {out}"
+    )

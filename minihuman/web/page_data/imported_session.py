@@ -32,7 +32,7 @@ from minihuman.log.record.mcap_recorder import McapRecorder
 from minihuman.log.record.recorder import BufferedRecorder
 from minihuman.runtime.machine import collect_machine_facts, collect_world_facts, list_world_ids
 from minihuman.runtime.session_loop import run_session
-from minihuman.storage.system import now_text
+from minihuman.web.page_data.imported_slots import build_imported_slot, require_only_imported
 from minihuman.web.page_data.page_episodes import PageDataError, PageEpisode
 from minihuman.worlds.adapters.world import World
 
@@ -54,7 +54,7 @@ def write_session(episodes: Sequence[PageEpisode], study: Path) -> Path | None:
         The log's path; None if the study has these episodes already.
 
     Raises:
-        PageDataError: if the study has sessions that were not imported, or the episodes do not form a protocol.
+        PageDataError: if the study has sessions that did not come from a page's data, or the episodes form no protocol.
         ProtocolError: if the study's folder has a name that no study may have.
         LogError: if the log cannot be written.
     """
@@ -62,40 +62,16 @@ def write_session(episodes: Sequence[PageEpisode], study: Path) -> Path | None:
     study.mkdir(parents=True, exist_ok=True)
     with open_enrolment_log(study).hold() as register:
         taken_slots = [line for line in register.lines if isinstance(line, SlotTaken)]
-        _require_imported(taken_slots, study)
+        require_only_imported(taken_slots, study, _IMPORTED)
         before = next((line for line in taken_slots if line.reason == _IMPORTED + digest), None)
         if before is None:
             plan = _plan_session(episodes, study.name, len(taken_slots))
-            register.append(_take_slot(plan, digest))
+            register.append(build_imported_slot(plan, plan.participant.index, _IMPORTED + digest))
         else:
             plan = _plan_session(episodes, study.name, before.index)
     if SegmentPath.of_plan(study.parent, plan).log.exists():
         return None
     return _record(episodes, plan, study.parent, digest)
-
-
-def _require_imported(taken_slots: Sequence[SlotTaken], study: Path) -> None:
-    for line in taken_slots:
-        if not line.reason.startswith(_IMPORTED):
-            raise PageDataError(
-                f"{study} has {line.participant}, whose session was run here; import into a study's folder of its own"
-            )
-
-
-def _take_slot(plan: SessionPlan, digest: str) -> SlotTaken:
-    """Return the enrolment of an imported session's participant."""
-    participant = plan.participant
-    return SlotTaken(
-        plan.allocation_sha256 or "",
-        participant.index + 1,
-        participant.index,
-        participant.id,
-        participant.group,
-        overridden=False,
-        at=now_text(),
-        reason=_IMPORTED + digest,
-        outcome_rules=plan.outcome_rules,
-    )
 
 
 def _plan_session(episodes: Sequence[PageEpisode], study: str, index: int) -> SessionPlan:

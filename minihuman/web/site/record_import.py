@@ -25,11 +25,11 @@ from minihuman.log.read.session_reader import read_log
 from minihuman.log.record.mcap_recorder import McapRecorder
 from minihuman.log.record.recorder import DeferredRecorder, Recorder
 from minihuman.runtime.machine import collect_machine_facts, collect_world_facts, list_world_ids
-from minihuman.storage.system import now_text
 from minihuman.web import messages
 from minihuman.web.computed import PageWorld
 from minihuman.web.eligibility import collect_browser_facts
 from minihuman.web.message_streams import IncomingStream
+from minihuman.web.page_data.imported_slots import build_imported_slot, require_only_imported
 from minihuman.web.session_host import SessionHost
 from minihuman.web.site.site_error import SiteError
 from minihuman.web.site.site_folder import digest_build, plan_site_session, site_page_settings
@@ -96,7 +96,7 @@ def _import_record(record: SiteRecord, study: Path, protocol: Protocol) -> Impor
     notes = []
     with open_enrolment_log(study).hold() as register:
         taken_slots = [line for line in register.lines if isinstance(line, SlotTaken)]
-        _require_imported(taken_slots, study)
+        require_only_imported(taken_slots, study, _IMPORTED)
         known = next((line for line in taken_slots if line.reason == _IMPORTED + record.digest), None)
         before = sum(line.index == record.slot for line in taken_slots)
         code = format_participant_code(record.slot, before)
@@ -106,7 +106,7 @@ def _import_record(record: SiteRecord, study: Path, protocol: Protocol) -> Impor
         if SegmentPath.of_plan(study.parent, plan).log.exists():
             return ImportedRecord(record.id, None, notes=("imported before",))
         if known is None:
-            register.append(_take_slot(plan, record))
+            register.append(build_imported_slot(plan, record.slot, _IMPORTED + record.digest))
     if before and known is None:
         notes.append(f"slot {record.slot + 1} was taken {before} times before, so that groups may be uneven")
     if record.missing:
@@ -123,29 +123,6 @@ def _require_build(record: SiteRecord, protocol: Protocol) -> None:
         )
     if record.slot >= protocol.study.participants:
         raise SiteError(f"slot {record.slot + 1} is none of the study's {protocol.study.participants}")
-
-
-def _require_imported(taken_slots: Sequence[SlotTaken], study: Path) -> None:
-    for line in taken_slots:
-        if not line.reason.startswith(_IMPORTED):
-            raise SiteError(
-                f"{study} has {line.participant}, whose session was run here; import into a folder of its own"
-            )
-
-
-def _take_slot(plan: SessionPlan, record: SiteRecord) -> SlotTaken:
-    participant = plan.participant
-    return SlotTaken(
-        plan.allocation_sha256 or "",
-        record.slot + 1,
-        record.slot,
-        participant.id,
-        participant.group,
-        overridden=False,
-        at=now_text(),
-        reason=_IMPORTED + record.digest,
-        outcome_rules=plan.outcome_rules,
-    )
 
 
 class SiteSessionRun:

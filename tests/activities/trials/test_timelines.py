@@ -27,37 +27,11 @@ from minihuman.reporting.build import build_report
 from minihuman.runtime.simulated_session import simulate
 from minihuman.worlds.adapters.world import World
 from tests.activities.trials.test_stimulus_tables import N_MUTANTS, check_or_refuse, mutate, write_picture
-from tests.activities.trials.test_trials import SHIPPED
+from tests.activities.trials.test_trials import BLOCK_TOML, SHIPPED
 from tests.counts import count
 from tests.study.sessions import MS, Desk
 
-TOML = """
-[study]
-name = "trials"
-version = "1"
-seed = 5
-closing = ""
-[keys]
-pool = ["f", "j"]
-keyboard_check = false
-[[groups]]
-name = "all"
-blocks = ["words"]
-[[blocks]]
-name = "words"
-kind = "trials"
-world = "minihuman/Stimulus-v0"
-episodes = 4
-actions = ["left", "right"]
-key_map = "fixed"
-fixed_keys = {{ f = "left", j = "right" }}
-noop_action = "none"
-response_deadline_ms = 1000
-max_steps = 1
-ready = "none"
-{rows}
-{timeline}
-"""
+TOML = BLOCK_TOML.replace("final_frame_ms = 0\n{more}", 'ready = "none"\n{rows}\n{timeline}')
 ROWS = 'stimuli = { rows = [{ prime = "<<", go = "<<", correct = "left" }], order = "fixed" }'
 PRIMING = """
 timeline.stimuli = [

@@ -34,7 +34,7 @@ from minihuman.worlds.hashing import resolve_files
 from tests.study.sessions import MS, Desk
 
 SHIPPED = Path(__file__).parents[3] / "protocols" / "trials"
-_TOML = """
+BLOCK_TOML = """
 [study]
 name = "trials"
 version = "1"
@@ -64,7 +64,7 @@ ROWS = 'stimuli.rows = [{ text = "L", correct = "left" }, { text = "R", correct 
 
 
 def trials_plan(more: str = ROWS, files: dict[str, bytes] | None = None):
-    protocol = decode_protocol(_TOML.format(more=more).encode(), files=files)
+    protocol = decode_protocol(BLOCK_TOML.format(more=more).encode(), files=files)
     return expand_protocol(protocol, enrol_participant(protocol, 0))
 
 
@@ -105,7 +105,7 @@ def test_a_response_before_the_deadline_is_timed_from_the_onset_and_judged():
 def test_a_block_waits_for_a_scanners_trigger_and_later_triggers_are_counted():
     page = (Path(__file__).parents[3] / "docs/trials.md").read_text()
     [block] = re.findall(r"(\[\[blocks\]\]\nname = .wait-for-scanner.*?)```", page, re.DOTALL)
-    toml = _TOML.replace('pool = ["f", "j"]', 'pool = ["f", "j", "5"]').replace(
+    toml = BLOCK_TOML.replace('pool = ["f", "j"]', 'pool = ["f", "j", "5"]').replace(
         '"words"]', '"wait-for-scanner", "words"]'
     )
     toml = toml.replace("[[blocks]]", block.replace("{", "{{").replace("}", "}}") + "\n[[blocks]]")
@@ -191,7 +191,7 @@ def test_a_table_beside_the_protocol_names_images_and_counts(tmp_path):
     (tmp_path / "face.png").write_bytes(picture.getvalue())
     (tmp_path / "table.csv").write_text("image,correct,side,times\nface.png,left,left,3\n,right,right,1\n")
     path = tmp_path / "trials.toml"
-    path.write_text(_TOML.format(more='stimuli = { file = "table.csv" }'))
+    path.write_text(BLOCK_TOML.format(more='stimuli = { file = "table.csv" }'))
     protocol = read_protocol(path, trust=True)
     plan = expand_protocol(protocol, enrol_participant(protocol, 0))
     images = [episode.options.get("image", "") for episode in plan.episodes]

@@ -15,8 +15,10 @@ import msgspec
 import pytest
 
 import minihuman
+from minihuman.admin.enrolment_entries import SlotTaken
 from minihuman.cli.command_line import make_command_line
 from minihuman.log.read.session_reader import read_log
+from minihuman.web.page_data.imported_slots import require_only_imported
 from minihuman.web.page_data.page_episodes import (
     NOT_PROVED,
     PageDataError,
@@ -413,3 +415,11 @@ def test_packing_refuses_what_no_page_computes_and_seeds_that_are_none(tmp_path:
     for text in ("5-3", "", "a", "0-99999999"):
         with pytest.raises(minihuman.MinihumanError, match="seeds"):
             parse_seeds(text)
+
+
+def test_a_study_of_sessions_that_were_imported_in_another_way_is_refused(tmp_path: Path) -> None:
+    """A site's records and a trial's data are numbered differently, so that one study never holds both."""
+    slots = [SlotTaken("", 1, 0, "sub-01", "all", overridden=False, reason="imported from a site, record 12")]
+    require_only_imported(slots, tmp_path, "imported from a site, record ")
+    with pytest.raises(PageDataError, match="sub-01, whose session was run here or imported from other data"):
+        require_only_imported(slots, tmp_path, "imported from a page, data ")

@@ -19,7 +19,7 @@ from minihuman.errors import WorldError
 from minihuman.worlds.grid.core.state import ACTIONS, NEW, OVER, PHASE, State
 from minihuman.worlds.grid.engine import GridSnapshot
 from minihuman.worlds.grid.own import entries
-from minihuman.worlds.grid.own.entries import FAULT, TABLE
+from minihuman.worlds.grid.own.entries import FAULT
 from minihuman.worlds.grid.own.fields import Bool, field_named, numbers_length, own_numbers
 from minihuman.worlds.grid.own.library import compile_library
 from minihuman.worlds.grid.own.passes import act_many, see_many
@@ -138,20 +138,18 @@ class OwnBatch(gymnasium.vector.VectorEnv[dict[str, Any], NDArray[np.int64], NDA
         self._float_settings = np.ascontiguousarray([floats for _, floats in settings])
         self._scratch = np.zeros(max(program.scratch, 1), np.int64)
         self._stepped = np.ones(n, np.bool_)
-        self._table = np.zeros(TABLE, np.int64)
-        for place, array in (
-            (entries.ROWS, self._rows),
-            (entries.OWN_NUMBERS, self._own),
-            (entries.INT_SETTINGS, self._settings),
-            (entries.FLOAT_SETTINGS, self._float_settings),
-            (entries.RNG, self._rng_states),
-            (entries.MISSIONS, self._mission_parts),
-            (entries.STEPPED, self._stepped),
-            (entries.SCRATCH, self._scratch),
-        ):
-            self._table[place] = array.ctypes.data
-        self._table[entries.ROW_LENGTH] = self._rows.shape[1]
-        self._table[entries.LAST] = n
+        self._table = entries.make_table(
+            {
+                entries.ROWS: self._rows,
+                entries.OWN_NUMBERS: self._own,
+                entries.INT_SETTINGS: self._settings,
+                entries.FLOAT_SETTINGS: self._float_settings,
+                entries.RNG: self._rng_states,
+                entries.MISSIONS: self._mission_parts,
+                entries.STEPPED: self._stepped,
+                entries.SCRATCH: self._scratch,
+            }
+        )
 
     @property
     def states(self) -> list[State]:

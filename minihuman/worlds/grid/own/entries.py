@@ -5,6 +5,10 @@ with the record of a fault. The numbers of a batch's worlds are in matrices with
 """
 
 from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 (
     ROWS,
@@ -86,6 +90,17 @@ def steps(t):
             rt.check_bodies(c, -1, {bodies})
     return np.int64(0)
 """
+
+
+def make_table(arrays: Mapping[int, NDArray[Any]]) -> NDArray[np.int64]:
+    """Return a batch's table with the addresses of its arrays, by index; the arrays must outlive the table."""
+    table = np.zeros(TABLE, np.int64)
+    for index, array in arrays.items():
+        table[index] = array.ctypes.data
+    rows = arrays[ROWS]
+    table[ROW_LENGTH] = rows.shape[1]
+    table[LAST] = len(rows)
+    return table
 
 
 def write_entries(

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from minihuman.errors import WorldError
 from minihuman.worlds.grid.core.state import ACTIONS, NEW, PHASE
 from minihuman.worlds.grid.own import entries
-from minihuman.worlds.grid.own.entries import FAULT, TABLE
+from minihuman.worlds.grid.own.entries import FAULT
 from minihuman.worlds.grid.own.fields import numbers_length
 from minihuman.worlds.grid.own.library import compile_library
 from minihuman.worlds.grid.own.passes import act_teams, see_teams
@@ -61,22 +61,20 @@ class OwnTeamBatch(TeamBatch):
         self._terminated = np.zeros(n, np.bool_)
         self._truncated = np.zeros(n, np.bool_)
         self._everywhere = np.ones(n, np.bool_)
-        self._table = np.zeros(TABLE, np.int64)
-        for place, array in (
-            (entries.ROWS, self._rows),
-            (entries.OWN_NUMBERS, self._own),
-            (entries.INT_SETTINGS, self._settings),
-            (entries.FLOAT_SETTINGS, self._float_settings),
-            (entries.RNG, self._rng_states),
-            (entries.MISSIONS, self._mission_parts),
-            (entries.STEPPED, self._stepped),
-            (entries.TERMINATED, self._terminated),
-            (entries.TRUNCATED, self._truncated),
-            (entries.SCRATCH, self._scratch),
-        ):
-            self._table[place] = array.ctypes.data
-        self._table[entries.ROW_LENGTH] = self._rows.shape[1]
-        self._table[entries.LAST] = n
+        self._table = entries.make_table(
+            {
+                entries.ROWS: self._rows,
+                entries.OWN_NUMBERS: self._own,
+                entries.INT_SETTINGS: self._settings,
+                entries.FLOAT_SETTINGS: self._float_settings,
+                entries.RNG: self._rng_states,
+                entries.MISSIONS: self._mission_parts,
+                entries.STEPPED: self._stepped,
+                entries.TERMINATED: self._terminated,
+                entries.TRUNCATED: self._truncated,
+                entries.SCRATCH: self._scratch,
+            }
+        )
 
     def reset(self, seed: int) -> NDArray[Any]:
         """Begin an episode in every world, with seeds drawn from ``seed``; return the observations."""

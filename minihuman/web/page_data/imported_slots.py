@@ -1,0 +1,50 @@
+"""The enrolment of imported sessions: why a slot is taken, and what a study of imported sessions may hold."""
+
+from collections.abc import Iterable
+from pathlib import Path
+
+from minihuman.admin.enrolment_entries import SlotTaken
+from minihuman.experiment.plan.session_plan import SessionPlan
+from minihuman.storage.system import now_text
+from minihuman.web.page_data.page_episodes import PageDataError
+
+
+def require_only_imported(taken_slots: Iterable[SlotTaken], study: Path, source: str) -> None:
+    """Require that all sessions of a study were imported from one kind of source.
+
+    Args:
+        taken_slots: the slots of the study's enrolment log.
+        study: the study's folder.
+        source: how the reasons of such slots begin.
+
+    Raises:
+        PageDataError: if a session was run here, or imported from something else.
+    """
+    for slot in taken_slots:
+        if not slot.reason.startswith(source):
+            raise PageDataError(
+                f"{study} has {slot.participant}, whose session was run here or imported from other data; "
+                "import into a study's folder of its own"
+            )
+
+
+def build_imported_slot(plan: SessionPlan, index: int, reason: str) -> SlotTaken:
+    """Return the enrolment of an imported session's participant.
+
+    Args:
+        plan: the session's plan.
+        index: the slot's place in the allocation list, from 0.
+        reason: the source, and the digest of what was imported.
+    """
+    participant = plan.participant
+    return SlotTaken(
+        plan.allocation_sha256 or "",
+        index + 1,
+        index,
+        participant.id,
+        participant.group,
+        overridden=False,
+        at=now_text(),
+        reason=reason,
+        outcome_rules=plan.outcome_rules,
+    )
