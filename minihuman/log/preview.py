@@ -2,7 +2,7 @@
 
 import io
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from foxglove_schemas_protobuf.Log_pb2 import Log
@@ -24,20 +24,34 @@ from minihuman.worlds.pose import Map, Pose
 FRAME_ID = "world"  # x right, y up, z down the page, as minihuman.worlds.pose says
 
 
+def encode_png(picture: Image.Image) -> bytes:
+    """Return a picture as a PNG."""
+    buffer = io.BytesIO()
+    picture.save(buffer, "PNG")
+    return buffer.getvalue()
+
+
 class PreviewEncoder:
     """Encodes previews of a segment's record: an episode's poses, floor plans, pictures and readable lines.
 
     Args:
         started_ns: the wall clock at the segment's time 0.
+        encode_picture: how floor plans are encoded.
     """
 
-    def __init__(self, started_ns: int) -> None:
+    def __init__(self, started_ns: int, encode_picture: Callable[[Image.Image], bytes] = encode_png) -> None:
         self.is_pose_per_step = False  # as earlier releases wrote poses: each in a message of its own, before its step
         self._started_ns = started_ns
+        self._encode_picture = encode_picture
         self._path: PosesInFrame | None = None  # of the episode that runs
 
-    def encode(self, topic: str, data: bytes) -> Iterator[tuple[str, Message]]:
+    def encode(self, topic: str, data: bytes, event: events.Event | None = None) -> Iterator[tuple[str, Message]]:
         """Yield the previews that come before a message of the record, in the order of the segment.
+
+        Args:
+            topic: the message's topic.
+            data: the message.
+            event: what the message says, if it has been decoded.
 
         Raises:
             Exception: any error that protobuf or one of our decoders raises for bytes that are not such a message.
@@ -56,7 +70,8 @@ class PreviewEncoder:
                     image = CompressedImage(timestamp=stamp, frame_id=FRAME_ID, data=observation.png, format="png")
                     yield topics.OBSERVATION_IMAGE, image
             case _:
-                if (event := decode_event(topic, data)) is not None:
+                event = event or decode_event(topic, data)
+                if event is not None:
                     yield from self._encode_event(event)
 
     def finish(self) -> Iterator[tuple[str, Message]]:
@@ -74,7 +89,7 @@ class PreviewEncoder:
             if event.pose is not None:
                 yield from self._add_pose(event.pose, event.t_ns)
             if event.map is not None:
-                image = draw_floor_plan_png(event.map, event.pose)
+                image = self._encode_picture(draw_floor_plan(event.map, event.pose))
                 yield topics.MAP_IMAGE, CompressedImage(timestamp=stamp, frame_id=FRAME_ID, data=image, format="png")
         line = _log_line(event)
         if line is not None:
@@ -154,8 +169,8 @@ WALL = "#33363b"
 AGENT = "#0072b2"
 
 
-def draw_floor_plan_png(floor: Map, pose: Pose | None) -> bytes:
-    """Draw a map from above, +x right and +z down, with its things and, if given, a pose; return a PNG."""
+def draw_floor_plan(floor: Map, pose: Pose | None) -> Image.Image:
+    """Draw a map from above, +x right and +z down, with its things and, if given, a pose."""
     x0, z0, x1, z1 = floor.bounds
     scale = (LONG_SIDE_PX - 2 * MARGIN_PX) / max(x1 - x0, z1 - z0, 1e-9)  # px per cell or metre
 
@@ -174,9 +189,7 @@ def draw_floor_plan_png(floor: Map, pose: Pose | None) -> bytes:
         draw.ellipse((x - radius, z - radius, x + radius, z + radius), fill=thing.colour, outline=WALL)
     if pose is not None:
         draw.polygon([at(*corner) for corner in _arrow(pose, max(0.4, ARROW_PX / scale))], fill=AGENT)
-    buffer = io.BytesIO()
-    image.save(buffer, "PNG")
-    return buffer.getvalue()
+    return image
 
 
 def _arrow(pose: Pose, radius: float) -> list[tuple[float, float]]:

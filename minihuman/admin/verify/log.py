@@ -16,6 +16,7 @@ from minihuman.admin.verify.contents import LogContents, LogSegment, read_log_co
 from minihuman.admin.verify.episodes import EpisodeVerification, describe_other_rules, verify_episodes
 from minihuman.admin.verify.picture_verification import verify_pictures
 from minihuman.admin.verify.plan import compare_plan
+from minihuman.admin.verify.world_tape import WorldTape
 from minihuman.dataset.annotations import describe_useless_annotation, read_annotations, split_annotations
 from minihuman.experiment.machine.activity import WorldFactory
 from minihuman.experiment.machine.event_rules import find_violations
@@ -221,13 +222,14 @@ def verify_session(log: Path, *, trust: bool = False, policies: bool = False) ->
     rules_note = describe_other_rules(session)
     if rules_note:
         yield rules_note, True
+    make_world = WorldTape().make_world
     with raise_as_log_error(log, "played again"):
-        steps = verify_episodes(session)
+        steps = verify_episodes(session, make_world)
         pictures = None
         if not steps.difference:
             pictures = verify_pictures(session)
     yield from _describe_replay(session, steps)
-    differences = _find_session_differences(log)
+    differences = _find_session_differences(log, make_world)
     for difference in differences[:MAX_DIFFERENCES]:
         yield difference, False
     if len(differences) > MAX_DIFFERENCES:
@@ -257,12 +259,12 @@ def _describe_replay(session: SessionLog, steps: EpisodeVerification) -> Iterato
         yield f"{steps.n_other_renderer} episodes with an earlier renderer's pictures: these are not compared", True
 
 
-def _find_session_differences(log: Path) -> list[str]:
+def _find_session_differences(log: Path, make_world: WorldFactory) -> list[str]:
     """Return the differences in all files of a session."""
     differences: list[str] = []
     for file in list_session_files(log):
         with raise_as_log_error(file, "proven"):
-            differences += find_log_differences(file, World)
+            differences += find_log_differences(file, make_world)
     return differences
 
 

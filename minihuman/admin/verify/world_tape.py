@@ -1,0 +1,186 @@
+"""A tape of what built-in worlds did, so that a proof steps each episode of a log once.
+
+A log's episodes are replayed twice: for their numbers, and as part of the session that they were played in. A built-in
+world does the same whenever it is reset with the same seed and given the same actions, so the second replay reads what
+the first one computed. Whatever is not on the tape is computed as it would be without one. Worlds of others, teams and
+worlds with wrappers are not taped: that they do the same again is not known.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+
+from minihuman.worlds.adapters.seat import SeatEnv
+from minihuman.worlds.adapters.spaces import Action
+from minihuman.worlds.adapters.transition import ResetResult, StepResult
+from minihuman.worlds.adapters.world import World
+from minihuman.worlds.contract import Palette, View
+from minihuman.worlds.hashing import hash64
+from minihuman.worlds.pose import Pose
+
+_EpisodeKey = tuple[str, int, int]  # world id, hash of its options, seed
+
+
+@dataclass(slots=True)
+class _Moment:
+    """A moment of an episode: what is known of the world then, and the steps that were taken from there."""
+
+    steps: dict[Action, tuple[StepResult, "_Moment"]] = field(default_factory=dict)
+    state_hash: int | None = None
+    pose: tuple[Pose | None] | None = None  # in a tuple, because a pose may be None
+    subgoals: tuple[tuple[str, int], ...] | None = None
+
+
+class WorldTape:
+    """What the worlds of a log did after each seed and actions, as long as the proof of the log takes."""
+
+    def __init__(self) -> None:
+        self._episodes: dict[_EpisodeKey, _Moment] = {}
+
+    def make_world(self, world_id: str, options: dict[str, Any] | None = None) -> World:
+        """Make a world that writes to this tape and reads from it.
+
+        Raises:
+            WorldError: if the world cannot be created here.
+        """
+        return _TapedWorld(world_id, options, self)
+
+    def find_episode(self, world_id: str, options: Mapping[str, Any], seed: int) -> _Moment:
+        """Return the first moment of an episode."""
+        return self._episodes.setdefault((world_id, hash64(options), seed), _Moment())
+
+
+class _TapedWorld(World):
+    """A world whose environment is stepped only where the tape has no answer.
+
+    Args:
+        world_id: a Gymnasium id.
+        options: the keyword arguments of ``gymnasium.make``.
+        tape: where its steps are written and read.
+    """
+
+    def __init__(self, world_id: str, options: dict[str, Any] | None, tape: WorldTape) -> None:
+        self._unmade_steps: list[Action] = []  # read from the tape; the environment has not made them
+        self._moment: _Moment | None = None  # None: what happens is not on the tape
+        self._tape = tape
+        super().__init__(world_id, options)
+        is_seat = isinstance(self._env.unwrapped, SeatEnv)
+        self._can_be_taped = self.is_built_in and not self._wrappers.any and not is_seat
+
+    def reset(self, seed: int) -> ResetResult:
+        """Begin an episode from a seed."""
+        self._unmade_steps.clear()
+        self._moment = None
+        reset = super().reset(seed)
+        if self._can_be_taped:
+            self._moment = self._tape.find_episode(self.id, self.options, seed)
+        return reset
+
+    def step(self, action: Action) -> StepResult:
+        """Step the world by an action; read the result from the tape if it is there."""
+        moment = self._moment
+        if moment is None:
+            return super().step(action)
+        if action in moment.steps:
+            result, self._moment = moment.steps[action]
+            self._unmade_steps.append(action)
+            return result
+        self._make_steps()
+        result = super().step(action)
+        self._moment = _Moment(subgoals=super().subgoals())  # which only the second replay asks for
+        moment.steps[action] = (result, self._moment)
+        return result
+
+    def _make_steps(self) -> None:
+        """Let the environment make the steps that were read from the tape."""
+        steps, self._unmade_steps = self._unmade_steps, []
+        for action in steps:
+            super().step(action)
+
+    def _leave_tape(self) -> None:
+        """Use the environment alone from now on, because someone may change it."""
+        self._make_steps()
+        self._moment = None
+
+    def _call(self, name: str, function: Any, *arguments: Any) -> Any:
+        self._make_steps()
+        return super()._call(name, function, *arguments)
+
+    def pose(self) -> Pose | None:
+        """Return the agent's pose; None if it is unknown."""
+        if self._moment is None:
+            return super().pose()
+        if self._moment.pose is None:
+            self._moment.pose = (super().pose(),)
+        return self._moment.pose[0]
+
+    def state_hash(self) -> int:
+        """Return the hash of the state."""
+        if self._moment is None:
+            return super().state_hash()
+        if self._moment.state_hash is None:
+            self._moment.state_hash = super().state_hash()
+        return self._moment.state_hash
+
+    def subgoals(self) -> tuple[tuple[str, int], ...]:
+        """Return the clauses of the episode's instruction, each with the step that fulfilled it."""
+        if self._moment is None or self._moment.subgoals is None:
+            return super().subgoals()
+        return self._moment.subgoals
+
+    @property
+    def observation(self) -> Any:
+        """Return the latest observation."""
+        self._make_steps()
+        return super().observation
+
+    @property
+    def unwrapped(self) -> Any:
+        """Return the environment itself."""
+        self._leave_tape()
+        return super().unwrapped
+
+    @property
+    def env(self) -> gymnasium.Env[Any, Any]:
+        """Return the environment with its wrappers."""
+        self._leave_tape()
+        return super().env
+
+    def advance(self, action: Action) -> tuple[bool, bool]:
+        """Step the world without computing an observation."""
+        self._leave_tape()
+        return super().advance(action)
+
+    def save(self) -> Any:
+        """Return an exact copy of the state."""
+        self._make_steps()
+        return super().save()
+
+    def restore(self, saved: Any) -> None:
+        """Restore a saved state."""
+        self._leave_tape()
+        super().restore(saved)
+
+    def frame(
+        self,
+        view: View | Literal["text"] = "partial",
+        size_px: tuple[int, int] = (640, 480),
+        palette: Palette = "classic",
+    ) -> NDArray[np.uint8]:
+        """Return what a person sees."""
+        self._make_steps()
+        return super().frame(view, size_px, palette)
+
+    def render(self, size_px: tuple[int, int]) -> Any:
+        """Return the environment's own picture."""
+        self._make_steps()
+        return super().render(size_px)
+
+    def text(self) -> str:
+        """Return the present observation as text."""
+        self._make_steps()
+        return super().text()
