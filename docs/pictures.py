@@ -11,7 +11,9 @@ import subprocess
 import sys
 import tempfile
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -89,6 +91,15 @@ def teaching(folder: Path, work: Path) -> None:
     wanted["teach_compare"] = next(s for s in screens if isinstance(s, PairScreen) and s.along > 0.5)
     for name, screen in wanted.items():
         Image.fromarray(compose_screen(screen, WINDOW_PX)).save(folder / f"{name}.png")
+
+
+def water_maze(folder: Path) -> None:
+    """The pool of protocols/navigation, as who starts in the west sees it."""
+    sys.path.insert(0, str(ROOT / "protocols/navigation"))
+    import_module("water_maze")
+    with closing(World("WaterMaze-v0", {"start": "west"}, trusted=True)) as world:
+        world.reset(0)
+        Image.fromarray(world.frame(size_px=(560, 420))).quantize(128).save(folder / "water_maze.png", optimize=True)
 
 
 def kitchen(folder: Path) -> None:
@@ -172,6 +183,7 @@ def main(folder: Path) -> None:
         teaching(folder, Path(work))
         teams(folder, Path(work))
     kitchen(folder)
+    water_maze(folder)
 
 
 if __name__ == "__main__":

@@ -137,7 +137,15 @@ def _measure_episode(tally: KeyTally, walk: PathMeasures) -> MeasureRow:
         "refused": tally.refused.total(),
         "absent_share": None if episode.team is None else episode.team.absent_share,
         "labels": labels,
+        "info_at_end": _encode_last_info(episode),
     }
+
+
+def _encode_last_info(episode: EpisodeLog) -> str:
+    """Return what the log keeps of the world's info after the last step, as JSON; "" if it keeps nothing."""
+    if not episode.infos:
+        return ""
+    return json.dumps(episode.infos[-1], sort_keys=True)
 
 
 def compare_with_shortest_path(row: Mapping[str, Any], least: PathLengthBounds) -> MeasureRow:

@@ -379,12 +379,10 @@ EPISODES = (
     TableColumn("ineffective_steps", "integer", "", "Steps that changed nothing to be seen."),
     TableColumn("refused", "integer", "", "Presses with no action, or while no action was taken."),
     TableColumn(
-        "absent_share",
-        "number",
-        "",
-        "Of a team: share of joint steps in which a person's seat idled or an agent had it.",
+        "absent_share", "number", "", "Of a team: share of joint steps in which a seat idled or an agent had it."
     ),
     TableColumn("labels", "text", "JSON", "The labels of a trial's stimulus, by column of its table; empty without."),
+    TableColumn("info_at_end", "text", "JSON", "What record_info keeps of the last step's info; empty without."),
     TableColumn("tags", "text", "", "The reviewers' tags in force, separated by spaces."),
     EXCLUDED_COLUMN,
 )

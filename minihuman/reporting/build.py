@@ -59,7 +59,7 @@ from minihuman.statistics.paired import MixedModel, fit_mixed_model
 
 _EPISODE_COLUMNS = [  # all that the results and the curves need; a big study has many episodes
     "participant", "group", "session", "segment", "block", "episode", "attempt", "episode_in_block",
-    "exclusion_reason", "world", "steps", "labels", "max_steps", "outcome",
+    "exclusion_reason", "world", "steps", "labels", "info_at_end", "max_steps", "outcome",
     "spl", "log_steps_ratio", "excess_steps", "path_efficiency", "response_median_ms", "reaction_median_ms",
     *(measure for measure, _, _ in CURVES),
 ]  # fmt: skip

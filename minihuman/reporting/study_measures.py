@@ -1,7 +1,8 @@
 """Measures that a protocol can name in addition to the columns of the table of blocks.
 
-They are answers, teaching, another block's value, an adaptive design's estimate, trials, and those of a lab's own
-package (entry-point group `minihuman.measures`). A name is ``KIND:ARGUMENT``, such as ``answer:load.mental``.
+They are answers, teaching, another block's value, an adaptive design's estimate, what a world's info says, trials, and
+those of a lab's own package (entry-point group `minihuman.measures`). A name is ``KIND:ARGUMENT``, such as
+``answer:load.mental``.
 """
 
 import json
@@ -119,6 +120,31 @@ class BlockValue(StudyMeasure):
         ]
 
 
+class InfoAtEnd(StudyMeasure):
+    """``info:KEY`` is what the world's ``info`` says under a recorded key after an episode's last step: a block's mean.
+
+    ``KEY.PART`` is a part of a dictionary. A boolean counts as 0 or 1.
+    """
+
+    def __init__(self, argument: str) -> None:
+        if not argument:
+            raise ReportError("measure 'info:' does not name a key; use info:KEY with a KEY of record_info")
+        self.key = argument
+        self.label = f"{argument} at the end of an episode"
+
+    def compute(self, tables: Tables) -> pd.DataFrame:
+        """Return the value of each episode whose world said a number."""
+        episodes = tables["episodes"]
+        values = episodes["info_at_end"].map(self._read, na_action="ignore")
+        rows = episodes.assign(value=pd.to_numeric(values, errors="coerce"))
+        return rows.loc[rows["value"].notna(), ["participant", "session", "block", "value"]]
+
+    def _read(self, text: str) -> float | None:
+        info = json.loads(text or "{}")
+        number = info.get(self.key)
+        return float(number) if isinstance(number, bool | int | float) else None
+
+
 class DesignEstimate(StudyMeasure):
     """``design:NAME`` is the last estimate of a block's adaptive design; a ``threshold`` is compared on a log scale."""
 
@@ -163,6 +189,7 @@ _BUILT_IN: Mapping[str, type[StudyMeasure]] = {
     "answer": AnswerScore,
     "block": BlockValue,
     "design": DesignEstimate,
+    "info": InfoAtEnd,
     "teaching": TeachingMeasure,
     "trials": TrialMeasure,
 }

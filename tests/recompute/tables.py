@@ -608,6 +608,7 @@ def episode_row(episode: Episode, told: int | None = None) -> Row:
         "ineffective_steps": episode.visible().count(False),
         "refused": len(refused(episode)),
         "absent_share": None,
+        "info_at_end": (episode.steps[-1].info_json or None) if episode.steps else None,
     }
 
 

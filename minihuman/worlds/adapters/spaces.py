@@ -87,15 +87,21 @@ class VectorActions:
 
     Args:
         space: the environment's action space
+        element_names: the environment's own names of the elements, in order; None for `axis_0_minus` and so on
+        resolution: into how many parts of 1 a component is divided, to which it is rounded before it is used; 0 for
+            any number
 
     Raises:
-        WorldError: if the space is of another kind.
+        WorldError: if the space is of another kind, or there are not as many names as elements.
     """
 
     is_discrete = False
 
-    def __init__(self, space: gymnasium.Space[Any]) -> None:
+    def __init__(
+        self, space: gymnasium.Space[Any], *, element_names: Sequence[str] | None = None, resolution: int = 0
+    ) -> None:
         self._space = space
+        self.resolution = resolution
         low: list[float] = []
         high: list[float] = []
         rest_vector: list[float] = []
@@ -103,29 +109,11 @@ class VectorActions:
         is_integral: list[bool] = []  # whether it takes whole numbers alone
         elements: list[ActionElement] = []
         for leaf in _list_leaves(space):
-            start = len(rest_vector)
-            match leaf:
-                case spaces.Box():
-                    ends = [np.asarray(end, np.float64).ravel() for end in (leaf.low, leaf.high)]
-                    still = np.clip(np.zeros(leaf.low.size), *ends)
-                    axes = len({element.component for element in elements if element.name.startswith("axis")})
-                    elements += _axis_elements(ends[0], ends[1], still, start, MAX_BOUND_AXES - axes)
-                case spaces.MultiBinary():
-                    still = np.zeros(int(np.prod(leaf.shape)))
-                    ends = [still, still + 1]
-                    elements += [ActionElement(f"button_{start + n}", start + n, 1.0) for n in range(len(still))]
-                case spaces.MultiDiscrete() | spaces.Discrete():
-                    counts = np.ravel(leaf.n if isinstance(leaf, spaces.Discrete) else leaf.nvec)
-                    still = np.asarray(leaf.start, np.float64).ravel()
-                    ends = [still, still + counts - 1]
-                    elements += _choice_elements(counts, still, start)
-                case _:
-                    raise WorldError(
-                        f"sessions do not support the action space {space}; "
-                        "use Discrete, MultiDiscrete, MultiBinary or Box, or Dict and Tuple of them"
-                    )
-            low += ends[0].tolist()
-            high += ends[1].tolist()
+            axes = len({element.component for element in elements if element.name.startswith("axis")})
+            moves, leaf_low, still, leaf_high = _read_leaf(leaf, len(rest_vector), MAX_BOUND_AXES - axes)
+            elements += moves
+            low += leaf_low.tolist()
+            high += leaf_high.tolist()
             rest_vector += still.tolist()
             adds += [isinstance(leaf, spaces.Box | spaces.MultiBinary)] * len(still)
             is_integral += [leaf.dtype is not None and leaf.dtype.kind in "iub"] * len(still)
@@ -134,8 +122,8 @@ class VectorActions:
         self._adds = adds
         self._is_integral = is_integral
         self.rest: ActionVector = tuple(rest_vector)
-        self._elements = tuple(elements)
-        self.names = (REST, *(element.name for element in elements), CHORD)
+        self._elements = _rename(elements, element_names)
+        self.names = (REST, *(element.name for element in self._elements), CHORD)
 
     @property
     def unbound(self) -> int:
@@ -211,10 +199,12 @@ class VectorActions:
             raise WorldError(f"component {component} does not exist; {self._space} has {len(self.rest)}, from 0")
 
     def resolve(self, action: Action) -> tuple[int, ActionVector]:
-        """Return the number and vector of an action."""
-        if isinstance(action, tuple):
-            return (self._number(action), action)
-        return self.combine([action])
+        """Return the number and vector of an action, with its components rounded to the resolution."""
+        if not isinstance(action, tuple):
+            return self.combine([action])
+        if self.resolution:
+            action = tuple((np.round(np.array(action) * self.resolution) / self.resolution).tolist())
+        return self._number(action), action
 
     def _number(self, vector: ActionVector) -> int:
         """Return the index in ``names`` of a vector: that of rest, of the element that it equals, or of ``chord``."""
@@ -247,6 +237,44 @@ class VectorActions:
         if not self._space.contains(value):
             raise WorldError(f"the action {vector!r} is outside {self._space}; use one inside it")
         return value
+
+
+def _read_leaf(
+    leaf: gymnasium.Space[Any], start: int, most_axes: int
+) -> tuple[Sequence[ActionElement], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return the elements of a leaf whose components are numbered from ``start``, and its lowest, rest and highest.
+
+    Raises:
+        WorldError: if the leaf is of a kind that keys cannot move.
+    """
+    match leaf:
+        case spaces.Box():
+            low, high = (np.asarray(end, np.float64).ravel() for end in (leaf.low, leaf.high))
+            still = np.clip(np.zeros(low.size), low, high)
+            return _axis_elements(low, high, still, start, most_axes), low, still, high
+        case spaces.MultiBinary():
+            still = np.zeros(int(np.prod(leaf.shape)))
+            buttons = [ActionElement(f"button_{start + n}", start + n, 1.0) for n in range(len(still))]
+            return buttons, still, still, still + 1
+        case spaces.MultiDiscrete() | spaces.Discrete():
+            counts = np.ravel(leaf.n if isinstance(leaf, spaces.Discrete) else leaf.nvec)
+            still = np.asarray(leaf.start, np.float64).ravel()
+            return list(_choice_elements(counts, still, start)), still, still, still + counts - 1
+    raise WorldError(
+        f"sessions do not support the action space {leaf}; "
+        "use Discrete, MultiDiscrete, MultiBinary or Box, or Dict and Tuple of them"
+    )
+
+
+def _rename(elements: Sequence[ActionElement], names: Sequence[str] | None) -> tuple[ActionElement, ...]:
+    """Return elements with an environment's own names, if it has any."""
+    if names is None:
+        return tuple(elements)
+    if len(names) != len(elements):
+        raise WorldError(f"it names {len(names)} of the {len(elements)} elements of its actions; name each, in order")
+    return tuple(
+        ActionElement(name, element.component, element.value) for name, element in zip(names, elements, strict=True)
+    )
 
 
 def _list_leaves(space: gymnasium.Space[Any]) -> list[gymnasium.Space[Any]]:
@@ -333,7 +361,11 @@ def build_actions(world_id: str, env: gymnasium.Env[Any, Any]) -> ActionInterfac
     native = env.unwrapped
     if not isinstance(space, gymnasium.spaces.Discrete):
         try:
-            return VectorActions(space)
+            return VectorActions(
+                space,
+                element_names=getattr(native, "action_element_names", None),
+                resolution=getattr(native, "action_resolution", 0),
+            )
         except WorldError as error:
             raise WorldError(f"{world_id}: {error}") from error
     count = int(space.n)

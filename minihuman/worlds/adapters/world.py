@@ -272,7 +272,7 @@ class World:
         Raises:
             WorldError: if planning would take too long.
         """
-        if self._known:
+        if self._known and self.actions.is_discrete:
             actions = self._call("shortest_path()", self._known.shortest_path)
         else:
             actions = None
@@ -282,7 +282,8 @@ class World:
 
     def path_length_bounds(self) -> PathLengthBounds:
         """Return bounds on the number of steps from here to success."""
-        if self._known:
+        moves_by_steps = getattr(self._env.unwrapped, "control", "discrete") == "discrete"  # of first-person worlds
+        if self._known and moves_by_steps:
             return self._call("path_length_bounds()", self._known.path_length_bounds)
         return UNKNOWN_BOUNDS
 

@@ -13,7 +13,7 @@ from typing import Any, ClassVar, NamedTuple
 import gymnasium
 import numpy as np
 from gymnasium.vector import AutoresetMode
-from gymnasium.vector.utils import batch_space, concatenate, create_empty_array
+from gymnasium.vector.utils import batch_space, concatenate, create_empty_array, iterate
 from numpy.typing import ArrayLike, NDArray
 
 from minihuman.errors import WorldError
@@ -91,6 +91,7 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
         own = kind.observe is not FirstPersonEnv.observe or kind.see is not FirstPersonEnv.see
         self._draws_together = num_envs > 1 and not own
         stepped = kind.advance is FirstPersonEnv.advance and first.kernels_judge and not first.domain_rand
+        stepped = stepped and first.control == "discrete"
         self._joint = JointStep(self.worlds) if self._draws_together and stepped else None
 
     @property  # type: ignore[misc]  # Gymnasium's can be set; Gymnasium's own vectors give one per world too
@@ -131,7 +132,11 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
         joint = self._joint
         if joint is not None and not joint.is_current():
             joint = None
-        action_array = self._check_actions(actions, one_by_one=joint is None)
+        action_array: Any
+        if isinstance(self.single_action_space, gymnasium.spaces.Discrete):
+            action_array = self._check_actions(actions, one_by_one=joint is None)
+        else:
+            action_array = self._check_continuous_actions(actions)
         again = self._autoreset is AutoresetMode.SAME_STEP
         renewed = self._over & (self._autoreset is AutoresetMode.NEXT_STEP)
         rewards = np.zeros(self.num_envs)
@@ -148,7 +153,7 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
                 world.begin()
                 continue
             if not stepped[i]:
-                rewards[i], ends[0][i], ends[1][i] = world.advance(int(action_array[i]))
+                rewards[i], ends[0][i], ends[1][i] = world.advance(action_array[i])
             vars(world)["_over"] = bool(ends[0][i] or ends[1][i])
             if again and (ends[0][i] or ends[1][i]):
                 final[i] = world.observe(), world.info()
@@ -174,11 +179,33 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
         if one_by_one or not 0 <= action_array.min() <= action_array.max() < len(self.worlds[0].action_names):
             for world, action in zip(self.worlds, action_array.tolist(), strict=True):
                 world.check(action)
+        self._require_running()
+        return action_array
+
+    def _check_continuous_actions(self, actions: Any) -> list[Any]:
+        """Return the action of each world, out of those of a batch in Gymnasium's form, after every world checked its.
+
+        Raises:
+            WorldError: in the same cases as `step`.
+        """
+        separate = list(iterate(self.action_space, actions))
+        if len(separate) != self.num_envs:
+            raise WorldError(f"there are {len(separate)} actions; a batch of {self.num_envs} worlds needs one for each")
+        for world, action in zip(self.worlds, separate, strict=True):
+            world.check(action)
+        self._require_running()
+        return separate
+
+    def _require_running(self) -> None:
+        """Check that no episode is over, where worlds do not begin anew by themselves.
+
+        Raises:
+            WorldError: if one is.
+        """
         if self._autoreset is AutoresetMode.DISABLED and self._over.any():
             raise WorldError(
                 f"the episode of world {int(np.argmax(self._over))} is over; reset it with options['reset_mask'] first"
             )
-        return action_array
 
     def render(self) -> tuple[NDArray[np.uint8] | None, ...] | None:  # type: ignore[override]
         """Return the rendered picture of each world; None without a render mode."""

@@ -16,8 +16,9 @@ from minihuman.errors import WorldError
 from minihuman.worlds.contract import NativeWorld, Palette, View
 from minihuman.worlds.first_person import rules
 from minihuman.worlds.first_person.entities import Agent, Entity, ImageFrame, Position, TextFrame, note_change
+from minihuman.worlds.first_person.free_motion import FreeMotion
 from minihuman.worlds.first_person.miniworld_compat import MiniworldCompat
-from minihuman.worlds.first_person.parameters import DEFAULTS, Parameters
+from minihuman.worlds.first_person.parameters import DEFAULTS, Parameters, fix_parameters
 from minihuman.worlds.first_person.pictures import WorldRenderer
 from minihuman.worlds.first_person.render.drawing import RenderTarget
 from minihuman.worlds.first_person.rooms import (
@@ -53,13 +54,14 @@ from minihuman.worlds.step_limit import check_action
 _NOT_STATE = frozenset(
     {"action_names", "action_space", "observation_space", "max_steps", "parameters", "domain_rand", "render_mode"}
     | {"view", "window_px", "spec", "trig", "_pictures", "_over", "_flat", "_max_steps", "_domain_rand", "_is_made"}
-    | {"_window", "reward_range", "obs_disp_width"}
+    | {"_window", "reward_range", "obs_disp_width", "control", "acceleration", "kernel_actions", "_continuous"}
+    | {"action_element_names", "action_resolution"}
 )
 EntityT = TypeVar("EntityT", bound=Entity)
 FrameT = TypeVar("FrameT", ImageFrame, TextFrame)
 
 
-class FirstPersonEnv(ShowsItself, gymnasium.Env[Any, Any], MiniworldCompat, NativeWorld):
+class FirstPersonEnv(ShowsItself, gymnasium.Env[Any, Any], MiniworldCompat, FreeMotion, NativeWorld):
     """The base class of all first-person worlds.
 
     ``build`` places rooms and entities, and ``termination_rule`` returns the rule for rewards and ends. A custom rule
@@ -84,6 +86,9 @@ class FirstPersonEnv(ShowsItself, gymnasium.Env[Any, Any], MiniworldCompat, Nati
             every machine and page
         contact_shadows: whether the ground is darker around entities that stand on it, unlike in Miniworld's pictures
         look: the style of pictures: "classic", or "display" for people: sharper, steadier, with depth
+        control: how the body moves: "discrete" by the eight actions, "discrete-strafe" with steps to the left and right
+            as two more, "continuous" by speed and turn, each -1 to 1, "continuous-strafe" with a third, to the right
+        acceleration: the most by which speed and strafe change in a step, of the largest; 0 for at once
     """
 
     metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 30}  # noqa: RUF012 (Gymnasium's own way to declare it)
@@ -108,6 +113,8 @@ class FirstPersonEnv(ShowsItself, gymnasium.Env[Any, Any], MiniworldCompat, Nati
         contact_shadows: bool = False,
         look: str = "classic",
         trig: int = 0,
+        control: str = "discrete",
+        acceleration: float = 0.0,
     ) -> None:
         sizes = (("obs_width", obs_width), ("obs_height", obs_height))
         for name, pixels in (*sizes, ("window_width", window_width), ("window_height", window_height)):
@@ -117,20 +124,12 @@ class FirstPersonEnv(ShowsItself, gymnasium.Env[Any, Any], MiniworldCompat, Nati
         check_one_of("trig", trig, (0, 1))
         check_bool("contact_shadows", contact_shadows)
         check_one_of("look", look, ("classic", "display"))
-        if not actions:
-            raise WorldError(f"the list of actions is empty; give one or more of {', '.join(rules.ACTIONS)}")
-        if unknown := set(actions) - set(rules.ACTIONS):
-            raise WorldError(f"unknown actions {', '.join(sorted(unknown))}; use {', '.join(rules.ACTIONS)}")
         self._stage: WorldState | None = None
         self._flat: FlatState | None = None
         self.max_steps = max_steps
-        self.action_names = tuple(actions)
-        self.action_space = gymnasium.spaces.Discrete(len(actions))
+        self._set_actions(tuple(actions), control, acceleration)
         self.observation_space = gymnasium.spaces.Box(0, 255, (obs_height, obs_width, 3), np.uint8)
-        if isinstance(parameters, Parameters):
-            self.parameters = parameters
-        else:
-            self.parameters = DEFAULTS.fixed(**parameters)
+        self.parameters = fix_parameters(parameters)
         self.domain_rand = domain_rand
         self.render_mode = render_mode
         self.view = view
@@ -159,7 +158,7 @@ class FirstPersonEnv(ShowsItself, gymnasium.Env[Any, Any], MiniworldCompat, Nati
         """Return the reward of a step and whether it ended the episode, by default by the ``termination_rule``."""
         flat = self.flat_state()
         flat.take_rule(self)
-        status = flat.step(self, self.action_names.index(action), rules.JUDGE)
+        status = flat.step(self, self._kernel_action(action), rules.JUDGE)
         return flat.reward, bool(status & rules.TERMINATED)
 
     def info(self) -> dict[str, Any]:
@@ -332,6 +331,7 @@ class FirstPersonEnv(ShowsItself, gymnasium.Env[Any, Any], MiniworldCompat, Nati
         super().reset(seed=seed)
         self.step_count = 0
         self._over = False
+        self._stand_still()
         self._stage = WorldState(self.np_random, self.parameters, randomised=self.domain_rand)
         if self.trig:
             self._stage.agent.trig = self.trig
@@ -357,15 +357,22 @@ class FirstPersonEnv(ShowsItself, gymnasium.Env[Any, Any], MiniworldCompat, Nati
             raise WorldError(f"no episode is running in {type(self).__name__}; call reset() first")
         attributes = vars(self)  # setting one through the world costs as much as the rest of a move
         attributes["step_count"] += 1
+        name = self.action_names[number]
+        parts = rules.ACT | rules.JUDGE
+        if self._is_free(number):
+            name = self._act_freely(action, name)
+            number = self._kernel_action(name)
+            parts = rules.JUDGE
         flat = self.flat_state()
         if self.kernels_judge:
-            status = flat.step(self, number, rules.ACT | rules.JUDGE)
+            status = flat.step(self, number, parts)
             reward = flat.reward
             terminated = bool(status & rules.TERMINATED)
             truncated = bool(status & rules.TRUNCATED)
         else:
-            flat.step(self, number, rules.ACT)
-            reward, terminated = self.reward_and_done(self.action_names[number])
+            if parts & rules.ACT:
+                flat.step(self, number, rules.ACT)
+            reward, terminated = self.reward_and_done(name)
             truncated = self.max_steps is not None and self.step_count >= self.max_steps
         attributes["_over"] = terminated or truncated
         return reward, terminated, truncated
@@ -374,6 +381,9 @@ class FirstPersonEnv(ShowsItself, gymnasium.Env[Any, Any], MiniworldCompat, Nati
         """Return an action's number, or raise the error that ``step`` would raise; the world does not change."""
         if self._stage is None:
             raise self._not_reset()
+        if self._continuous is not None:
+            self._continuous.read(action)
+            return 0
         return check_action(action, len(self.action_names))
 
     def render(self) -> NDArray[np.uint8] | None:
@@ -398,7 +408,7 @@ class FirstPersonEnv(ShowsItself, gymnasium.Env[Any, Any], MiniworldCompat, Nati
     def is_compiled(self) -> bool:
         """Return whether kernels alone step the world with our own sine; `reward_and_done` or `advance` prevents it."""
         own = type(self)
-        plain = own.advance is FirstPersonEnv.advance and own.step is FirstPersonEnv.step
+        plain = own.advance is FirstPersonEnv.advance and own.step is FirstPersonEnv.step and self.control == "discrete"
         return bool(self.trig) and plain and self.kernels_judge and len(self.action_names) <= rules.MOST_ACTIONS
 
     @property

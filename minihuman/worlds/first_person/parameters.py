@@ -149,3 +149,10 @@ DEFAULTS = Parameters(
         "cam_fwd_disp": Parameter(0.0, -0.05, 0.10),
     }
 )
+
+
+def fix_parameters(parameters: Parameters | Mapping[str, Value]) -> Parameters:
+    """Return a world's parameters: as they are, or the defaults with some fixed values."""
+    if isinstance(parameters, Parameters):
+        return parameters
+    return DEFAULTS.fixed(**parameters)

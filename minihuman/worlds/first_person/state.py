@@ -256,7 +256,7 @@ def floor_map(stage: WorldState) -> Map:
     )
 
 
-_DRAWN = ("forward_step", "forward_drift", "turn_step")
+MOTION_PARAMETERS = ("forward_step", "forward_drift", "turn_step")
 _RADIANS = math.pi / 180
 _CHANGED = ~(rules.TERMINATED | rules.TRUNCATED)
 
@@ -273,7 +273,7 @@ class TerminationRule(NamedTuple):
 class SteppedWorld(Protocol):
     """The part of `FirstPersonEnv` that `FlatState` needs of the world it steps."""
 
-    action_names: tuple[str, ...]
+    kernel_actions: tuple[str, ...]
     max_steps: int | None
     step_count: int
 
@@ -297,12 +297,12 @@ class FlatState:
 
     def __init__(self, world: SteppedWorld) -> None:
         stage = self.stage = world.stage
-        ranges = [stage.parameters[name] for name in _DRAWN]
+        ranges = [stage.parameters[name] for name in MOTION_PARAMETERS]
         self.reward = 0.0  # of the last step
         self.latest_change = 0  # the latest change that is in the arrays
         self.walls = stage.floor.walls
         self._varies = ranges if stage.randomised else None
-        self.motions = [rules.ACTIONS.index(world.motions.get(name, name)) for name in world.action_names]
+        self.motions = [rules.ACTIONS.index(world.motions.get(name, name)) for name in world.kernel_actions]
         self._head = np.zeros(rules.ARGUMENTS)
         self._head[rules.STEP_LIMIT] = -1.0 if world.max_steps is None else world.max_steps
         self._head[rules.REACH] = stage.reach
@@ -311,7 +311,7 @@ class FlatState:
             for start, value in zip((rules.AHEAD, rules.LOW, rules.HIGH), bounds, strict=True):
                 self._head[start + k] = value
         self._head[rules.VARIES] = stage.randomised
-        for k, (name, motion) in enumerate(zip(world.action_names, self.motions, strict=True)):
+        for k, (name, motion) in enumerate(zip(world.kernel_actions, self.motions, strict=True)):
             self._head[rules.NAMED + k] = rules.ACTIONS.index(name) + 8 * motion
         self.turn_rad = float(self._head[rules.TURN_DEG]) * _RADIANS
         self.take_rule(world)

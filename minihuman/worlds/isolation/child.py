@@ -146,14 +146,17 @@ class WorldServer:
                 import_module(request.module)
         self._constructed = world = World(request.world_id, decode_value(request.options), trusted=True)
         actions = world.actions
+        discrete = DiscreteActions((), 0, {})
+        resolution = 0
         if isinstance(actions, DiscreteActions):
             discrete = actions
         else:
-            discrete = DiscreteActions((), 0, {})
+            resolution = actions.resolution
         return messages.Description(
             can_isolate=not world.is_compiled and not isinstance(world.unwrapped, SeatEnv),
             action_names=actions.names,
             first_action=discrete.first,
+            action_resolution=resolution,
             chords=[(sorted(keys), action) for keys, action in discrete.chords.items()],
             action_space=encode_space(world.action_space),
             observation_space=encode_space(world.observation_space),

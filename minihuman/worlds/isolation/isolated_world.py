@@ -346,7 +346,8 @@ def _build_actions(description: messages.Description) -> ActionInterface:
     if isinstance(space, gymnasium.spaces.Discrete):
         chords = {frozenset(keys): action for keys, action in description.chords}
         return DiscreteActions(description.action_names, description.first_action, chords)
-    return VectorActions(space)
+    names = description.action_names[1:-1]  # without rest and chord
+    return VectorActions(space, element_names=names, resolution=description.action_resolution)
 
 
 class IsolatedWorlds:

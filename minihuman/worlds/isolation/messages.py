@@ -99,6 +99,7 @@ class Description(msgspec.Struct, frozen=True, array_like=True):
     can_isolate: bool  # else it is made where its session is: a page computes it, or it has several bodies
     action_names: tuple[str, ...]
     first_action: int  # of a Discrete space: the space's own number
+    action_resolution: int  # of vectors, to which they are rounded; 0: they are not
     chords: list[tuple[list[int], int]]
     action_space: bytes  # by `space_codec`
     observation_space: bytes

@@ -1,0 +1,119 @@
+"""FreeMotion: the part of a first-person world that moves its body by other than the eight actions."""
+
+from typing import Any
+
+import gymnasium
+
+from minihuman.errors import WorldError
+from minihuman.worlds.first_person.motion import (
+    CONTROLS,
+    RADIANS,
+    RESOLUTION,
+    STRAFES,
+    Command,
+    ContinuousControl,
+    approach,
+    limit_length,
+    slide,
+    turn_body,
+    walk,
+)
+from minihuman.worlds.first_person.rules import ACT, ACTIONS
+from minihuman.worlds.first_person.state import MOTION_PARAMETERS, FlatState, WorldState
+from minihuman.worlds.options import check_number, check_one_of
+
+_FASTEST_CHANGE = 2.0  # from full speed back to full speed ahead
+
+
+class FreeMotion:
+    """A mixin of every first-person world that adds steps sideways, continuous actions and moves for authors."""
+
+    action_names: tuple[str, ...]
+    action_space: gymnasium.Space[Any]
+    kernel_actions: tuple[str, ...]  # those of the eight that the world has
+    control: str
+    acceleration: float
+    velocity: tuple[float, float]  # with acceleration: ahead and to the right, of the largest
+    action_element_names: tuple[str, ...]  # of continuous actions
+    action_resolution: int
+    _continuous: ContinuousControl | None
+
+    @property
+    def stage(self) -> WorldState:
+        """Return the state of the episode."""
+        raise NotImplementedError
+
+    def flat_state(self) -> FlatState:
+        """Return the present state in the arrays of the kernels."""
+        raise NotImplementedError
+
+    def move(self, dx: float, dz: float, dyaw: float = 0.0) -> bool:
+        """Turn the agent to the left by ``dyaw`` radians, then move it by ``dx`` and ``dz`` metres; return if it did.
+
+        It slides along what it meets. What it carries is turned and moved with it, and must fit, too.
+        """
+        turned = turn_body(self.stage, dyaw)
+        return slide(self.stage, dx, dz) or turned
+
+    def _set_actions(self, actions: tuple[str, ...], control: str, acceleration: float) -> None:
+        """Set the action space and the names of its actions.
+
+        Raises:
+            WorldError: if an action or the control is unknown, or the acceleration has no motion to change.
+        """
+        if not actions:
+            raise WorldError(f"the list of actions is empty; give one or more of {', '.join(ACTIONS)}")
+        if unknown := set(actions) - set(ACTIONS):
+            raise WorldError(f"unknown actions {', '.join(sorted(unknown))}; use {', '.join(ACTIONS)}")
+        check_one_of("control", control, CONTROLS)
+        check_number("acceleration", acceleration, 0, _FASTEST_CHANGE)
+        is_continuous = control.startswith("continuous")
+        if acceleration and not is_continuous:
+            raise WorldError(f'acceleration is {acceleration}, but control is {control!r}; make it "continuous"')
+        self.kernel_actions = actions
+        self.control = control
+        self.acceleration = acceleration
+        self._continuous = None
+        if is_continuous:
+            self._continuous = ContinuousControl(actions, strafes=control == "continuous-strafe")
+            self.action_names = actions
+            self.action_space = self._continuous.space
+            self.action_element_names = self._continuous.element_names
+            self.action_resolution = RESOLUTION
+            return
+        self.action_names = (*actions, *STRAFES) if control == "discrete-strafe" else actions
+        self.action_space = gymnasium.spaces.Discrete(len(self.action_names))
+
+    def _stand_still(self) -> None:
+        """Begin an episode at rest."""
+        if self.acceleration:
+            vars(self)["velocity"] = (0.0, 0.0)
+
+    def _is_free(self, number: int) -> bool:
+        """Return whether an action is none that kernels do."""
+        return self._continuous is not None or number >= len(self.kernel_actions)
+
+    def _act_freely(self, action: Any, name: str) -> str:
+        """Do what kernels do not: a step sideways, or a continuous action; return the name by which it is judged."""
+        if self._continuous is None:
+            command = Command(0.0, 0.0, -1.0 if name == STRAFES[0] else 1.0)
+        else:
+            command = self._continuous.read(action)
+            name = command.use or "move_forward"
+        stage = self.stage
+        ahead_m, drift_m, turn_deg = (stage.parameters.number(kind, stage.varying) for kind in MOTION_PARAMETERS)
+        turn_body(stage, command.turn * (turn_deg * RADIANS))
+        ahead, right = limit_length(command.ahead, command.right)
+        if self.acceleration:
+            ahead, right = approach(self.velocity, (ahead, right), self.acceleration)
+            vars(self)["velocity"] = (ahead, right)
+        walk(stage, ahead * ahead_m, right * ahead_m + ahead * drift_m)
+        if command.use:
+            self.flat_state().step(self, self._kernel_action(command.use), ACT)  # type: ignore[arg-type]  # a world
+        return name
+
+    def _kernel_action(self, name: str) -> int:
+        """Return the number by which kernels know an action; for a move of another kind, that of a move."""
+        if name in self.kernel_actions:
+            return self.kernel_actions.index(name)
+        return 0
