@@ -4,6 +4,7 @@ import asyncio
 import json
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from minihuman.experiment.machine.events import SessionEnded
@@ -79,6 +80,23 @@ def test_a_page_at_the_full_rate_is_within_the_budget_for_a_few_minutes_at_most(
     per_s = int(MESSAGES_PER_S)
     assert not all(budget.spend(KEY_MESSAGE_BYTES, number * S // per_s) for number in range(600 * per_s))
     assert budget.find_limit_bytes(600 * S) < 5_000_000
+
+
+def test_a_long_plan_does_not_let_a_page_write_all_of_it_at_once() -> None:
+    episode = corridor_plan(consent="May we?").episodes[0]
+    plan = msgspec.structs.replace(
+        corridor_plan(consent="May we?"), episodes=(msgspec.structs.replace(episode, max_steps=20_000),) * 10
+    )
+    budget = SessionBudget(plan)
+    assert not all(budget.spend(2_000, number * S // int(MESSAGES_PER_S)) for number in range(10 * int(MESSAGES_PER_S)))
+    assert budget.spent_bytes < 2_000_000
+    in_real_time = (msgspec.structs.replace(episode, max_steps=20_000, pace="real_time", step_period_ms=1_000 / 60),)
+    budget = SessionBudget(msgspec.structs.replace(plan, episodes=in_real_time * 10))
+    per_s = 150  # steps, their pictures, and the keys
+    assert all(budget.spend(KEY_MESSAGE_BYTES, number * S // per_s) for number in range(1_200 * per_s))
+    budget = SessionBudget(plan)
+    per_s = 3 * 15  # a key of a quick participant goes down, is seen, and comes up
+    assert all(budget.spend(KEY_MESSAGE_BYTES, number * S // per_s) for number in range(3_600 * per_s))
 
 
 def test_a_plan_that_asks_for_more_has_a_larger_budget(tmp_path: Path) -> None:
