@@ -185,7 +185,7 @@ def test_a_page_at_full_rate_on_a_small_disk_is_ended_and_its_neighbours_lose_no
         assert len(flooded) == 1
         assert largest_bytes < ABUSER_BYTES
         assert flooding.told["code"]
-        assert "stop" in flooding.told["text"]
+        assert "stop" in flooding.told["words"]
         found = {participant: count_presses(log) for participant, log in logs.items()}
         for page in pages:
             assert page.counts.refused == ""
@@ -215,7 +215,7 @@ def check_ending(page: RecordingPage, logged: Counter[tuple[str, int]]) -> None:
     assert page.counts.over in ("complete", "broken"), page.told
     missing = Counter(page.unacknowledged.values()) - logged
     before_end = [press for press in missing if press[1] <= max((stamp for _, stamp in logged), default=0)]
-    unsaved = re.search(r"\d+", page.told["text"])
+    unsaved = re.search(r"\d+", page.told["words"])
     assert len(before_end) <= (int(unsaved[0]) if unsaved else 0), page.told
 
 
