@@ -9,6 +9,7 @@ import pytest
 
 from minihuman.experiment.machine.events import SessionEnded
 from minihuman.experiment.plan.session_plan import SessionPlan
+from minihuman.experiment.replay import compare_replay
 from minihuman.log.read.session_reader import read_events
 from minihuman.web import connection_factory
 from minihuman.web.arrivals import Arrivals
@@ -21,6 +22,7 @@ from minihuman.web.server.app import WebServer
 from minihuman.web.server.process import ServeError
 from minihuman.web.session_budget import SessionBudget, estimate_plan_bytes
 from minihuman.web.traffic_limits import MESSAGES_PER_S
+from minihuman.worlds.adapters.world import World
 from tests.study.sessions import corridor_plan
 from tests.web.test_admission import FACTS, agree, corridor
 
@@ -64,6 +66,7 @@ def test_a_page_that_types_without_end_is_ended_and_told_that_the_study_stopped(
     [ended] = [event for event in read_events(log) if isinstance(event, SessionEnded)]
     assert ended.reason == "aborted"
     assert "the page sent more than" in ended.detail
+    assert list(compare_replay(list(read_events(log)), World)) == []
 
 
 def test_a_person_who_plays_all_of_a_plan_and_types_long_answers_stays_within_the_budget() -> None:

@@ -37,7 +37,7 @@ FLOOD_S = count(20, 600)
 NEIGHBOURS = count(4, 20)
 ABUSER_BYTES = 5_000_000
 HALF_AGAIN_S = 5.0  # they are to take files, not the processor that the server shares with them
-PRESSES = count(4, 20)  # of each, before there are half requests, beside them, and with a newcomer
+PRESSES = count(4, 8)  # of each, before there are half requests, beside them, and with a newcomer
 
 
 class RecordingPage(TypedPage):
