@@ -12,6 +12,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import uvicorn
+from starlette.types import ASGIApp
 
 from minihuman.admin.local_copies import obey_withdrawals
 from minihuman.errors import LogError, MinihumanError, ProtocolError
@@ -124,8 +125,14 @@ def run_server(
         address = f"http://{HOST}:{listening_socket.getsockname()[1]}/"
     _say_links(arrivals, links, address, say)
     server = WebServer(arrivals, data, worlds=worlds)
-    config = uvicorn.Config(
-        server.app(),
+    with suppress(KeyboardInterrupt):  # uvicorn has shut down, and raises the signal again
+        QueueingServer(_configure(server.app())).run(sockets=[listening_socket])
+
+
+def _configure(app: ASGIApp) -> uvicorn.Config:
+    """Return uvicorn's configuration for a study's application."""
+    return uvicorn.Config(
+        app,
         http=TimedHttpProtocol,
         ws="websockets-sansio",
         ws_max_size=MAX_MESSAGE_BYTES,
@@ -136,8 +143,6 @@ def run_server(
         log_level="warning",
         timeout_graceful_shutdown=2,
     )
-    with suppress(KeyboardInterrupt):  # uvicorn has shut down, and raises the signal again
-        QueueingServer(config).run(sockets=[listening_socket])
 
 
 def _say_links(arrivals: Arrivals, count: int, address: str, say: Callable[[str], None]) -> None:
