@@ -29,6 +29,7 @@ class SessionBudget:
 
     def __init__(self, plan: SessionPlan) -> None:
         self.spent_bytes = 0
+        self._text_bytes = 0  # of these, what was typed, which takes nothing of what steps need
         self._step_bytes = _FACTOR * _estimate_step_bytes(plan)  # of all steps, which come at this rate at most
         self._step_bytes_per_s = _FACTOR * _STEP_BYTES * max(map(_estimate_steps_per_s, plan.episodes), default=0)
         self._fixed_bytes = _BASE_BYTES + _FACTOR * estimate_plan_bytes(plan) - self._step_bytes
@@ -38,16 +39,22 @@ class SessionBudget:
         if any(getattr(part.plan, "has_text_entry", False) for part in plan.parts):
             self._bytes_per_s += _TEXT_BYTES_PER_S
 
-    def spend(self, n_bytes: int, session_ns: int) -> bool:
+    def spend(self, n_bytes: int, session_ns: int, *, is_text: bool = False) -> bool:
         """Count the bytes of a message; return False if the session has now sent more than it can need by this time."""
         self.spent_bytes += n_bytes + MESSAGE_COST_BYTES
-        return self.spent_bytes <= self.find_limit_bytes(session_ns)
+        if is_text:
+            self._text_bytes += n_bytes + MESSAGE_COST_BYTES
+        is_text_within = self._text_bytes <= self._find_other_bytes(session_ns)
+        return is_text_within and self.spent_bytes <= self.find_limit_bytes(session_ns)
 
     def find_limit_bytes(self, session_ns: int) -> int:
         """Return the number of bytes that a session can need up to a time in it."""
-        session_s = max(0, session_ns) / 1e9
-        step_bytes = min(self._step_bytes, self._step_bytes_per_s * session_s)
-        return self._fixed_bytes + round(step_bytes + self._bytes_per_s * session_s)
+        step_bytes = min(self._step_bytes, self._step_bytes_per_s * max(0, session_ns) / 1e9)
+        return self._find_other_bytes(session_ns) + round(step_bytes)
+
+    def _find_other_bytes(self, session_ns: int) -> int:
+        """Return the number of bytes that all but steps can need up to a time in the session."""
+        return self._fixed_bytes + self._bytes_per_s * max(0, session_ns) // 1_000_000_000
 
 
 def _estimate_step_bytes(plan: SessionPlan) -> int:

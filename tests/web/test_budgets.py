@@ -93,6 +93,9 @@ def test_a_long_plan_does_not_let_a_page_write_all_of_it_at_once() -> None:
     budget = SessionBudget(plan)
     assert not all(budget.spend(2_000, number * S // int(MESSAGES_PER_S)) for number in range(10 * int(MESSAGES_PER_S)))
     assert budget.spent_bytes < 2_000_000
+    budget = SessionBudget(plan)  # at a server so busy that it takes ten messages a second
+    assert not all(budget.spend(2_000, number * S // 10, is_text=True) for number in range(6_000))
+    assert budget.spent_bytes < 3_000_000
     in_real_time = (msgspec.structs.replace(episode, max_steps=20_000, pace="real_time", step_period_ms=1_000 / 60),)
     budget = SessionBudget(msgspec.structs.replace(plan, episodes=in_real_time * 10))
     per_s = 150  # steps, their pictures, and the keys
