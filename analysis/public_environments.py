@@ -246,13 +246,14 @@ def write_trial(trial: Trial, folder: Path) -> None:
         writer = csv.DictWriter(file, list(Trial.__dataclass_fields__), lineterminator="\n")
         writer.writeheader()
         writer.writerows(rows[key] for key in sorted(rows))
-    packages = ["minihuman-lab", "numpy", *sorted({package for package, _ in rows})]
+    installed = {name: _find_version(name) for name in ("minihuman-lab", "numpy")}
+    tried = {package: str(rows[package, name]["version"]) for package, name in sorted(rows)}
     record = {
         "date": datetime.now(UTC).date().isoformat(),
         "python": platform.python_version(),
         "episodes": N_EPISODES,
         "steps": MAX_STEPS,
-        "versions": {name: _find_version(name) for name in packages},
+        "versions": installed | tried,
     }
     (folder / "public_environments.json").write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
 

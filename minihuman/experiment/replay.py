@@ -64,7 +64,8 @@ from minihuman.worlds.contract import CLAUSES_VERSION, PICTURES_VERSION
 
 MACHINE_VERSION = 1  # goes up when the same inputs give other events; logs record it
 _STOP_REASONS: tuple[Any, ...] = get_args(get_type_hints(Stop)["reason"])
-_EXTERNAL_STOP_REASONS = (  # only the session host gives these
+_EXTERNAL_STOP_REASONS = (  # only the session host gives these, or what tells of itself by an event before the end
+    "aborted",
     "window_closed",
     "signal",
     "timed_out",

@@ -11,7 +11,7 @@ from typing import Any
 import psycopg
 
 from minihuman.storage.deadlines import cut_off_late
-from minihuman.storage.redaction import redact
+from minihuman.storage.redaction import redact, remember_address
 
 _CREATE_TABLES_LOCK = 0x6D68
 _CONNECT_TIMEOUT_S = 5
@@ -37,6 +37,7 @@ class Database:
 
     def __init__(self, url: str, tables: str, purpose: str, *, timeout_s: float) -> None:
         self._url = url
+        remember_address(url)
         self._tables = tables
         self._purpose = purpose
         self._timeout_s = timeout_s

@@ -1,12 +1,13 @@
 """Removes secrets from third parties' errors: passwords in addresses, keys, and values of variables.
 
-Libraries put addresses and settings into their errors as they were given. Any such text goes through ``redact`` before
-it reaches a person, a log or another error.
+Libraries put addresses and settings into their errors as they were given, or parts of them as they understood them. Any
+such text goes through ``redact`` before it reaches a person, a log or another error. Who reads an address from a file
+tells ``remember_address``, since a part of a mistyped one cannot be recognized by itself.
 """
 
 import os
 import re
-from urllib.parse import unquote
+from urllib.parse import quote, unquote
 
 REDACTED = "[...]"
 _MIN_SECRET_LETTERS = 6  # of a variable's value: what is shorter is a dummy, and may be part of a word
@@ -19,6 +20,20 @@ _SETTING = re.compile(
     r"|authorization|sig)\s*[=:]\s*)(?:bearer\s+|basic\s+)?(?:\"[^\"]*\"|'[^']*'|[^\s&,;'\")]+)"
 )
 _SECRET_VARIABLE = re.compile(r"(?i)(password|passwd|secret|token|key)")
+_PARAMETER = re.compile(r"(?i)[?&][^=&]*(?:password|passwd|secret|token|signature|credential|key)[^=&]*=([^&#]*)")
+_ADDRESS_SECRETS: set[str] = set()  # of this process's addresses
+
+
+def remember_address(address: str) -> None:
+    """Remember the secrets of an address of a store or a database, for all texts that are redacted later.
+
+    They are the password, up to the last at sign, as it may hold one, and the values of secret parameters.
+    """
+    secrets = _PARAMETER.findall(address)
+    password = address.partition("://")[2].rpartition("@")[0].partition(":")[2]
+    secrets += [password, *password.split("@")]
+    for secret in secrets:
+        _ADDRESS_SECRETS.update({secret, unquote(secret), quote(secret, safe="")})
 
 
 def redact(text: str) -> str:
@@ -30,8 +45,8 @@ def redact(text: str) -> str:
 
 
 def _find_secrets() -> list[str]:
-    """Return the secrets in the environment, both as they are and as decoded from an address, longest first."""
-    secrets: set[str] = set()
+    """Return the secrets of addresses and of the environment, as they are and as decoded, longest first."""
+    secrets = set(_ADDRESS_SECRETS)
     for name, text in os.environ.items():
         if _SECRET_VARIABLE.search(name):
             secrets |= {text, unquote(text)}

@@ -19,7 +19,7 @@ from minihuman.storage.deadlines import call_within
 from minihuman.storage.durable_files import copy_durably, hash_file, replace_durably, sync_folder
 from minihuman.storage.locks import hold_lock
 from minihuman.storage.outside_names import join_inside
-from minihuman.storage.redaction import redact
+from minihuman.storage.redaction import redact, remember_address
 from minihuman.storage.system import current_system
 
 STORE_URL_FILE_NAME = "logs.url"
@@ -224,6 +224,7 @@ def open_store_url(url: str, *, may_be_new: bool = True) -> RemoteStore:
     Raises:
         RemoteStoreError: if the folder is refused, or the address of an S3 store is not valid.
     """
+    remember_address(url)
     if url.startswith(_S3):
         return S3Store(url.removeprefix(_S3))
     if not (may_be_new or (url and Path(url).is_dir())):

@@ -240,8 +240,12 @@ class Connection(PageSession):
         """Record that the page was closed, or that the participant left it for another page."""
         self.presence.bid_farewell(monotonic_s(), is_left=is_left)
 
-    def spend(self, n_bytes: int) -> bool:
+    def spend(self, n_bytes: int, *, is_text: bool = False) -> bool:
         """Count the size of a message against the session's budget; end the session of a page that sends too much.
+
+        Args:
+            n_bytes: the size of the message.
+            is_text: whether it holds what was typed.
 
         Returns:
             True if the message is within the budget.
@@ -249,7 +253,7 @@ class Connection(PageSession):
         if self.is_over_budget:
             return False
         now_ns = self.now_ns()
-        if self._budget.spend(n_bytes, now_ns):
+        if self._budget.spend(n_bytes, now_ns, is_text=is_text):
             return True
         self.is_over_budget = True
         limit_bytes = self._budget.find_limit_bytes(now_ns)

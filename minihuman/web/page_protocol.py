@@ -16,6 +16,7 @@ from minihuman.web.traffic_limits import MAX_BACKLOG, PREFETCH_BACKLOG, RateLimi
 
 MAX_BATCH_BYTES = 65_536  # of messages that are sent as one
 
+_TEXTS = messages.TextMessage | messages.FieldMessage  # what a participant typed
 ServerMessages = OutgoingStream[messages.ServerMessage | messages.PictureMessage]
 
 
@@ -82,7 +83,7 @@ class PageSession(abc.ABC):
         """Record that the page was closed, or that the participant left it for another page."""
 
     @abc.abstractmethod
-    def spend(self, n_bytes: int) -> bool:
+    def spend(self, n_bytes: int, *, is_text: bool = False) -> bool:
         """Count the size of a message against the session's budget; return False if the session accepts no more."""
 
     @abc.abstractmethod
@@ -146,7 +147,7 @@ class PageProtocol:
         message = decode_page_message(text)
         self._ends_with_round_trip = False
         match message:
-            case messages.NumberedMessage() if self._session.spend(len(text)):
+            case messages.NumberedMessage() if self._session.spend(len(text), is_text=isinstance(message.what, _TEXTS)):
                 self._session.take(message, more=more)
                 self._ends_with_round_trip = isinstance(message.what, messages.RoundTripMessage)
             case messages.Ping() if more:

@@ -1,9 +1,10 @@
 """The number of bytes that a page may send in a session: what its plan can honestly need, times a factor. No I/O.
 
 A rate limit on messages alone would let one page write a gigabyte in twenty minutes, which fills the disk for everyone.
+So would a long plan's bytes if a page had them all at once: its steps' are granted as fast as steps can be made.
 """
 
-from minihuman.experiment.plan.session_plan import SessionPlan, needs_gamepad
+from minihuman.experiment.plan.session_plan import EpisodePlan, SessionPlan, needs_gamepad
 
 MESSAGE_COST_BYTES = 400  # of a message in a log, beyond its own text
 _STEP_BYTES = 4 * (60 + MESSAGE_COST_BYTES)  # a key down and up, a tick and a picture
@@ -11,6 +12,8 @@ _CHARACTER_BYTES = 60 + MESSAGE_COST_BYTES  # a message of its own
 _MAX_STEPS = 20_000  # of one episode, whatever the protocol's limit: no participant plays more
 _PART_BYTES = 50_000  # pages turned, sliders moved, keys tried
 _FACTOR = 2
+_PRESSED_STEPS_PER_S = 15  # by a quick participant, longer than a moment, and
+_REPEATED_STEPS_PER_S = 40  # by a key that is held
 _BASE_BYTES = 1_000_000
 _RATE_BYTES_PER_S = 3_000  # five keys, pressed and released in vain, every second
 _TEXT_BYTES_PER_S = 10 * _CHARACTER_BYTES
@@ -26,27 +29,48 @@ class SessionBudget:
 
     def __init__(self, plan: SessionPlan) -> None:
         self.spent_bytes = 0
-        self._fixed_bytes = _BASE_BYTES + _FACTOR * estimate_plan_bytes(plan)
+        self._text_bytes = 0  # of these, what was typed, which takes nothing of what steps need
+        self._step_bytes = _FACTOR * _estimate_step_bytes(plan)  # of all steps, which come at this rate at most
+        self._step_bytes_per_s = _FACTOR * _STEP_BYTES * max(map(_estimate_steps_per_s, plan.episodes), default=0)
+        self._fixed_bytes = _BASE_BYTES + _FACTOR * estimate_plan_bytes(plan) - self._step_bytes
         self._bytes_per_s = _RATE_BYTES_PER_S
         if needs_gamepad(plan):
             self._bytes_per_s += _GAMEPAD_BYTES_PER_S
         if any(getattr(part.plan, "has_text_entry", False) for part in plan.parts):
             self._bytes_per_s += _TEXT_BYTES_PER_S
 
-    def spend(self, n_bytes: int, session_ns: int) -> bool:
+    def spend(self, n_bytes: int, session_ns: int, *, is_text: bool = False) -> bool:
         """Count the bytes of a message; return False if the session has now sent more than it can need by this time."""
         self.spent_bytes += n_bytes + MESSAGE_COST_BYTES
-        return self.spent_bytes <= self.find_limit_bytes(session_ns)
+        if is_text:
+            self._text_bytes += n_bytes + MESSAGE_COST_BYTES
+        is_text_within = self._text_bytes <= self._find_other_bytes(session_ns)
+        return is_text_within and self.spent_bytes <= self.find_limit_bytes(session_ns)
 
     def find_limit_bytes(self, session_ns: int) -> int:
         """Return the number of bytes that a session can need up to a time in it."""
+        step_bytes = min(self._step_bytes, self._step_bytes_per_s * max(0, session_ns) / 1e9)
+        return self._find_other_bytes(session_ns) + round(step_bytes)
+
+    def _find_other_bytes(self, session_ns: int) -> int:
+        """Return the number of bytes that all but steps can need up to a time in the session."""
         return self._fixed_bytes + self._bytes_per_s * max(0, session_ns) // 1_000_000_000
+
+
+def _estimate_step_bytes(plan: SessionPlan) -> int:
+    return sum(min(episode.max_steps, _MAX_STEPS) for episode in plan.episodes) * _STEP_BYTES
+
+
+def _estimate_steps_per_s(episode: EpisodePlan) -> float:
+    """Estimate how many steps of an episode a page can honestly make in a second."""
+    if episode.pace == "real_time":
+        return max(_PRESSED_STEPS_PER_S, 1_000 / episode.step_period_ms)
+    return _REPEATED_STEPS_PER_S if episode.auto_repeat else _PRESSED_STEPS_PER_S
 
 
 def estimate_plan_bytes(plan: SessionPlan) -> int:
     """Estimate the bytes that a plan needs with every step of every episode and the longest answers."""
-    steps = sum(min(episode.max_steps, _MAX_STEPS) for episode in plan.episodes)
     answer_characters = sum(
         getattr(item, "longest", 0) for part in plan.parts for item in getattr(part.plan, "items", ())
     )
-    return steps * _STEP_BYTES + answer_characters * _CHARACTER_BYTES + len(plan.parts) * _PART_BYTES
+    return _estimate_step_bytes(plan) + answer_characters * _CHARACTER_BYTES + len(plan.parts) * _PART_BYTES

@@ -1,7 +1,9 @@
 """The record of public environments: its page says what its table has, and no refusal is a traceback."""
 
 import csv
+import json
 import runpy
+import shutil
 import sys
 from pathlib import Path
 from typing import Any
@@ -29,6 +31,22 @@ def test_the_page_says_what_the_table_has(script: dict[str, Any], tmp_path: Path
     page = tmp_path / "page.md"
     script["write_page"](FOLDER, page)
     assert page.read_text() == (FOLDER / "public_environments.md").read_text()
+
+
+def test_a_package_that_is_not_installed_now_keeps_the_version_with_which_it_was_tried(
+    script: dict[str, Any], tmp_path: Path
+) -> None:
+    for name in ("public_environments.csv", "public_environments.json"):
+        shutil.copy(FOLDER / name, tmp_path)
+    before = json.loads((tmp_path / "public_environments.json").read_text())["versions"]
+    script["write_trial"](script["Trial"]("gymnasium", "9.9", "CartPole-v1"), tmp_path)
+    after = json.loads((tmp_path / "public_environments.json").read_text())["versions"]
+    assert {name: number for name, number in after.items() if number != before.get(name)}.keys() <= {
+        "gymnasium",
+        "minihuman-lab",
+        "numpy",
+    }
+    assert before.keys() == after.keys()
 
 
 def test_every_public_environment_was_played_and_proven_or_refused_in_a_sentence() -> None:

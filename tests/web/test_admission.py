@@ -73,7 +73,7 @@ def test_invented_ids_that_consent_take_no_more_slots_than_the_documented_ones(t
 
 @pytest.mark.nightly(sample=True)
 def test_all_who_have_a_personal_link_are_admitted_behind_one_address(tmp_path: Path) -> None:
-    protocol = corridor("open_access = true\nmax_unconsented_per_address = 2")
+    protocol = corridor("open_access = true\nmax_unconsented_per_address = 2\nmax_concurrent_sessions = 300")
 
     async def come() -> tuple[list[Connection | Refusal], list[Connection | Refusal]]:
         arrivals = Arrivals(protocol, tmp_path)

@@ -4,10 +4,12 @@ import asyncio
 import json
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from minihuman.experiment.machine.events import SessionEnded
 from minihuman.experiment.plan.session_plan import SessionPlan
+from minihuman.experiment.replay import compare_replay
 from minihuman.log.read.session_reader import read_events
 from minihuman.web import connection_factory
 from minihuman.web.arrivals import Arrivals
@@ -20,6 +22,7 @@ from minihuman.web.server.app import WebServer
 from minihuman.web.server.process import ServeError
 from minihuman.web.session_budget import SessionBudget, estimate_plan_bytes
 from minihuman.web.traffic_limits import MESSAGES_PER_S
+from minihuman.worlds.adapters.world import World
 from tests.study.sessions import corridor_plan
 from tests.web.test_admission import FACTS, agree, corridor
 
@@ -63,6 +66,7 @@ def test_a_page_that_types_without_end_is_ended_and_told_that_the_study_stopped(
     [ended] = [event for event in read_events(log) if isinstance(event, SessionEnded)]
     assert ended.reason == "aborted"
     assert "the page sent more than" in ended.detail
+    assert list(compare_replay(list(read_events(log)), World)) == []
 
 
 def test_a_person_who_plays_all_of_a_plan_and_types_long_answers_stays_within_the_budget() -> None:
@@ -79,6 +83,26 @@ def test_a_page_at_the_full_rate_is_within_the_budget_for_a_few_minutes_at_most(
     per_s = int(MESSAGES_PER_S)
     assert not all(budget.spend(KEY_MESSAGE_BYTES, number * S // per_s) for number in range(600 * per_s))
     assert budget.find_limit_bytes(600 * S) < 5_000_000
+
+
+def test_a_long_plan_does_not_let_a_page_write_all_of_it_at_once() -> None:
+    episode = corridor_plan(consent="May we?").episodes[0]
+    plan = msgspec.structs.replace(
+        corridor_plan(consent="May we?"), episodes=(msgspec.structs.replace(episode, max_steps=20_000),) * 10
+    )
+    budget = SessionBudget(plan)
+    assert not all(budget.spend(2_000, number * S // int(MESSAGES_PER_S)) for number in range(10 * int(MESSAGES_PER_S)))
+    assert budget.spent_bytes < 2_000_000
+    budget = SessionBudget(plan)  # at a server so busy that it takes ten messages a second
+    assert not all(budget.spend(2_000, number * S // 10, is_text=True) for number in range(6_000))
+    assert budget.spent_bytes < 3_000_000
+    in_real_time = (msgspec.structs.replace(episode, max_steps=20_000, pace="real_time", step_period_ms=1_000 / 60),)
+    budget = SessionBudget(msgspec.structs.replace(plan, episodes=in_real_time * 10))
+    per_s = 150  # steps, their pictures, and the keys
+    assert all(budget.spend(KEY_MESSAGE_BYTES, number * S // per_s) for number in range(1_200 * per_s))
+    budget = SessionBudget(plan)
+    per_s = 3 * 15  # a key of a quick participant goes down, is seen, and comes up
+    assert all(budget.spend(KEY_MESSAGE_BYTES, number * S // per_s) for number in range(3_600 * per_s))
 
 
 def test_a_plan_that_asks_for_more_has_a_larger_budget(tmp_path: Path) -> None:

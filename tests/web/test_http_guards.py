@@ -22,7 +22,7 @@ from minihuman.web.server import request_timeout
 from minihuman.web.server.app import WebServer
 from minihuman.web.server.desk import StartPage
 from minihuman.web.server.metrics import METRICS_TOKEN_VARIABLE
-from minihuman.web.server.request_timeout import TimedHttpProtocol
+from minihuman.web.server.request_timeout import QueueingServer, TimedHttpProtocol
 from tests.counts import PATIENCE_S
 from tests.study.sessions import corridor_plan
 
@@ -131,6 +131,42 @@ def test_metrics_are_closed_to_all_who_come_through_a_proxy_or_lack_the_token(
     assert pod.get("/metrics", headers={"Authorization": f"Bearer {'s' * 20}"}).status_code == 200
     assert here.get("/metrics").status_code == 404
     assert pod.get("/metrics", headers={"Authorization": "Bearer x"}).status_code == 404
+
+
+def test_of_more_half_requests_than_may_wait_the_oldest_are_closed_and_a_whole_one_is_answered(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(request_timeout, "MAX_WAITING", 5)
+    app = Starlette(routes=[Route("/", lambda _: PlainTextResponse("whole"))])
+    whole = b"GET / HTTP/1.1\r\nHost: x\r\nConnection: close\r\n\r\n"
+
+    async def run() -> tuple[bytes, list[bool]]:
+        with socket.create_server(("127.0.0.1", 0)) as listener:
+            server = QueueingServer(
+                uvicorn.Config(app, http=TimedHttpProtocol, log_level="error", lifespan="off", backlog=1)
+            )
+            serving = asyncio.create_task(server.serve(sockets=[listener]))
+            port = listener.getsockname()[1]
+            half = [await asyncio.open_connection("127.0.0.1", port) for _ in range(8)]
+            for _, writer in half:
+                writer.write(b"GET / HT")
+            closed = [asyncio.create_task(reader.read()) for reader, _ in half]
+            while sum(task.done() for task in closed) < 3:
+                await asyncio.sleep(0.01)
+            reader, writer = await asyncio.open_connection("127.0.0.1", port)
+            writer.write(whole)
+            answer = await asyncio.wait_for(reader.read(), PATIENCE_S)
+            are_closed = [task.done() for task in closed]
+            for _, opened in (*half, (reader, writer)):
+                opened.close()
+            server.should_exit = True
+            await serving
+            await asyncio.gather(*closed)
+        return answer, are_closed
+
+    answer, are_closed = asyncio.run(run())
+    assert answer.endswith(b"whole")
+    assert are_closed == [True] * 4 + [False] * 4
 
 
 def test_half_requests_are_closed_and_whole_ones_answered(monkeypatch: pytest.MonkeyPatch) -> None:

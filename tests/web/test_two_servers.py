@@ -1,11 +1,13 @@
 """Two servers with one database and one object store: people who are loaded from either play their session once.
 
-Servers are killed and cut off from the database meanwhile. MINIHUMAN_NIGHTLY=1 takes 200 people.
+Servers are killed and cut off from the database meanwhile. MINIHUMAN_NIGHTLY=1 takes 200 people, and
+MINIHUMAN_SERVER_KILLS=300 so many kills, with more people, in half an hour.
 """
 
 import asyncio
 import hashlib
 import json
+import os
 import random
 from collections import Counter
 from collections.abc import Iterator
@@ -34,9 +36,12 @@ from tests.web.serving import Line, Serving, free_port, line
 from tests.web.wandering_page import WanderingPage
 
 pytestmark = [pytest.mark.program, needs("postgresql")]
-PEOPLE, KILLS, PARTITIONS = count(6, 200), count(2, 20), count(2, 20)
+KILLS = int(os.environ.get("MINIHUMAN_SERVER_KILLS", count(2, 20)))
+PARTITIONS = count(2, 20)
+PEOPLE = max(count(6, 200), 3 * KILLS // 2)  # as many as to play until the last kill
 LOADS = count(2, 3)
-AT_ONCE = count(6, 60)
+AT_ONCE = count(6, 60 if KILLS <= 20 else 30)
+PLAYING_S = PATIENCE_S * max(1.0, KILLS / 100)
 PARTITION_S = 12.0  # longer than a lease
 WEB = "image_size_px = [96, 96]\nmax_concurrent_sessions = 500"
 
@@ -105,10 +110,10 @@ async def everybody_plays(machines: list[Machine], pages: list[WanderingPage], s
         async with seats:
             await page.take_part()
 
-    disturbing = asyncio.create_task(disturb(machines, rng, happened, pause_s=count(2, 4)))
+    disturbing = asyncio.create_task(disturb(machines, rng, happened, pause_s=count(2, 4 if KILLS <= 20 else 2)))
     playing = asyncio.gather(*map(takes_part, pages))
     try:
-        await asyncio.wait_for(asyncio.gather(disturbing, playing), PATIENCE_S)
+        await asyncio.wait_for(asyncio.gather(disturbing, playing), PLAYING_S)
     finally:
         disturbing.cancel()
     return happened

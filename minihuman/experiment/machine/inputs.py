@@ -144,9 +144,13 @@ class FocusChanged(TimedInput):
 
 @dataclass(frozen=True, slots=True)
 class Stop(TimedInput):
-    """The session must end now: the window was closed, a signal arrived, the disk is full, or the world failed."""
+    """The session must end now: the window was closed, a signal arrived, the disk is full, or the world failed.
+
+    A server gives ``aborted`` for a page that sent more than its session can need.
+    """
 
     reason: Literal[
+        "aborted",
         "window_closed",
         "signal",
         "timed_out",

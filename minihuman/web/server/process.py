@@ -12,6 +12,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import uvicorn
+from starlette.types import ASGIApp
 
 from minihuman.admin.local_copies import obey_withdrawals
 from minihuman.errors import LogError, MinihumanError, ProtocolError
@@ -25,7 +26,7 @@ from minihuman.web.arrival_signature import read_arrival_key
 from minihuman.web.arrivals import Arrivals, build_link, build_platform_link
 from minihuman.web.message_codec import MAX_MESSAGE_BYTES
 from minihuman.web.server.app import WebServer
-from minihuman.web.server.request_timeout import TimedHttpProtocol
+from minihuman.web.server.request_timeout import ACCEPTED_AT_ONCE, QueueingServer, TimedHttpProtocol
 from minihuman.web.traffic_limits import count_handles
 from minihuman.worlds.isolation.isolated_world import IsolatedWorlds
 from minihuman.worlds.isolation.process_pool import WorldLimits
@@ -124,19 +125,24 @@ def run_server(
         address = f"http://{HOST}:{listening_socket.getsockname()[1]}/"
     _say_links(arrivals, links, address, say)
     server = WebServer(arrivals, data, worlds=worlds)
-    config = uvicorn.Config(
-        server.app(),
+    with suppress(KeyboardInterrupt):  # uvicorn has shut down, and raises the signal again
+        QueueingServer(_configure(server.app())).run(sockets=[listening_socket])
+
+
+def _configure(app: ASGIApp) -> uvicorn.Config:
+    """Return uvicorn's configuration for a study's application."""
+    return uvicorn.Config(
+        app,
         http=TimedHttpProtocol,
         ws="websockets-sansio",
         ws_max_size=MAX_MESSAGE_BYTES,
         ws_ping_interval=20.0,
         ws_per_message_deflate=False,
+        backlog=ACCEPTED_AT_ONCE,
         access_log=False,  # addresses are personal data
         log_level="warning",
         timeout_graceful_shutdown=2,
     )
-    with suppress(KeyboardInterrupt):  # uvicorn has shut down, and raises the signal again
-        uvicorn.Server(config).run(sockets=[listening_socket])
 
 
 def _say_links(arrivals: Arrivals, count: int, address: str, say: Callable[[str], None]) -> None:
