@@ -19,6 +19,7 @@ from minihuman.dataset.session_tables import build_activity_rows, build_session_
 from minihuman.dataset.table_catalogue import TABLES
 from minihuman.dataset.table_database import TableDatabase
 from minihuman.dataset.table_files import write_tables
+from minihuman.dataset.table_types import is_time
 from minihuman.errors import ReportError
 from minihuman.experiment.machine.events import Answered
 from minihuman.worlds.contract import PathLengthBounds
@@ -60,9 +61,11 @@ def rows_of(log, **how):
 
 
 def _said(frame, name):
-    """Texts as they were said: "" where a table has NULL, keys by their own names."""
+    """Texts as they were said: "" where a table has NULL, keys by their own names; times in microseconds."""
     for column in TABLES[name]:
-        if column.kind in ("text", "key"):
+        if is_time(column):
+            frame[column.name] = pd.to_datetime(frame[column.name], utc=True).astype("datetime64[us, UTC]")
+        elif column.kind in ("text", "key"):
             frame[column.name] = frame[column.name].fillna("").str.removeprefix("key_")
     return frame
 

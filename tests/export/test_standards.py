@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 
 from minihuman.admin.next_session import plan_next_session
+from minihuman.dataset.participants_file import ParticipantsFileError
 from minihuman.dataset.selection import Selection
 from minihuman.display.windows.window import VirtualClock
-from minihuman.errors import ExportError
 from minihuman.experiment.machine.events import Answered, Sampled, Stepped
 from minihuman.experiment.machine.session import SessionMachine
 from minihuman.experiment.protocol.protocol import decode_protocol
@@ -360,5 +360,5 @@ def test_what_the_laboratory_says_of_people_is_checked(studies, tmp_path, lines,
     copy = tmp_path / "two-sessions"
     shutil.copytree(studies / "two-sessions", copy)
     (copy / "participants.csv").write_text(lines)
-    with pytest.raises(ExportError, match=re.escape(message)):
+    with pytest.raises(ParticipantsFileError, match=re.escape(message)):
         export_study("bids", copy, tmp_path / "out", Selection(participant=("sub-01",)))
