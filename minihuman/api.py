@@ -388,6 +388,39 @@ def export(
     return ExportSummary(Path(out), result.episodes, result.steps, notes)
 
 
+def publish(
+    study: Path | str,
+    archive: str,
+    out: Path | str,
+    *,
+    selection: "Selection | None" = None,
+    on_progress: Listener = _ignore,
+) -> ExportSummary:
+    """Write the folder that an archive takes: the export in its format, a card, the citation and metadata.
+
+    What the protocol's ``[about]`` does not state can be stated in ``about.toml`` in the study's folder.
+
+    Args:
+        study: a study's folder.
+        archive: osf, zenodo, hugging-face or openneuro.
+        out: the path of a folder that does not exist yet.
+        selection: the rule for which sessions and episodes are included.
+        on_progress: called with the path of each log.
+
+    Raises:
+        ExportError: if the archive is unknown, a fact that it requires is not stated, or as for ``export``.
+        LogError: if the study cannot be read.
+    """
+    from minihuman.dataset.selection import Selection
+    from minihuman.exporters.publishing import write_publication
+
+    def progress(log: Path) -> None:
+        on_progress(str(log))
+
+    result, notes = write_publication(Path(study), archive, Path(out), selection or Selection(), progress=progress)
+    return ExportSummary(Path(out), result.episodes, result.steps, notes)
+
+
 def report(
     study: Path | str,
     out: Path | str,

@@ -202,7 +202,7 @@ def write_partitions(
     """
     selection = str(store.selection)
     made_by = {
-        "minihuman_version": minihuman.__version__,
+        **TABLE_METADATA,
         "duckdb_version": duckdb.__version__,
         "selection": selection,
         "selection_digest": blake2b(selection.encode(), digest_size=8).hexdigest(),

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from minihuman.dataset.activity_tables import PERSON_TABLE
 from minihuman.dataset.info_columns import LABELLED_TABLES, add_info_columns, list_info_columns
-from minihuman.dataset.table_catalogue import EVERY_MOMENT, TABLES
+from minihuman.dataset.table_catalogue import EVERY_MOMENT, TABLE_VERSION, TABLES
 from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD, TableColumn
 from minihuman.dataset.table_types import is_time, parse_times
 from minihuman.dataset.tables import Tables
@@ -80,7 +80,11 @@ def _write_table(
         if note:
             yield f"{table}: {column.name} {note}"
     frame = pd.DataFrame(cells)
-    options: dict[str, Any] = {"column_labels": column_labels, "variable_value_labels": value_labels}
+    options: dict[str, Any] = {
+        "column_labels": column_labels,
+        "variable_value_labels": value_labels,
+        "file_label": f"{table}, table version {TABLE_VERSION}",
+    }
     if kind == "sav":
         pyreadstat.write_sav(frame, str(path), **options)
     else:

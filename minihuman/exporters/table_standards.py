@@ -9,7 +9,7 @@ from typing import Any
 
 from minihuman.dataset.activity_tables import PERSON_TABLE
 from minihuman.dataset.included_episodes import IncludedEpisodes
-from minihuman.dataset.table_catalogue import TABLES, find_primary_key
+from minihuman.dataset.table_catalogue import TABLE_VERSION, TABLES, find_primary_key
 from minihuman.dataset.table_columns import TableColumn
 from minihuman.dataset.table_types import is_time
 from minihuman.experiment.plan.session_plan import SessionPlan
@@ -175,6 +175,7 @@ def _describe_as_psych_ds(plan: SessionPlan, exported: ExportedTables, tables: l
         "description": study_facts.description or f"Sessions of the study {plan.study}, as tidy tables.",
         "schemaVersion": "Psych-DS 1.0.0",
         "version": plan.study_version,
+        "tableVersion": TABLE_VERSION,
         **{name: value for name, value in facts.items() if value},
         "variableMeasured": list(_variables(exported, tables)),
     }
