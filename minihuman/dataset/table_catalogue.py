@@ -17,7 +17,7 @@ from typing import Any
 from minihuman.dataset.activity_tables import PERSON_TABLE, ActivityTable, list_activity_tables
 from minihuman.dataset.column_aliases import COLUMN_ALIASES
 from minihuman.dataset.episode_columns import EpisodeColumn, list_episode_columns
-from minihuman.dataset.table_columns import SESSION_TABLES, TableColumn
+from minihuman.dataset.table_columns import SESSION_TABLES, TableColumn, is_time
 from minihuman.dataset.wide_integers import WIDE_INTEGERS
 from minihuman.storage.outside_names import explain_refused_name
 
@@ -245,6 +245,8 @@ def _describe_field(column: TableColumn) -> dict[str, Any]:
     field: dict[str, Any] = {"name": column.name, "type": _TYPES[column.kind], "description": column.meaning}
     if column.unit:
         field["unit"] = column.unit
+    if is_time(column):
+        field["type"] = "datetime"
     if column.levels:
         field["constraints"] = {"enum": [level for level, _ in column.levels]}
     if column.kind == "boolean":

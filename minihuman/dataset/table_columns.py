@@ -26,6 +26,11 @@ class TableColumn:
     levels: tuple[tuple[str, str], ...] = field(default=(), repr=False)  # each value of a category, and its meaning
 
 
+def is_time(column: TableColumn) -> bool:
+    """Return whether a column holds times of the wall clock, which the tables keep as ISO 8601 texts in UTC."""
+    return column.kind == "text" and column.unit == "UTC"
+
+
 def table_key_name(key: str) -> str:
     """Return a physical key's name in the tables: "key_1", "key_q"; longer names, such as "enter", are unchanged.
 
@@ -488,7 +493,6 @@ COLUMNS_NEEDING_WORLD = frozenset(
     {"shortest_steps", "feasible_steps", "excess_steps", "log_excess_steps", "log_steps_ratio", "spl"}
     | {"excess_steps_mean", "log_excess_steps_mean", "log_steps_ratio_mean", "spl_mean"}
 )
-
 """The columns that a log alone cannot tell: the world itself is asked how few steps an episode could have taken."""
 
 

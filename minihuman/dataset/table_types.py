@@ -9,17 +9,10 @@ import re
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from minihuman.dataset.table_columns import TableColumn
-
 TIMES = pa.timestamp("us", tz="UTC")
 _SEPARATORS = r"^|[;\t\r\n]"  # a cell begins at a semicolon, too, where that is the locale's separator
 _FORMULA = re.compile(rf"({_SEPARATORS})('*[=+\-@])")
 _NUMBER = re.compile(r"[+-]?[0-9]+([.,][0-9]+)*([eE][+-]?[0-9]+)?")
-
-
-def is_time(column: TableColumn) -> bool:
-    """Return whether a column holds times of the wall clock, which the tables keep as ISO 8601 texts in UTC."""
-    return column.kind == "text" and column.unit == "UTC"
 
 
 def parse_times(texts: pa.ChunkedArray | pa.Array) -> pa.ChunkedArray | pa.Array:

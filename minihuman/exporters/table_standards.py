@@ -10,8 +10,7 @@ from typing import Any
 from minihuman.dataset.activity_tables import PERSON_TABLE
 from minihuman.dataset.included_episodes import IncludedEpisodes
 from minihuman.dataset.table_catalogue import TABLE_VERSION, TABLES, find_primary_key
-from minihuman.dataset.table_columns import TableColumn
-from minihuman.dataset.table_types import is_time
+from minihuman.dataset.table_columns import TableColumn, is_time
 from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.experiment.protocol.specs import AboutSpec, AuthorSpec
 from minihuman.exporters.bids.files import make_label

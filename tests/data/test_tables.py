@@ -17,9 +17,9 @@ from minihuman.dataset.selection import NOT_FINISHED, Selection, SelectionSummar
 from minihuman.dataset.session_measures import SessionMeasures
 from minihuman.dataset.session_tables import build_activity_rows, build_session_tables
 from minihuman.dataset.table_catalogue import TABLES
+from minihuman.dataset.table_columns import is_time
 from minihuman.dataset.table_database import TableDatabase
 from minihuman.dataset.table_files import write_tables
-from minihuman.dataset.table_types import is_time
 from minihuman.errors import ReportError
 from minihuman.experiment.machine.events import Answered
 from minihuman.worlds.contract import PathLengthBounds
