@@ -69,6 +69,15 @@ def read_participants_file(source: Path, columns: Sequence[ParticipantColumnSpec
     return ParticipantsFile(rows_by_code, notes)
 
 
+def names_participant(study_dir: Path, code: str) -> bool:
+    """Return whether a study's `participants.csv` has a cell with a participant's code, in whatever encoding."""
+    path = find_participants_file(study_dir)
+    if not path.is_file():
+        return False
+    letters = path.read_bytes().replace(b"\0", b"")  # of UTF-16, as codes are ASCII
+    return code in re.split(r'[\s,;"]+', letters.decode("latin-1"))
+
+
 def _decode(path: Path) -> tuple[str, tuple[str, ...]]:
     """Return the file's text, and a note if its encoding had to be assumed.
 
