@@ -4,6 +4,7 @@ SPSS files end in `.sav`, and Stata files in `.dta`.
 """
 
 import json
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -12,7 +13,8 @@ import pyarrow.parquet
 
 from minihuman.dataset.activity_tables import PERSON_TABLE
 from minihuman.dataset.included_episodes import IncludedEpisodes
-from minihuman.dataset.study_facts import read_study_facts
+from minihuman.dataset.info_columns import list_info_columns
+from minihuman.dataset.study_facts import decode_plan_protocol, read_study_facts
 from minihuman.dataset.table_catalogue import TABLES, build_data_dictionary, describe_columns
 from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD, TableColumn
 from minihuman.dataset.table_files import TableFormat
@@ -44,13 +46,12 @@ class ExportedTables:
     export: ExportResult
     plan: SessionPlan | None  # of the first selected session, which describes the study; None if there is none
     study_facts: AboutSpec
-    person_columns: tuple[TableColumn, ...]
+    further_columns: Mapping[str, tuple[TableColumn, ...]]  # by table: of labels and recorded info, and of people
 
     def find_columns(self, table: str) -> list[TableColumn]:
-        """Return the columns of a written table, but for those of labels and recorded info."""
-        if table == PERSON_TABLE:
-            return list(self.person_columns)
-        return [column for column in TABLES[table] if column.name not in COLUMNS_NEEDING_WORLD]
+        """Return the columns of a written table."""
+        columns = [column for column in TABLES.get(table, ()) if column.name not in COLUMNS_NEEDING_WORLD]
+        return [*columns, *self.further_columns.get(table, ())]
 
 
 def export_tables(chosen: IncludedEpisodes, out: Path, kind: TableFormat) -> ExportedTables:
@@ -61,11 +62,12 @@ def export_tables(chosen: IncludedEpisodes, out: Path, kind: TableFormat) -> Exp
         ParticipantsFileError: if `participants.csv` cannot be read, or does not fit the protocol.
     """
     with chosen.tables() as tables:
-        person_columns: tuple[TableColumn, ...] = ()
+        connection = tables.store.tables.connection
+        further = {name: tuple(list_info_columns(connection, name).values()) for name in TABLES}
         if tables.people is not None:
-            person_columns = tables.people.columns
+            further[PERSON_TABLE] = tables.people.columns
         plan = read_first_plan(tables)
-        return ExportedTables(_write(tables, out, kind), plan, _read_facts(tables, plan), person_columns)
+        return ExportedTables(_write(tables, out, kind), plan, _read_facts(tables, plan), further)
 
 
 def _read_facts(tables: Tables, plan: SessionPlan | None) -> AboutSpec:
@@ -78,7 +80,22 @@ def _read_facts(tables: Tables, plan: SessionPlan | None) -> AboutSpec:
 def _write(tables: Tables, out: Path, kind: TableFormat) -> ExportResult:
     """Write every table that has rows."""
     paths = tables.write(out, kinds=(kind,), without=COLUMNS_NEEDING_WORLD)
-    return count_included(tables).with_files(paths)
+    return replace(count_included(tables).with_files(paths), notes=tuple(_describe_missing_measures(tables)))
+
+
+def _describe_missing_measures(tables: Tables) -> Iterator[str]:
+    """Say which measures of the protocol's analysis the files lack, as only the worlds can tell them."""
+    plan = read_first_plan(tables)
+    protocol = decode_plan_protocol(plan.protocol_toml) if plan is not None else None
+    if protocol is None:
+        return
+    measures = (protocol.analysis.primary_measure, *protocol.analysis.secondary_measures)
+    missing = [measure for measure in measures if measure in COLUMNS_NEEDING_WORLD]
+    if missing:
+        yield (
+            f"the protocol's measures {', '.join(missing)} are not in these files, as they need the worlds; "
+            "`minihuman report STUDY --out FOLDER` writes them into FOLDER/tables"
+        )
 
 
 def count_included(tables: Tables) -> ExportResult:

@@ -46,6 +46,8 @@ items = [
     { name = "choice", kind = "choice", ask = "?", options = ["NA", "null", "TRUE"], codes = ["NA", "001", "1.10"] },
     { name = "words", kind = "text", ask = "Why?", required = false },
 ]
+[analysis]
+primary_measure = "log_excess_steps_mean"
 [about]
 title = "A study: of \\"007\\" & others"
 description = "People find keys, = and doors."

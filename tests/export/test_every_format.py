@@ -120,6 +120,11 @@ def test_a_csv_opened_by_guess_loses_what_the_readme_warns_of(exported):
     assert guessed["study"].tolist() == [7, 7]
 
 
+def test_the_readme_says_where_the_protocols_measure_is(exported):
+    line = "the protocol's measures log_excess_steps_mean are not in these files"
+    assert line in (exported("csv") / "README.md").read_text()
+
+
 def test_no_cell_of_a_csv_runs_in_a_spreadsheet(exported):
     for path in exported("csv").glob("*.csv"):
         frame = pd.read_csv(path, dtype=str, keep_default_na=False)

@@ -174,6 +174,21 @@ def test_the_validator_finds_what_is_broken(exported, tmp_path, kind, spoil):
     assert validated(kind, copy).returncode != 0
 
 
+@pytest.mark.parametrize("kind", ["psych-ds", "croissant"])
+def test_columns_of_labels_are_described(tmp_path, kind):
+    folder = tmp_path / "out"
+    export_study(kind, GOLDEN.parent / "v3/timelines", folder, Selection())
+    if kind == "psych-ds":
+        assert psych_ds_errors(folder) == []
+        described = {
+            one["name"] for one in json.loads((folder / "dataset_description.json").read_text())["variableMeasured"]
+        }
+    else:
+        records = json.loads((folder / "croissant.json").read_text())["recordSet"]
+        described = {field["source"]["extract"]["column"] for record in records for field in record["field"]}
+    assert any(name.startswith("label_") for name in described)
+
+
 KEYWORD = r"[a-z]+-[A-Za-z0-9]+"
 OFFICIAL = {"study", "site", "subject", "session", "task", "condition", "trial", "stimulus", "description"}
 
