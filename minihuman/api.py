@@ -372,30 +372,53 @@ def export(
         ExportError: if the format is unknown, the folder exists, nothing is included, or an episode does not replay.
         LogError: if the study cannot be read.
     """
-    from minihuman.admin.local_copies import obey_withdrawals
-    from minihuman.admin.recorded_outputs import record_output
     from minihuman.dataset.selection import Selection
-    from minihuman.errors import name_output_when_full
     from minihuman.exporters.exporter import export_study
+    from minihuman.exporters.recorded_exports import write_recorded_export
 
-    out = Path(out)
-    obeyed: list[str] = []
-    obey_withdrawals(Path(study), say=obeyed.append)
-    with name_output_when_full(out):
-        summary, card = export_study(
-            format_name,
-            Path(study),
-            out,
-            selection or Selection(),
-            stored_frames=stored_frames,
-            with_messages=with_messages,
-            engine=engine,
-            progress=lambda log: on_progress(str(log)),
-        )
-    forgotten = record_output(Path(study), f"export {format_name}", out)
-    excluded = (f"excluded: {line}" for line in summary.left_out)
-    notes = (*obeyed, *card.account.lines(), *excluded, *card.account.notes, *filter(None, [forgotten]))
-    return ExportSummary(out, summary.episodes, summary.steps, notes)
+    write = partial(export_study, format_name, stored_frames=stored_frames, with_messages=with_messages, engine=engine)
+    result, notes = write_recorded_export(
+        write,
+        f"export {format_name}",
+        Path(study),
+        Path(out),
+        selection or Selection(),
+        progress=lambda log: on_progress(str(log)),
+    )
+    return ExportSummary(Path(out), result.episodes, result.steps, notes)
+
+
+def publish(
+    study: Path | str,
+    archive: str,
+    out: Path | str,
+    *,
+    selection: "Selection | None" = None,
+    on_progress: Listener = _ignore,
+) -> ExportSummary:
+    """Write the folder that an archive takes: the export in its format, a card, the citation and metadata.
+
+    What the protocol's ``[about]`` does not state can be stated in ``about.toml`` in the study's folder.
+
+    Args:
+        study: a study's folder.
+        archive: osf, zenodo, hugging-face or openneuro.
+        out: the path of a folder that does not exist yet.
+        selection: the rule for which sessions and episodes are included.
+        on_progress: called with the path of each log.
+
+    Raises:
+        ExportError: if the archive is unknown, a fact that it requires is not stated, or as for ``export``.
+        LogError: if the study cannot be read.
+    """
+    from minihuman.dataset.selection import Selection
+    from minihuman.exporters.publishing import write_publication
+
+    def progress(log: Path) -> None:
+        on_progress(str(log))
+
+    result, notes = write_publication(Path(study), archive, Path(out), selection or Selection(), progress=progress)
+    return ExportSummary(Path(out), result.episodes, result.steps, notes)
 
 
 def report(

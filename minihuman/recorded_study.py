@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from minihuman.dataset.activity_tables import PERSON_TABLE
 from minihuman.dataset.log_files import list_participant_logs, list_readable_logs
 from minihuman.dataset.measures import playing_s
 from minihuman.dataset.selection import SelectedSession, Selection, SelectionSummary
@@ -36,8 +37,8 @@ def read_table_frame(source: Path, selection: Selection, name: str, *, with_excl
     Raises:
         QueryError: if there is no such table.
     """
-    if name not in TABLES:
-        raise QueryError(f"table {name!r} does not exist; the tables are {', '.join(TABLES)}")
+    if name not in (*TABLES, PERSON_TABLE):
+        raise QueryError(f"table {name!r} does not exist; the tables are {', '.join([*TABLES, PERSON_TABLE])}")
     with select(source, selection) as tables:
         tables.require((name,), shortest_paths=has_world_columns(name), with_account=False)
         return tables.frame(name, included=not with_excluded)

@@ -102,7 +102,7 @@ REQUIREMENTS = {
     "mkdocs": Requirement("MkDocs", 'pip install -e ".[docs]"', _find_package("mkdocs"), in_ci=False),
     "r": Requirement(
         "R with lme4 and glmmTMB",
-        "apt-get install r-base-core r-cran-lme4 r-cran-glmmtmb",
+        "apt-get install r-base-core r-cran-lme4 r-cran-glmmtmb r-cran-jsonlite",
         lambda: shutil.which("Rscript"),
         in_ci=False,
     ),

@@ -19,6 +19,7 @@ from minihuman.admin.local_copies import erase_local_copy, record_erasure
 from minihuman.admin.recorded_outputs import note_withdrawal
 from minihuman.admin.remote_logs import delete_remote_logs
 from minihuman.admin.unfinished_withdrawals import find_mark
+from minihuman.dataset.participants_file import find_participants_file, names_participant
 from minihuman.dataset.remote_tables import delete_remote_tables
 from minihuman.dataset.withdrawn_codes import read_withdrawn_codes
 from minihuman.errors import AllocationError, LogError, MinihumanError, name_output_when_full
@@ -61,6 +62,14 @@ class WithdrawalResult:
         return f"{local}; {stored}"
 
 
+def _list_remains(study_dir: Path, code: str) -> Iterator[str]:
+    """Yield a line about each machine, output and file of the laboratory's that still holds a participant's data."""
+    yield from note_withdrawal(study_dir, code)
+    yield from find_pending_machines(study_dir)
+    if names_participant(study_dir, code):
+        yield f"{find_participants_file(study_dir)} still has a line about {code}; delete it"
+
+
 def withdraw_participant(
     study_dir: Path, code: str, *, seal: Path | None, note: AuditNote = NO_NOTE
 ) -> WithdrawalResult:
@@ -97,7 +106,7 @@ def withdraw_participant(
                 study_dir, ParticipantWithdrawn(code, now_text(), data_end, note.reason, note.experimenter)
             )
     partitions = _erase_everywhere(study_dir, code)
-    left = (*note_withdrawal(study_dir, code), *find_pending_machines(study_dir))
+    left = tuple(_list_remains(study_dir, code))
     _remove_mark(study_dir, code)
     return WithdrawalResult(len(files), size_bytes, seal, sha256, partitions, left)
 

@@ -54,6 +54,7 @@ SECTIONS: Mapping[str, Mapping[str, str]] = {  # the commands of each module of 
     },
     "publish": {
         "export": "Export a study as tables, demonstrations or an archive.",
+        "publish": "Write the folder that an archive takes, ready to upload.",
         "power": "Estimate the power of a study by simulation.",
         "fit": "Fit simulated participants' reaction times to logged ones.",
         "score": "Score people, policies and models on the same levels.",

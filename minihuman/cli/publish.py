@@ -1,4 +1,4 @@
-"""Commands for planning and publishing: export, power, fit, payments, pack."""
+"""Commands for planning and publishing: export, publish, power, fit, payments, pack."""
 
 from itertools import chain
 from pathlib import Path
@@ -69,6 +69,31 @@ def export(
         )
     print_account(summary.notes)
     print(f"{summary.episodes} episodes, {summary.steps} steps in {out}; see {out / 'README.md'}")
+
+
+@selection_options()
+def publish(
+    study: StudyFolder,
+    archive: Annotated[str, Option("--for", help="The archive: osf, zenodo, hugging-face or openneuro.")],
+    out: Annotated[Path, Option(help="The folder to write to; it must be new or empty.")],
+    *,
+    selection: Any,
+) -> None:
+    """Write the folder that an archive takes, ready to upload.
+
+    It holds the study in the archive's format, a card, the citation and metadata. What the protocol's [about] does not
+    state can be stated in about.toml in the study's folder.
+
+    Example: minihuman publish sessions/fourrooms-transfer --for osf --out for-osf
+    """
+    from minihuman.api import publish as publish_study
+    from minihuman.exporters.publishing import find_archive
+
+    with show_progress("exporting") as progress:
+        summary = publish_study(study, archive, out, selection=selection, on_progress=progress)
+    print_account(summary.notes)
+    print(f"{summary.episodes} episodes, {summary.steps} steps in {out}; read {out / 'README.md'} first")
+    print(f"to upload: {find_archive(archive).upload.format(out=out)}")
 
 
 def power(

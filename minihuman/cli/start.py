@@ -144,12 +144,12 @@ def check(
     from minihuman.admin.legibility import require_legible
     from minihuman.admin.protocol_file import read_protocol
     from minihuman.dataset.selection import check_exclusion_measures
+    from minihuman.experiment.plan.ambiguous_texts import list_text_warnings
     from minihuman.experiment.plan.dry_run import (
         check_worlds,
         describe_plan,
         describe_strata,
         describe_worlds,
-        list_missing_words,
     )
     from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
     from minihuman.experiment.plan.outcome_check import check_outcome_rules
@@ -169,7 +169,7 @@ def check(
     lines = (
         *describe_plan(plan),
         *describe_strata(study),
-        *list_missing_words(study),
+        *list_text_warnings(study),
         *outcomes,
         *describe_worlds(study, notices),
     )

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from minihuman.log.model.session_log import EpisodeLog, SessionLog
 
 TableRow = dict[str, Any]  # by column
+PERSON_TABLE = "people"  # the one table that does not come from logs; ``person_table`` builds it
 _TABLE_NAME = re.compile(r"[a-z][a-z0-9_]*")
 
 
@@ -90,7 +91,7 @@ def _load_tables_of(kind: ActivityKind) -> Iterable[ActivityTable]:
 
 
 def _check_table_name(kind: ActivityKind, table: ActivityTable) -> None:
-    if table.name in SESSION_TABLES:
+    if table.name in (*SESSION_TABLES, PERSON_TABLE):
         raise QueryError(f"activity {kind.name!r} has a table {table.name!r}, as every session has; rename it")
     if not _TABLE_NAME.fullmatch(table.name):
         raise QueryError(f"activity {kind.name!r} has a table {table.name!r}; use a to z, 0 to 9 and _")

@@ -1,10 +1,11 @@
 """What an exporter receives: the included episodes one by one, the rows session by session, or the rows in a store."""
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from minihuman.dataset.person_facts import read_person_facts
 from minihuman.dataset.selection import SelectedSession
 from minihuman.dataset.sessions import SessionRows, StudySessions, build_episode_facts
 from minihuman.dataset.tables import Tables
@@ -22,15 +23,17 @@ class IncludedEpisode:
     log: SessionLog
     episode: EpisodeLog
     stored_frames: bool = False  # whether to use the observations in the log instead of replaying
+    person: Mapping[str, Any] = field(default_factory=dict)  # the laboratory's columns of the participant
 
     @property
     def facts(self) -> dict[str, Any]:
         """Return the facts that every exported episode carries: participant, rule, keys and outcome.
 
         ``session``, ``segment``, ``episode`` and ``attempt`` count from 1, as in the tables, so that they can be
-        joined.
+        joined. ``person`` has the laboratory's own columns of the participant, which cannot collide with the others.
         """
-        return build_episode_facts(self.log, self.episode) | {"options": dict(self.episode.plan.options)}
+        further = {"options": dict(self.episode.plan.options), "person": dict(self.person)}
+        return build_episode_facts(self.log, self.episode) | further
 
 
 class IncludedEpisodes:
@@ -65,10 +68,16 @@ class IncludedEpisodes:
 
         Raises:
             LogError: if the source does not exist, or is a single log that cannot be read.
+            ParticipantsFileError: if `participants.csv` cannot be read, or does not fit the protocol.
         """
+        facts_by_protocol: dict[str, dict[str, dict[str, Any]]] = {}
         for selected in self.sessions:
+            plan = selected.log.plan
+            if plan.protocol_sha256 not in facts_by_protocol:
+                facts_by_protocol[plan.protocol_sha256] = read_person_facts(self.sessions.source, plan.protocol_toml)
+            person = facts_by_protocol[plan.protocol_sha256].get(plan.participant.id, {})
             for episode in selected.episodes:
-                item = IncludedEpisode(selected.session, episode, self._stored_frames)
+                item = IncludedEpisode(selected.session, episode, self._stored_frames, person)
                 self._on_included(selected.log.path, item.facts)
                 yield item
 

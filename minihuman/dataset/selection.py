@@ -479,12 +479,16 @@ def summarize_session(log: SessionLog) -> MeasureRow:
     completed_share = None
     if n_planned:
         completed_share = len(completed) / n_planned
-    window = log.segments[0].facts.get("window", "") if log.segments else ""
+    station = log.segments[0].facts if log.segments else {}
+    utc_offset_min = None
+    if "utc_offset_min" in station:
+        utc_offset_min = int(station["utc_offset_min"])
     return {
         "player": log.player,
         "evidence": find_evidence(log.facts),
-        "window": window,
+        "window": station.get("window", ""),
         "started_at": log.started_at,
+        "utc_offset_min": utc_offset_min,
         "end_reason": log.end_reason,
         "clean": log.clean,
         "segments": len(log.segments),

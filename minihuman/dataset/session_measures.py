@@ -131,6 +131,7 @@ def _measure_episode(tally: KeyTally, walk: PathMeasures) -> MeasureRow:
         "response_mean_ms": response_mean_ms,
         "response_median_ms": response_median_ms,
         "path_length": _none_if_nan(walk.length),
+        "unit": find_place_unit(episode),
         "path_efficiency": _none_if_nan(walk.efficiency),
         "turns_in_place": turns_in_place,
         "ineffective_steps": tally.ineffective_steps.total(),
@@ -146,6 +147,14 @@ def _encode_last_info(episode: EpisodeLog) -> str:
     if not episode.infos:
         return ""
     return json.dumps(episode.infos[-1], sort_keys=True)
+
+
+def find_place_unit(episode: EpisodeLog) -> str:
+    """Return the unit of an episode's places, cell or m; "" if its world has no map."""
+    floor = episode.start.map
+    if not floor:
+        return ""
+    return floor.unit
 
 
 def compare_with_shortest_path(row: Mapping[str, Any], least: PathLengthBounds) -> MeasureRow:

@@ -19,7 +19,7 @@ from minihuman.dataset.episode_columns import compute_episode_columns
 from minihuman.dataset.measures import KeyTally, response_ms, summarize_key_use, visible_effect
 from minihuman.dataset.rows import RowBatch, SessionTables
 from minihuman.dataset.selection import SelectedSession, find_practice_blocks, format_version, summarize_session
-from minihuman.dataset.session_measures import MeasureRow, SessionMeasures, locate_episode
+from minihuman.dataset.session_measures import MeasureRow, SessionMeasures, find_place_unit, locate_episode
 from minihuman.dataset.table_columns import LINKS, MODEL_CALLS, OTHER_INPUTS, PARTS
 from minihuman.errors import ProtocolError
 from minihuman.experiment.machine.events import (
@@ -149,13 +149,12 @@ def _start_row(episode: EpisodeLog) -> TableRow:
         "x": x,
         "z": z,
         "yaw_rad": yaw_rad,
-        "unit": "",
+        "unit": find_place_unit(episode),
         "map": "",
         "end_ns": int(episode.t_ns[-1]),
     }
     floor = episode.start.map
     if floor:
-        row["unit"] = floor.unit
         row["map"] = msgspec.json.encode(floor).decode()
     return row
 
@@ -410,6 +409,7 @@ def _step_rows(episode: EpisodeLog) -> RowBatch:
         "visible_effect": visible_effect(episode),
         "x": episode.poses[1:, 0],
         "z": episode.poses[1:, 2],
+        "unit": find_place_unit(episode),
         "yaw_rad": episode.poses[1:, 3],
         "terminated": episode.terminated,
         "truncated": episode.truncated,

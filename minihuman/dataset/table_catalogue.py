@@ -7,17 +7,18 @@ Arrow, because that takes longer than many commands.
 """
 
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from minihuman.dataset.activity_tables import ActivityTable, list_activity_tables
+from minihuman.dataset.activity_tables import PERSON_TABLE, ActivityTable, list_activity_tables
 from minihuman.dataset.column_aliases import COLUMN_ALIASES
 from minihuman.dataset.episode_columns import EpisodeColumn, list_episode_columns
-from minihuman.dataset.table_columns import SESSION_TABLES, TableColumn
+from minihuman.dataset.table_columns import SESSION_TABLES, TableColumn, is_time
+from minihuman.dataset.wide_integers import WIDE_INTEGERS
 from minihuman.storage.outside_names import explain_refused_name
 
 
@@ -55,6 +56,9 @@ def _gather_columns(tables: tuple[ActivityTable, ...], further: tuple[EpisodeCol
 TABLES: Mapping[str, tuple[TableColumn, ...]] = _TableCatalogue()
 """The tables of every session first, with the columns of plug-ins, then those that kinds of activity add."""
 
+TABLE_VERSION = "1.0"
+"""The version of the tables' columns: the first number changes where a column is removed or means something else."""
+
 EVERY_MOMENT = frozenset({"steps", "presses", "other_presses", "frames", "samples"})
 """The tables with a row per step, key press, picture or sample."""
 
@@ -77,9 +81,16 @@ def describe_columns(columns: Iterable[TableColumn]) -> dict[str, dict[str, str]
 
 
 def _history(column: TableColumn) -> dict[str, str]:
-    """Return the number of a column's definition and its name in earlier versions, for those that exist."""
+    """Return what else there is to say of a column: its levels, its size, its definition and its earlier name."""
     old = next((old for old, now in COLUMN_ALIASES.items() if now == column.name), "")
-    history = {"definition": str(column.definition or ""), "earlier_name": old}
+    levels = "; ".join(f"{level}: {meaning}" for level, meaning in column.levels)
+    exceeds_double = "true" if column.name in WIDE_INTEGERS else ""
+    history = {
+        "levels": levels,
+        "exceeds_double": exceeds_double,
+        "definition": str(column.definition or ""),
+        "earlier_name": old,
+    }
     return {name: value for name, value in history.items() if value}
 
 
@@ -195,9 +206,30 @@ def build_data_package(
     return {
         "profile": "tabular-data-package",
         "name": name,
+        "table_version": TABLE_VERSION,
         **facts,
         "resources": [_build_resource(table, path, without, infos.get(table, {})) for table, path in files],
     }
+
+
+def add_person_resource(package: dict[str, Any], path: Path, columns: Sequence[TableColumn]) -> None:
+    """Add the person table's file to a data package; every other table then refers to it by the participant."""
+    keys = ["study", "participant"]
+    for resource in package["resources"]:
+        if resource["name"] == "participants":
+            resource["schema"]["foreignKeys"] = [
+                {"fields": keys, "reference": {"resource": PERSON_TABLE, "fields": keys}}
+            ]
+    schema = {"fields": [_describe_field(column) for column in columns], "missingValues": [""], "primaryKey": keys}
+    package["resources"].append(_describe_file(PERSON_TABLE, path) | {"schema": schema})
+
+
+def _describe_file(table: str, path: Path) -> dict[str, Any]:
+    """Describe a table's file as a Frictionless resource without its schema."""
+    resource = {"name": table, "path": path.name, "profile": "tabular-data-resource"}
+    if path.suffix == ".csv":
+        return resource | {"format": "csv", "mediatype": "text/csv", "encoding": "utf-8"}
+    return resource | {"format": path.suffix.removeprefix("."), "mediatype": "application/vnd.apache.parquet"}
 
 
 def _build_resource(
@@ -206,18 +238,17 @@ def _build_resource(
     """Build the Frictionless resource of a table's file, without some columns and with the columns for JSON keys."""
     columns = [column for column in TABLES[table] if column.name not in without]
     columns += infos.values()
-    resource = {"name": table, "path": path.name, "profile": "tabular-data-resource"}
-    if path.suffix == ".csv":
-        resource |= {"format": "csv", "mediatype": "text/csv", "encoding": "utf-8"}
-    else:
-        resource |= {"format": path.suffix.removeprefix("."), "mediatype": "application/vnd.apache.parquet"}
-    return resource | {"schema": build_table_schema(table, columns)}
+    return _describe_file(table, path) | {"schema": build_table_schema(table, columns)}
 
 
 def _describe_field(column: TableColumn) -> dict[str, Any]:
     field: dict[str, Any] = {"name": column.name, "type": _TYPES[column.kind], "description": column.meaning}
     if column.unit:
         field["unit"] = column.unit
+    if is_time(column):
+        field["type"] = "datetime"
+    if column.levels:
+        field["constraints"] = {"enum": [level for level, _ in column.levels]}
     if column.kind == "boolean":
         field |= {"trueValues": ["TRUE"], "falseValues": ["FALSE"]}
     return field

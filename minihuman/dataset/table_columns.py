@@ -4,7 +4,7 @@ Activity kinds define further tables, in a module ``columns`` of their folder. T
 because that takes longer than many commands.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
 from minihuman.moved import forward_names
@@ -23,6 +23,12 @@ class TableColumn:
     unit: str
     meaning: str
     definition: int = 0  # of a quantity that is defined in several ways, which one it is; 0: there is one
+    levels: tuple[tuple[str, str], ...] = field(default=(), repr=False)  # each value of a category, and its meaning
+
+
+def is_time(column: TableColumn) -> bool:
+    """Return whether a column holds times of the wall clock, which the tables keep as ISO 8601 texts in UTC."""
+    return column.kind == "text" and column.unit == "UTC"
 
 
 def table_key_name(key: str) -> str:
@@ -69,10 +75,12 @@ SEGMENT_COLUMN = (
 TIME_COLUMN = TableColumn("t_ns", "integer", "ns", "Session time: since the session's first segment began.")
 
 
+UNIT_COLUMN = TableColumn("unit", "text", "", "The unit of places: cell or m; empty where the world has no map.")
+_EPISODE_KEY = (*SESSION_COLUMNS, *BLOCK_COLUMNS, *EPISODE_COLUMNS)
+
+
 STEPS = (
-    *SESSION_COLUMNS,
-    *BLOCK_COLUMNS,
-    *EPISODE_COLUMNS,
+    *_EPISODE_KEY,
     TableColumn("step", "integer", "", "1 for the episode's first."),
     TableColumn("t_ns", "integer", "ns", "The same as t_s, exactly as logged."),
     TableColumn("t_s", "number", "s", "When the step was done: session time, since the session's first segment began."),
@@ -98,6 +106,7 @@ STEPS = (
     TableColumn("visible_effect", "boolean", "", "Whether the observation changed."),
     TableColumn("x", "number", "cell or m", "Place after the step, to the right."),
     TableColumn("z", "number", "cell or m", "Place after the step, down the page."),
+    UNIT_COLUMN,
     TableColumn("yaw_rad", "number", "rad", "Heading after the step, 0 along +x, counter-clockwise from above."),
     TableColumn("terminated", "boolean", "", "The world ended the episode."),
     TableColumn("truncated", "boolean", "", "A limit ended the episode."),
@@ -107,9 +116,7 @@ STEPS = (
 
 
 PRESSES = (
-    *SESSION_COLUMNS,
-    *BLOCK_COLUMNS,
-    *EPISODE_COLUMNS,
+    *_EPISODE_KEY,
     TableColumn("t_ns", "integer", "ns", "The same as t_s, exactly as logged."),
     TableColumn("t_s", "number", "s", "When the key moved: session time, since the session's first segment began."),
     TableColumn("key", "key", "", "The physical key."),
@@ -176,24 +183,20 @@ PLAN = (
 
 
 STARTS = (
-    *SESSION_COLUMNS,
-    *BLOCK_COLUMNS,
-    *EPISODE_COLUMNS,
+    *_EPISODE_KEY,
     TIME_COLUMN,
     TableColumn("mission", "text", "", "What the world asked for, in words."),
     TableColumn("x", "number", "cell or m", "Where the episode began, to the right."),
     TableColumn("z", "number", "cell or m", "Where the episode began, down the page."),
     TableColumn("yaw_rad", "number", "rad", "Heading, 0 along +x, counter-clockwise from above."),
-    TableColumn("unit", "text", "", "The unit of places: cell or m; empty where the world has no map."),
+    UNIT_COLUMN,
     TableColumn("map", "text", "JSON", "Bounds, walls and things of the floor plan."),
     TableColumn("end_ns", "integer", "ns", "Session time of the last step, or of the reset where there is none."),
 )
 
 
 FRAMES = (
-    *SESSION_COLUMNS,
-    *BLOCK_COLUMNS,
-    *EPISODE_COLUMNS,
+    *_EPISODE_KEY,
     TableColumn("step", "integer", "", "The step whose result the picture shows, 0 for the reset."),
     TableColumn("submit_ns", "integer", "ns", "Session time at which the picture was handed over."),
     TableColumn("flip_ns", "integer", "ns", "Session time at which it was on the display."),
@@ -346,9 +349,7 @@ KEYS = (
 
 
 EPISODES = (
-    *SESSION_COLUMNS,
-    *BLOCK_COLUMNS,
-    *EPISODE_COLUMNS,
+    *_EPISODE_KEY,
     TableColumn("episode_in_block", "integer", "", "1 for the block's first."),
     TableColumn("world", "text", "", "The world's id."),
     TableColumn("seed", "integer", "", "The seed of the layout."),
@@ -374,6 +375,7 @@ EPISODES = (
     TableColumn("response_mean_ms", "number", "ms", "Mean of response_ms.", 2),
     TableColumn("response_median_ms", "number", "ms", "Median of response_ms.", 2),
     TableColumn("path_length", "number", "cell or m", "Ground covered."),
+    UNIT_COLUMN,
     TableColumn("path_efficiency", "number", "", "Straight distance from start to end over ground covered."),
     TableColumn("turns_in_place", "integer", "", "Runs of turning on the spot; empty where the world gives no pose."),
     TableColumn("ineffective_steps", "integer", "", "Steps that changed nothing to be seen."),
@@ -435,6 +437,7 @@ PARTICIPANTS = (
     ),
     TableColumn("window", "text", "", "The participant's window: pygame, pyglet, web or simulated; empty if unknown."),
     TableColumn("started_at", "text", "UTC", "When the session began, ISO 8601."),
+    TableColumn("utc_offset_min", "integer", "min", "The offset of the local time from UTC then; empty if unknown."),
     TableColumn("end_reason", "text", "", "Why the session ended."),
     TableColumn("clean", "boolean", "", "Whether the log was finished in the ordinary way."),
     TableColumn("segments", "integer", "", "How many segments the session has: 1, and one more for each resume."),
@@ -488,8 +491,6 @@ COLUMNS_NEEDING_WORLD = frozenset(
     {"shortest_steps", "feasible_steps", "excess_steps", "log_excess_steps", "log_steps_ratio", "spl"}
     | {"excess_steps_mean", "log_excess_steps_mean", "log_steps_ratio_mean", "spl_mean"}
 )
-
-
 """The columns that a log alone cannot tell: the world itself is asked how few steps an episode could have taken."""
 
 

@@ -8,6 +8,7 @@ from contextlib import AbstractContextManager
 from hashlib import blake2b
 from itertools import chain, groupby, pairwise
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import duckdb
@@ -296,10 +297,10 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
         counts = self.connection.execute(f"SELECT count(*) FROM kept.{name}").fetchall()
         return int(counts[0][0])
 
-    def query(self, sql: str) -> pa.Table:
+    def query(self, sql: str, further: Mapping[str, pa.Table] = MappingProxyType({})) -> pa.Table:
         """Run SQL on the tables, with current or earlier column names.
 
-        A query can neither read nor write any other file.
+        A query can neither read nor write any other file. ``further`` are tables from elsewhere, by name.
 
         Raises:
             QueryError: if the text is not a valid SELECT statement, or refers to something that does not exist.
@@ -307,6 +308,10 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
         self._require_checked(find_queried_tables(sql))
         self._connect_for_queries()
         try:
+            for name, rows in further.items():
+                columns = ", ".join(f'"{field.name}" {_SQL_TYPES[field.type]}' for field in rows.schema)
+                self.connection.execute(f"CREATE TEMP TABLE {name} ({columns})")
+                self.connection.from_arrow(rows).insert_into(name)
             if any(str(statement.type) not in _READING for statement in self.connection.extract_statements(sql)):
                 raise QueryError(f"{sql!r} is not a SELECT statement; use SELECT to read the study's tables")
             try:
@@ -320,7 +325,7 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
             raise QueryError(f"{sql!r} uses a file; a query may only read the study's tables") from error
         except duckdb.Error as error:
             line = " ".join(str(error).split("\n\n")[0].split())
-            raise QueryError(f"the query failed: {line}; the tables are {', '.join(TABLES)}") from error
+            raise QueryError(f"the query failed: {line}; the tables are {', '.join([*TABLES, *further])}") from error
 
     def _connect_for_queries(self) -> None:
         """Reconnect with the settings for queries; one process cannot open the file with two kinds of settings."""

@@ -24,19 +24,24 @@ import pyarrow.parquet
 import minihuman
 from minihuman.dataset.caches import TABLE_CACHE
 from minihuman.dataset.info_columns import add_info_columns, build_info_schema, list_info_columns
+from minihuman.dataset.person_table import PERSON_TABLE, PersonTable
 from minihuman.dataset.rows import arrow_schema
 from minihuman.dataset.store import StudyStore
 from minihuman.dataset.table_catalogue import (
+    TABLE_VERSION,
     TABLES,
     TablePartition,
+    add_person_resource,
     build_data_dictionary,
     build_data_package,
     describe_columns,
 )
 from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD, TableColumn
 from minihuman.dataset.table_database import StoreVersionError, TableDatabase, digest_relation
+from minihuman.dataset.table_types import TIMES, guard_texts, parse_times
 
 TableFormat = Literal["parquet", "csv"]
+TABLE_METADATA = {"table_version": TABLE_VERSION, "minihuman_version": minihuman.__version__}
 
 
 def _parquet(path: Path, columns: pa.Schema) -> pa.parquet.ParquetWriter:
@@ -51,10 +56,33 @@ def _parquet(path: Path, columns: pa.Schema) -> pa.parquet.ParquetWriter:
     )
 
 
-class _Csv:
-    """A CSV writer for pandas, polars, R and DuckDB: booleans are TRUE and FALSE, and missing values are empty."""
+class _TimedParquet:
+    """A Parquet writer of tables whose times of the wall clock are times, with their zone, instead of texts."""
 
     def __init__(self, path: Path, columns: pa.Schema) -> None:
+        self._times = [field.name for field in columns if (field.metadata or {}).get(b"unit") == b"UTC"]
+        fields = [field.with_type(TIMES) if field.name in self._times else field for field in columns]
+        self._writer = _parquet(path, pa.schema(fields, metadata=TABLE_METADATA))
+
+    def write_table(self, table: pa.Table) -> None:
+        for name in self._times:
+            place = table.schema.get_field_index(name)
+            times = parse_times(table.column(name))
+            table = table.set_column(place, table.schema.field(place).with_type(TIMES), times)
+        self._writer.write_table(table.replace_schema_metadata(TABLE_METADATA))
+
+    def close(self) -> None:
+        self._writer.close()
+
+
+class _Csv:
+    """A CSV writer for pandas, polars, R and DuckDB: booleans are TRUE and FALSE, and missing values are empty.
+
+    Texts that a spreadsheet would run are guarded, as ``guard_text`` does.
+    """
+
+    def __init__(self, path: Path, columns: pa.Schema) -> None:
+        self._texts = [field.name for field in columns if pa.types.is_string(field.type)]
         self._yes_no = [name for name in columns.names if pa.types.is_boolean(columns.field(name).type)]
         fields = [field.with_type(pa.string()) if field.name in self._yes_no else field for field in columns]
         self._writer = pa.csv.CSVWriter(path, pa.schema(fields))
@@ -64,13 +92,16 @@ class _Csv:
             place = table.schema.get_field_index(name)
             texts = pc.if_else(table.column(name), "TRUE", "FALSE")
             table = table.set_column(place, table.schema.field(place).with_type(pa.string()), texts)
+        for name in self._texts:
+            place = table.schema.get_field_index(name)
+            table = table.set_column(place, table.schema.field(place), guard_texts(table.column(name)))
         self._writer.write_table(table)
 
     def close(self) -> None:
         self._writer.close()
 
 
-_WRITERS: dict[TableFormat, Callable[[Path, pa.Schema], Any]] = {"parquet": _parquet, "csv": _Csv}
+_WRITERS: dict[TableFormat, Callable[[Path, pa.Schema], Any]] = {"parquet": _TimedParquet, "csv": _Csv}
 
 
 def write_tables(
@@ -81,11 +112,13 @@ def write_tables(
     kinds: Sequence[TableFormat] = ("parquet", "csv"),
     without: frozenset[str] = frozenset(),
     empty: bool = False,
+    people: PersonTable | None = None,
 ) -> tuple[Path, ...]:
     """Write the tables that have rows into a folder, as Parquet, CSV or both; return the paths of the files.
 
     Two further files explain the columns: ``dictionary.json`` in the shortest form, and ``datapackage.json`` as a
     Frictionless data package. The columns in ``without`` are omitted; ``empty`` also writes tables that have no rows.
+    ``people`` is the person table, which does not come from the logs.
     """
     folder.mkdir(parents=True, exist_ok=True)
     names = [name for name in (TABLES if names is None else names) if empty or tables.count(name)]
@@ -95,10 +128,11 @@ def write_tables(
         if name in names:
             described[name] = columns | describe_columns(infos[name].values())
     resources = [(name, folder / f"{name}.{kinds[0]}") for name in names]  # the same rows twice are one resource
-    descriptions = {
-        folder / "dictionary.json": described,
-        folder / "datapackage.json": build_data_package("minihuman-tables", resources, without=without, infos=infos),
-    }
+    package = build_data_package("minihuman-tables", resources, without=without, infos=infos)
+    if people is not None:
+        described[PERSON_TABLE] = describe_columns(people.columns)
+        add_person_resource(package, folder / f"{PERSON_TABLE}.{kinds[0]}", people.columns)
+    descriptions = {folder / "dictionary.json": described, folder / "datapackage.json": package}
     for path, content in descriptions.items():
         path.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8", newline="\n")
     paths: list[Path] = []
@@ -106,7 +140,21 @@ def write_tables(
         files = {kind: folder / f"{name}.{kind}" for kind in kinds}
         _write_table(tables, name, files, without=without, infos=infos[name])
         paths += files.values()
+    if people is not None:
+        paths += _write_people(people, folder, kinds)
     return (*paths, *descriptions)
+
+
+def _write_people(people: PersonTable, folder: Path, kinds: Sequence[TableFormat]) -> list[Path]:
+    """Write the person table into a file of each of the given formats."""
+    paths = []
+    for kind in kinds:
+        path = folder / f"{PERSON_TABLE}.{kind}"
+        writer = _WRITERS[kind](path, people.rows.schema)
+        writer.write_table(people.rows)
+        writer.close()
+        paths.append(path)
+    return paths
 
 
 def _write_table(
@@ -154,7 +202,7 @@ def write_partitions(
     """
     selection = str(store.selection)
     made_by = {
-        "minihuman_version": minihuman.__version__,
+        **TABLE_METADATA,
         "duckdb_version": duckdb.__version__,
         "selection": selection,
         "selection_digest": blake2b(selection.encode(), digest_size=8).hexdigest(),

@@ -1,6 +1,7 @@
 """SQL over a study's tables: which tables a query reads, whether it requires the worlds, and how its result prints."""
 
 import io
+import re
 from collections.abc import Iterator, Mapping, Set
 from typing import Any
 
@@ -9,10 +10,12 @@ import msgspec
 import pyarrow as pa
 import pyarrow.csv
 
+from minihuman.dataset.activity_tables import PERSON_TABLE
 from minihuman.dataset.caches import CACHE_SETTINGS
 from minihuman.dataset.column_aliases import use_current_columns
 from minihuman.dataset.table_catalogue import TABLES
 from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD
+from minihuman.dataset.table_types import guard_texts
 
 QUERY_SETTINGS = {  # SQL reads the tables: no files, no network, no variables of this program
     **CACHE_SETTINGS,
@@ -34,6 +37,11 @@ def find_queried_tables(sql: str) -> frozenset[str]:
     if is_computed:
         return frozenset(TABLES)
     return names & TABLES.keys()
+
+
+def mentions_person_table(sql: str) -> bool:
+    """Return whether a query has the word that names the person table, which does not come from the logs."""
+    return re.search(rf"\b{PERSON_TABLE}\b", sql, re.IGNORECASE) is not None
 
 
 def needs_shortest_paths(sql: str) -> bool:
@@ -78,14 +86,17 @@ def _walk(tree: Any) -> Iterator[dict[str, Any]]:
 
 def has_world_columns(name: str) -> bool:
     """Return whether a table has columns that require the worlds themselves."""
-    return any(column.name in COLUMNS_NEEDING_WORLD for column in TABLES[name])
+    return any(column.name in COLUMNS_NEEDING_WORLD for column in TABLES.get(name, ()))
 
 
 MAX_SHOWN_ROWS = 100  # rows; more are for a file
 
 
 def format_result_csv(answer: pa.Table) -> str:
-    """Format all rows as CSV with a header of column names."""
+    """Format all rows as CSV with a header of column names; texts are guarded as in an export."""
+    for place, field in enumerate(answer.schema):
+        if pa.types.is_string(field.type):
+            answer = answer.set_column(place, field, guard_texts(answer.column(place)))
     file = io.BytesIO()
     pa.csv.write_csv(answer, file)
     return file.getvalue().decode()

@@ -4,13 +4,16 @@ Modules above this one open neither logs nor the store. What they need beyond th
 protocol) is read here, one session at a time.
 """
 
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from minihuman.dataset.activity_tables import PERSON_TABLE
 from minihuman.dataset.selection import SelectedSession, Selection, SelectionSummary
 from minihuman.dataset.sessions import StudySessions
+from minihuman.errors import QueryError
 from minihuman.experiment.protocol.protocol import Protocol, decode_logged_protocol
 from minihuman.log.model.session_log import SessionLog
 
@@ -19,6 +22,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
     from minihuman.dataset.cached_sessions import CachedSession
+    from minihuman.dataset.person_table import PersonTable
     from minihuman.dataset.store import StudyStore
     from minihuman.dataset.table_catalogue import TablePartition
     from minihuman.dataset.table_files import TableFormat
@@ -75,6 +79,9 @@ class Tables(AbstractContextManager["Tables", None]):
                 raise AssertionError("the tables were opened without shortest paths; require these first")
             return
         self._has_shortest = shortest_paths
+        if names is not None and PERSON_TABLE in names:
+            names = set(names) - {PERSON_TABLE}
+            with_account = True  # it says which protocols there are
         self._opened = StudyStore(self._logs, with_shortest=shortest_paths, tables=names, with_account=with_account)
 
     @property
@@ -93,9 +100,49 @@ class Tables(AbstractContextManager["Tables", None]):
         """
         return self.store.cached_sessions
 
+    @cached_property
+    def people(self) -> "PersonTable | None":
+        """Return the person table, with the laboratory's own columns; None if no protocol declares such columns.
+
+        Raises:
+            ParticipantsFileError: if `participants.csv` cannot be read, or does not fit the protocol.
+        """
+        from minihuman.dataset.person_table import build_person_table
+
+        sessions = self.store.tables.table("participants", ["study", "participant"]).to_pylist()
+        people = list(dict.fromkeys((session["study"], session["participant"]) for session in sessions))
+        last_by_digest = {
+            session.outline.protocol_sha256: session for session in self.sessions if session.outline is not None
+        }
+        protocols = [self.read_log(session).plan.protocol_toml for session in last_by_digest.values()]
+        table = build_person_table(self.source, people, protocols)
+        if table is not None:
+            self.account.notes.extend(table.notes)
+        return table
+
+    def _require_people(self) -> "PersonTable":
+        if self.people is None:
+            raise QueryError(
+                f"the study has no table {PERSON_TABLE!r}, as its protocol declares no column of participants.csv; "
+                "declare some in [[about.participant_columns]] before the first session"
+            )
+        return self.people
+
     def arrow(self, name: str, columns: Sequence[str] | None = None, *, included: bool = False) -> "pa.Table":
         """Return a table, or some of its columns, as Arrow; with ``included``, excluded rows are omitted."""
-        return self.store.tables.table(name, columns, counting=included)
+        if name != PERSON_TABLE:
+            return self.store.tables.table(name, columns, counting=included)
+        rows = self._require_people().rows
+        if included:
+            counted = self.store.tables.table("participants", ["study", "participant"], counting=True)
+            rows = rows.join(
+                counted.group_by(["study", "participant"]).aggregate([]),
+                ["study", "participant"],
+                join_type="left semi",
+            )
+        if columns is None:
+            return rows
+        return rows.select(columns)
 
     def frame(self, name: str, columns: Sequence[str] | None = None, *, included: bool = False) -> "pd.DataFrame":
         """Return a table, or some of its columns, as a pandas data frame.
@@ -107,6 +154,8 @@ class Tables(AbstractContextManager["Tables", None]):
 
     def count(self, name: str) -> int:
         """Return the number of rows in a table."""
+        if name == PERSON_TABLE:
+            return len(self.arrow(name))
         return self.store.tables.count(name)
 
     def query(self, sql: str) -> "pa.Table":
@@ -115,7 +164,12 @@ class Tables(AbstractContextManager["Tables", None]):
         Raises:
             QueryError: if the text is not a valid SELECT statement, or refers to something that does not exist.
         """
-        return self.store.tables.query(sql)
+        from minihuman.dataset.table_queries import mentions_person_table
+
+        further: Mapping[str, pa.Table] = {}
+        if mentions_person_table(sql) and self.people is not None:
+            further = {PERSON_TABLE: self.people.rows}
+        return self.store.tables.query(sql, further)
 
     def write(
         self,
@@ -128,7 +182,12 @@ class Tables(AbstractContextManager["Tables", None]):
         """Write the tables that have rows into a folder, without some columns; return the paths of the files."""
         from minihuman.dataset.table_files import write_tables
 
-        return write_tables(self.store.tables, folder, names=names, kinds=kinds, without=without)
+        people = None
+        if names is None or PERSON_TABLE in names:
+            people = self.people
+        if names is not None:
+            names = [name for name in names if name != PERSON_TABLE]
+        return write_tables(self.store.tables, folder, names=names, kinds=kinds, without=without, people=people)
 
     def write_partitions(self, folder: Path) -> Iterator[tuple["TablePartition", Path]]:
         """Write the tables below a folder, one Parquet file per table and session.
@@ -209,9 +268,12 @@ def answer_query(tables: Tables, sql: str) -> "pa.Table":
     Raises:
         QueryError: if the text is not a valid SELECT statement, or refers to something that does not exist.
     """
-    from minihuman.dataset.table_queries import find_queried_tables, needs_shortest_paths
+    from minihuman.dataset.table_queries import find_queried_tables, mentions_person_table, needs_shortest_paths
 
-    tables.require(find_queried_tables(sql), shortest_paths=needs_shortest_paths(sql), with_account=False)
+    names = find_queried_tables(sql)
+    if mentions_person_table(sql):
+        names |= {PERSON_TABLE}
+    tables.require(names, shortest_paths=needs_shortest_paths(sql), with_account=False)
     return tables.query(sql)
 
 

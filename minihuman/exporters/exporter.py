@@ -34,6 +34,8 @@ class ExportResult:
     marked: int = 0  # excluded episodes that are present with the reason
     sessions: int = 0  # for tables: sessions that have a row
     front_matter: str = ""  # of the card, for programs
+    notes: tuple[str, ...] = ()  # what the format holds otherwise than the tables; listed in the card
+    reading: tuple[str, ...] = ()  # lines of the card about how to read the files
 
     def with_files(self, paths: tuple[Path, ...], *, front_matter: str = "") -> "ExportResult":
         """Return the same counts for other files."""
@@ -93,8 +95,9 @@ class ExportCard:
             "",
             "What it is made of:",
             "",
-            *(f"- {line}" for line in (*self.account.lines(), *export.left_out)),
+            *(f"- {line}" for line in (*self.account.lines(), *export.left_out, *export.notes)),
             "",
+            *export.reading,
             "| file or folder |",
             "|---|",
             *(f"| `{path.relative_to(out)}` |" for path in export.paths),
@@ -139,6 +142,20 @@ def _is_current_folder(path: Path) -> bool:
     return path.resolve().samefile(".")
 
 
+def _count_and_report(card: ExportCard, progress: Callable[[Path], None]) -> Callable[[Path, Mapping[str, Any]], None]:
+    """Return a function that counts each episode in the card, and reports each log once."""
+    latest_log: Path | None = None
+
+    def count_episode(log: Path, facts: Mapping[str, Any]) -> None:
+        nonlocal latest_log
+        card.count(facts)
+        if log != latest_log:  # a line on the screen for every episode of a thousand sessions takes half a second
+            progress(log)
+        latest_log = log
+
+    return count_episode
+
+
 def export_study(
     format_name: str,
     source: Path,
@@ -149,8 +166,11 @@ def export_study(
     with_messages: bool = False,
     engine: str = "local",
     progress: Callable[[Path], None] = lambda _: None,
+    finish: Callable[[Path, ExportResult], ExportResult] = lambda _, export: export,
 ) -> tuple[ExportResult, ExportCard]:
     """Write the selected episodes of a log or study to ``out``, calling ``progress`` once for each log.
+
+    ``finish`` can add files before the folder appears.
 
     Logs with messages between participants are excluded unless ``with_messages`` is set. Observations are replayed, or
     read from the logs with ``stored_frames``; each is checked against its hash.
@@ -164,16 +184,7 @@ def export_study(
     _require_new_folder(out)
     sessions = StudySessions(source, selection, engine=engine)
     card = ExportCard(format_name, sessions.account, stored_frames=stored_frames)
-
-    latest_log: Path | None = None
-
-    def count_episode(log: Path, facts: Mapping[str, Any]) -> None:
-        nonlocal latest_log
-        card.count(facts)
-        if log != latest_log:  # a line on the screen for every episode of a thousand sessions takes half a second
-            progress(log)
-        latest_log = log
-
+    count_episode = _count_and_report(card, progress)
     with _write_whole(out) as unfinished:
         episodes = IncludedEpisodes(
             sessions, on_included=count_episode, stored_frames=stored_frames, with_messages=with_messages
@@ -183,5 +194,6 @@ def export_study(
             why = "; ".join((*export.left_out, *sessions.account.lines()))
             raise ExportError(f"{source} has nothing to export: {why}; select other episodes")
         card.write(unfinished, export)
+        export = finish(unfinished, export)
     moved = tuple(out / path.relative_to(unfinished) for path in export.paths)
     return replace(export, paths=moved), card

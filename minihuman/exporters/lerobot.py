@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from minihuman import __version__
 from minihuman.dataset.included_episodes import IncludedEpisode, IncludedEpisodes
+from minihuman.dataset.study_facts import read_study_facts
 from minihuman.display.video import ENCODINGS, VideoWriter, pad_to_even
 from minihuman.errors import ExportError
 from minihuman.experiment.protocol.specs import AboutSpec
@@ -35,7 +36,7 @@ from minihuman.exporters.flat_observations import (
     name_actions,
     name_state,
 )
-from minihuman.exporters.study_metadata import get_doi_url, get_licence_id, get_plain_facts, get_plan_study_facts
+from minihuman.exporters.study_metadata import get_doi_url, get_licence_id, get_plain_facts
 from minihuman.exporters.world_info import build_info_columns, format_info_texts, list_info_values
 from minihuman.log.model.session_log import EpisodeLog
 
@@ -343,7 +344,7 @@ class _Dataset:
         self.frames = 0
         self.rows: list[dict[str, Any]] = []  # one an episode
         self.features = build_features(item, first)
-        self._study_facts = get_plan_study_facts(item.log.plan)
+        self._study_facts = read_study_facts(item.log.path, item.log.plan.protocol_toml)
         self._world = item.episode.plan.world
         self._tasks: dict[str, int] = {}
         self._totals: dict[str, FeatureStatistics] = {}

@@ -24,6 +24,7 @@ from minari.dataset.minari_storage import MinariStorage
 
 from minihuman import __version__
 from minihuman.dataset.included_episodes import IncludedEpisode, IncludedEpisodes
+from minihuman.dataset.study_facts import read_study_facts
 from minihuman.errors import ExportError
 from minihuman.experiment.protocol.specs import AboutSpec
 from minihuman.exporters.environment_specs import build_environment_spec
@@ -35,7 +36,7 @@ from minihuman.exporters.flat_observations import (
     stack_observations,
     to_standard_space,
 )
-from minihuman.exporters.study_metadata import get_action_names, get_plain_facts, get_plan_study_facts
+from minihuman.exporters.study_metadata import get_action_names, get_plain_facts
 from minihuman.exporters.world_info import add_reset, build_info_columns
 from minihuman.plugins import DISTRIBUTION
 
@@ -111,7 +112,7 @@ def _require_room(out: Path, needed_bytes: int) -> None:
 
 
 def _begin_dataset(out: Path, name: str, item: IncludedEpisode, demonstration: ReplayedEpisode) -> MinariStorage:
-    study_facts = get_plan_study_facts(item.log.plan)
+    study_facts = read_study_facts(item.log.path, item.log.plan.protocol_toml)
     study = item.log.plan.study
     _make_namespace(out / NAMESPACE, "exported by minihuman")
     _make_namespace(out / NAMESPACE / study, study_facts.title or f"the study {study}")
@@ -150,14 +151,16 @@ def _list_publication_facts(study_facts: AboutSpec) -> dict[str, Any]:
     """Return a dataset's metadata about the publication, under Minari's names."""
     facts: dict[str, Any] = {}
     if study_facts.authors:
-        facts["author"] = [author.name for author in study_facts.authors]
-    emails = [author.email for author in study_facts.authors if author.email]
+        facts["author"] = {author.name for author in study_facts.authors}  # Minari takes nothing but sets of texts
+    emails = {author.email for author in study_facts.authors if author.email}
     if emails:
         facts["author_email"] = emails
     if study_facts.licence:
         facts["license"] = study_facts.licence
+    if study_facts.doi:
+        facts["doi"] = study_facts.doi
     if study_facts.references:
-        facts["code_permalink"] = study_facts.references[0]
+        facts["references"] = list(study_facts.references)
     return facts
 
 

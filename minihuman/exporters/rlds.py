@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from minihuman import __version__
 from minihuman.dataset.included_episodes import IncludedEpisode, IncludedEpisodes
+from minihuman.dataset.study_facts import read_study_facts
 from minihuman.errors import ExportError
 from minihuman.exporters.exporter import ExportResult
 from minihuman.exporters.flat_observations import (
@@ -29,7 +30,7 @@ from minihuman.exporters.flat_observations import (
     build_actions,
     build_state,
 )
-from minihuman.exporters.study_metadata import get_plain_facts, get_plan_study_facts
+from minihuman.exporters.study_metadata import get_plain_facts
 from minihuman.log.observations import encode_png
 
 DATASET_VERSION = "1.0.0"
@@ -50,7 +51,9 @@ def export(chosen: IncludedEpisodes, out: Path) -> ExportResult:
         name = marked.replace("-", "_")
         if name not in datasets:
             datasets[name] = _Dataset(
-                out / name / DATASET_VERSION, name, get_plan_study_facts(item.log.plan).description
+                out / name / DATASET_VERSION,
+                name,
+                read_study_facts(item.log.path, item.log.plan.protocol_toml).description,
             )
         datasets[name].add(build_steps(item, demonstration), get_plain_facts(item))
     for dataset in datasets.values():

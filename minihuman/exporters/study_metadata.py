@@ -1,35 +1,13 @@
-"""Study metadata for exports, from the protocol in a log and the laboratory's `participants.csv`.
+"""Study metadata for exports, from the protocol in a log, which describes the study, its worlds and devices."""
 
-The protocol describes the study, its worlds and devices; the table describes the participants.
-"""
-
-import csv
 import json
-from collections.abc import Callable
-from functools import lru_cache
-from pathlib import Path
 from typing import Any
 
 from minihuman.dataset.included_episodes import IncludedEpisode
-from minihuman.dataset.log_files import find_containing_folder
-from minihuman.errors import ExportError, ProtocolError
+from minihuman.dataset.study_facts import decode_plan_protocol
 from minihuman.experiment.plan.session_plan import SessionPlan
-from minihuman.experiment.protocol.protocol import BlockSpec, Protocol, decode_logged_protocol
-from minihuman.experiment.protocol.specs import (
-    AboutSpec,
-    ColumnType,
-    DeviceSpec,
-    ParticipantColumnSpec,
-    apply_overrides,
-)
-
-
-def get_plan_study_facts(plan: SessionPlan) -> AboutSpec:
-    """Return the facts about a session's study; empty if the log's protocol has none or cannot be read here."""
-    protocol = _decode_protocol(plan.protocol_toml)
-    if protocol is None:
-        return AboutSpec()
-    return protocol.about
+from minihuman.experiment.protocol.protocol import BlockSpec
+from minihuman.experiment.protocol.specs import AboutSpec, DeviceSpec, apply_overrides
 
 
 def get_doi_url(study_facts: AboutSpec) -> str:
@@ -48,7 +26,7 @@ def get_licence_id(study_facts: AboutSpec) -> str:
 
 def get_plan_devices(plan: SessionPlan) -> dict[str, DeviceSpec]:
     """Return the devices in a session's protocol, by name."""
-    protocol = _decode_protocol(plan.protocol_toml)
+    protocol = decode_plan_protocol(plan.protocol_toml)
     if protocol is None:
         return {}
     return {device.name: device for device in protocol.devices}
@@ -108,66 +86,7 @@ def _list_blocks(item: IncludedEpisode) -> list[BlockSpec]:
 
 
 def _list_variants(item: IncludedEpisode) -> list[BlockSpec]:
-    protocol = _decode_protocol(item.log.plan.protocol_toml)
+    protocol = decode_plan_protocol(item.log.plan.protocol_toml)
     if protocol is None:
         return []
     return [apply_overrides(block, group.name) for block in protocol.blocks for group in protocol.groups]
-
-
-@lru_cache(maxsize=8)
-def _decode_protocol(toml: bytes) -> Protocol | None:
-    """Decode the protocol in a log; None if this version cannot read it."""
-    try:
-        return decode_logged_protocol(toml)
-    except ProtocolError:
-        return None
-
-
-FILE_NAME = "participants.csv"
-
-
-def read_participants(source: Path, study_facts: AboutSpec) -> dict[str, dict[str, str]]:
-    """Read the columns that the protocol names, by participant code; an empty dict if there is no such file.
-
-    Raises:
-        ExportError: if the file has no column of codes, lacks a column that the protocol names, lists a participant
-            twice, or has a value that the protocol does not allow.
-    """
-    path = find_containing_folder(source) / FILE_NAME
-    if not path.is_file() or not study_facts.participant_columns:
-        return {}
-    with path.open(newline="", encoding="utf-8-sig") as file:
-        rows = list(csv.DictReader(file))
-    if not rows:
-        return {}
-    named = {column.name for column in study_facts.participant_columns}
-    missing = sorted({"participant", *named} - rows[0].keys())
-    if missing:
-        raise ExportError(f"{path} has no column {missing[0]!r}; add it to the first line, which names the columns")
-    columns_by_code: dict[str, dict[str, str]] = {}
-    for line, row in enumerate(rows, 2):
-        code = row["participant"]
-        if code in columns_by_code:
-            raise ExportError(f"{path}:{line}: {code!r} appears twice; keep one of the lines")
-        for column in study_facts.participant_columns:
-            _check(column, row[column.name], f"{path}:{line}")
-        columns_by_code[code] = {name: row[name] for name in named}
-    return columns_by_code
-
-
-def _check(column: ParticipantColumnSpec, value: str, place: str) -> None:
-    """Raise ExportError for a value that the protocol does not allow; an empty value is always allowed."""
-    if not value:
-        return
-    if column.levels and value not in column.levels:
-        raise ExportError(f"{place}: {column.name} is {value!r}; use one of {', '.join(column.levels)}")
-    readers: dict[ColumnType, Callable[[str], object]] = {
-        "text": str,
-        "integer": int,
-        "number": float,
-        "boolean": lambda word: ("false", "true").index(word.lower()),
-    }
-    try:
-        readers[column.type](value)
-    except ValueError:
-        raise ExportError(f"{place}: {column.name} is {value!r}; use a value of type {column.type}") from None

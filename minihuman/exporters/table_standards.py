@@ -7,15 +7,17 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from minihuman.dataset.activity_tables import PERSON_TABLE
 from minihuman.dataset.included_episodes import IncludedEpisodes
-from minihuman.dataset.table_catalogue import TABLES, find_primary_key
-from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD, TableColumn
+from minihuman.dataset.table_catalogue import TABLE_VERSION, TABLES, find_primary_key
+from minihuman.dataset.table_columns import TableColumn, is_time
 from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.experiment.protocol.specs import AboutSpec, AuthorSpec
 from minihuman.exporters.bids.files import make_label
 from minihuman.exporters.exporter import ExportResult
-from minihuman.exporters.study_metadata import get_doi_url, get_plan_study_facts
-from minihuman.exporters.tables import export_tables
+from minihuman.exporters.reading import describe_reading
+from minihuman.exporters.study_metadata import get_doi_url
+from minihuman.exporters.tables import ExportedTables, export_tables
 
 _CROISSANT_TYPES = {
     "text": "sc:Text",
@@ -45,17 +47,17 @@ CONTEXT: dict[str, Any] = {
 
 def export_croissant(chosen: IncludedEpisodes, out: Path) -> ExportResult:
     """Write every table and its description in ``croissant.json``."""
-    export, first = export_tables(chosen, out, "parquet")
-    if first is None:
-        return replace(export, paths=())
+    exported = export_tables(chosen, out, "parquet")
+    if exported.plan is None:
+        return replace(exported.export, paths=())
     path = out / "croissant.json"
-    described = _describe_as_croissant(first, sorted(out.glob("*.parquet")))
+    described = _describe_as_croissant(exported.plan, exported, sorted(out.glob("*.parquet")))
     path.write_text(json.dumps(described, indent=1, ensure_ascii=False) + "\n", encoding="utf-8", newline="\n")
-    return replace(export, paths=(*export.paths, path))
+    return replace(exported.export, paths=(*exported.export.paths, path))
 
 
-def _describe_as_croissant(plan: SessionPlan, tables: list[Path]) -> dict[str, Any]:
-    study_facts = get_plan_study_facts(plan)
+def _describe_as_croissant(plan: SessionPlan, exported: ExportedTables, tables: list[Path]) -> dict[str, Any]:
+    study_facts = exported.study_facts
     facts = {
         "license": study_facts.licence,
         "keywords": list(study_facts.keywords),
@@ -72,7 +74,7 @@ def _describe_as_croissant(plan: SessionPlan, tables: list[Path]) -> dict[str, A
         "version": _version(plan.study_version),
         **{name: value for name, value in facts.items() if value},
         "distribution": [_describe_file(path) for path in tables],
-        "recordSet": [_describe_record_set(path.stem, TABLES[path.stem]) for path in tables],
+        "recordSet": [_describe_record_set(path.stem, exported.find_columns(path.stem)) for path in tables],
     }
 
 
@@ -88,14 +90,13 @@ def _describe_file(path: Path) -> dict[str, Any]:
     }
 
 
-def _describe_record_set(table: str, columns: tuple[TableColumn, ...]) -> dict[str, Any]:
-    """Describe a table as Croissant's record set, without the columns that need the worlds."""
+def _describe_record_set(table: str, columns: list[TableColumn]) -> dict[str, Any]:
+    """Describe a table as Croissant's record set."""
     record_set: dict[str, Any] = {"@type": "cr:RecordSet", "@id": table, "name": table}
     key_columns = find_primary_key(table)
     if key_columns:
         record_set["key"] = [{"@id": f"{table}/{name}"} for name in key_columns]
-    fields = [_describe_field(table, column) for column in columns if column.name not in COLUMNS_NEEDING_WORLD]
-    return record_set | {"field": fields}
+    return record_set | {"field": [_describe_field(table, column) for column in columns]}
 
 
 def _describe_field(table: str, column: TableColumn) -> dict[str, Any]:
@@ -107,7 +108,7 @@ def _describe_field(table: str, column: TableColumn) -> dict[str, Any]:
         "@id": f"{table}/{column.name}",
         "name": f"{table}/{column.name}",
         "description": description,
-        "dataType": _CROISSANT_TYPES[column.kind],
+        "dataType": "sc:DateTime" if is_time(column) else _CROISSANT_TYPES[column.kind],
         "source": {"fileObject": {"@id": f"{table}.parquet"}, "extract": {"column": column.name}},
     }
 
@@ -135,27 +136,29 @@ _PSYCH_DS_TYPES = {"text": "Text", "key": "Text", "integer": "Integer", "number"
 
 def export_psych_ds(chosen: IncludedEpisodes, out: Path) -> ExportResult:
     """Write every table and ``dataset_description.json``."""
-    export, first = export_tables(chosen, out / "data", "csv")
+    exported = export_tables(chosen, out / "data", "csv")
+    first = exported.plan
     if first is None:
-        return replace(export, paths=())
+        return replace(exported.export, paths=())
     (out / "data/datapackage.json").unlink()  # its paths are not these
     (out / "data/dictionary.json").rename(out / "dictionary.json")
     files = []
-    tables = [table for table in TABLES if (out / "data" / f"{table}.csv").exists()]
+    tables = [table for table in (*TABLES, PERSON_TABLE) if (out / "data" / f"{table}.csv").exists()]
     for table in tables:
         name = f"study-{make_label(first.study)}_description-{make_label(table)}_data.csv"
         files.append((out / "data" / f"{table}.csv").rename(out / "data" / name))
     described = out / "dataset_description.json"
     described.write_text(
-        json.dumps(_describe_as_psych_ds(first, tables), indent=1, ensure_ascii=False) + "\n",
+        json.dumps(_describe_as_psych_ds(first, exported, tables), indent=1, ensure_ascii=False) + "\n",
         encoding="utf-8",
         newline="\n",
     )
-    return replace(export, paths=(*files, described, out / "dictionary.json"))
+    reading = describe_reading("episodes", f"data/study-{make_label(first.study)}_description-episodes_data.csv")
+    return replace(exported.export, paths=(*files, described, out / "dictionary.json"), reading=reading)
 
 
-def _describe_as_psych_ds(plan: SessionPlan, tables: list[str]) -> dict[str, Any]:
-    study_facts = get_plan_study_facts(plan)
+def _describe_as_psych_ds(plan: SessionPlan, exported: ExportedTables, tables: list[str]) -> dict[str, Any]:
+    study_facts = exported.study_facts
     facts = {
         "author": [_describe_author(author, "Person") for author in study_facts.authors],
         "license": study_facts.licence,
@@ -171,12 +174,13 @@ def _describe_as_psych_ds(plan: SessionPlan, tables: list[str]) -> dict[str, Any
         "description": study_facts.description or f"Sessions of the study {plan.study}, as tidy tables.",
         "schemaVersion": "Psych-DS 1.0.0",
         "version": plan.study_version,
+        "tableVersion": TABLE_VERSION,
         **{name: value for name, value in facts.items() if value},
-        "variableMeasured": list(_variables(tables)),
+        "variableMeasured": list(_variables(exported, tables)),
     }
 
 
-def _variables(tables: list[str]) -> Iterator[dict[str, Any]]:
+def _variables(exported: ExportedTables, tables: list[str]) -> Iterator[dict[str, Any]]:
     """Yield the description of every column once.
 
     If its meaning differs between tables, it lists each with its tables.
@@ -185,11 +189,10 @@ def _variables(tables: list[str]) -> Iterator[dict[str, Any]]:
     units: dict[str, str] = {}
     kinds: dict[str, str] = {}
     for table in tables:
-        for column in TABLES[table]:
-            if column.name not in COLUMNS_NEEDING_WORLD:
-                meanings.setdefault(column.name, {}).setdefault(column.meaning, []).append(table)
-                units.setdefault(column.name, column.unit)
-                kinds.setdefault(column.name, column.kind)
+        for column in exported.find_columns(table):
+            meanings.setdefault(column.name, {}).setdefault(column.meaning, []).append(table)
+            units.setdefault(column.name, column.unit)
+            kinds.setdefault(column.name, column.kind)
     for name, tables_by_meaning in meanings.items():
         texts = list(tables_by_meaning)
         if len(texts) > 1:
@@ -203,17 +206,18 @@ def _variables(tables: list[str]) -> Iterator[dict[str, Any]]:
 
 def export_frictionless(chosen: IncludedEpisodes, out: Path) -> ExportResult:
     """Write every table, and a data package with the meaning of the columns and the facts about the study."""
-    export, first = export_tables(chosen, out, "csv")
+    exported = export_tables(chosen, out, "csv")
+    first = exported.plan
     if first is None:
-        return replace(export, paths=())
+        return replace(exported.export, paths=())
     path = out / "datapackage.json"
     package = json.loads(path.read_text(encoding="utf-8"))
     for resource in package["resources"]:
         content = (out / resource["path"]).read_bytes()
         resource |= {"bytes": len(content), "hash": f"sha256:{hashlib.sha256(content).hexdigest()}"}
-    package |= {"name": first.study, **get_package_properties(get_plan_study_facts(first))}
+    package |= {"name": first.study, **get_package_properties(exported.study_facts)}
     path.write_text(json.dumps(package, indent=1, ensure_ascii=False) + "\n", encoding="utf-8", newline="\n")
-    return export
+    return replace(exported.export, reading=describe_reading("episodes", "episodes.csv"))
 
 
 def get_package_properties(study_facts: AboutSpec) -> dict[str, Any]:

@@ -4,28 +4,33 @@ SPSS files end in `.sav`, and Stata files in `.dta`.
 """
 
 import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
-from textwrap import shorten
-from typing import Any, Literal
 
 import pyarrow.compute as pc
+import pyarrow.parquet
 
+from minihuman.dataset.activity_tables import PERSON_TABLE
 from minihuman.dataset.included_episodes import IncludedEpisodes
-from minihuman.dataset.info_columns import LABELLED_TABLES, add_info_columns, list_info_columns
-from minihuman.dataset.table_catalogue import EVERY_MOMENT, TABLES, build_data_dictionary
+from minihuman.dataset.info_columns import list_info_columns
+from minihuman.dataset.study_facts import decode_plan_protocol, read_study_facts
+from minihuman.dataset.table_catalogue import TABLES, build_data_dictionary, describe_columns
 from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD, TableColumn
 from minihuman.dataset.table_files import TableFormat
 from minihuman.dataset.tables import Tables
 from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.experiment.protocol.specs import AboutSpec
 from minihuman.exporters.exporter import ExportResult
-from minihuman.exporters.study_metadata import get_licence_id, get_plan_study_facts
+from minihuman.exporters.labelled_tables import LabelledFormat, write_labelled_tables
+from minihuman.exporters.reading import describe_reading
+from minihuman.exporters.study_metadata import get_licence_id
 
 
 def export_csv(chosen: IncludedEpisodes, out: Path) -> ExportResult:
     """Write the tables as CSV."""
     with chosen.tables() as tables:
-        return _write(tables, out, "csv")
+        return replace(_write(tables, out, "csv"), reading=describe_reading("episodes", "episodes.csv"))
 
 
 def export_parquet(chosen: IncludedEpisodes, out: Path) -> ExportResult:
@@ -34,25 +39,63 @@ def export_parquet(chosen: IncludedEpisodes, out: Path) -> ExportResult:
         return _write(tables, out, "parquet")
 
 
-def export_tables(chosen: IncludedEpisodes, out: Path, kind: TableFormat) -> tuple[ExportResult, SessionPlan | None]:
-    """Write every table; excluded rows are present, with the reason in ``exclusion_reason``.
+@dataclass(frozen=True, slots=True)
+class ExportedTables:
+    """The written tables: the export's result, and what describes them."""
 
-    Returns:
-        The export's result, and the plan of the first selected session, which describes the study; the plan is None if
-        no
-        session is selected.
+    export: ExportResult
+    plan: SessionPlan | None  # of the first selected session, which describes the study; None if there is none
+    study_facts: AboutSpec
+    further_columns: Mapping[str, tuple[TableColumn, ...]]  # by table: of labels and recorded info, and of people
+
+    def find_columns(self, table: str) -> list[TableColumn]:
+        """Return the columns of a written table."""
+        columns = [column for column in TABLES.get(table, ()) if column.name not in COLUMNS_NEEDING_WORLD]
+        return [*columns, *self.further_columns.get(table, ())]
+
+
+def export_tables(chosen: IncludedEpisodes, out: Path, kind: TableFormat) -> ExportedTables:
+    """Write every table; excluded rows are present, with the reason in ``exclusion_reason``.
 
     Raises:
         LogError: if the source does not exist, or is a single log that cannot be read.
+        ParticipantsFileError: if `participants.csv` cannot be read, or does not fit the protocol.
     """
     with chosen.tables() as tables:
-        return _write(tables, out, kind), read_first_plan(tables)
+        connection = tables.store.tables.connection
+        further = {name: tuple(list_info_columns(connection, name).values()) for name in TABLES}
+        if tables.people is not None:
+            further[PERSON_TABLE] = tables.people.columns
+        plan = read_first_plan(tables)
+        return ExportedTables(_write(tables, out, kind), plan, _read_facts(tables, plan), further)
+
+
+def _read_facts(tables: Tables, plan: SessionPlan | None) -> AboutSpec:
+    """Read the facts about the study of a session; there are none without a session."""
+    if plan is None:
+        return AboutSpec()
+    return read_study_facts(tables.source, plan.protocol_toml)
 
 
 def _write(tables: Tables, out: Path, kind: TableFormat) -> ExportResult:
     """Write every table that has rows."""
     paths = tables.write(out, kinds=(kind,), without=COLUMNS_NEEDING_WORLD)
-    return count_included(tables).with_files(paths)
+    return replace(count_included(tables).with_files(paths), notes=tuple(_describe_missing_measures(tables)))
+
+
+def _describe_missing_measures(tables: Tables) -> Iterator[str]:
+    """Say which measures of the protocol's analysis the files lack, as only the worlds can tell them."""
+    plan = read_first_plan(tables)
+    protocol = decode_plan_protocol(plan.protocol_toml) if plan is not None else None
+    if protocol is None:
+        return
+    measures = (protocol.analysis.primary_measure, *protocol.analysis.secondary_measures)
+    missing = [measure for measure in measures if measure in COLUMNS_NEEDING_WORLD]
+    if missing:
+        yield (
+            f"the protocol's measures {', '.join(missing)} are not in these files, as they need the worlds; "
+            "`minihuman report STUDY --out FOLDER` writes them into FOLDER/tables"
+        )
 
 
 def count_included(tables: Tables) -> ExportResult:
@@ -73,9 +116,6 @@ def read_first_plan(tables: Tables) -> SessionPlan | None:
     return tables.read_log(first).plan
 
 
-_LABEL_CHARACTERS = 80  # Stata's limit for a column's label
-
-
 def export_spss(chosen: IncludedEpisodes, out: Path) -> ExportResult:
     """Write every table that has rows as SPSS data."""
     return _write_labelled(chosen, out, "sav")
@@ -86,67 +126,33 @@ def export_stata(chosen: IncludedEpisodes, out: Path) -> ExportResult:
     return _write_labelled(chosen, out, "dta")
 
 
-def _write_labelled(chosen: IncludedEpisodes, out: Path, kind: Literal["sav", "dta"]) -> ExportResult:
-    import pyreadstat  # in no other format
-
-    paths: list[Path] = []
+def _write_labelled(chosen: IncludedEpisodes, out: Path, kind: LabelledFormat) -> ExportResult:
     with chosen.tables() as tables:
-        for name, columns in TABLES.items():
-            if name in EVERY_MOMENT or not tables.count(name):
-                continue
-            described = [column for column in columns if column.name not in COLUMNS_NEEDING_WORLD]
-            rows = tables.arrow(name, [column.name for column in described])
-            is_labelled = name in LABELLED_TABLES
-            if is_labelled:
-                label_columns = list_info_columns(tables.store.tables.connection, name)
-            else:
-                label_columns = {}
-            frame = add_info_columns(rows, name, label_columns).to_pandas()
-            described += label_columns.values()
-            flags = [column.name for column in described if column.kind == "boolean"]
-            frame[flags] = frame[flags].astype("float64")
-            for column in described:
-                if column.kind in ("text", "key"):
-                    frame[column.name] = frame[column.name].fillna("").astype(object)
-            labels = {column.name: _label(column, kind) for column in described}
-            answers = {flag: {0.0: "no", 1.0: "yes"} for flag in flags}
-            paths.append(out / f"{name}.{kind}")
-            options: dict[str, Any] = {"column_labels": labels, "variable_value_labels": answers}
-            if kind == "sav":
-                pyreadstat.write_sav(frame, str(paths[-1]), **options)
-            else:
-                pyreadstat.write_dta(frame, str(paths[-1]), **options)
-        return count_included(tables).with_files(tuple(paths))
-
-
-def _label(column: TableColumn, kind: Literal["sav", "dta"]) -> str:
-    """Return a column's label: its meaning and unit, shortened if the format limits the length."""
-    text = column.meaning
-    if column.unit:
-        text = f"{column.meaning} ({column.unit})"
-    if kind == "sav":
-        return text
-    return shorten(text, _LABEL_CHARACTERS, placeholder=" ...")
+        paths, notes = write_labelled_tables(tables, out, kind)
+        return replace(count_included(tables).with_files(paths), notes=notes)
 
 
 def export_hugging_face(chosen: IncludedEpisodes, out: Path) -> ExportResult:
     """Write every table that has rows; excluded rows are present, with the reason."""
     with chosen.tables() as tables:
         names = list(dict.fromkeys(partition.table for partition, _ in tables.write_partitions(out)))
+        people = tables.people
         result = count_included(tables)
-        plan = read_first_plan(tables)
+        study_facts = _read_facts(tables, read_first_plan(tables))
     meanings = build_data_dictionary(without=COLUMNS_NEEDING_WORLD)
+    if people is not None:
+        names.append(PERSON_TABLE)
+        meanings[PERSON_TABLE] = describe_columns(people.columns)
+        (out / PERSON_TABLE).mkdir()
+        pyarrow.parquet.write_table(people.rows, out / PERSON_TABLE / f"{PERSON_TABLE}.parquet")
     dictionary_json = json.dumps({name: meanings[name] for name in names}, indent=1)
     described = out / "dictionary.json"
     described.write_text(f"{dictionary_json}\n", encoding="utf-8", newline="\n")
-    study_facts = AboutSpec()
-    if plan is not None:
-        study_facts = get_plan_study_facts(plan)
     front = {
         "license": get_licence_id(study_facts),
         "pretty_name": study_facts.title,
         "tags": ["minihuman", *study_facts.keywords],
-        "configs": [{"config_name": name, "data_files": f"{name}/*/*/*.parquet"} for name in names],
+        "configs": [{"config_name": name, "data_files": f"{name}/**/*.parquet"} for name in names],
     }
     card = "".join(f"{name}: {json.dumps(value)}\n" for name, value in front.items() if value)  # JSON is YAML
     return result.with_files((*(out / name for name in names), described), front_matter=f"---\n{card}---\n\n")

@@ -32,6 +32,7 @@ def export_pettingzoo(chosen: IncludedEpisodes, out: Path) -> ExportResult:
 
     Agents have the names of PettingZoo's parallel API, beginning with ``body_0``. The array ``body_i`` in an episode's
     ``.npz`` file holds the observations of body i, (steps + 1, ...); actions and rewards are lists by step and agent.
+    ``people`` has the participant in each person's seat, with the laboratory's columns.
 
     Raises:
         ExportError: if an episode does not replay.
@@ -40,7 +41,7 @@ def export_pettingzoo(chosen: IncludedEpisodes, out: Path) -> ExportResult:
     left_out: list[str] = []
     paths = []
     steps = 0
-    for item, team in _team_episodes(chosen, left_out):
+    for item, team, people in _team_episodes(chosen, left_out):
         folder = item.episode.plan.world.rpartition("/")[-1].rpartition(":")[-1].lower()
         agents = [f"body_{seat}" for seat in range(len(team.seats))]
         observations: list[list[Any]] = [[] for _ in agents]
@@ -55,7 +56,7 @@ def export_pettingzoo(chosen: IncludedEpisodes, out: Path) -> ExportResult:
         }
         np.savez_compressed(path, **arrays)
         paths.append(path)
-        facts = {"episode": number, "observations": path.name}
+        facts = {"episode": number, "observations": path.name, "people": people}
         files[folder].append(facts | _describe_team_episode(item, team, agents))
         steps += len(team.actions)
     for folder, episodes in files.items():
@@ -101,7 +102,7 @@ def export_overcooked(chosen: IncludedEpisodes, out: Path) -> ExportResult:
     files: dict[str, dict[str, list[Any]]] = {}
     left_out: list[str] = []
     steps = 0
-    for item, team in _team_episodes(chosen, left_out):
+    for item, team, people in _team_episodes(chosen, left_out):
         kitchen: Any = None
         states: list[dict[str, Any]] = []
         for world in _play(item):
@@ -115,7 +116,7 @@ def export_overcooked(chosen: IncludedEpisodes, out: Path) -> ExportResult:
         built_in_names = [name for name, layout in KITCHENS.items() if layout == kitchen.layout]
         layout_name = built_in_names[0] if built_in_names else kitchen.layout.plan
         name = _name_trajectories(layout_name, kitchen.rules)
-        trajectory = _describe_trajectory(item, team, kitchen, layout_name, states)
+        trajectory = _describe_trajectory(item, team, kitchen, layout_name, states) | {"people": people}
         columns = files.setdefault(name, {key: [] for key in trajectory})
         for key, part in trajectory.items():
             columns[key].append(part)
@@ -250,9 +251,17 @@ def _draw_terrain(kitchen: "Kitchen") -> list[list[str]]:
     return letters
 
 
-def _team_episodes(chosen: IncludedEpisodes, left_out: list[str]) -> Iterator[tuple[IncludedEpisode, TeamRecord]]:
-    """Yield every team's episode once; add a line to ``left_out`` for each episode of a single body."""
-    known_keys = set()
+People = dict[str, dict[str, Any]]  # by seat ("body_0"): the participant's code, and the laboratory's columns
+
+
+def _team_episodes(
+    chosen: IncludedEpisodes, left_out: list[str]
+) -> Iterator[tuple[IncludedEpisode, TeamRecord, People]]:
+    """Yield every team's episode once; add a line to ``left_out`` for each episode of a single body.
+
+    The people of an episode are complete when all episodes have been read, as each member has a log.
+    """
+    people_by_key: dict[tuple[object, ...], People] = {}
     for item in chosen:
         team = item.episode.team
         plan = item.episode.plan
@@ -260,9 +269,13 @@ def _team_episodes(chosen: IncludedEpisodes, left_out: list[str]) -> Iterator[tu
             left_out.append(f"{describe_episode(item)} {NO_TEAM}")
             continue
         key = (team.team, plan.block_name, item.log.plan.session, plan.episode_in_block, item.episode.attempt)
-        if key not in known_keys and len(team.actions):
-            known_keys.add(key)
-            yield item, team
+        if not len(team.actions):
+            continue
+        is_known = key in people_by_key
+        people = people_by_key.setdefault(key, {})
+        people[f"body_{team.seat}"] = {"participant": item.log.plan.participant.id, "person": dict(item.person)}
+        if not is_known:
+            yield item, team, people
 
 
 def _play(item: IncludedEpisode) -> Iterator[World]:

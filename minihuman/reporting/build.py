@@ -10,6 +10,7 @@ from tempfile import TemporaryDirectory
 
 import pandas as pd
 
+from minihuman.dataset.activity_tables import PERSON_TABLE
 from minihuman.dataset.selection import ANSWER_RULES
 from minihuman.dataset.table_catalogue import EVERY_MOMENT, TABLES
 from minihuman.dataset.tables import Tables, select
@@ -32,6 +33,7 @@ from minihuman.reporting.page import PageContent, build_page, build_participants
 from minihuman.reporting.participant_flow import FlowSection, flow_section
 from minihuman.reporting.questionnaire_scores import add_last_blocks, list_task_load, task_load_table
 from minihuman.reporting.results import Results, compute_results, leave_out_navigation
+from minihuman.reporting.sample_description import describe_sample
 from minihuman.reporting.scorecard import (
     PlayerRows,
     compose_scorecard,
@@ -106,7 +108,7 @@ def build_report(
     names = [name for name in TABLES if name not in EVERY_MOMENT]  # the others are too long to be read in a report
     tables.require((*names, "steps"), shortest_paths=True)
     study = _find_study(tables)
-    table_files = tables.write(out / "tables", names=names)
+    table_files = tables.write(out / "tables", names=[*names, PERSON_TABLE])
     report_input = _read_input(tables, study, names, out / "figures")
     tables.release()  # drawing takes seconds
     practice = find_practice(report_input.protocols, report_input.participants["group"].unique())
@@ -343,7 +345,7 @@ def _gather_content(
 
 def _write_methods(tables: Tables, report_input: _ReportInput, simulated: int, flow: FlowSection | None) -> list[str]:
     """Write the methods of the sessions that could be read."""
-    return build_methods(
+    first, *others = build_methods(
         [session.outline for session in tables.sessions if session.outline is not None],
         [session.quality for session in tables.sessions if session.quality is not None],
         simulated,
@@ -351,6 +353,9 @@ def _write_methods(tables: Tables, report_input: _ReportInput, simulated: int, f
         flow=flow.counts if flow else None,
         n_excluded=count_excluded(report_input.participants),
     )
+    people = report_input.participants
+    included = set(people[people["exclusion_reason"].isna()]["participant"])
+    return [first, *describe_sample(tables.people, included), *others]
 
 
 def _tabulate_task_load(report_input: _ReportInput, results: Results) -> Table | None:

@@ -17,6 +17,7 @@ from minihuman.dataset.selection import NOT_FINISHED, Selection, SelectionSummar
 from minihuman.dataset.session_measures import SessionMeasures
 from minihuman.dataset.session_tables import build_activity_rows, build_session_tables
 from minihuman.dataset.table_catalogue import TABLES
+from minihuman.dataset.table_columns import is_time
 from minihuman.dataset.table_database import TableDatabase
 from minihuman.dataset.table_files import write_tables
 from minihuman.errors import ReportError
@@ -60,9 +61,11 @@ def rows_of(log, **how):
 
 
 def _said(frame, name):
-    """Texts as they were said: "" where a table has NULL, keys by their own names."""
+    """Texts as they were said: "" where a table has NULL, keys by their own names; times in microseconds."""
     for column in TABLES[name]:
-        if column.kind in ("text", "key"):
+        if is_time(column):
+            frame[column.name] = pd.to_datetime(frame[column.name], utc=True).astype("datetime64[us, UTC]")
+        elif column.kind in ("text", "key"):
             frame[column.name] = frame[column.name].fillna("").str.removeprefix("key_")
     return frame
 

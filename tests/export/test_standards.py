@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 
 from minihuman.admin.next_session import plan_next_session
+from minihuman.dataset.participants_file import ParticipantsFileError
 from minihuman.dataset.selection import Selection
 from minihuman.display.windows.window import VirtualClock
-from minihuman.errors import ExportError
 from minihuman.experiment.machine.events import Answered, Sampled, Stepped
 from minihuman.experiment.machine.session import SessionMachine
 from minihuman.experiment.protocol.protocol import decode_protocol
@@ -172,6 +172,21 @@ def test_the_validator_finds_what_is_broken(exported, tmp_path, kind, spoil):
     shutil.copytree(exported / kind / "two-sessions", copy)
     spoil(copy)
     assert validated(kind, copy).returncode != 0
+
+
+@pytest.mark.parametrize("kind", ["psych-ds", "croissant"])
+def test_columns_of_labels_are_described(tmp_path, kind):
+    folder = tmp_path / "out"
+    export_study(kind, GOLDEN.parent / "v3/timelines", folder, Selection())
+    if kind == "psych-ds":
+        assert psych_ds_errors(folder) == []
+        described = {
+            one["name"] for one in json.loads((folder / "dataset_description.json").read_text())["variableMeasured"]
+        }
+    else:
+        records = json.loads((folder / "croissant.json").read_text())["recordSet"]
+        described = {field["source"]["extract"]["column"] for record in records for field in record["field"]}
+    assert any(name.startswith("label_") for name in described)
 
 
 KEYWORD = r"[a-z]+-[A-Za-z0-9]+"
@@ -360,5 +375,5 @@ def test_what_the_laboratory_says_of_people_is_checked(studies, tmp_path, lines,
     copy = tmp_path / "two-sessions"
     shutil.copytree(studies / "two-sessions", copy)
     (copy / "participants.csv").write_text(lines)
-    with pytest.raises(ExportError, match=re.escape(message)):
+    with pytest.raises(ParticipantsFileError, match=re.escape(message)):
         export_study("bids", copy, tmp_path / "out", Selection(participant=("sub-01",)))

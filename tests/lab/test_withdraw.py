@@ -98,6 +98,16 @@ def test_erased_data_are_gone_and_the_tombstone_stays(data: Path) -> None:
     assert not any("sub-02" in line for line in format_status(data / STUDY))
 
 
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-16", "cp1252"])
+def test_the_laboratorys_line_about_who_withdrew_is_named(data: Path, encoding: str) -> None:
+    path = data / STUDY / "participants.csv"
+    path.write_bytes("participant;town\nsub-02;K\u00f6ln\nsub-03;Rom\n".encode(encoding))
+    line = f"{path} still has a line about sub-02; delete it"
+    assert line in withdraw_participant(data / STUDY, "sub-02", seal=None).left
+    path.write_bytes("participant;town\nsub-020;Rom\n".encode(encoding))
+    assert withdraw_participant(data / STUDY, "sub-02", seal=None).left == ()
+
+
 def test_sealed_data_are_in_one_archive_elsewhere(data: Path) -> None:
     log = next((data / STUDY / "sub-02").rglob("*.mcap")).read_bytes()
     archive = data / "sealed.zip"

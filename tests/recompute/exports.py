@@ -6,6 +6,7 @@ import math
 import re
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -97,8 +98,18 @@ def compare_tables(logs: Logs, folder: Path, tally: Tally) -> None:
     """CSV or Parquet files of all tables, with the columns that no world is asked for."""
     for name in TABLES:
         path, other = folder / f"{name}.csv", folder / f"{name}.parquet"  # no file where there is no row
-        rows = read_csv(path) if path.exists() else pq.read_table(other).to_pylist() if other.exists() else []
+        rows = read_csv(path) if path.exists() else read_parquet(other) if other.exists() else []
         tally.rows(f"{folder.name} {name}", rows, logs.tables[name], without=NEEDING_WORLD, is_whole=True)
+
+
+def read_parquet(path: Path) -> list[Row]:
+    """The rows of a Parquet file, times of the wall clock as the log writes them; they have whole microseconds."""
+    rows: list[Row] = pq.read_table(path).to_pylist()
+    for row in rows:
+        for column, cell in row.items():
+            if isinstance(cell, datetime):
+                row[column] = f"{cell:%Y-%m-%dT%H:%M:%S.%f}000Z"
+    return rows
 
 
 def account(logs: Logs) -> Iterator[str]:

@@ -13,6 +13,9 @@ _ORCID = re.compile(r"\d{4}-\d{4}-\d{4}-\d{3}[\dX]")
 _DOI = re.compile(r"10\.\d{4,9}/\S+")
 _LICENCE = re.compile(r"[A-Za-z0-9][A-Za-z0-9.+-]*|https?://\S+")
 _COLUMN = re.compile(r"[a-z][a-z0-9_]*")
+RESERVED_PERSON_COLUMNS = frozenset(  # minihuman's own columns of people, in its tables and in BIDS
+    {"study", "version", "participant", "participant_id", "group", "player", "session", "session_id"}
+)
 
 
 class AuthorSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -95,6 +98,25 @@ def _check_participant_columns(columns: tuple[ParticipantColumnSpec, ...]) -> It
             yield f"{path}.name", f"is {name!r} again; give each its own name"
         if not column.description.strip():
             yield f"{path}.description", "is empty; say what the column holds"
+
+
+def check_newer_person_columns(table: AboutSpec) -> Iterator[FieldError]:
+    """Yield an error for each column of ``participants.csv`` that has the name of one of minihuman's own."""
+    for number, column in enumerate(table.participant_columns):
+        if column.name in RESERVED_PERSON_COLUMNS - {"participant", "participant_id"}:
+            other_name = name_person_column(column.name)
+            message = f"is {column.name!r}, a column of minihuman's own; call it {other_name!r} here and in the file"
+            yield f"$.about.participant_columns[{number}].name", message
+
+
+def name_person_column(name: str) -> str:
+    """Return the name of a laboratory's column in tables; one of a name that is minihuman's own has a prefix.
+
+    Only studies that were recorded before such names were refused have one.
+    """
+    if name in RESERVED_PERSON_COLUMNS:
+        return f"person_{name}"
+    return name
 
 
 def is_orcid(text: str) -> bool:

@@ -17,6 +17,7 @@ import msgspec
 from minihuman.errors import ProtocolError
 from minihuman.experiment.keys import BUTTON_NAMES, KEY_NAMES_TEXT, RESERVED_KEYS
 from minihuman.experiment.protocol import specs, strata
+from minihuman.experiment.protocol.about_spec import check_newer_person_columns
 from minihuman.experiment.protocol.aliases import use_current_names
 from minihuman.experiment.protocol.answer_exclusions import check_answer_exclusions
 from minihuman.experiment.protocol.block_rules import check_block, check_useless_fields
@@ -146,6 +147,7 @@ def _check_newer_rules(protocol: Protocol) -> list[FieldError]:
         *_check_allocation_size(protocol),
         *check_newer_design_rules(protocol),
         *check_answer_exclusions(protocol),
+        *check_newer_person_columns(protocol.about),
     ]
 
 

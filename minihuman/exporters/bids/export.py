@@ -13,11 +13,14 @@ from typing import Any
 from minihuman import __version__
 from minihuman.dataset.annotations import annotations_path
 from minihuman.dataset.included_episodes import IncludedEpisodes
+from minihuman.dataset.participants_file import read_participants_file
 from minihuman.dataset.selection import SelectedSession
+from minihuman.dataset.study_facts import read_study_facts
 from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD
 from minihuman.dataset.tables import select
 from minihuman.errors import ExportError
 from minihuman.experiment.machine.events import ActivityEvent
+from minihuman.experiment.protocol.about_spec import name_person_column
 from minihuman.experiment.protocol.specs import AboutSpec
 from minihuman.exporters.bids.files import (
     EVENT_COLUMNS,
@@ -33,7 +36,8 @@ from minihuman.exporters.bids.files import (
     write_tsv,
 )
 from minihuman.exporters.exporter import ExportResult
-from minihuman.exporters.study_metadata import get_plan_devices, get_plan_study_facts, read_participants
+from minihuman.exporters.reading import GUARD_LINES
+from minihuman.exporters.study_metadata import get_plan_devices
 from minihuman.figures.path_figures import session_paths
 from minihuman.figures.style import save_png
 from minihuman.log.model.session_log import EpisodeLog, SessionLog
@@ -48,23 +52,26 @@ def write_participants(out: Path, source: Path, study_facts: AboutSpec, people: 
     """Write ``participants.tsv`` and the meaning of its columns; the laboratory's own columns follow the built-in ones.
 
     Raises:
-        ExportError: as for ``read_participants``.
+        ParticipantsFileError: as for ``read_participants_file``.
     """
-    known = read_participants(source, study_facts)
-    own = [column.name for column in study_facts.participant_columns]
-    rows = [{**person, **known.get(person["code"], {})} for person in people]
+    known = read_participants_file(source, study_facts.participant_columns).rows
+    rows = []
+    for person in people:
+        cells = known.get(person["code"], {})
+        rows.append({**person, **{name_person_column(name): value for name, value in cells.items()}})
     described: dict[str, Any] = {
         "group": {"Description": "The group that the participant was allocated to."},
         "player": {"Description": "Whoever pressed the keys: human, or a simulated player's name."},
     }
     for column in study_facts.participant_columns:
-        described[column.name] = {"Description": column.description}
+        meaning: dict[str, Any] = {"Description": column.description}
         if column.unit:
-            described[column.name]["Units"] = column.unit
+            meaning["Units"] = column.unit
         if column.levels:
-            described[column.name]["Levels"] = column.levels
+            meaning["Levels"] = column.levels
+        described[name_person_column(column.name)] = meaning
     write_json(out / "participants.json", described)
-    return write_tsv(out / "participants.tsv", ["participant_id", "group", "player", *own], rows)
+    return write_tsv(out / "participants.tsv", ["participant_id", *described], rows)
 
 
 _DERIVATIVES = Path("derivatives/minihuman")
@@ -74,8 +81,8 @@ def export(chosen: IncludedEpisodes, out: Path) -> ExportResult:
     """Write every selected session, with a run for each of its segments.
 
     Raises:
-        ExportError: if the dataset would mix two studies, if two participants would have the same label, or if the
-            laboratory's table of participants does not match the protocol.
+        ExportError: if the dataset would mix two studies, or if two participants would have the same label.
+        ParticipantsFileError: if the laboratory's table of participants does not match the protocol.
     """
     dataset: _Dataset | None = None
     for session in chosen.counted():
@@ -91,6 +98,7 @@ def export(chosen: IncludedEpisodes, out: Path) -> ExportResult:
         dataset.episodes,
         dataset.steps,
         left_out=dataset.describe_excluded_logs(),
+        reading=GUARD_LINES,
         sessions=dataset.sessions,
     )
 
@@ -115,7 +123,7 @@ class _Dataset:
         self._excluded_logs = 0
         self._out = out
         self._study = plan.study
-        self._study_facts: AboutSpec = get_plan_study_facts(plan)
+        self._study_facts: AboutSpec = read_study_facts(first.log.path, plan.protocol_toml)
         self._task = make_label(plan.study)
         facts = {  # what every recording's sidecar says of the task and the place
             "TaskName": self._study_facts.title or plan.study,

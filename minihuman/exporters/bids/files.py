@@ -21,6 +21,7 @@ from minihuman.activities.questions.plan import QuestionsPlan
 from minihuman.dataset.info_columns import LABELS
 from minihuman.dataset.measures import response_ms
 from minihuman.dataset.table_columns import table_key_name
+from minihuman.dataset.table_types import guard_text
 from minihuman.errors import ExportError
 from minihuman.experiment.machine.events import Answered, Paused, Sampled
 from minihuman.experiment.plan.session_plan import name_label_column
@@ -69,7 +70,10 @@ def write_json(path: Path, value: Mapping[str, Any]) -> Path:
 
 
 def _format_cell(value: Any) -> str:
-    """Return a cell's text as BIDS requires: "n/a" if missing, plain decimals, and neither tabs nor line breaks."""
+    """Return a cell's text as BIDS requires: "n/a" if missing, plain decimals, and neither tabs nor line breaks.
+
+    A text that a spreadsheet would run as a formula is guarded.
+    """
     if value is None or value == "" or value != value:  # NaN is unequal to itself
         return MISSING
     if isinstance(value, bool):
@@ -78,7 +82,7 @@ def _format_cell(value: Any) -> str:
         if abs(value) < 1e9:
             return f"{value:.9f}".rstrip("0").rstrip(".")
         return repr(value)
-    return re.sub(r"[\t\r\n]+", " ", str(value)) or MISSING
+    return guard_text(re.sub(r"[\t\r\n]+", " ", str(value))) or MISSING
 
 
 _S = 1e-9
@@ -449,7 +453,8 @@ class Phenotype:
             meaning = self._meaning[name]
             columns = [*_IDS, *(column for column in meaning if column != "MeasurementToolMetadata")]
             write_tsv(folder / f"{make_label(name)}.tsv", columns, rows)
-            write_json(folder / f"{make_label(name)}.json", meaning)
+            session = {"session_id": {"Description": "The session, as in the name of its folder."}}
+            write_json(folder / f"{make_label(name)}.json", session | meaning)
         if not self._rows:
             return ()
         return (folder,)

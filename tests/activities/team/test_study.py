@@ -121,6 +121,9 @@ def test_an_export_holds_each_episode_once_with_all_bodies(tmp_path: Path, pairs
     for line in lines:
         with np.load(folder / line["observations"]) as seen:
             assert {len(seen[agent]) for agent in line["agents"]} == {len(line["actions"]) + 1}
+        people = {agent for agent, seat in zip(line["agents"], line["seats"], strict=True) if seat == "person"}
+        assert line["people"].keys() == people
+        assert all(person["participant"].startswith("sub-") for person in line["people"].values())
 
 
 KITCHENS = {  # block: the catalogue's kitchen, and its options

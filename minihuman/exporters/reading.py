@@ -1,0 +1,66 @@
+"""How programs read the exported CSV files without changing a cell: the lines of an export's README.
+
+CSV has no types. Programs that guess them lose the zeros of "007" and "1.10", take "NA" for a missing answer and round
+64-bit seeds; `dictionary.json` says which columns are texts and which numbers exceed what a double holds.
+"""
+
+_PANDAS = """\
+```python
+import json
+import pandas
+with open("{data_dictionary}", encoding="utf-8") as file:
+    columns = json.load(file)["{table}"]
+texts = {{name: "string" for name, column in columns.items() if column["type"] in ("text", "key")}}
+frame = pandas.read_csv("{file}", dtype=texts, keep_default_na=False, na_values=[""])
+```"""
+_POLARS = """\
+```python
+import json
+import polars
+with open("{data_dictionary}", encoding="utf-8") as file:
+    columns = json.load(file)["{table}"]
+texts = {{name: polars.String for name, column in columns.items() if column["type"] in ("text", "key")}}
+frame = polars.read_csv("{file}", schema_overrides=texts, infer_schema_length=None)
+```"""
+_R = """\
+```r
+columns <- jsonlite::fromJSON("{data_dictionary}")${table}
+is_text <- sapply(columns, function(column) column$type %in% c("text", "key") || !is.null(column$exceeds_double))
+texts <- names(columns)[is_text]
+frame <- read.csv("{file}", na.strings = "", colClasses = setNames(rep("character", length(texts)), texts))
+```"""
+
+_OTHER_PROGRAMS = (
+    "In Excel, do not open the files by a double click: choose Data, From Text/CSV, and as Data Type Detection",
+    '"Do not detect data types". JavaScript reads `seed` and other 64-bit numbers with `BigInt`.',
+    "",
+)
+GUARD_LINES = (
+    "A text that a spreadsheet would run as a formula has an apostrophe before its `=`, `+`, `-` or `@` that was not",
+    "typed. `minihuman.dataset.table_types.unguard_text` takes it off, as does replacing the regular expression",
+    r"`(^|[;\t\r\n])'('*[=+\-@])` by its two groups.",
+    "",
+)
+
+
+def describe_reading(table: str, file: str, *, data_dictionary: str = "dictionary.json") -> tuple[str, ...]:
+    """Return the lines of a README about reading one of the CSV files, as an example for all."""
+    names = {"table": table, "file": file, "data_dictionary": data_dictionary}
+    return (
+        "## How to read the files",
+        "",
+        'Texts such as "007", "1.10" and "NA" stay what they are if types are not guessed. In pandas:',
+        "",
+        _PANDAS.format(**names),
+        "",
+        "In Polars:",
+        "",
+        _POLARS.format(**names),
+        "",
+        "In R, which reads 64-bit numbers as text, too, as it has none:",
+        "",
+        _R.format(**names),
+        "",
+        *_OTHER_PROGRAMS,
+        *GUARD_LINES,
+    )
