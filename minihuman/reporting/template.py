@@ -22,6 +22,7 @@ from jinja2 import (
 from jinja2.sandbox import SandboxedEnvironment
 
 from minihuman.errors import ReportError
+from minihuman.statistics.effect_size import ExplainedVariance
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -111,6 +112,11 @@ def format_with_interval(value: float, bounds: tuple[float, float], digits: int 
     if math.isnan(bounds[0]):
         return number
     return f"{number} ({format_interval(bounds, digits, sign=sign)})"
+
+
+def format_explained_variance(variance: ExplainedVariance) -> str:
+    """Format an effect's share of variance with its 90 % interval; "n/a" if it has none."""
+    return format_with_interval(variance.estimate, variance.interval, 2)
 
 
 def format_difference(

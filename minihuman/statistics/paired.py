@@ -16,6 +16,11 @@ import scipy
 from numpy.typing import NDArray
 
 from minihuman.statistics.comparison import holm_correction
+from minihuman.statistics.effect_size import (
+    ExplainedVariance,
+    estimate_explained_variance,
+    find_critical_statistic,
+)
 from minihuman.statistics.permutation import ALPHA, invert_test, permutation_tests
 from minihuman.statistics.regroupings import RESAMPLES, SEED
 from minihuman.statistics.t_tests import LEVEL, Values
@@ -111,6 +116,7 @@ class CrossoverTerm:
     freedom: tuple[int, int]
     f: float
     p: float
+    variance: ExplainedVariance  # of the variance within participants
 
 
 def compare_conditions(
@@ -183,13 +189,18 @@ def fit_crossover(measure: str, rows: pd.DataFrame) -> tuple[CrossoverTerm, ...]
     terms = []
     for effect in ("position", "carry-over"):
         other = _find_basis(np.column_stack([columns for name, columns in centred.items() if name != effect]))
-        effect_freedom = whole.shape[1] - other.shape[1]
-        if effect_freedom:
+        if whole.shape[1] > other.shape[1]:
             ratios = _compute_ratios(value, whole, other, people)
-            f = float(ratios[0]) * residual_freedom / effect_freedom
-            p = float(np.mean(ratios >= ratios[0] * (1 - _TIES)))
-            terms.append(CrossoverTerm(measure, effect, (effect_freedom, residual_freedom), f, p))
+            terms.append(_describe_term(measure, effect, ratios, (whole.shape[1] - other.shape[1], residual_freedom)))
     return tuple(terms)
+
+
+def _describe_term(measure: str, effect: str, ratios: Values, freedom: tuple[int, int]) -> CrossoverTerm:
+    """Return the test of an effect from the observed ratio of sums of squares, followed by the permuted ones."""
+    observed = float(ratios[0])
+    variance = estimate_explained_variance(observed, find_critical_statistic(ratios[1:]), freedom, sum(freedom) + 1)
+    p = float(np.mean(ratios >= observed * (1 - _TIES)))
+    return CrossoverTerm(measure, effect, freedom, observed * freedom[1] / freedom[0], p, variance)
 
 
 def _has_enough_orders(known: pd.DataFrame) -> bool:
