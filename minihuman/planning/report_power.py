@@ -336,13 +336,14 @@ def compare_study(rows: pd.DataFrame, pool: ReportPool, on: str) -> Iterator[tup
 
 def _list_condition_ps(rows: pd.DataFrame, pool: ReportPool) -> Iterator[tuple[str, float]]:
     """Yield the name and the corrected p of each pair of conditions."""
-    within = compare_within(*name_conditions(rows, pool.analysis, pool.design))
+    within = compare_within(*name_conditions(rows, pool.analysis, pool.design), pool.design.contrasts)
     if within is None:
         return
     primary = _primary(pool, rows[rows["block"].isin(pool.analysis.conditions)])
     for comparison in within.comparisons:
         if comparison.measure == primary:
-            yield f"{primary}: {comparison.first} - {comparison.second}", comparison.p_holm
+            names = " - ".join(filter(None, (comparison.first, comparison.second)))
+            yield f"{primary}: {names}", comparison.p_holm
 
 
 def _list_group_ps(

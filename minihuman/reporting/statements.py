@@ -93,6 +93,8 @@ def paired_statement(comparison: PairedComparison) -> str:
         caveat = " So few participants cannot reach p < 0.05, whatever the difference."
     per = "over" if comparison.is_log else "minus"
     conditions = f"{comparison.first} {per} {comparison.second}"
+    if not comparison.second:
+        conditions = f"contrast {comparison.first}"
     ps = f"paired permutation p {format_p_value(comparison.p)}, Holm {format_p_value(comparison.p_holm)}"
     return (
         f"{_begin_with_measure(comparison.measure)}, within participants: {conditions} is "

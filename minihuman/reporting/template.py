@@ -139,7 +139,9 @@ def format_p_value(value: float) -> str:
 
 
 def format_pair(first: str, second: str) -> str:
-    """Format a difference of two groups."""
+    """Format a difference of two groups or conditions, or the name of a contrast, which has no second one."""
+    if not second:
+        return first
     return f"{first} \N{MINUS SIGN} {second}"
 
 
