@@ -131,11 +131,13 @@ def power(
     from minihuman.planning.report_power import plan_report_power
 
     sizes = parse_group_sizes(groups)
-    toml = read_protocol(protocol, trust=ask_trust(trust)).toml
+    read = read_protocol(protocol, trust=ask_trust(trust))
+    toml = read.toml
     if effect.startswith("shift="):
         estimates, text = plan_report_power(
-            toml, effect, sizes, on=on, drop_out=drop_out, studies=studies, people=people, player=player, seed=seed
-        )
+            toml, effect, sizes, on=on, drop_out=drop_out, studies=studies, people=people, player=player, seed=seed,
+            files=read.files,
+        )  # fmt: skip
         print_result(estimates, lambda: text, json=json)
         if out is not None:
             print_account(map(str, write_power(estimates, out)))

@@ -44,6 +44,7 @@ from minihuman.statistics.units import find_units, name_units
 
 COMPARISONS = ("groups", "conditions", "interaction", "change")
 _TABLES = ("blocks", "episodes", "participants", "answers", "parts", "points", "teams")
+_TRIAL_TABLES = (*(name for name in TABLES if name not in EVERY_MOMENT), "steps")  # of the sections on activities
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,23 +88,28 @@ class ReportPool:
         return self
 
 
-def simulate_report_pool(toml: bytes, *, people: int, player: str, seed: int) -> ReportPool:
+def simulate_report_pool(
+    toml: bytes, *, people: int, player: str, seed: int, files: Mapping[str, bytes] | None = None
+) -> ReportPool:
     """Simulate whole sessions of participants in every group, without leaving files on disk.
+
+    ``files`` are the contents of the files that the protocol names, such as tables of stimuli, by name.
 
     Raises:
         ProtocolError: if the protocol is invalid.
         SimulationError: if there is no such player, or it cannot play a block's world.
         ReportError: if the protocol names a measure that the sessions do not give.
     """
-    protocol = decode_protocol(toml, "protocol")
+    protocol = decode_protocol(toml, "protocol", files)
     study = msgspec.structs.replace(protocol.study, participants=people)
     with TemporaryDirectory(prefix="minihuman-power-") as folder:
         pool_protocol = msgspec.structs.replace(protocol, study=study)
         list(simulate(pool_protocol, Path(folder), participants=people, seed=seed, player=player))
         with select(Path(folder), processes=1) as tables:
-            tables.require(_TABLES, shortest_paths=True)
+            needs_trials = _needs_trials(protocol.analysis)
+            tables.require(_TRIAL_TABLES if needs_trials else _TABLES, shortest_paths=True)
             frames = {name: tables.frame(name) for name in _TABLES}
-            if _needs_trials(protocol.analysis):
+            if needs_trials:
                 frames |= _measure_trials(tables, protocol, Path(folder))
             return make_report_pool(protocol, frames)
 
@@ -115,7 +121,6 @@ def _needs_trials(analysis: AnalysisSpec) -> bool:
 
 def _measure_trials(tables: Tables, protocol: Protocol, folder: Path) -> dict[str, pd.DataFrame]:
     """Return the tables of measures that sections of the report give, by name."""
-    tables.require([name for name in TABLES if name not in EVERY_MOMENT])
     practice = frozenset(
         (group.name, block.name) for group in protocol.groups for block in protocol.blocks if not block.analysed
     )
@@ -424,6 +429,7 @@ def plan_report_power(
     people: int,
     player: str,
     seed: int,
+    files: Mapping[str, bytes] | None = None,
 ) -> tuple[tuple[PowerEstimate, ...], str]:
     """Simulate a pool and estimate the power of an effect such as ``shift=0.5``; return the estimates and their text.
 
@@ -439,6 +445,6 @@ def plan_report_power(
             f"--effect {effect!r} is not valid; write it as shift=0.5, half a standard deviation of the primary measure"
         )
     design = StudyDesign(shift, on, drop_out)
-    pool = simulate_report_pool(toml, people=people, player=player, seed=seed)
+    pool = simulate_report_pool(toml, people=people, player=player, seed=seed, files=files)
     estimates = estimate_report_power(pool, design, sizes, studies=studies, seed=seed)
     return estimates, describe_report_power(pool, design, estimates, player=player)
