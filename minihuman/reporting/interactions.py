@@ -14,7 +14,14 @@ import pandas as pd
 
 from minihuman.experiment.protocol.specs import AnalysisSpec
 from minihuman.experiment.protocol.study_design import Contrast, ExperimentDesign
-from minihuman.reporting.block_measures import Role, assign_roles, label_measure, list_default_measures, take_logarithms
+from minihuman.reporting.block_measures import (
+    Role,
+    assign_roles,
+    label_measure,
+    list_default_measures,
+    phrase_measure,
+    take_logarithms,
+)
 from minihuman.reporting.results import Results
 from minihuman.reporting.template import (
     Table,
@@ -202,7 +209,7 @@ def _test_omnibus(
 
 def state_interaction(interaction: InteractionResults) -> Iterator[str]:
     """Yield sentences on whether the difference between conditions depends on the group, for the primary measure."""
-    name = label_measure(interaction.measure)
+    name = phrase_measure(interaction.measure)
     opening = f"{name[0].upper()}{name[1:]}, interaction of group and condition"
     omnibus = next((candidate for candidate in interaction.omnibus if candidate.measure == interaction.measure), None)
     if omnibus is not None:
@@ -222,7 +229,9 @@ def _state_omnibus(opening: str, test: InteractionTest, interaction: Interaction
     size = ""
     if not math.isnan(test.effect.estimate):
         share = format_number(test.effect.estimate, 2)
-        size = f"; it explains {share} of their variance, 90 % interval {format_interval(test.effect.interval, 2)}"
+        size = (
+            f"; the group explains {share} of their variance, 90 % interval {format_interval(test.effect.interval, 2)}"
+        )
     p = f"permutation p {format_p_value(test.p)}"
     return f"{opening}: differences between conditions {verdict} on the group ({p}{size}; {sizes})."
 

@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from minihuman.reporting.block_measures import Role, label_measure
+from minihuman.reporting.block_measures import Role, phrase_measure
 from minihuman.reporting.block_results import EquivalenceResult
 from minihuman.reporting.template import (
     format_interval,
@@ -23,9 +23,9 @@ _ALPHA = 0.05
 
 
 def _begin_with_measure(name: str) -> str:
-    """Return a measure's label with an initial capital letter, for the beginning of a sentence."""
-    label = label_measure(name)
-    return f"{label[0].upper()}{label[1:]}"
+    """Return a measure's name with an initial capital letter, for the beginning of a sentence."""
+    words = phrase_measure(name)
+    return f"{words[0].upper()}{words[1:]}"
 
 
 def difference_statement(

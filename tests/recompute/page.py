@@ -536,7 +536,7 @@ def expected_answer(study: Study) -> Iterator[tuple[str, Any]]:
     elif len(order) > 1:
         primary = study.analysis.get("primary_measure", "")
         names = f"{', '.join(order[:-1])} and {order[-1]}"
-        measure = MEASURES[primary] if primary else "every measure"
+        measure = in_a_sentence(primary) if primary else "every measure"
         yield "p", f"Asked: how groups {names} in block {target} differ in {measure}."
         compared = Block(study, target)
         for one in compared.headline:
@@ -558,7 +558,8 @@ def expected_answer(study: Study) -> Iterator[tuple[str, Any]]:
             f"{', unless they say so' if interaction else ''}. In the tables, p (Holm) "
             "is corrected over measures and pairs of groups: within the primary measure, within the secondary ones, "
             "and within all others. Every other p on this page (waiting times, rewards in two parts, change over "
-            "episodes, sessions, order) is exploratory, and none is corrected across blocks."
+            "episodes, sessions, order) is exploratory, and none is corrected across blocks. Methods define the "
+            "measures."
         ),
     )
     if study.blocks:
@@ -567,12 +568,12 @@ def expected_answer(study: Study) -> Iterator[tuple[str, Any]]:
 
 def expected_interaction_answer(study: Study, found: Interaction) -> Iterator[tuple[str, Any]]:
     """The question in the protocol's words, and the answer for all of the interaction."""
-    label = MEASURES[found.label]
+    label = in_a_sentence(found.label)
     question = study.protocol.get("design", {}).get("question", "")
     yield (
         "p",
         (
-            f"{question} Asked: whether differences between conditions {join(found.conditions)} in {label} depend on "
+            f"{question} Asked: whether differences in {label} between conditions {join(found.conditions)} depend on "
             f"the group ({join(found.order)})."
         ),
     )
@@ -591,7 +592,7 @@ def expected_interaction_answer(study: Study, found: Interaction) -> Iterator[tu
             (
                 f"{opening}differences between conditions {verdict} on the group (permutation p ",
                 near,
-                "; it explains ",
+                "; the group explains ",
                 share,
                 " of their variance, 90 % interval ",
                 low,
@@ -603,6 +604,21 @@ def expected_interaction_answer(study: Study, found: Interaction) -> Iterator[tu
     missing = len(found.cells) - len(found.whole)
     if missing:
         yield "p", f"{missing} participants without a value in every condition are not in the interaction."
+
+
+def in_a_sentence(measure: str) -> str:
+    """What sentences call a measure."""
+    names = {
+        "log_excess_steps_mean": "excess steps over the shortest path, on a log scale",
+        "log_steps_ratio_mean": "steps relative to the shortest path, on a log scale",
+        "spl_mean": "SPL (success weighted by path length)",
+        "success": "success rate",
+        "steps_at_limit_mean": "steps to the goal",
+        "reward_slope": "change of reward over the first five episodes",
+        "excess_steps_mean": "excess steps of successful episodes",
+        "response_median_ms": "median reaction time (ms)",
+    }
+    return names.get(measure) or MEASURES[measure]
 
 
 def near_few(p: float) -> Near:
@@ -930,7 +946,7 @@ def compare_all(
 
 def difference(one: Compared, block: str) -> Expected:
     per = "over" if one.is_log else "minus"
-    said = f"{capital(MEASURES[one.measure])}, block {block}: {one.groups[0]} {per} {one.groups[1]} "
+    said = f"{capital(in_a_sentence(one.measure))}, block {block}: {one.groups[0]} {per} {one.groups[1]} "
     if one.reason and math.isnan(one.p.value):
         return f"{said}was not compared ({one.reason})."
     never = " Groups of these sizes cannot reach p < 0.05, whatever the difference." if one.smallest_p >= 0.05 else ""
@@ -1009,7 +1025,7 @@ def expected_subjects(rows: pd.DataFrame, people: pd.DataFrame, order: Sequence[
 def equivalences(people: pd.DataFrame, order: Sequence[str], primary: str, margin: float) -> Iterator[tuple[str, Any]]:
     for a, b in combinations(order, 2):
         first, second = (people.loc[people["group"] == group, primary].dropna().to_numpy(float) for group in (a, b))
-        opening = f"{capital(MEASURES[primary])}: "
+        opening = f"{capital(in_a_sentence(primary))}: "
         test = Regrouped(first, second) if min(len(first), len(second)) > 1 else None
         bounds = test.interval(0.1) if test else None
         if test is None or bounds is None:
