@@ -11,7 +11,7 @@ from minihuman.reporting.template import (
     format_number,
     format_p_value,
 )
-from minihuman.statistics.comparison import GroupComparison
+from minihuman.statistics.comparison import ALL_ALIKE, GroupComparison
 from minihuman.statistics.paired import PairedComparison
 from minihuman.statistics.t_tests import PowerAnalysis
 
@@ -43,6 +43,8 @@ def difference_statement(
     opening = f"{_begin_with_measure(comparison.measure)}, block {block}: {groups} "
     if comparison.reason and math.isnan(comparison.p):
         return f"{opening}was not compared ({comparison.reason})."
+    if comparison.reason == ALL_ALIKE and comparison.difference == 0:
+        return f"{opening}is 0, and was not tested ({comparison.reason})."
     caveat = ""
     if comparison.smallest_p >= _ALPHA:
         caveat = " Groups of these sizes cannot reach p < 0.05, whatever the difference."

@@ -949,6 +949,8 @@ def difference(one: Compared, block: str) -> Expected:
     said = f"{capital(in_a_sentence(one.measure))}, block {block}: {one.groups[0]} {per} {one.groups[1]} "
     if one.reason and math.isnan(one.p.value):
         return f"{said}was not compared ({one.reason})."
+    if one.reason == "nobody in either group differs from the others" and one.difference == 0:
+        return f"{said}is 0, and was not tested ({one.reason})."
     never = " Groups of these sizes cannot reach p < 0.05, whatever the difference." if one.smallest_p >= 0.05 else ""
     never += f" With care: {one.caution}." if one.caution else ""
     bounds: tuple[str | Near, ...] = ("n/a",)
