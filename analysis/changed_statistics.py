@@ -6,6 +6,7 @@ the number of the report's test, and why. A study is some of the pool's particip
 
 import argparse
 import csv
+import math
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -15,6 +16,7 @@ import scipy
 
 from minihuman.statistics.equivalence import check_equivalence
 from minihuman.statistics.paired import compare_growth
+from minihuman.statistics.reliability import estimate_reliability
 from minihuman.statistics.t_tests import compare_means
 
 FOLDER = Path(__file__).parent
@@ -27,6 +29,8 @@ CHANGED_CELLS = (  # cell, old, new, why
     ("order, participants", "all", "those with every condition", "whole orders are exchanged"),
     ("reward in two parts, groups of three", "estimates and p", "refused", "four are the least everywhere"),
     ("change of the reference group over episodes", "t", "sign flips", "the test of changes between sessions"),
+    ("time until all keys, p of the whole curves", "of the normal distribution", "permutation", "small groups"),
+    ("reliability, intervals of groups below four", "F and z", "none", "four are the least everywhere"),
 )
 COLUMNS = ("study", "cell", "old", "new", "why")
 
@@ -90,6 +94,27 @@ def list_changes(sizes: tuple[int, int]) -> Iterator[tuple[str, str, str, str, s
         _format(test.interval),
         WHY,
     )
+    yield from list_reliability_changes(rows, study)
+
+
+def list_reliability_changes(rows: pd.DataFrame, study: str) -> Iterator[tuple[str, str, str, str, str]]:
+    """Yield a row for each interval of a measure's reliability that changed."""
+    reliability = estimate_reliability("excess", rows.rename(columns={"excess": "value"}))
+    assert reliability is not None
+    spare = reliability.participants - rows["group"].nunique()
+    freedom = reliability.episodes - reliability.participants
+    length = reliability.episodes / reliability.participants  # the pool's participants have equal numbers
+    f = 1 + length * reliability.icc / (1 - reliability.icc)
+    ends = (f / scipy.stats.f.ppf(0.975, spare, freedom), f * scipy.stats.f.ppf(0.975, freedom, spare))
+    old = ((ends[0] - 1) / (ends[0] + length - 1), (ends[1] - 1) / (ends[1] + length - 1))
+    correlation = reliability.halves / (2 - reliability.halves)
+    reach = float(scipy.special.ndtri(0.975)) / math.sqrt(spare - 2)
+    bounds = [math.tanh(math.atanh(correlation) + side * reach) for side in (-1, 1)]
+    halves = (max(0.0, 2 * bounds[0] / (1 + bounds[0])), max(0.0, 2 * bounds[1] / (1 + bounds[1])))
+    why = reliability.note or "too narrow where participants of one group vary more, or are skewed"
+    yield study, "reliability of excess, ICC, interval", _format(old), _format(reliability.icc_interval), why
+    new_halves = _format(reliability.halves_interval)
+    yield study, "reliability of excess, split-half, interval", _format(halves), new_halves, why
 
 
 def _format(bounds: tuple[float, float]) -> str:

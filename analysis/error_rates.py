@@ -2,7 +2,8 @@
 
 ``python analysis/error_rates.py [--studies 10000] [--only NAME] [--out analysis/error_rates.csv]`` simulates studies
 whose truth is known and gives each to the functions that the report calls; of an existing table, only the designs
-measured are replaced. ``before`` columns are of what the report printed until
+measured are replaced. Studies of the page's tables, whose designs are named ``measure_``, are added to those of an
+existing table until there are as many as asked for. ``before`` columns are of what the report printed until
 November 2026: Welch's interval, Hedges' g of the pooled SD with its equal-variance interval; ``before_contradictions``
 is the share in which that interval and today's p disagree on 0.
 """
@@ -348,6 +349,7 @@ def measure_teams(name: str, studies: int, seed: int) -> dict[str, object]:
 COLUMNS = (
     *("design", "studies", "type_1", "power", "coverage", "coverage_low", "coverage_high", "g_coverage"),
     *("contradictions", "refused", "before_coverage", "before_g_coverage", "before_contradictions", "ms_per_study"),
+    *("rejected", "intervals", "held"),  # counts of the report's tables, to which studies can be added
 )
 
 
@@ -376,10 +378,6 @@ def list_jobs(studies: int) -> Iterator[tuple[str, Job]]:
     ):  # fmt: skip
         for name in names:
             yield name, lambda at, n=name, f=measure: [f(n, studies, at)]
-    for measurement in design_error_rates.MEASUREMENTS:
-        for population in design_error_rates.POPULATIONS:
-            name = f"{measurement.__name__}: {population.name}"
-            yield name, lambda at, m=measurement, p=population: [*design_error_rates.measure_design(m, p, studies, at)]
 
 
 def main() -> None:
@@ -392,6 +390,7 @@ def main() -> None:
     given = options.parse_args()
     design_error_rates.use_resamples(given.resamples)
     jobs: list[tuple[str, Job]] = list(list_jobs(given.studies))
+    names = [name for name, _ in jobs]
     rows: dict[str, dict[str, object]] = {}
     if given.out and given.out.exists():
         with given.out.open(newline="", encoding="utf-8") as file:
@@ -405,7 +404,10 @@ def main() -> None:
                 summary = summarise(row, seconds)
                 rows[str(row["design"])] = summary
                 print(" ".join(f"{key}={value}" for key, value in summary.items() if value != ""), flush=True)
-            write_table(given.out, rows, [name for name, _ in jobs])
+            write_table(given.out, rows, names)
+    for more in design_error_rates.add_studies(rows, given.studies, given.only):
+        rows |= more
+        write_table(given.out, rows, names)
 
 
 def write_table(out: Path | None, rows: dict[str, dict[str, object]], names: list[str]) -> None:

@@ -72,6 +72,7 @@ class SessionFlow:
     withdrew: GroupCounts  # this is the last session that they began
     complete: GroupCounts
     went_on: GroupCounts  # of ``complete``: only a later session says so
+    lost: GroupCounts  # of ``began``: did not withdraw, and this session has no log that can be read
 
 
 @dataclass(frozen=True, slots=True)
@@ -272,6 +273,8 @@ def _trace_session(number: int, person: _Person) -> Iterator[str]:
             yield _name_absence(person)
         return
     yield "began"
+    if not person.is_withdrawn and person.states.get(number, "unreadable") == "unreadable":
+        yield "lost"
     if number < last or _went_through(number, person):
         yield "complete"
         if not person.is_withdrawn and person.states.get(number) != "complete":

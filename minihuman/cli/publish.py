@@ -156,11 +156,12 @@ def power(
     from minihuman.planning.report_power import plan_report_power
 
     sizes = parse_group_sizes(groups)
-    toml = read_protocol(protocol, trust=ask_trust(trust)).toml
+    study = read_protocol(protocol, trust=ask_trust(trust))
     if effect.startswith("shift="):
         estimates, text = plan_report_power(
-            toml, effect, sizes, on=on, drop_out=drop_out, studies=studies, people=people, player=player, seed=seed
-        )
+            study.toml, effect, sizes, on=on, drop_out=drop_out, studies=studies, people=people, player=player,
+            seed=seed, files=study.files,
+        )  # fmt: skip
         print_result(estimates, lambda: text, json=json)
         if out is not None:
             print_account(map(str, write_power(estimates, out)))
@@ -170,7 +171,7 @@ def power(
             f"--on and --drop-out cannot be used with --effect {effect}; use --effect shift=0.5, or remove them"
         )
     assumed = Effect.parse(effect)
-    pool = simulate_pool(toml, people=people, player=player, seed=seed, block=block)
+    pool = simulate_pool(study.toml, people=people, player=player, seed=seed, block=block)
     affected = assumed.of(pool.episodes)
     measures: tuple[str, ...] = (measure,)
     if measure == "all":
@@ -184,8 +185,7 @@ def power(
     print_result(all_estimates, lambda: describe_power(pool, assumed, all_estimates, player=player), json=json)
     if out is not None:
         with name_output_when_full(out):
-            paths = write_power(all_estimates, out)
-        print_account(map(str, paths))
+            print_account(map(str, write_power(all_estimates, out)))
 
 
 def fit(

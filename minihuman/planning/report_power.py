@@ -8,7 +8,7 @@ from some session on.
 import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -17,24 +17,34 @@ import msgspec
 import numpy as np
 import pandas as pd
 
-from minihuman.dataset.tables import select
+from minihuman.dataset.table_catalogue import EVERY_MOMENT, TABLES
+from minihuman.dataset.tables import Tables, select
 from minihuman.errors import ReportError
 from minihuman.experiment.protocol.protocol import Protocol, decode_protocol
 from minihuman.experiment.protocol.specs import AnalysisSpec
 from minihuman.experiment.protocol.study_design import ExperimentDesign, derive_design
 from minihuman.planning.power import ALPHA, PowerEstimate, tabulate_power
+from minihuman.reporting.activity_sections import SectionSource, build_activity_sections
 from minihuman.reporting.block_measures import assign_roles, list_default_measures, set_measures_aside, take_logarithms
 from minihuman.reporting.block_results import compare_measures, list_changes
 from minihuman.reporting.interactions import InteractionResults, compute_interaction
 from minihuman.reporting.results import find_target_block
 from minihuman.reporting.study_measures import add_measures
-from minihuman.reporting.within_results import compare_within, name_conditions, unite_teams
+from minihuman.reporting.within_results import (
+    compare_within,
+    measure_levels,
+    name_conditions,
+    read_label,
+    select_measures,
+    unite_teams,
+)
 from minihuman.runtime.simulated_session import simulate
 from minihuman.statistics.scores import wilson_interval
 from minihuman.statistics.units import find_units, name_units
 
 COMPARISONS = ("groups", "conditions", "interaction", "change")
 _TABLES = ("blocks", "episodes", "participants", "answers", "parts", "points", "teams")
+_TRIAL_TABLES = (*(name for name in TABLES if name not in EVERY_MOMENT), "steps")  # of the sections on activities
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,24 +79,55 @@ class ReportPool:
     analysis: AnalysisSpec
     target: str
     design: ExperimentDesign = field(default_factory=ExperimentDesign)
+    levels: "ReportPool | None" = None  # with a row per level of the label of trials whose levels are the conditions
+
+    def select_comparison(self, comparison: str) -> "ReportPool":
+        """Return the pool whose rows a comparison is of: those of levels, where conditions are levels of a label."""
+        if self.levels is not None and comparison in ("conditions", "interaction"):
+            return self.levels
+        return self
 
 
-def simulate_report_pool(toml: bytes, *, people: int, player: str, seed: int) -> ReportPool:
+def simulate_report_pool(
+    toml: bytes, *, people: int, player: str, seed: int, files: Mapping[str, bytes] | None = None
+) -> ReportPool:
     """Simulate whole sessions of participants in every group, without leaving files on disk.
+
+    ``files`` are the contents of the files that the protocol names, such as tables of stimuli, by name.
 
     Raises:
         ProtocolError: if the protocol is invalid.
         SimulationError: if there is no such player, or it cannot play a block's world.
         ReportError: if the protocol names a measure that the sessions do not give.
     """
-    protocol = decode_protocol(toml, "protocol")
+    protocol = decode_protocol(toml, "protocol", files)
     study = msgspec.structs.replace(protocol.study, participants=people)
     with TemporaryDirectory(prefix="minihuman-power-") as folder:
         pool_protocol = msgspec.structs.replace(protocol, study=study)
         list(simulate(pool_protocol, Path(folder), participants=people, seed=seed, player=player))
         with select(Path(folder), processes=1) as tables:
-            tables.require(_TABLES, shortest_paths=True)
-            return make_report_pool(protocol, {name: tables.frame(name) for name in _TABLES})
+            needs_trials = _needs_trials(protocol.analysis)
+            tables.require(_TRIAL_TABLES if needs_trials else _TABLES, shortest_paths=True)
+            frames = {name: tables.frame(name) for name in _TABLES}
+            if needs_trials:
+                frames |= _measure_trials(tables, protocol, Path(folder))
+            return make_report_pool(protocol, frames)
+
+
+def _needs_trials(analysis: AnalysisSpec) -> bool:
+    """Return whether an analysis names measures of trials, or levels of their labels."""
+    return bool(analysis.condition_label) or any(name.startswith("trials:") for name in analysis.find_plugin_measures())
+
+
+def _measure_trials(tables: Tables, protocol: Protocol, folder: Path) -> dict[str, pd.DataFrame]:
+    """Return the tables of measures that sections of the report give, by name."""
+    practice = frozenset(
+        (group.name, block.name) for group in protocol.groups for block in protocol.blocks if not block.analysed
+    )
+    frames: dict[str, pd.DataFrame] = {}
+    for section in build_activity_sections(SectionSource(tables, folder, practice)):
+        frames |= section.measure_tables
+    return frames
 
 
 def make_report_pool(protocol: Protocol, tables: Mapping[str, pd.DataFrame]) -> ReportPool:
@@ -102,7 +143,35 @@ def make_report_pool(protocol: Protocol, tables: Mapping[str, pd.DataFrame]) -> 
     order = sorted(map(str, blocks.index), key=lambda group: (-int(blocks[group]), group))
     groups = {group: ratios[group] for group in order}
     target = analysis.block or find_target_block(rows[rows["exclusion_reason"].isna()])
-    return ReportPool(rows, groups, analysis, target, derive_design(protocol))
+    pool = ReportPool(rows, groups, analysis, target, derive_design(protocol))
+    if not analysis.condition_label:
+        return pool
+    episodes = tables["episodes"]
+    return replace(
+        pool, levels=_make_level_pool(pool, episodes[episodes["block"].isin(analysed)], tables.get("trial_levels"))
+    )
+
+
+def _make_level_pool(pool: ReportPool, episodes: pd.DataFrame, trial_levels: pd.DataFrame | None) -> ReportPool | None:
+    """Return the pool with a row per participant, session and level of the label; None if there are no two levels.
+
+    Excluded participants are drawn as often as others, so each has a row, which is excluded.
+    """
+    label = pool.analysis.condition_label
+    included = episodes[episodes["exclusion_reason"].isna()]
+    rows = measure_levels(included, label, trial_levels)
+    names = sorted(rows["block"].unique())
+    if len(names) < 2:
+        return None
+    keys = ["participant", "session", "block"]
+    trials = included.assign(block=read_label(included, label)).groupby(keys).size().rename("episodes")
+    rows = rows.merge(trials.reset_index(), on=keys).assign(exclusion_reason=None)
+    others = pool.rows[~pool.rows["person"].isin(rows["participant"])].drop_duplicates("person")
+    left_out = others[["group", "participant", "session"]].assign(block=names[0], exclusion_reason="no trial counts")
+    rows = pd.concat([rows, left_out], ignore_index=True)
+    rows = rows.assign(person=rows["participant"], drawn=rows["participant"])
+    analysis = msgspec.structs.replace(select_measures(pool.analysis, rows), conditions=tuple(names))
+    return replace(pool, rows=rows, analysis=analysis, design=pool.design.add_levels(names))
 
 
 def estimate_report_power(
@@ -124,6 +193,7 @@ def estimate_report_power(
         ReportError: if the protocol does not have the comparison of the design.
     """
     estimates = []
+    pool = pool.select_comparison(design.on)
     if not _has_comparison(pool, design.on):
         raise ReportError(
             f"the protocol has no comparison of {design.on}; add one to [analysis], or choose another with --on"
@@ -148,7 +218,7 @@ def _has_comparison(pool: ReportPool, comparison: str) -> bool:
     has_several_groups = len(pool.groups) > 1
     possible = {
         "groups": has_several_groups,
-        "conditions": bool(pool.analysis.conditions),
+        "conditions": len(pool.analysis.conditions) > 1,
         "interaction": pool.design.is_mixed,
         "change": has_several_groups and pool.rows["session"].nunique() > 1,
     }
@@ -271,13 +341,14 @@ def compare_study(rows: pd.DataFrame, pool: ReportPool, on: str) -> Iterator[tup
 
 def _list_condition_ps(rows: pd.DataFrame, pool: ReportPool) -> Iterator[tuple[str, float]]:
     """Yield the name and the corrected p of each pair of conditions."""
-    within = compare_within(*name_conditions(rows, pool.analysis, pool.design))
+    within = compare_within(*name_conditions(rows, pool.analysis, pool.design), pool.design.contrasts)
     if within is None:
         return
     primary = _primary(pool, rows[rows["block"].isin(pool.analysis.conditions)])
     for comparison in within.comparisons:
         if comparison.measure == primary:
-            yield f"{primary}: {comparison.first} - {comparison.second}", comparison.p_holm
+            names = " - ".join(filter(None, (comparison.first, comparison.second)))
+            yield f"{primary}: {names}", comparison.p_holm
 
 
 def _list_group_ps(
@@ -319,12 +390,15 @@ def describe_report_power(
     pool: ReportPool, design: StudyDesign, estimates: Sequence[PowerEstimate], *, player: str
 ) -> str:
     """Return the power analysis as text, for the terminal and a preregistration."""
+    has_levels = pool.levels is not None
+    pool = pool.select_comparison(design.on)
+    condition = "level" if has_levels else "block"
     first_condition = next(iter(pool.analysis.conditions), "")
     first_group = next(iter(pool.groups))
     location = {
         "groups": f"in group {first_group}, block {pool.target}",
-        "conditions": f"in block {first_condition}, within participants",
-        "interaction": f"in block {first_condition} of group {first_group} alone",
+        "conditions": f"in {condition} {first_condition}, within participants",
+        "interaction": f"in {condition} {first_condition} of group {first_group} alone",
         "change": f"in the later sessions of group {first_group}, block {pool.target}",
     }[design.on]
     if pool.analysis.primary_measure:
@@ -355,6 +429,7 @@ def plan_report_power(
     people: int,
     player: str,
     seed: int,
+    files: Mapping[str, bytes] | None = None,
 ) -> tuple[tuple[PowerEstimate, ...], str]:
     """Simulate a pool and estimate the power of an effect such as ``shift=0.5``; return the estimates and their text.
 
@@ -370,6 +445,6 @@ def plan_report_power(
             f"--effect {effect!r} is not valid; write it as shift=0.5, half a standard deviation of the primary measure"
         )
     design = StudyDesign(shift, on, drop_out)
-    pool = simulate_report_pool(toml, people=people, player=player, seed=seed)
+    pool = simulate_report_pool(toml, people=people, player=player, seed=seed, files=files)
     estimates = estimate_report_power(pool, design, sizes, studies=studies, seed=seed)
     return estimates, describe_report_power(pool, design, estimates, player=player)

@@ -15,6 +15,7 @@ class Attrition:
     groups: GroupCounts  # who took part
     sessions: Mapping[int, int]  # how many took part in each session
     withdrew: GroupCounts  # of those who took part
+    lost: GroupCounts  # of those who took part: no log of theirs can be read
     flow: ParticipantFlow | None
     is_whole: bool  # the report is of all sessions that can be read
 
@@ -29,16 +30,20 @@ class Attrition:
         sessions = Counter(plan.session for plan in plans)
         is_whole = flow is not None and (flow.analysis is None or not sum(flow.analysis.not_selected.values()))
         withdrew = Counter[str]()
+        lost = Counter[str]()
+        if is_whole and flow is not None and flow.analysis is not None:
+            lost.update(flow.analysis.unreadable)
         if flow is not None:
             for number, course in flow.courses.items():
                 withdrew.update(course.withdrew)
                 if is_whole:
                     n_withdrew = sum(course.withdrew.values())
                     sessions.update(dict.fromkeys(range(1, number + 1), n_withdrew))
+                    sessions[number] += sum(course.lost.values())
         if is_whole:
-            groups.update(withdrew)
+            groups.update(withdrew + lost)
         counted_sessions = {number: count for number, count in sessions.items() if count}
-        return cls(groups, counted_sessions, withdrew, flow, is_whole)
+        return cls(groups, counted_sessions, withdrew, lost, flow, is_whole)
 
     def describe(self) -> str:
         """Return a sentence for each kind of loss that occurred, each followed by a space; "" if there was none."""
@@ -57,6 +62,8 @@ class Attrition:
                 f"{of_whom}, {_count_by_group(self.withdrew)} withdrew after they had begun: no result contains their "
                 "data."
             )
+        if self.lost:
+            yield f"No log of {_count_by_group(self.lost)} can be read: no result contains their data."
         n_before = sum(sum(course.withdrew_before.values()) for course in flow.courses.values())
         if n_before:
             yield f"Withdrawn with no session on record: {n_before}."

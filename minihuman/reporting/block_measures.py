@@ -50,9 +50,26 @@ FORMULAS = {  # of one episode, where a measure's name does not tell it
 }
 
 
+NAMES_IN_SENTENCES = {  # of MEASURES whose labels say how they are computed, which the methods say, too
+    "log_excess_steps_mean": "excess steps over the shortest path, on a log scale",
+    "log_steps_ratio_mean": "steps relative to the shortest path, on a log scale",
+    "spl_mean": "SPL (success weighted by path length)",
+    "success": "success rate",
+    "steps_at_limit_mean": "steps to the goal",
+    "reward_slope": "change of reward over the first five episodes",
+    "excess_steps_mean": "excess steps of successful episodes",
+    "response_median_ms": "median reaction time (ms)",
+}
+
+
 def label_measure(name: str) -> str:
-    """Return a measure's label on the page."""
+    """Return a measure's label in tables and figures, which says how it is computed."""
     return MEASURES.get(name) or find_measure(name).label
+
+
+def phrase_measure(name: str) -> str:
+    """Return a measure's name in the sentences of the page."""
+    return NAMES_IN_SENTENCES.get(name) or label_measure(name)
 
 
 Role = Literal["primary", "secondary", "exploratory"]  # named in the protocol or not

@@ -14,11 +14,19 @@ import pandas as pd
 
 from minihuman.experiment.protocol.specs import AnalysisSpec
 from minihuman.experiment.protocol.study_design import Contrast, ExperimentDesign
-from minihuman.reporting.block_measures import Role, assign_roles, label_measure, list_default_measures, take_logarithms
+from minihuman.reporting.block_measures import (
+    Role,
+    assign_roles,
+    label_measure,
+    list_default_measures,
+    phrase_measure,
+    take_logarithms,
+)
 from minihuman.reporting.results import Results
 from minihuman.reporting.template import (
     Table,
     format_difference,
+    format_explained_variance,
     format_interval,
     format_number,
     format_p_value,
@@ -201,7 +209,7 @@ def _test_omnibus(
 
 def state_interaction(interaction: InteractionResults) -> Iterator[str]:
     """Yield sentences on whether the difference between conditions depends on the group, for the primary measure."""
-    name = label_measure(interaction.measure)
+    name = phrase_measure(interaction.measure)
     opening = f"{name[0].upper()}{name[1:]}, interaction of group and condition"
     omnibus = next((candidate for candidate in interaction.omnibus if candidate.measure == interaction.measure), None)
     if omnibus is not None:
@@ -218,10 +226,14 @@ def _state_omnibus(opening: str, test: InteractionTest, interaction: Interaction
         return f"{opening}: not tested ({test.reason})."
     sizes = ", ".join(f"{n} in {group}" for n, group in zip(test.n, interaction.groups, strict=True))
     verdict = "depend" if test.p < ALPHA else "are not shown to depend"
-    return (
-        f"{opening}: differences between conditions {verdict} on the group (permutation p {format_p_value(test.p)}; "
-        f"Wald-type statistic {format_number(test.statistic)} with {test.freedom} degrees of freedom; {sizes})."
-    )
+    size = ""
+    if not math.isnan(test.effect.estimate):
+        share = format_number(test.effect.estimate, 2)
+        size = (
+            f"; the group explains {share} of their variance, 90 % interval {format_interval(test.effect.interval, 2)}"
+        )
+    p = f"permutation p {format_p_value(test.p)}"
+    return f"{opening}: differences between conditions {verdict} on the group ({p}{size}; {sizes})."
 
 
 def _state_contrast(opening: str, compared: ContrastComparison, *, is_alone: bool) -> str:
@@ -257,13 +269,33 @@ def interaction_table(interaction: InteractionResults) -> Table:
                 test = omnibus.test
                 statistic = f"W({test.freedom}) = {format_number(test.statistic)}"
                 ps = (format_p_value(test.p), format_p_value(omnibus.p_holm))
-                rows.append((*start, "all", "all", ", ".join(map(str, test.n)), statistic, *ps, "n/a"))
+                rows.append(
+                    (
+                        *start,
+                        "all",
+                        "all",
+                        ", ".join(map(str, test.n)),
+                        statistic,
+                        *ps,
+                        format_explained_variance(test.effect),
+                    )
+                )
         rows += [
             (*start, *_contrast_cells(compared))
             for compared in interaction.contrasts
             if compared.groups.measure == measure
         ]
-    heads = ("measure", "named before", "contrast", "groups", "n", "difference", "p", "p (Holm)", "g")
+    heads = (
+        "measure",
+        "named before",
+        "contrast",
+        "groups",
+        "n",
+        "difference",
+        "p",
+        "p (Holm)",
+        "g; W: \N{GREEK SMALL LETTER OMEGA}\N{SUPERSCRIPT TWO}",
+    )
     return Table(heads, rows, words=4)
 
 

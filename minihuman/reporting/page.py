@@ -26,6 +26,7 @@ from minihuman.reporting.result_tables import (
     conditions_table,
     crossover_table,
     list_missing_parts,
+    list_reliability_notes,
     parts_table,
     reliability_table,
     session_changes_table,
@@ -297,6 +298,7 @@ def _show_block(block: BlockResults, results: Results, content: PageContent) -> 
         "parts_missing": list_missing_parts(block.parts),
         **_show_growth(block, content.mixed.get(block.block)),
         "reliability": reliability_table(block.reliabilities),
+        "reliability_notes": list_reliability_notes(block.reliabilities),
         "powers": [power_statement(power, block.unit_name) for power in block.powers],
     }
 

@@ -8,6 +8,7 @@ from minihuman.reporting.block_results import BlockResults, BlockSurvival, Sessi
 from minihuman.reporting.template import (
     Table,
     format_difference,
+    format_explained_variance,
     format_mean_sd,
     format_number,
     format_p_value,
@@ -57,12 +58,17 @@ def crossover_table(within: WithinResults) -> Table | None:
             _join_sizes(term.freedom),
             format_number(term.f),
             format_p_value(term.p),
+            format_explained_variance(term.variance),
         )
         for term in within.effects
     ]
     if not rows:
         return None
-    return Table(("measure", "effect", "degrees of freedom", "F", "p"), rows, words=2)
+    return Table(
+        ("measure", "effect", "degrees of freedom", "F", "p", "\N{GREEK SMALL LETTER OMEGA}\N{SUPERSCRIPT TWO} (90 %)"),
+        rows,
+        words=2,
+    )
 
 
 def survival_table(survival: BlockSurvival) -> Table | None:
@@ -101,6 +107,15 @@ def reliability_table(reliabilities: Sequence[Reliability]) -> Table | None:
     if not rows:
         return None
     return Table(("measure", "participants", "episodes", "one episode: ICC", "all: split-half"), rows)
+
+
+def list_reliability_notes(reliabilities: Sequence[Reliability]) -> list[str]:
+    """Return why measures have no interval, or why it may not hold, with the measures of each reason."""
+    measures: dict[str, list[str]] = {}
+    for reliability in reliabilities:
+        if reliability.note:
+            measures.setdefault(reliability.note, []).append(label_measure(reliability.measure))
+    return [f"{', '.join(names)}: {note}" for note, names in measures.items()]
 
 
 def session_table(block: BlockResults) -> Table | None:

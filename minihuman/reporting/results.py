@@ -75,8 +75,7 @@ def compute_results(
     if analysis.condition_label:
         within = compare_labels(included_episodes, analysis, trial_levels)
     else:
-        united = unite_teams(included_blocks, teams)
-        within = compare_within(*name_conditions(united, analysis, design or ExperimentDesign()))
+        within = _compare_blocks(unite_teams(included_blocks, teams), analysis, design or ExperimentDesign())
     return Results(
         blocks=tuple(results_in_order),
         target=target,
@@ -84,6 +83,11 @@ def compute_results(
         within=within,
         included=(people["participant"].nunique(), len(included_episodes)),
     )
+
+
+def _compare_blocks(blocks: pd.DataFrame, analysis: AnalysisSpec, design: ExperimentDesign) -> WithinResults | None:
+    """Compare conditions that are blocks, or the contrasts between them that the design states."""
+    return compare_within(*name_conditions(blocks, analysis, design), design.contrasts)
 
 
 def _order_groups(blocks: pd.DataFrame) -> list[str]:

@@ -4,14 +4,14 @@ import math
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from minihuman.reporting.block_measures import Role, label_measure
+from minihuman.reporting.block_measures import Role, phrase_measure
 from minihuman.reporting.block_results import EquivalenceResult
 from minihuman.reporting.template import (
     format_interval,
     format_number,
     format_p_value,
 )
-from minihuman.statistics.comparison import GroupComparison
+from minihuman.statistics.comparison import ALL_ALIKE, GroupComparison
 from minihuman.statistics.paired import PairedComparison
 from minihuman.statistics.t_tests import PowerAnalysis
 
@@ -23,9 +23,9 @@ _ALPHA = 0.05
 
 
 def _begin_with_measure(name: str) -> str:
-    """Return a measure's label with an initial capital letter, for the beginning of a sentence."""
-    label = label_measure(name)
-    return f"{label[0].upper()}{label[1:]}"
+    """Return a measure's name with an initial capital letter, for the beginning of a sentence."""
+    words = phrase_measure(name)
+    return f"{words[0].upper()}{words[1:]}"
 
 
 def difference_statement(
@@ -43,6 +43,8 @@ def difference_statement(
     opening = f"{_begin_with_measure(comparison.measure)}, block {block}: {groups} "
     if comparison.reason and math.isnan(comparison.p):
         return f"{opening}was not compared ({comparison.reason})."
+    if comparison.reason == ALL_ALIKE and comparison.difference == 0:
+        return f"{opening}is 0, and was not tested ({comparison.reason})."
     caveat = ""
     if comparison.smallest_p >= _ALPHA:
         caveat = " Groups of these sizes cannot reach p < 0.05, whatever the difference."
@@ -93,6 +95,8 @@ def paired_statement(comparison: PairedComparison) -> str:
         caveat = " So few participants cannot reach p < 0.05, whatever the difference."
     per = "over" if comparison.is_log else "minus"
     conditions = f"{comparison.first} {per} {comparison.second}"
+    if not comparison.second:
+        conditions = f"contrast {comparison.first}"
     ps = f"paired permutation p {format_p_value(comparison.p)}, Holm {format_p_value(comparison.p_holm)}"
     return (
         f"{_begin_with_measure(comparison.measure)}, within participants: {conditions} is "

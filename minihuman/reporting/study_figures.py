@@ -16,7 +16,7 @@ from minihuman.figures.figure_data import (
     group_by_block,
     name_measure,
 )
-from minihuman.reporting.block_measures import label_measure
+from minihuman.reporting.block_measures import label_measure, phrase_measure
 from minihuman.reporting.interactions import InteractionResults
 from minihuman.reporting.results import Results
 from minihuman.reporting.template import ReportFigure, format_pair
@@ -89,7 +89,7 @@ def draw_estimates(blocks: pd.DataFrame, results: Results, out: Path) -> Iterato
 
 def draw_interaction(interaction: InteractionResults, out: Path) -> ReportFigure:
     """Draw every participant's value by group and condition, and the interaction's contrasts."""
-    label = label_measure(interaction.measure)
+    label = phrase_measure(interaction.measure)
     cells = interaction.cells
     groups = {
         group: cells[cells.index.get_level_values("group") == group].to_numpy(float) for group in interaction.groups

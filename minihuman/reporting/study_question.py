@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 from minihuman.experiment.protocol.specs import AnalysisSpec
 from minihuman.experiment.protocol.study_design import ExperimentDesign
-from minihuman.reporting.block_measures import label_measure
+from minihuman.reporting.block_measures import phrase_measure
 from minihuman.reporting.interactions import InteractionResults
 from minihuman.reporting.results import Results
 
@@ -20,14 +20,14 @@ def ask_question(
     if design and design.question:
         own_question = f"{design.question} "
     if analysis.primary_measure:
-        measure = label_measure(analysis.primary_measure)
+        measure = phrase_measure(analysis.primary_measure)
     else:
         measure = "every measure"
     if design and interaction and design.primary_effect == "interaction":
         conditions = join_names(interaction.conditions)
         groups = join_names(interaction.groups)
         return (
-            f"{own_question}Asked: whether differences between conditions {conditions} in {measure} "
+            f"{own_question}Asked: whether differences in {measure} between conditions {conditions} "
             f"depend on the group ({groups})."
         )
     comparisons = ", and ".join(_list_compared(results))

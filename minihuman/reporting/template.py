@@ -22,6 +22,7 @@ from jinja2 import (
 from jinja2.sandbox import SandboxedEnvironment
 
 from minihuman.errors import ReportError
+from minihuman.statistics.effect_size import ExplainedVariance
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -113,6 +114,11 @@ def format_with_interval(value: float, bounds: tuple[float, float], digits: int 
     return f"{number} ({format_interval(bounds, digits, sign=sign)})"
 
 
+def format_explained_variance(variance: ExplainedVariance) -> str:
+    """Format an effect's share of variance with its 90 % interval; "n/a" if it has none."""
+    return format_with_interval(variance.estimate, variance.interval, 2)
+
+
 def format_difference(
     value: float, bounds: tuple[float, float], *, is_log: bool, sign: str = "-", digits: int = 3
 ) -> str:
@@ -133,7 +139,9 @@ def format_p_value(value: float) -> str:
 
 
 def format_pair(first: str, second: str) -> str:
-    """Format a difference of two groups."""
+    """Format a difference of two groups or conditions, or the name of a contrast, which has no second one."""
+    if not second:
+        return first
     return f"{first} \N{MINUS SIGN} {second}"
 
 

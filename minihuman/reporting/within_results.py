@@ -9,7 +9,7 @@ import msgspec
 import pandas as pd
 
 from minihuman.experiment.protocol.specs import AnalysisSpec
-from minihuman.experiment.protocol.study_design import ExperimentDesign
+from minihuman.experiment.protocol.study_design import Contrast, ExperimentDesign
 from minihuman.reporting.block_measures import (
     MEASURES,
     Role,
@@ -54,8 +54,12 @@ def name_conditions(
     return named, msgspec.structs.replace(analysis, conditions=design.conditions)
 
 
-def compare_within(rows: pd.DataFrame, analysis: AnalysisSpec) -> WithinResults | None:
+def compare_within(
+    rows: pd.DataFrame, analysis: AnalysisSpec, contrasts: Sequence[Contrast] = ()
+) -> WithinResults | None:
     """Compare the protocol's conditions within participants; None if it names none.
+
+    The contrasts that the protocol states are tested in place of every two conditions.
 
     The measures are the primary and the secondary ones, corrected within each role (Holm), or else all that have
     values. A participant's value in a condition is the mean over sessions. Effects of position and carry-over are
@@ -74,10 +78,11 @@ def compare_within(rows: pd.DataFrame, analysis: AnalysisSpec) -> WithinResults 
         name: scaled.pivot_table(name, "participant", "block").reindex(columns=list(analysis.conditions))
         for name in measured
     }
+    weights = {contrast.name: dict(contrast.weights) for contrast in contrasts}
     comparisons: list[PairedComparison] = []
     for role in get_args(Role):
         tables_of_role = {name: tables[name] for name in roles if roles[name] == role}
-        comparisons += compare_conditions(tables_of_role, log_measures=logs)
+        comparisons += compare_conditions(tables_of_role, log_measures=logs, contrasts=weights)
     effects = _test_order_effects(scaled, measured)
     return WithinResults(analysis.conditions, tuple(comparisons), effects, roles)
 

@@ -26,6 +26,7 @@ from minihuman.statistics.t_tests import Values, split_skewness
 LEAST_PER_GROUP = 5  # participants per group, below whom nothing is standardised
 LARGEST_SKEWNESS = 0.3  # of the difference of means, above which p and interval are said to be doubtful
 LARGEST_G = 10  # above it a standardised difference says only that a spread is next to nothing
+ALL_ALIKE = "nobody in either group differs from the others"  # a reason
 _NOTHING = (math.nan, math.nan)
 
 
@@ -171,7 +172,7 @@ def _add_interval(
     """Return the comparison with its interval and effect size, or with the reason why they are missing."""
     spreads = (a.std(ddof=1), b.std(ddof=1))
     if max(spreads) == 0:
-        return replace(comparison, reason="nobody in either group differs from the others")
+        return replace(comparison, reason=ALL_ALIKE)
     comparison = replace(comparison, interval=test.interval())
     if min(spreads) == 0:
         constant = 0 if spreads[0] == 0 else 1

@@ -12,6 +12,13 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from minihuman.statistics.effect_size import (
+    NO_EFFECT_SIZE,
+    ExplainedVariance,
+    estimate_explained_variance,
+    find_critical_statistic,
+)
+from minihuman.statistics.permutation import ALPHA
 from minihuman.statistics.regroupings import RESAMPLES, SEED
 from minihuman.statistics.t_tests import Values
 
@@ -33,6 +40,7 @@ class InteractionTest:
     statistic: float
     p: float
     reason: str = ""  # why there is no p
+    effect: ExplainedVariance = NO_EFFECT_SIZE  # of the contrast scores' variance
 
 
 def compare_contrast_scores(scores: Sequence[Values]) -> InteractionTest:
@@ -62,16 +70,34 @@ def compare_contrast_scores(scores: Sequence[Values]) -> InteractionTest:
     if not math.isfinite(observed):
         reason = "a group's differences between conditions do not vary, or determine each other"
         return InteractionTest(n, freedom, math.nan, math.nan, reason)
-    at_least = sum(
-        int(np.count_nonzero(_compute_wald(pooled[order], n, scale) >= observed * (1 - _TIES)))
-        for order in _draw_orders(len(pooled), contrasts)
+    permuted = np.concatenate(
+        [_compute_wald(pooled[order], n, scale) for order in _draw_orders(len(pooled), contrasts)]
     )
-    p = (at_least + 1) / (RESAMPLES + 1)
-    if len(n) == 2:
-        floor = _approximate_p(scores, observed)
-    else:
-        floor = _bootstrap_p(scores, observed, scale)
-    return InteractionTest(n, freedom, observed, max(p, floor))
+    reference, residual_freedom = _find_lower_limit(scores, observed, scale)
+    at_least = int(np.count_nonzero(permuted >= observed * (1 - _TIES)))
+    effect = estimate_explained_variance(
+        observed,
+        max(find_critical_statistic(permuted), reference.critical),
+        (freedom, residual_freedom),
+        len(pooled),
+    )
+    p = max((at_least + 1) / (RESAMPLES + 1), reference.p)
+    return InteractionTest(n, freedom, observed, p, effect=effect)
+
+
+@dataclass(frozen=True, slots=True)
+class _LowerLimit:
+    """A lower limit of p, and the statistic at which it is 0.05."""
+
+    p: float
+    critical: float
+
+
+def _find_lower_limit(scores: Sequence[Values], observed: float, scale: float) -> tuple[_LowerLimit, float]:
+    """Return the lower limit of p, and the residual degrees of freedom of F that the statistic is close to."""
+    if len(scores) == 2:
+        return _approximate_p(scores, observed)
+    return _bootstrap_p(scores, observed, scale), _approximate_freedom(scores)
 
 
 def _measure_scale(pooled: Values) -> float:
@@ -131,8 +157,11 @@ def _compute_wald(scores: Values, n: Sequence[int], scale: float) -> Values:
     return np.where(is_singular, np.inf, wald)
 
 
-def _approximate_p(scores: Sequence[Values], observed: float) -> float:
-    """Return the p of Hotelling's T squared for two groups with unequal covariances (Krishnamoorthy and Yu, 2004)."""
+def _approximate_p(scores: Sequence[Values], observed: float) -> tuple[_LowerLimit, float]:
+    """Return the p of Hotelling's T squared for two groups with unequal covariances, and its residual freedom.
+
+    It is the F approximation of Krishnamoorthy and Yu (2004).
+    """
     errors = [np.atleast_2d(np.cov(group, rowvar=False)) / len(group) for group in scores]
     inverse = np.linalg.inv(sum(errors))
     contrasts = len(inverse)
@@ -142,10 +171,25 @@ def _approximate_p(scores: Sequence[Values], observed: float) -> float:
         spread += float(np.trace(share @ share) + np.trace(share) ** 2) / (len(group) - 1)
     freedom = contrasts * (contrasts + 1) / spread
     residual = freedom - contrasts + 1
-    return float(scipy.special.fdtrc(contrasts, residual, observed * residual / (freedom * contrasts)))
+    scaling = residual / (freedom * contrasts)
+    critical = float(scipy.special.fdtri(contrasts, residual, 1 - ALPHA)) / scaling
+    return _LowerLimit(float(scipy.special.fdtrc(contrasts, residual, observed * scaling)), critical), residual
 
 
-def _bootstrap_p(scores: Sequence[Values], observed: float, scale: float) -> float:
+def _approximate_freedom(scores: Sequence[Values]) -> float:
+    """Return the residual degrees of freedom of the F to which the statistic is close (Johansen, 1980)."""
+    weights = [np.linalg.inv(np.atleast_2d(np.cov(group, rowvar=False)) / len(group)) for group in scores]
+    total_inverse = np.linalg.inv(sum(weights))
+    contrasts = len(total_inverse)
+    spread = 0.0
+    for group, weight in zip(scores, weights, strict=True):
+        share = np.eye(contrasts) - total_inverse @ weight
+        spread += float(np.trace(share @ share) + np.trace(share) ** 2) / (2 * (len(group) - 1))
+    effect = contrasts * (len(scores) - 1)
+    return effect * (effect + 2) / (3 * spread)
+
+
+def _bootstrap_p(scores: Sequence[Values], observed: float, scale: float) -> _LowerLimit:
     """Return the p of a parametric bootstrap.
 
     It is the share of samples with a statistic of at least ``observed``, drawn from normal distributions with the
@@ -154,12 +198,13 @@ def _bootstrap_p(scores: Sequence[Values], observed: float, scale: float) -> flo
     n = [len(group) for group in scores]
     factors = [np.linalg.cholesky(np.atleast_2d(np.cov(group, rowvar=False))) for group in scores]
     rng = np.random.default_rng(SEED)
-    as_far = 0
+    drawn = []
     for count in _split_resamples(sum(map(len, scores)) * scores[0].shape[1]):
         samples = [
             rng.standard_normal((count, people, len(factor))) @ factor.T
             for people, factor in zip(n, factors, strict=True)
         ]
-        wald = _compute_wald(np.concatenate(samples, axis=1), n, scale)
-        as_far += int(np.count_nonzero(wald >= observed))
-    return (as_far + 1) / (RESAMPLES + 1)
+        drawn.append(_compute_wald(np.concatenate(samples, axis=1), n, scale))
+    wald = np.concatenate(drawn)
+    p = (int(np.count_nonzero(wald >= observed)) + 1) / (RESAMPLES + 1)
+    return _LowerLimit(p, find_critical_statistic(wald))

@@ -9,6 +9,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import combinations, product
+from types import MappingProxyType
 
 import numpy as np
 import pandas as pd
@@ -16,6 +17,11 @@ import scipy
 from numpy.typing import NDArray
 
 from minihuman.statistics.comparison import holm_correction
+from minihuman.statistics.effect_size import (
+    ExplainedVariance,
+    estimate_explained_variance,
+    find_critical_statistic,
+)
 from minihuman.statistics.permutation import ALPHA, invert_test, permutation_tests
 from minihuman.statistics.regroupings import RESAMPLES, SEED
 from minihuman.statistics.t_tests import LEVEL, Values
@@ -86,7 +92,8 @@ def _draw_signs(n: int) -> Values:
 class PairedComparison:
     """The comparison of two conditions on one measure, over the participants with a value in both conditions.
 
-    Differences are the first condition minus the second.
+    Differences are the first condition minus the second. Of a contrast, ``first`` is the name and ``second`` is empty;
+    the means are the weighted sums of its positive and of its negative side.
     """
 
     measure: str
@@ -111,43 +118,62 @@ class CrossoverTerm:
     freedom: tuple[int, int]
     f: float
     p: float
+    variance: ExplainedVariance  # of the variance within participants
 
 
 def compare_conditions(
-    values: Mapping[str, pd.DataFrame], *, log_measures: Collection[str] = ()
+    values: Mapping[str, pd.DataFrame],
+    *,
+    log_measures: Collection[str] = (),
+    contrasts: Mapping[str, Mapping[str, float]] = MappingProxyType({}),
 ) -> tuple[PairedComparison, ...]:
-    """Compare each pair of conditions on every measure; p is corrected for all comparisons together (Holm, 1979).
+    """Compare conditions on every measure; p is corrected for all comparisons together (Holm, 1979).
+
+    Without contrasts, each pair of conditions is compared.
 
     Args:
         values: per measure, a table with a row per participant and a column per condition; NaN where a value is missing
         log_measures: the measures whose values are natural logarithms
+        contrasts: by name, the weights of conditions, which sum to 0
     """
     comparisons = []
     for measure, table in values.items():
-        for first, second in combinations(table.columns, 2):
-            pairs = table[[first, second]].dropna().to_numpy(float)
-            test = paired_test(pairs[:, 0] - pairs[:, 1])
-            if test is None:
-                continue
-            is_log = measure in log_measures
-            means = [math.exp(mean) if is_log else float(mean) for mean in pairs.mean(axis=0)]
-            comparisons.append(
-                PairedComparison(
-                    measure=measure,
-                    first=str(first),
-                    second=str(second),
-                    n=test.n,
-                    means=(means[0], means[1]),
-                    difference=test.difference,
-                    interval=test.interval(),
-                    p=test.p(),
-                    p_holm=math.nan,
-                    smallest_p=test.smallest_p,
-                    is_log=is_log,
-                )
-            )
+        weights_by_names = {(name, ""): weights for name, weights in contrasts.items()} or {
+            (str(first), str(second)): {str(first): 1.0, str(second): -1.0}
+            for first, second in combinations(table.columns, 2)
+        }
+        for names, weights in weights_by_names.items():
+            comparison = _compare_sides(table, weights, measure, names, is_log=measure in log_measures)
+            if comparison is not None:
+                comparisons.append(comparison)
     corrected = holm_correction([comparison.p for comparison in comparisons])
     return tuple(replace(comparison, p_holm=p) for comparison, p in zip(comparisons, corrected, strict=True))
+
+
+def _compare_sides(
+    table: pd.DataFrame, weights: Mapping[str, float], measure: str, names: tuple[str, str], *, is_log: bool
+) -> PairedComparison | None:
+    """Compare the conditions of positive weight with those of negative weight; None for fewer than two participants."""
+    known = table[list(weights)].dropna().to_numpy(float)
+    weight = np.array(list(weights.values()))
+    sides = (known @ np.maximum(weight, 0.0), known @ np.maximum(-weight, 0.0))
+    test = paired_test(sides[0] - sides[1])
+    if test is None:
+        return None
+    means = [math.exp(side.mean()) if is_log else float(side.mean()) for side in sides]
+    return PairedComparison(
+        measure=measure,
+        first=names[0],
+        second=names[1],
+        n=test.n,
+        means=(means[0], means[1]),
+        difference=test.difference,
+        interval=test.interval(),
+        p=test.p(),
+        p_holm=math.nan,
+        smallest_p=test.smallest_p,
+        is_log=is_log,
+    )
 
 
 def fit_crossover(measure: str, rows: pd.DataFrame) -> tuple[CrossoverTerm, ...]:
@@ -183,13 +209,18 @@ def fit_crossover(measure: str, rows: pd.DataFrame) -> tuple[CrossoverTerm, ...]
     terms = []
     for effect in ("position", "carry-over"):
         other = _find_basis(np.column_stack([columns for name, columns in centred.items() if name != effect]))
-        effect_freedom = whole.shape[1] - other.shape[1]
-        if effect_freedom:
+        if whole.shape[1] > other.shape[1]:
             ratios = _compute_ratios(value, whole, other, people)
-            f = float(ratios[0]) * residual_freedom / effect_freedom
-            p = float(np.mean(ratios >= ratios[0] * (1 - _TIES)))
-            terms.append(CrossoverTerm(measure, effect, (effect_freedom, residual_freedom), f, p))
+            terms.append(_describe_term(measure, effect, ratios, (whole.shape[1] - other.shape[1], residual_freedom)))
     return tuple(terms)
+
+
+def _describe_term(measure: str, effect: str, ratios: Values, freedom: tuple[int, int]) -> CrossoverTerm:
+    """Return the test of an effect from the observed ratio of sums of squares, followed by the permuted ones."""
+    observed = float(ratios[0])
+    variance = estimate_explained_variance(observed, find_critical_statistic(ratios[1:]), freedom, sum(freedom) + 1)
+    p = float(np.mean(ratios >= observed * (1 - _TIES)))
+    return CrossoverTerm(measure, effect, freedom, observed * freedom[1] / freedom[0], p, variance)
 
 
 def _has_enough_orders(known: pd.DataFrame) -> bool:

@@ -1,13 +1,26 @@
-"""The reliability of a measure: how well it distinguishes participants, by intraclass correlation and split halves."""
+"""The reliability of a measure: how well it distinguishes participants, by intraclass correlation and split halves.
+
+Participants may vary more in some groups than in others and their values need not be normal, so intervals take the
+sampling error from the participants themselves.
+"""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
 import scipy
+from numpy.typing import NDArray
 
+from minihuman.statistics.permutation import LEAST_ESTIMATED
+from minihuman.statistics.t_tests import Values
+
+_NOTHING = (math.nan, math.nan)
 _MOST = 1 - 1e-12  # a correlation, of which Fisher's z is taken
+_NO_SPREAD = 1e-12  # of the mean square, a share that rounding leaves where there is none
+_LEAST_SPARE = 3  # participants more than groups
+_SKEWED = 2.58  # standard errors of a group's skewness, above which intervals are said to be doubtful
+Indices = NDArray[np.int_]
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,45 +34,226 @@ class Reliability:
     icc_interval: tuple[float, float]
     halves: float  # of all episodes together: odd against even ones, corrected to the whole length
     halves_interval: tuple[float, float]
+    note: str = ""  # why there are no intervals, or why they may not hold
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Participants:
+    """The participants' episodes as sums; arrays have the shape (participants,)."""
+
+    groups: Indices  # numbers from 0
+    sizes: Values  # episodes
+    means: Values
+    within: Values  # sum of squared deviations of episodes from the participant's mean
+    halves: tuple[Values, Values]  # mean of odd and of even episodes, less the group's mean of these
+
+    @classmethod
+    def describe(cls, rows: pd.DataFrame) -> "_Participants":
+        by_person = rows.groupby(["group", "participant"])["value"]
+        within = (rows["value"] - by_person.transform("mean")) ** 2
+        people = by_person.agg(["size", "mean"]).assign(
+            within=within.groupby([rows["group"], rows["participant"]]).sum()
+        )
+        odd = rows.groupby(["group", "participant"]).cumcount() % 2
+        halves = rows.groupby(["group", "participant", odd])["value"].mean().unstack()
+        halves -= halves.groupby("group").transform("mean")
+        groups = np.unique(people.index.get_level_values("group"), return_inverse=True)[1]
+        sizes, means, sums = (people[name].to_numpy(float) for name in ("size", "mean", "within"))
+        return cls(groups, sizes, means, sums, (halves[0].to_numpy(float), halves[1].to_numpy(float)))
+
+    @property
+    def members(self) -> Values:
+        """Return the number of participants in each group."""
+        return np.bincount(self.groups).astype(np.float64)
+
+    @property
+    def spare(self) -> int:
+        """Return by how many participants outnumber groups."""
+        return len(self.groups) - len(self.members)
+
+    @property
+    def inflation(self) -> Values:
+        """Return by how much each participant's squared deviation counts in the sum of squares of the group.
+
+        It is what the sum loses without the participant, n / (n - 1) times the squared deviation; 0 for a group of one.
+        """
+        members = self.members[self.groups]
+        return np.where(members > 1, members / np.maximum(members - 1, 1), 0.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _VarianceRatio:
+    """The mean squares between and within participants, of all of them and without each of them."""
+
+    across: float
+    inside: float
+    length: float  # episodes of a participant, as unequal numbers count
+    freedom: float  # of ``inside``
+    squares: Values  # (groups,) sum of squares between the group's participants
+    logs: Values  # (participants,) log F without each participant, as it would be of participants with ``length``
+
+    @classmethod
+    def compute(cls, people: _Participants) -> "_VarianceRatio":
+        groups = people.groups
+        sizes = people.sizes
+        episodes = np.bincount(groups, sizes)
+        deviations = people.means - (np.bincount(groups, sizes * people.means) / episodes)[groups]
+        squares = np.bincount(groups, sizes * deviations**2).astype(np.float64)
+        freedom = float(sizes.sum() - len(sizes))
+        inside = float(people.within.sum()) / freedom
+        square_sizes = np.bincount(groups, sizes**2)
+        lengths = episodes - square_sizes / episodes
+        length = float(lengths.sum()) / people.spare
+        rest_episodes = np.maximum(episodes[groups] - sizes, _NO_SPREAD)  # 0 of a group of one
+        rest_spare = people.spare - (people.members[groups] > 1)
+        lost = sizes * deviations**2 * episodes[groups] / rest_episodes
+        rest_across = np.maximum(squares.sum() - lost, 0.0) / rest_spare
+        rest_inside = (people.within.sum() - people.within) / (freedom - sizes + 1)
+        rest_lengths = (
+            lengths.sum()
+            - lengths[groups]
+            + rest_episodes
+            - np.maximum(square_sizes[groups] - sizes**2, 0.0) / rest_episodes
+        ) / rest_spare
+        ratios = 1 + (rest_across / np.maximum(rest_inside, _NO_SPREAD * inside) - 1) * length / rest_lengths
+        logs = np.log(np.maximum(ratios, _NO_SPREAD))
+        return cls(float(squares.sum()) / people.spare, inside, length, freedom, squares, logs)
+
+    def estimate_icc(self, factor: float) -> float:
+        """Return the intraclass correlation that F times a factor implies."""
+        f = factor * self.across / self.inside
+        return (f - 1) / (f + self.length - 1)
 
 
 def estimate_reliability(measure: str, rows: pd.DataFrame) -> Reliability | None:
     """Estimate a measure's reliability within groups; return None if too few participants are left or nothing varies.
 
-    ``rows`` has ``group``, ``participant`` and ``value`` in the order of play. Participants must outnumber groups by
-    three. The intraclass correlation is ICC(1), one-way random effects, with an interval from F (Shrout and Fleiss,
-    1979), for unequal means of groups and numbers of episodes. The split-half reliability is Spearman and Brown's
-    correction of the correlation of two means per participant, at least 0, with an interval from Fisher's z.
+    The intraclass correlation is ICC(1), one-way random effects (Shrout and Fleiss, 1979), for unequal means of groups
+    and numbers of episodes. The split-half reliability is Spearman and Brown's correction of the correlation of two
+    means per participant, at least 0.
+
+    The interval of the ICC is by F with as many degrees of freedom between participants as the data support: no more
+    than Satterthwaite's of the groups' variances, nor than the jackknife's variance of log F implies (Box, 1953). The
+    interval of the split halves is of the jackknife of Fisher's z, by t.
+
+    Args:
+        measure: the measure's name
+        rows: the columns ``group``, ``participant`` and ``value``, in the order of play; participants with a single
+            value are omitted, and the others must outnumber groups by three
     """
-    keys = ["group", "participant"]
     rows = rows.dropna()
-    rows = rows[rows.groupby(keys)["value"].transform("size") > 1]
-    people = rows.groupby(keys)["value"].agg(["size", "mean"])
-    spare = len(people) - rows["group"].nunique()
-    if spare < 3:
+    rows = rows[rows.groupby(["group", "participant"])["value"].transform("size") > 1]
+    if len(rows.drop_duplicates(["group", "participant"])) - rows["group"].nunique() < _LEAST_SPARE:
         return None
-    within = rows["value"] - rows.groupby(keys)["value"].transform("mean")
-    between = rows.groupby(keys)["value"].transform("mean") - rows.groupby("group")["value"].transform("mean")
-    freedom = len(rows) - len(people)
-    inside = float((within**2).sum()) / freedom
-    across = float((between**2).sum()) / spare
-    sizes = (
-        people["size"]
-        .groupby("group")
-        .agg(lambda group_sizes: group_sizes.sum() - (group_sizes**2).sum() / group_sizes.sum())
+    people = _Participants.describe(rows)
+    if _has_no_spread(people, float((rows["value"] ** 2).mean())):
+        return None
+    ratio = _VarianceRatio.compute(people)
+    halves, halves_interval = _estimate_halves(people, _count_freedom(ratio, people))
+    reliability = Reliability(
+        measure=measure,
+        participants=len(people.groups),
+        episodes=len(rows),
+        icc=ratio.estimate_icc(1.0),
+        icc_interval=_bound_icc(ratio, people),
+        halves=halves,
+        halves_interval=halves_interval,
+        note=_describe_skew(people),
     )
-    length = float(sizes.sum()) / spare  # episodes of a participant, as unequal numbers count
-    odd = rows.groupby(keys).cumcount() % 2
-    halves = rows.groupby([*keys, odd])["value"].mean().unstack()
-    halves -= halves.groupby("group").transform("mean")
-    spread = float(np.sqrt((halves[0] ** 2).sum() * (halves[1] ** 2).sum()))
-    if min(inside, spread) <= 1e-12 * float((rows["value"] ** 2).mean()):
-        return None
-    f = across / inside
-    ends = (f / scipy.stats.f.ppf(0.975, spare, freedom), f * scipy.stats.f.ppf(0.975, freedom, spare))
-    r = min(max(float((halves[0] * halves[1]).sum()) / spread, -_MOST), _MOST)
-    reach = float(scipy.stats.norm.ppf(0.975)) / math.sqrt(spare - 2)
-    icc, low, high = ((ratio - 1) / (ratio + length - 1) for ratio in (f, *ends))
-    correlations = (math.tanh(math.atanh(r) + z) for z in (0.0, -reach, reach))
-    whole_length, least, most = (max(0.0, 2 * correlation / (1 + correlation)) for correlation in correlations)
-    return Reliability(measure, len(people), len(rows), icc, (low, high), whole_length, (least, most))
+    smallest = int(people.members.min())
+    if smallest >= LEAST_ESTIMATED:
+        return reliability
+    note = f"{smallest} in the smallest group: intervals need {LEAST_ESTIMATED} participants per group"
+    return replace(reliability, icc_interval=_NOTHING, halves_interval=_NOTHING, note=note)
+
+
+def _has_no_spread(people: _Participants, scale: float) -> bool:
+    """Return whether values do not vary within participants, or between them in odd or in even episodes."""
+    odd, even = people.halves
+    spread = math.sqrt(float((odd**2).sum() * (even**2).sum()))
+    inside = float(people.within.sum() / (people.sizes - 1).sum())
+    return min(inside, spread) <= _NO_SPREAD * scale
+
+
+def _count_freedom(ratio: _VarianceRatio, people: _Participants) -> float:
+    """Return Satterthwaite's degrees of freedom of the variance between participants, whose groups may differ in it."""
+    free = people.members - 1
+    has_freedom = free > 0
+    squares = ratio.squares
+    among = float((squares[has_freedom] ** 2 / free[has_freedom]).sum())
+    if not among > 0:
+        return float(people.spare)
+    return max(float(squares.sum()) ** 2 / among, 1.0)
+
+
+def _bound_icc(ratio: _VarianceRatio, people: _Participants) -> tuple[float, float]:
+    """Return the 95 % interval of the ICC.
+
+    With participants minus groups as degrees of freedom, it would hold the truth in 0.85 of studies of 8 and 24
+    participants with SDs of 3 and 1.
+    """
+    variance = _compute_jackknife_variance(ratio.logs, people) - 2 / ratio.freedom  # of log mean square between
+    implied = math.inf
+    if variance > 0:
+        implied = 2 / variance
+    between = max(min(_count_freedom(ratio, people), implied), 1.0)
+    low = 1 / float(scipy.special.fdtri(between, ratio.freedom, 0.975))
+    high = float(scipy.special.fdtri(ratio.freedom, between, 0.975))
+    return ratio.estimate_icc(low), ratio.estimate_icc(high)
+
+
+def _estimate_halves(people: _Participants, freedom: float) -> tuple[float, tuple[float, float]]:
+    """Return the split-half reliability and its 95 % interval."""
+    odd, even = people.halves
+    products = (odd * even, odd**2, even**2)
+    z = float(_transform_correlation(*(product.sum() for product in products)))
+    logs = _transform_correlation(*(product.sum() - people.inflation * product for product in products))
+    variance = _compute_jackknife_variance(logs, people)
+    reach = float(scipy.special.stdtrit(freedom, 0.975)) * math.sqrt(variance)
+    whole_length, low, high = (_lengthen(math.tanh(bound)) for bound in (z, z - reach, z + reach))
+    return whole_length, (low, high)
+
+
+def _transform_correlation(product: Values, first: Values, second: Values) -> Values:
+    """Return Fisher's z of a correlation from its sums of products and squares; 0 where either does not vary."""
+    spread = np.sqrt(np.maximum(first, 0.0) * np.maximum(second, 0.0))
+    varies = spread > 0
+    correlation = np.where(varies, product / np.where(varies, spread, 1.0), 0.0)
+    z: Values = np.arctanh(np.clip(correlation, -_MOST, _MOST))
+    return z
+
+
+def _lengthen(correlation: float) -> float:
+    """Return the reliability of twice as many episodes (Spearman and Brown), at least 0."""
+    return max(0.0, 2 * correlation / (1 + max(correlation, -_MOST)))
+
+
+def _compute_jackknife_variance(estimates: Values, people: _Participants) -> float:
+    """Return the variance of an estimate from those without each participant, who were sampled within groups."""
+    members = people.members
+    apart = _centre_groups(estimates, people.groups) ** 2
+    shares = (members - 1) / members
+    return float((shares[people.groups] * apart).sum())
+
+
+def _centre_groups(values: Values, groups: Indices) -> Values:
+    """Subtract each group's mean."""
+    means = np.bincount(groups, values) / np.bincount(groups)
+    centred: Values = values - means[groups]
+    return centred
+
+
+def _describe_skew(people: _Participants) -> str:
+    """Return a phrase that says that intervals may be too narrow, if participants' means are clearly skewed.
+
+    Of 30 participants with exponential values, intervals hold the truth in 0.9 of studies; it is said of half of these.
+    """
+    for group, members in enumerate(people.members):
+        means = people.means[people.groups == group]
+        if members < LEAST_ESTIMATED or not np.ptp(means) > 0:
+            continue
+        n = float(members)
+        error = math.sqrt(6 * n * (n - 1) / ((n - 2) * (n + 1) * (n + 3)))
+        if abs(float(scipy.stats.skew(means, bias=False))) > _SKEWED * error:
+            return "values of participants are skewed, so that both intervals may be too narrow"
+    return ""

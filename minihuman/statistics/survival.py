@@ -7,7 +7,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from minihuman.statistics.permutation import ALPHA, floor_freedom
+from minihuman.statistics.permutation import ALPHA, floor_freedom, smallest_p
 from minihuman.statistics.regroupings import RESAMPLES, SEED, count_regroupings, draw_regroupings, has_limit
 from minihuman.statistics.t_tests import Values
 
@@ -59,7 +59,7 @@ class SurvivalComparison:
     difference: float
     interval: tuple[float, float]  # NaN below LEAST_EVENTS events in a group
     p: float  # of the difference: permutation, as the interval
-    logrank_p: float
+    logrank_p: float  # permutation
 
 
 def kaplan_meier(survival_times: SurvivalTimes) -> SurvivalCurve:
@@ -83,16 +83,23 @@ def compare_survival(first: SurvivalTimes, second: SurvivalTimes) -> SurvivalCom
     n = (len(first.times), len(second.times))
     if min(n) < 2:
         return None
-    pooled = SurvivalTimes(
-        np.concatenate([first.times, second.times]), np.concatenate([first.observed, second.observed])
-    )
-    own = _compare_means(pooled, (np.arange(sum(n)) < n[0])[None].astype(float))
+    pooled = _pool(first, second)
+    own = _compare_means(pooled, _mark_first(n))
     means = (float(own.means[0][0]), float(own.means[1][0]))
     interval, p = _test(pooled, n, own)
     censored = (int((~first.observed).sum()), int((~second.observed).sum()))
     return SurvivalComparison(
         n, censored, float(own.until[0]), means, means[0] - means[1], interval, p, logrank_p(first, second)
     )
+
+
+def _pool(first: SurvivalTimes, second: SurvivalTimes) -> SurvivalTimes:
+    return SurvivalTimes(np.concatenate([first.times, second.times]), np.concatenate([first.observed, second.observed]))
+
+
+def _mark_first(n: tuple[int, int]) -> Values:
+    """Return an array of shape (1, participants) with a 1 for each participant in the first group."""
+    return (np.arange(sum(n)) < n[0])[None].astype(np.float64)
 
 
 def _test(pooled: SurvivalTimes, n: tuple[int, int], own: "_RestrictedMeans") -> tuple[tuple[float, float], float]:
@@ -213,15 +220,48 @@ class _Group:
 
 
 def logrank_p(first: SurvivalTimes, second: SurvivalTimes) -> float:
-    """Return the two-sided p of the log-rank test (Mantel, 1966) of equal curves; NaN if its variance is 0."""
-    event_times = np.concatenate([first.times[first.observed], second.times[second.observed]])
-    times, observed = np.unique(event_times, return_counts=True)
-    a, b = (group.waiting(times).astype(np.float64) for group in (first, second))
-    n = a + b
-    expected = float((a * observed / n).sum())
-    varies = n > 1  # with one left nothing varies
-    spread = a * b * observed * (n - observed)
-    variance = float((spread[varies] / (n[varies] ** 2 * (n[varies] - 1))).sum())
-    if not variance > 0:
+    """Return the two-sided p of the log-rank test (Mantel, 1966) of equal curves; NaN if its variance is 0.
+
+    Participants are regrouped with their times, and the statistic is studentised anew by its hypergeometric variance
+    (Neuhaus, 1993), so that p holds in small groups, whatever their censoring. By the normal distribution, a true null
+    hypothesis is rejected in 10 % of studies of 3 and 30 participants. p is NaN, too, where no regrouping of groups of
+    these sizes could reach p < 0.05.
+    """
+    n = (len(first.times), len(second.times))
+    pooled = _pool(first, second)
+    observed = float(compute_logrank(pooled, _mark_first(n))[0])
+    if math.isnan(observed) or smallest_p(n) >= ALPHA:
         return math.nan
-    return float(2 * scipy.special.ndtr(-abs(first.observed.sum() - expected) / math.sqrt(variance)))
+    if has_limit(*n, int(pooled.observed.sum())):
+        return float(2 * scipy.special.ndtr(-observed))
+    apart = np.concatenate(
+        [
+            compute_logrank(pooled, part)
+            for members in draw_regroupings(*n)
+            for part in np.array_split(members, members.size // _AT_ONCE + 1)
+        ]
+    )
+    extra = int(count_regroupings(*n) > RESAMPLES)  # the groups as they were
+    at_least = int(np.count_nonzero(apart >= observed * (1 - _TIES)))
+    return (at_least + extra) / (len(apart) + extra)
+
+
+def compute_logrank(pooled: SurvivalTimes, members: Values) -> Values:
+    """Return the log-rank statistic of some regroupings, in standard errors, without its sign; NaN if nothing varies.
+
+    Args:
+        pooled: the survival times of both groups
+        members: an array of shape (regroupings, participants) with a 1 for each participant in the first group
+    """
+    times, place = np.unique(pooled.times, return_inverse=True)
+    at = scipy.sparse.csr_array((np.ones(len(place)), (place, np.arange(len(place)))), (len(times), len(place)))
+    first = members.T
+    left, came = (np.asarray(at @ columns, np.float64) for columns in (first, pooled.observed[:, None] * first))
+    at_risk = np.cumsum(left[::-1], axis=0)[::-1]
+    all_at_risk = np.cumsum(np.bincount(place)[::-1])[::-1][:, None].astype(np.float64)
+    events = (at @ pooled.observed)[:, None]
+    excess = (came - events * at_risk / all_at_risk).sum(axis=0)
+    spread = events * at_risk * (all_at_risk - at_risk) * (all_at_risk - events)
+    variance = (spread / np.maximum(all_at_risk**2 * (all_at_risk - 1), 1)).sum(axis=0)  # with one left nothing varies
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.where(variance > _TIES, np.abs(excess) / np.sqrt(variance), math.nan)

@@ -16,7 +16,7 @@ import pandas as pd
 import scipy
 from numpy.typing import NDArray
 
-from minihuman.statistics.permutation import LEAST_ESTIMATED
+from minihuman.statistics.permutation import LEAST_ESTIMATED, floor_freedom
 from minihuman.statistics.regroupings import RESAMPLES, SEED, count_regroupings, draw_totals, has_limit
 from minihuman.statistics.t_tests import Values
 
@@ -198,6 +198,9 @@ def summarise_people(rows: pd.DataFrame, measure: str) -> Values:
 def two_parts_p(a: Values, b: Values) -> float:
     """Return the p of the null hypothesis that groups differ in neither part, by a permutation test.
 
+    Where group sizes differ and one is below ten, p is no smaller than it is for two independent t, as in the test of
+    means: of 4 and 20 people with SDs of 3 and 1, permutation alone rejects a true null hypothesis in 9 % of studies.
+
     Args:
         a: the first group's summaries, of shape (people, 2), as from ``summarise_people``
         b: the second group's summaries, of the same form
@@ -206,6 +209,7 @@ def two_parts_p(a: Values, b: Values) -> float:
     n = len(a)
     total = len(a) + len(b)
     observed = _sum_of_squares(together[None, :, :], n)[0]
+    lower_limit = _find_lower_limit(together, n, float(observed))
     if has_limit(n, total - n, int(np.count_nonzero(~np.isnan(together), axis=0).min())):
         return _limit_p(together, n, float(observed))
     if count_regroupings(n, total - n) <= RESAMPLES:
@@ -213,7 +217,8 @@ def two_parts_p(a: Values, b: Values) -> float:
         for members in combinations(range(total), n):
             second_group = [place for place in range(total) if place not in members]
             orders.append([*members, *second_group])
-        return float((_sum_of_squares(together[np.array(orders)], n) >= observed - 1e-9).mean())
+        p = float((_sum_of_squares(together[np.array(orders)], n) >= observed - 1e-9).mean())
+        return max(p, lower_limit)
     rng = np.random.default_rng(SEED)
     at_once = max(1, _AT_ONCE // total)
     # the grouping that was observed is one of those that chance could have made
@@ -224,7 +229,25 @@ def two_parts_p(a: Values, b: Values) -> float:
         drawn_orders = rng.random((now, total)).argsort(axis=1)
         as_far += int((_sum_of_squares(together[drawn_orders], n) >= observed - 1e-9).sum())
         left -= now
-    return as_far / (RESAMPLES + 1)
+    return max(as_far / (RESAMPLES + 1), lower_limit)
+
+
+def _find_lower_limit(together: Values, n: int, observed: float) -> float:
+    """Return the least p of small groups that differ in size, from the sum of two squared t; 0 for other groups."""
+    if not floor_freedom((n, len(together) - n), 1.0):
+        return 0.0
+    rng = np.random.default_rng(SEED)
+    total = np.zeros(RESAMPLES)
+    for part in (0, 1):
+        groups = (together[:n, part], together[n:, part])
+        counts = np.array([np.count_nonzero(~np.isnan(group)) for group in groups])
+        if counts.min() < 2:
+            continue
+        errors = np.array([np.nanvar(group, ddof=1) for group in groups]) / counts
+        if errors.sum() > 0:
+            freedom = errors.sum() ** 2 / (errors**2 / (counts - 1)).sum()
+            total += rng.standard_t(freedom, RESAMPLES) ** 2
+    return (int(np.count_nonzero(total >= observed - 1e-9)) + 1) / (RESAMPLES + 1)
 
 
 def _limit_p(together: Values, n: int, observed: float) -> float:

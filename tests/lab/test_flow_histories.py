@@ -40,6 +40,12 @@ HISTORIES = count(300, 10_000)
 DAYS = 2
 GROUPS = ("red", "blue")
 AT = "2026-01-01T00:00:00Z"
+DEPARTURES = {
+    "declined": "did not agree",
+    "screened_out": "screened out before a group was drawn",
+    "player_failed": "simulated participants that failed before anything was recorded",
+    "": "left before anything was recorded",
+}
 ENDS = ("complete", "complete", "complete", "screened_out", "failed", "unfinished")
 
 
@@ -50,10 +56,19 @@ class Person:
     code: str
     group: str = ""
     sessions: list[str] = field(default_factory=list)  # the end of each session
+    lost: set[int] = field(default_factory=set)  # sessions whose log cannot be read
     is_withdrawn: bool = False
     is_replaced: bool = False
     is_gone: bool = False  # left without data: the code is another person's next
     reason: str | None = None  # excluded for; "": included; None: the report is of others
+
+    def has_end(self, day: int, end: str) -> bool:
+        """Whether a readable log says that a session ended so."""
+        return self.sessions[day - 1 : day] == [end] and day not in self.lost
+
+    @property
+    def is_readable(self) -> bool:
+        return len(self.lost) < len(self.sessions)
 
 
 class History:
@@ -63,11 +78,11 @@ class History:
         self.random = random.Random(seed)
         self.people: list[Person] = []
         self.entries: list[EnrolmentEntry] = []
-        self.declined = 0
+        self.left = Counter[str]()  # by reason, before anything was recorded
         self.teams: set[frozenset[str]] = set()
         actions: list[Callable[[], None]] = [
-            self.enrol, self.enrol, self.draw, self.play, self.play, self.play, self.decline, self.withdraw,
-            self.replace, self.exclude, self.form_team,
+            self.enrol, self.enrol, self.draw, self.play, self.play, self.play, self.leave, self.withdraw,
+            self.replace, self.exclude, self.form_team, self.lose_log,
         ]  # fmt: skip
         for _ in range(self.random.randrange(40)):
             self.random.choice(actions)()
@@ -88,12 +103,17 @@ class History:
             person.group = self.random.choice(GROUPS)
             self.entries.append(GroupDrawn(person.code, "left", 0, person.group, AT))
 
-    def decline(self) -> None:
+    def leave(self) -> None:
         last = self.people[-1] if self.people else None
         if last and not (last.is_gone or last.sessions or last.is_withdrawn or last.is_replaced):
             last.is_gone = True
-            self.declined += 1
-            self.entries.append(SlotFreed(last.code, AT, "declined"))
+            why = self.random.choice([*DEPARTURES])
+            self.left[DEPARTURES[why]] += 1
+            self.entries.append(SlotFreed(last.code, AT, why))
+
+    def lose_log(self) -> None:
+        if person := self.choose(lambda person: bool(person.sessions)):
+            person.lost.add(self.random.randrange(len(person.sessions)) + 1)
 
     def play(self) -> None:
         if person := self.choose(
@@ -111,7 +131,7 @@ class History:
     def withdraw(self) -> None:
         if person := self.choose(lambda person: not person.is_withdrawn):
             person.is_withdrawn = True
-            self.entries.append(ParticipantWithdrawn(person.code, AT, "erased"))
+            self.entries.append(ParticipantWithdrawn(person.code, AT, self.random.choice(("erased", "sealed"))))
 
     def replace(self) -> None:
         if person := self.choose(lambda person: not (person.is_withdrawn or person.is_replaced)):
@@ -137,13 +157,14 @@ class History:
         for person in self.standing():
             if not person.is_withdrawn:  # else their logs are erased
                 for number, end in enumerate(person.sessions, 1):
-                    yield SessionRecord(person.code, number, person.group, end)
+                    state = "unreadable" if number in person.lost else end
+                    yield SessionRecord(person.code, number, person.group, state)
 
     def reasons(self) -> dict[str, str]:
         return {
             person.code: person.reason
             for person in self.standing()
-            if person.sessions and not person.is_withdrawn and person.reason is not None
+            if person.is_readable and not person.is_withdrawn and person.reason is not None
         }
 
     def flow(self) -> ParticipantFlow:
@@ -169,26 +190,31 @@ def assert_sums(stages: list[FlowStage]) -> None:
 
 def check_counts(history: History, flow: ParticipantFlow) -> None:
     assert flow.came == len(history.people)
-    assert flow.before.get("did not agree", 0) == history.declined
+    for label in DEPARTURES.values():
+        assert flow.before.get(label, 0) == history.left[label]
     assert flow.allocated == history.by_group(lambda _: True)
     assert flow.withdrew == history.by_group(lambda person: person.is_withdrawn)
     for number, course in flow.courses.items():
         assert course.began == history.by_group(lambda person, day=number: len(person.sessions) >= day)
         for end in ("screened_out", "failed"):
             assert getattr(course, end) == history.by_group(
-                lambda person, day=number, end=end: person.sessions[day - 1 : day] == [end] and not person.is_withdrawn
+                lambda person, day=number, end=end: person.has_end(day, end) and not person.is_withdrawn
             )
         assert course.complete == history.by_group(
             lambda person, day=number: (
-                person.sessions[day - 1 : day] == ["complete"]
-                and not (person.is_withdrawn and len(person.sessions) == day)
+                len(person.sessions) > day or (person.has_end(day, "complete") and not person.is_withdrawn)
             )
         )
-        assert not course.went_on
+        assert course.went_on == history.by_group(
+            lambda person, day=number: len(person.sessions) > day and day in person.lost and not person.is_withdrawn
+        )
+        assert course.unreadable == history.by_group(
+            lambda person, day=number: len(person.sessions) == day and day in person.lost and not person.is_withdrawn
+        )
     assert sum(flow.teams.values()) == len(history.teams)
     assert flow.analysis is not None
     assert flow.analysis.included == history.by_group(
-        lambda person: bool(person.sessions) and not person.is_withdrawn and person.reason == ""
+        lambda person: person.is_readable and not person.is_withdrawn and person.reason == ""
     )
     assert flow.analysis.unregistered == 0
 
@@ -197,7 +223,7 @@ def check_sentences(history: History, flow: ParticipantFlow) -> None:
     plans = [
         SimpleNamespace(participant=record.participant, group=record.group, session=record.session)
         for record in history.records()
-        if record.participant in history.reasons()
+        if record.participant in history.reasons() and record.state != "unreadable"
     ]
     attrition = Attrition.of(plans, flow)
     text = attrition.describe()
@@ -205,6 +231,11 @@ def check_sentences(history: History, flow: ParticipantFlow) -> None:
         assert attrition.groups == history.by_group(lambda person: bool(person.sessions))
         for number, people in attrition.sessions.items():
             assert people == sum(len(person.sessions) >= number for person in history.standing())
+        lost = history.by_group(
+            lambda person: bool(person.sessions) and not (person.is_readable or person.is_withdrawn)
+        )
+        assert bool(lost) == ("can be read" in text)
+        assert f"No log of {sum(lost.values())} (" in text or not lost
     withdrew = history.by_group(lambda person: person.is_withdrawn and bool(person.sessions))
     told = re.search(r", (\d+) \(([^)]+)\) withdrew after they had begun", text)
     assert bool(told) == bool(withdrew)

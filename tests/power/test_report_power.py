@@ -1,6 +1,7 @@
 """Power that counts what the report's page says: the same p as the report's, and known rejection rates."""
 
 import dataclasses
+import math
 
 import numpy as np
 import pandas as pd
@@ -10,7 +11,7 @@ import scipy
 from minihuman.errors import ReportError
 from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.experiment.protocol.specs import AnalysisSpec
-from minihuman.experiment.protocol.study_design import ExperimentDesign, Factor
+from minihuman.experiment.protocol.study_design import ExperimentDesign, Factor, derive_design
 from minihuman.planning.report_power import (
     ReportPool,
     StudyDesign,
@@ -23,7 +24,8 @@ from minihuman.planning.report_power import (
 from minihuman.reporting.block_measures import MEASURES
 from minihuman.reporting.block_results import compute_block_results
 from minihuman.reporting.interactions import compute_interaction
-from minihuman.reporting.within_results import compare_within
+from minihuman.reporting.within_results import compare_labels, compare_within, measure_levels, select_measures
+from minihuman.statistics.paired import paired_test
 from minihuman.statistics.permutation import permutation_tests
 from minihuman.statistics.t_tests import t_test_power
 from tests.counts import count
@@ -197,3 +199,89 @@ def test_excluded_participants_take_places_of_the_groups():
     drawn_from = make_report_pool(TWO_GROUPS, tables(rows))
     study = draw_study(drawn_from, StudyDesign(), 400, np.random.default_rng(1))
     assert study.groupby("group").size().between(150, 250).all()
+
+
+LABELS = """
+study = {{ name = "flanker", version = "1", seed = 3 }}
+keys = {{ pool = ["left", "right"], keyboard_check = false }}
+analysis = {{ primary_measure = "response_median_ms", conditions = ["label:cue"] }}
+groups = [{{ name = "a", parts = ["trials"] }}, {{ name = "b", parts = ["trials"] }}]
+[[blocks]]
+name = "trials"
+world = "minihuman/MiniGrid-Empty-5x5-v0"
+episodes = {episodes}
+actions = ["left", "right"]
+max_steps = 1
+"""
+
+
+def trials_pool(people, rng):
+    """Reaction times of trials with two labels; times of one label are longer, participants differ in both."""
+    people_rows = [(group, f"{group}{number}", rng.normal(6, 0.3, 2)) for group in "ab" for number in range(people)]
+    episodes = pd.DataFrame(
+        [
+            {"group": group, "participant": code, "session": 1, "block": "trials", "exclusion_reason": None,
+             "labels": f'{{"cue": "{level}"}}', "success": True, "reward": 1.0,
+             "response_median_ms": float(np.exp(value + rng.normal(0, 0.2)))}
+            for group, code, levels in people_rows
+            for level, value in zip(("early", "late"), levels, strict=True)
+            for _ in range(5)
+        ]
+    )  # fmt: skip
+    blocks = episodes.groupby(["group", "participant", "session", "block"], as_index=False).agg(
+        response_median_ms=("response_median_ms", "median"), episodes=("reward", "size")
+    )
+    blocks = blocks.assign(exclusion_reason=None, keys_total=0, reward_mean=1.0, success=1.0)
+    return {"episodes": episodes, "blocks": blocks.reindex(columns=[*blocks, *(set(MEASURES) - {*blocks})]),
+            "teams": pd.DataFrame(columns=["participant", "team", "block"])}  # fmt: skip
+
+
+@pytest.mark.parametrize("on", ["conditions", "interaction"])
+def test_levels_of_a_label_are_drawn_from_trials_and_their_p_are_the_reports(on):
+    rng = np.random.default_rng(4)
+    protocol = decode_protocol(LABELS.format(episodes=10).encode())
+    drawn_from = make_report_pool(protocol, trials_pool(40, rng)).select_comparison(on)
+    assert drawn_from.analysis.conditions == ("early", "late")
+    rows = draw_study(drawn_from, StudyDesign(1.5, on), 12, rng)
+    cells = np.log(rows["response_median_ms"]).groupby([rows["group"], rows["block"]]).mean()
+    moved = cells["a", "early"] - cells["a", "late"]
+    assert moved == pytest.approx(1.5 * 0.3, abs=0.3)
+    ((name, p),) = compare_study(rows, drawn_from, on)
+    wide = np.log(rows.pivot(index=["group", "participant"], columns="block", values="response_median_ms"))
+    scores = wide["early"] - wide["late"]
+    if on == "conditions":
+        assert p == paired_test(scores.to_numpy()).p()
+    else:
+        (test,) = permutation_tests([(scores["a"].to_numpy(), scores["b"].to_numpy())])
+        assert p == test.p()
+    assert "early" in name
+
+
+@pytest.mark.nightly(sample=True)
+@pytest.mark.parametrize("on", ["conditions", "interaction"])
+def test_power_by_label_is_the_share_of_new_studies_whose_report_finds_the_effect(on):
+    """New participants have the effect in each trial; power has a pool of others without it."""
+    rng = np.random.default_rng(6)
+    studies, size, shift = count(40, 2_000), 16, 0.8
+    protocol = decode_protocol(LABELS.format(episodes=10).encode())
+    drawn_from = make_report_pool(protocol, trials_pool(count(150, 1_000), rng))
+    (power,) = estimate_report_power(drawn_from, StudyDesign(shift, on), [size], studies=studies, seed=1)
+    sd = math.hypot(0.3, 0.2 * math.sqrt(math.pi / 2 / 5))  # of a participant's median of five trials
+    found = 0
+    for _ in range(studies):
+        tables = trials_pool(size, rng)
+        episodes = tables["episodes"]
+        has_effect = episodes["labels"].str.contains("early") & ((on == "conditions") | (episodes["group"] == "a"))
+        times = episodes["response_median_ms"] * np.exp(shift * sd * has_effect)
+        levels = measure_levels(episodes.assign(response_median_ms=times), "cue")
+        if on == "conditions":
+            within = compare_labels(episodes.assign(response_median_ms=times), protocol.analysis)
+            found += within.comparisons[0].p_holm < 0.05
+        else:
+            design = derive_design(protocol).add_levels(("early", "late"))
+            analysis = select_measures(protocol.analysis, levels)
+            interaction = compute_interaction(levels, design, analysis, ("a", "b"))
+            found += interaction.contrasts[0].groups.p_holm < 0.05
+    print(f"labels, {on}: power {power.power:.3f}, reports {found / studies:.3f} of {studies}")
+    error = math.sqrt(2 * 0.25 / studies)
+    assert abs(power.power - found / studies) < 0.03 + 3 * error

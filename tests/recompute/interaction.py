@@ -16,6 +16,7 @@ import scipy
 MINUS = "\N{MINUS SIGN}"
 PERMUTATIONS = 1_999
 Frame = pd.DataFrame
+Estimate = tuple[float, float]  # with its error
 
 
 def tabulate_cells(rows: Sequence[Mapping[str, Any]], measure: str, conditions: Sequence[str]) -> Frame:
@@ -42,8 +43,8 @@ def wald(groups: Sequence[Any]) -> float:
     return float(apart @ np.linalg.pinv(spread) @ apart)
 
 
-def limit_p(groups: Sequence[Any], observed: float) -> float:
-    """Krishnamoorthy and Yu's approximation of Hotelling's test without equal covariances."""
+def limit(groups: Sequence[Any]) -> tuple[float, Any]:
+    """Krishnamoorthy and Yu's approximation of Hotelling's test without equal covariances: a factor, and the F."""
     scores = [values[:, 1:] - values[:, :-1] for values in groups]
     parts = [np.cov(values.T) / len(values) for values in scores]
     inverse = np.linalg.inv(parts[0] + parts[1])
@@ -53,19 +54,49 @@ def limit_p(groups: Sequence[Any], observed: float) -> float:
         share = part @ inverse
         traces += (np.trace(share @ share) + np.trace(share) ** 2) / (len(values) - 1)
     freedom = (size + size**2) / traces
-    return float(scipy.stats.f.sf(observed * (freedom - size + 1) / (freedom * size), size, freedom - size + 1))
+    return (freedom - size + 1) / (freedom * size), scipy.stats.f(size, freedom - size + 1)
 
 
-def omnibus(groups: Sequence[Any]) -> tuple[float, float]:
-    """The statistic and its p: permutations of participants, and no less than the approximation."""
+def explain(groups: Sequence[Any], observed: float, others: Sequence[float]) -> tuple[Estimate, ...]:
+    """The share of variance with its 90 % interval: F is scaled by what it takes for p = 0.05, which was drawn."""
+    factor, f = limit(groups)
+    effect, residual = f.args
+    people = sum(map(len, groups))
+
+    def shares(alpha: float) -> list[float]:
+        critical = max(float(np.quantile(others, 1 - alpha)), f.isf(0.05) / factor)
+        value = observed / critical * f.isf(0.05)
+        found = [max(0.0, value * effect * (residual - 2) / residual - effect)]
+        for chance in (0.95, 0.05):
+            free = scipy.stats.ncf.cdf(value, effect, residual, 0) <= chance
+            end = 0.0
+            if not free:
+                end = scipy.optimize.brentq(
+                    lambda shift, chance=chance: scipy.stats.ncf.cdf(value, effect, residual, shift) - chance,
+                    0,
+                    50 * (value * effect + 10),
+                )
+            found.append(float(end))
+        return [one / (one + people) for one in found]
+
+    slack = 5 * math.sqrt(2 * 0.05 * 0.95 / PERMUTATIONS)
+    ends = zip(*(shares(alpha) for alpha in (0.05 - slack, 0.05, 0.05 + slack)), strict=True)
+    return tuple((middle, max(abs(a - middle), abs(b - middle)) + 1e-6) for a, middle, b in ends)
+
+
+def omnibus(groups: Sequence[Any]) -> tuple[float, float, tuple[Estimate, ...]]:
+    """The statistic, its p by permutations of participants and no less than the limit, and the share of variance."""
     observed = wald(groups)
     whole, first = np.concatenate(groups), len(groups[0])
     rng = np.random.default_rng(2)
-    as_far = 1
+    others = []
     for _ in range(PERMUTATIONS):
         order = rng.permutation(len(whole))
-        as_far += wald((whole[order[:first]], whole[order[first:]])) >= observed * (1 - 1e-9)
-    return observed, max(as_far / (PERMUTATIONS + 1), limit_p(groups, observed))
+        others.append(wald((whole[order[:first]], whole[order[first:]])))
+    as_far = 1 + sum(other >= observed * (1 - 1e-9) for other in others)
+    factor, f = limit(groups)
+    p = max(as_far / (PERMUTATIONS + 1), float(f.sf(observed * factor)))
+    return observed, p, explain(groups, observed, others)
 
 
 class Interaction:
@@ -80,7 +111,10 @@ class Interaction:
         least = max(8, len(conditions) + 1)
         if min(self.n) < least:
             self.reason = f"{min(self.n)} in the smallest group: {len(conditions)} conditions need {least} per group"
-        self.statistic, self.p = (math.nan, math.nan) if self.reason else omnibus(self.values)
+        self.statistic, self.p = math.nan, math.nan
+        self.explained: tuple[Estimate, ...] = ()
+        if not self.reason:
+            self.statistic, self.p, self.explained = omnibus(self.values)
         self.freedom = len(conditions) - 1
 
     def contrasts(self, compare: Callable[..., Any]) -> Iterator[tuple[str, Any]]:

@@ -536,7 +536,7 @@ def expected_answer(study: Study) -> Iterator[tuple[str, Any]]:
     elif len(order) > 1:
         primary = study.analysis.get("primary_measure", "")
         names = f"{', '.join(order[:-1])} and {order[-1]}"
-        measure = MEASURES[primary] if primary else "every measure"
+        measure = in_a_sentence(primary) if primary else "every measure"
         yield "p", f"Asked: how groups {names} in block {target} differ in {measure}."
         compared = Block(study, target)
         for one in compared.headline:
@@ -558,7 +558,8 @@ def expected_answer(study: Study) -> Iterator[tuple[str, Any]]:
             f"{', unless they say so' if interaction else ''}. In the tables, p (Holm) "
             "is corrected over measures and pairs of groups: within the primary measure, within the secondary ones, "
             "and within all others. Every other p on this page (waiting times, rewards in two parts, change over "
-            "episodes, sessions, order) is exploratory, and none is corrected across blocks."
+            "episodes, sessions, order) is exploratory, and none is corrected across blocks. Methods define the "
+            "measures."
         ),
     )
     if study.blocks:
@@ -567,12 +568,12 @@ def expected_answer(study: Study) -> Iterator[tuple[str, Any]]:
 
 def expected_interaction_answer(study: Study, found: Interaction) -> Iterator[tuple[str, Any]]:
     """The question in the protocol's words, and the answer for all of the interaction."""
-    label = MEASURES[found.label]
+    label = in_a_sentence(found.label)
     question = study.protocol.get("design", {}).get("question", "")
     yield (
         "p",
         (
-            f"{question} Asked: whether differences between conditions {join(found.conditions)} in {label} depend on "
+            f"{question} Asked: whether differences in {label} between conditions {join(found.conditions)} depend on "
             f"the group ({join(found.order)})."
         ),
     )
@@ -582,6 +583,7 @@ def expected_interaction_answer(study: Study, found: Interaction) -> Iterator[tu
     else:
         sizes = ", ".join(f"{n} in {group}" for n, group in zip(found.n, found.order, strict=True))
         near = near_few(found.p)
+        share, low, high = (Near(*estimate) for estimate in found.explained)
         verdict = "depend" if found.p < 0.05 else "are not shown to depend"
         if abs(near.value - 0.05) <= near.error:
             verdict = "{depend|are not shown to depend}"
@@ -590,12 +592,33 @@ def expected_interaction_answer(study: Study, found: Interaction) -> Iterator[tu
             (
                 f"{opening}differences between conditions {verdict} on the group (permutation p ",
                 near,
-                f"; Wald-type statistic {number(found.statistic)} with {found.freedom} degrees of freedom; {sizes}).",
+                "; the group explains ",
+                share,
+                " of their variance, 90 % interval ",
+                low,
+                " to ",
+                high,
+                f"; {sizes}).",
             ),
         )
     missing = len(found.cells) - len(found.whole)
     if missing:
         yield "p", f"{missing} participants without a value in every condition are not in the interaction."
+
+
+def in_a_sentence(measure: str) -> str:
+    """What sentences call a measure."""
+    names = {
+        "log_excess_steps_mean": "excess steps over the shortest path, on a log scale",
+        "log_steps_ratio_mean": "steps relative to the shortest path, on a log scale",
+        "spl_mean": "SPL (success weighted by path length)",
+        "success": "success rate",
+        "steps_at_limit_mean": "steps to the goal",
+        "reward_slope": "change of reward over the first five episodes",
+        "excess_steps_mean": "excess steps of successful episodes",
+        "response_median_ms": "median reaction time (ms)",
+    }
+    return names.get(measure) or MEASURES[measure]
 
 
 def near_few(p: float) -> Near:
@@ -619,11 +642,25 @@ def expected_interaction(study: Study) -> Iterator[tuple[str, Any]]:
     yield "h2", "Groups and conditions"
     yield "table", cells
     p: Any = "n/a" if found.reason else (near_few(found.p),)
+    size: Expected = "n/a"
+    if not found.reason:
+        share, low, high = (Near(*estimate) for estimate in found.explained)
+        size = (share, " (", low, " to ", high, ")")
     start = [label, "primary"]
     sizes = ", ".join(map(str, found.n))
     table: list[list[Any]] = [
-        ["measure", "named before", "contrast", "groups", "n", "difference", "p", "p (Holm)", "g"],
-        [*start, "all", "all", sizes, f"W({found.freedom}) = {number(found.statistic)}", p, Holm("W"), "n/a"],
+        [
+            "measure",
+            "named before",
+            "contrast",
+            "groups",
+            "n",
+            "difference",
+            "p",
+            "p (Holm)",
+            "g; W: \N{GREEK SMALL LETTER OMEGA}\N{SUPERSCRIPT TWO}",
+        ],
+        [*start, "all", "all", sizes, f"W({found.freedom}) = {number(found.statistic)}", p, Holm("W"), size],
     ]
     for name, one in found.contrasts(compare):
         g: Expected = number(one.g, 2)
@@ -909,9 +946,11 @@ def compare_all(
 
 def difference(one: Compared, block: str) -> Expected:
     per = "over" if one.is_log else "minus"
-    said = f"{capital(MEASURES[one.measure])}, block {block}: {one.groups[0]} {per} {one.groups[1]} "
+    said = f"{capital(in_a_sentence(one.measure))}, block {block}: {one.groups[0]} {per} {one.groups[1]} "
     if one.reason and math.isnan(one.p.value):
         return f"{said}was not compared ({one.reason})."
+    if one.reason == "nobody in either group differs from the others" and one.difference == 0:
+        return f"{said}is 0, and was not tested ({one.reason})."
     never = " Groups of these sizes cannot reach p < 0.05, whatever the difference." if one.smallest_p >= 0.05 else ""
     never += f" With care: {one.caution}." if one.caution else ""
     bounds: tuple[str | Near, ...] = ("n/a",)
@@ -988,7 +1027,7 @@ def expected_subjects(rows: pd.DataFrame, people: pd.DataFrame, order: Sequence[
 def equivalences(people: pd.DataFrame, order: Sequence[str], primary: str, margin: float) -> Iterator[tuple[str, Any]]:
     for a, b in combinations(order, 2):
         first, second = (people.loc[people["group"] == group, primary].dropna().to_numpy(float) for group in (a, b))
-        opening = f"{capital(MEASURES[primary])}: "
+        opening = f"{capital(in_a_sentence(primary))}: "
         test = Regrouped(first, second) if min(len(first), len(second)) > 1 else None
         bounds = test.interval(0.1) if test else None
         if test is None or bounds is None:
@@ -1127,6 +1166,33 @@ def regrouped_curves(groups: Sequence[tuple[Any, Any]], apart: float, until: flo
     return (Near(apart - middle, spread), Near(apart + middle, spread)), near_p(p, exact=orders.exact)
 
 
+def whole_curves_p(groups: Sequence[tuple[Any, Any]]) -> Expected:
+    """The log-rank test of every regrouping, event time by event time."""
+    n, m = (len(times) for times, _ in groups)
+    times, seen = (np.concatenate(part) for part in zip(*groups, strict=True))
+    if (1 + (n == m)) / scipy.special.comb(n + m, n) >= 0.05:
+        return "n/a"
+    orders = Regrouped(times[:n], times[n:])
+    members = np.zeros((len(orders.orders) + 1, n + m))
+    for row, order in zip(members, [range(n + m), *orders.orders], strict=True):
+        row[list(order[:n])] = 1
+    excess = np.zeros(len(members))
+    variance = np.zeros(len(members))
+    for time in np.unique(times[seen]):
+        waiting, came = times >= time, (times == time) & seen
+        every, events = waiting.sum(), came.sum()
+        share = members @ waiting / every
+        excess += members @ came - events * share
+        if every > 1:
+            variance += events * share * (1 - share) * (every - events) / (every - 1)
+    if not variance[0] > 1e-9:
+        return "n/a"
+    apart = np.abs(excess) / np.sqrt(np.where(variance > 1e-9, variance, math.inf))
+    extra = int(not orders.exact)
+    as_far = int((apart[1:] >= apart[0] * (1 - 1e-9)).sum())
+    return near_p((as_far + extra) / (len(apart) - 1 + extra), exact=orders.exact)
+
+
 def slack_around(alpha: float, *, exact: bool) -> tuple[float, float, float]:
     """A level, and five standard errors of what drawn resamples make of it to both sides."""
     slack = 0.0 if exact else 5 * math.sqrt(2 * alpha * (1 - alpha) / RESAMPLES)
@@ -1154,17 +1220,12 @@ def expected_survival(rows: pd.DataFrame, begun: Sequence[Row], order: Sequence[
         until = known_until(groups)
         means = [restricted_mean(*one, until) for one in groups]
         bounds, of_means = regrouped_curves(groups, means[0] - means[1], until)
-        censored = [scipy.stats.CensoredData.right_censored(times, ~seen) for times, seen in groups]
-        p = math.nan
-        if any(seen.any() for _, seen in groups):
-            with np.errstate(all="ignore"):
-                p = float(scipy.stats.logrank(*censored).pvalue)
         never = [int((~seen).sum()) for _, seen in groups]
         table.append(
             [
                 pair((a, b)), f"{n[0]}, {n[1]}", f"{never[0]}, {never[1]}", number(until),
                 f"{number(means[0])}, {number(means[1])}", near_interval(means[0] - means[1], bounds, sign="+"),
-                of_means, p_value(p),
+                of_means, whole_curves_p(groups),
             ]
         )  # fmt: skip
     if len(table) > 1:
@@ -1288,10 +1349,34 @@ def two_parts_p(a: Sequence[Any], b: Sequence[Any]) -> Near:
     if ways <= RESAMPLES:
         chosen = [[*one, *sorted({*range(len(whole))} - {*one})] for one in combinations(range(len(whole)), n)]
         places = whole[np.array(chosen)]
-        return near_p(float((squared(places[:, :n], places[:, n:]) >= observed - 1e-9).mean()), exact=True)
+        p = float((squared(places[:, :n], places[:, n:]) >= observed - 1e-9).mean())
+        limit = two_t_p(summary, float(observed))
+        return near_p(p, exact=True) if p >= limit else near_p(limit)
     rng = np.random.default_rng(3)
     places = whole[rng.permuted(np.tile(np.arange(len(whole)), (RESAMPLES, 1)), axis=1)]
-    return near_p((1 + int((squared(places[:, :n], places[:, n:]) >= observed - 1e-9).sum())) / (RESAMPLES + 1))
+    p = (1 + int((squared(places[:, :n], places[:, n:]) >= observed - 1e-9).sum())) / (RESAMPLES + 1)
+    return near_p(max(p, two_t_p(summary, float(observed))))
+
+
+def two_t_p(summary: Sequence[Any], observed: float) -> float:
+    """How often two independent squared t add up to so much: by integration; 0 of groups that have no lower limit."""
+    n, m = map(len, summary)
+    if not (min(n, m) < 4 or (n != m and min(n, m) < 10)):
+        return 0.0
+    tails = []
+    for part in (0, 1):
+        groups = [values[~np.isnan(values[:, part]), part] for values in summary]
+        errors = [values.var(ddof=1) / len(values) if len(values) > 1 else math.nan for values in groups]
+        if not sum(errors) > 0:
+            continue
+        freedom = sum(errors) ** 2 / sum(e**2 / (len(v) - 1) for e, v in zip(errors, groups, strict=True))
+        tails.append(scipy.stats.f(1, freedom))
+    if len(tails) < 2:
+        return float(tails[0].sf(observed)) if tails else 1.0
+    inner, _ = scipy.integrate.quad(
+        lambda z: tails[0].sf(observed - z * z) * tails[1].pdf(z * z) * 2 * z, 0, math.sqrt(observed), limit=200
+    )
+    return float(inner + tails[1].sf(observed))
 
 
 def expected_growth(episodes: Sequence[Row], order: Sequence[str]) -> Iterator[tuple[str, Any]]:
@@ -1426,6 +1511,7 @@ def tested_cells(value: float, test: Regrouped | Flipped | None) -> list[Any]:
 
 def expected_reliability(found: Block) -> Iterator[tuple[str, Any]]:
     table = [["measure", "participants", "episodes", "one episode: ICC", "all: split-half"]]
+    notes: dict[str, list[str]] = {}
     for name in found.measures:
         column = name.removesuffix("_mean")
         if not found.episodes or column not in found.episodes[0]:
@@ -1437,42 +1523,102 @@ def expected_reliability(found: Block) -> Iterator[tuple[str, Any]]:
                 people.setdefault((row["group"], row["participant"]), []).append(
                     math.log(value) if name in LOGS else float(value)
                 )
-        cells = reliability({who: np.array(values) for who, values in people.items() if len(values) > 1})
+        cells, note = reliability({who: np.array(values) for who, values in people.items() if len(values) > 1})
         if cells:
             table.append([MEASURES[name], *cells])
+        if note:
+            notes.setdefault(note, []).append(MEASURES[name])
     if len(table) > 1:
         yield "summary", "Reliability"
         yield "table", table
+    if notes:
+        told = [f"{', '.join(names)}: {note}" for note, names in notes.items()]
+        yield "p", f"With care: {'; '.join(told)}."
 
 
-def reliability(people: Mapping[tuple[str, str], Any]) -> list[Any]:
-    """By the analysis of variance of participants nested in groups, and partial correlation given the group."""
+def mean_squares(people: Mapping[tuple[str, str], Any]) -> tuple[float, float, float, dict[str, float]]:
+    """Between and within participants who are nested in groups; episodes of each; sums of squares by group."""
     groups = sorted({group for group, _ in people})
-    count, freedom = len(people), len(people) - len(groups)
-    if freedom < 3:
-        return []
     every = np.concatenate(list(people.values()))
     by_group = {group: np.concatenate([v for who, v in people.items() if who[0] == group]) for group in groups}
-    error = sum(((values - values.mean()) ** 2).sum() for values in people.values()) / (len(every) - count)
-    model = sum(len(v) * (v.mean() - by_group[group].mean()) ** 2 for (group, _), v in people.items()) / freedom
-    squares = sum(
-        sum(len(v) ** 2 for who, v in people.items() if who[0] == group) / len(by_group[group]) for group in groups
-    )
-    typical = (len(every) - squares) / freedom
+    freedom = len(people) - len(groups)
+    error = sum(((values - values.mean()) ** 2).sum() for values in people.values()) / (len(every) - len(people))
+    squares = {
+        one: sum(len(v) * (v.mean() - by_group[one].mean()) ** 2 for (group, _), v in people.items() if group == one)
+        for one in groups
+    }
+    typical = (
+        len(every)
+        - sum(sum(len(v) ** 2 for who, v in people.items() if who[0] == g) / len(by_group[g]) for g in groups)
+    ) / freedom
+    return sum(squares.values()) / freedom, float(error), typical, squares
+
+
+def half_products(people: Mapping[tuple[str, str], Any]) -> Any:
+    """Sums of products of odd and even episodes' means, given the group."""
+    groups = sorted({group for group, _ in people})
     halves = np.array([[values[::2].mean(), values[1::2].mean()] for values in people.values()])
     dummies = np.array([[float(group == who) for group in groups] for who, _ in people])
     left = halves - dummies @ np.linalg.lstsq(dummies, halves, rcond=None)[0]
-    products = left.T @ left
+    return left.T @ left
+
+
+def fishers_z(products: Any) -> float:
     spread = math.sqrt(products[0, 0] * products[1, 1])
-    if min(error, spread) <= 1e-12 * float((every**2).mean()):
-        return []
-    ratio = model / error
-    low, high = (ratio / scipy.stats.f(freedom, len(every) - count).ppf(q) for q in (0.975, 0.025))
-    shares = [(one - 1) / (one - 1 + typical) for one in (ratio, low, high)]
-    r = min(max(float(products[0, 1]) / spread, -1 + 1e-12), 1 - 1e-12)
-    z = scipy.stats.norm.ppf([0.5, 0.025, 0.975]) / math.sqrt(freedom - 2) + np.arctanh(r)
-    whole = [max(0.0, 2 * float(one) / (1 + float(one))) for one in np.tanh(z)]
-    return [str(count), str(len(every)), with_interval(shares[0], shares[1:]), with_interval(whole[0], whole[1:])]
+    return float(np.arctanh(min(max(float(products[0, 1]) / spread, -1 + 1e-12), 1 - 1e-12))) if spread else 0.0
+
+
+def skewed(people: Mapping[tuple[str, str], Any], sizes: Mapping[str, int]) -> bool:
+    for group, n in sizes.items():
+        means = np.array([values.mean() for who, values in people.items() if who[0] == group])
+        error = math.sqrt(6 * n * (n - 1) / ((n - 2) * (n + 1) * (n + 3))) if n > 2 else math.inf
+        if n > 3 and np.ptp(means) and abs(pd.Series(means).skew()) > 2.58 * error:
+            return True
+    return False
+
+
+def reliability(people: Mapping[tuple[str, str], Any]) -> tuple[list[Any], str]:
+    """The cells and the note: every participant is left out in turn, and all is computed anew of the others."""
+    sizes = Counter(group for group, _ in people)
+    count, freedom = len(people), len(people) - len(sizes)
+    if freedom < 3:
+        return [], ""
+    every = np.concatenate(list(people.values()))
+    model, error, typical, squares = mean_squares(people)
+    products = half_products(people)
+    if min(error, math.sqrt(products[0, 0] * products[1, 1])) <= 1e-12 * float((every**2).mean()):
+        return [], ""
+    ratio, z = model / error, fishers_z(products)
+    estimates = [(ratio - 1) / (ratio - 1 + typical), max(0.0, 2 * math.tanh(z) / (1 + math.tanh(z)))]
+    cells = [str(count), str(len(every))]
+    if min(sizes.values()) < 4:
+        note = f"{min(sizes.values())} in the smallest group: intervals need 4 participants per group"
+        return [*cells, *map(number, estimates)], note
+    logs, zs = Counter[tuple[str, str]](), Counter[tuple[str, str]]()
+    for who in people:
+        others = {other: values for other, values in people.items() if other != who}
+        rest_model, rest_error, rest_typical, _ = mean_squares(others)
+        rest = 1 + (rest_model / max(rest_error, 1e-12 * error) - 1) * typical / rest_typical
+        logs[who], zs[who] = math.log(max(rest, 1e-12)), fishers_z(half_products(others))
+
+    def variance(estimates: Mapping[tuple[str, str], float]) -> float:
+        of_groups = {group: [estimates[who] for who in people if who[0] == group] for group in sizes}
+        return sum((len(v) - 1) * float(np.var(v)) for v in of_groups.values())
+
+    within = len(every) - count
+    pooled = sum(squares.values()) ** 2 / sum(square**2 / (sizes[g] - 1) for g, square in squares.items())
+    spread = variance(logs) - 2 / within
+    between = max(1.0, min(pooled, 2 / spread if spread > 0 else math.inf))
+    shares = [ratio / scipy.stats.f(between, within).ppf(q) for q in (0.975, 0.025)]
+    reach = scipy.stats.t.ppf(0.975, max(pooled, 1.0)) * math.sqrt(variance(zs))
+    whole = [math.tanh(z - reach), math.tanh(z + reach)]
+    bounds = [
+        [(share - 1) / (share - 1 + typical) for share in shares],
+        [max(0.0, 2 * one / (1 + max(one, -1 + 1e-12))) for one in whole],
+    ]
+    note = "values of participants are skewed, so that both intervals may be too narrow"
+    told = [with_interval(estimate, bound) for estimate, bound in zip(estimates, bounds, strict=True)]
+    return [*cells, *told], note if skewed(people, sizes) else ""
 
 
 def power(n: tuple[int, int]) -> str:

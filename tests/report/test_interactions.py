@@ -103,7 +103,8 @@ def test_an_interaction_of_several_degrees_of_freedom_is_answered_in_a_sentence(
         frame = pd.DataFrame(rows, columns=["group", "participant", "block", "session", "reward_mean"])
         (sentence,) = state_interaction(compute_interaction(frame, design, analysis, ("a", "b")))
         assert f"differences between conditions {verdict} on the group (permutation p" in sentence
-        assert sentence.endswith("with 2 degrees of freedom; 10 in a, 10 in b).")
+        assert " of their variance, 90 % interval " in sentence
+        assert sentence.endswith("; 10 in a, 10 in b).")
 
 
 def test_a_participant_without_a_condition_is_left_out_and_said_so():

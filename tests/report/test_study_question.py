@@ -1,5 +1,6 @@
 """What the report says it asked and counted: by the plan, whoever is left; teams as teams."""
 
+import pandas as pd
 import pytest
 
 from minihuman.experiment.protocol.specs import AnalysisSpec
@@ -8,6 +9,7 @@ from minihuman.reporting.block_results import compute_block_results
 from minihuman.reporting.results import Results, compute_results
 from minihuman.reporting.statements import difference_statement
 from minihuman.reporting.study_question import ask_question
+from minihuman.statistics.comparison import compare_groups
 from tests.report.test_results import played
 
 TWO_GROUPS = ExperimentDesign((Factor("group", ("a", "b"), is_within=False),))
@@ -64,3 +66,11 @@ def test_a_group_of_teams_and_of_people_without_a_partner_is_called_both() -> No
     block = compute_block_results("grid", rows, episodes, ["a", "b"], AnalysisSpec(), units)
     sentence = difference_statement(block.headline[0], block.block, block.team_units)
     assert "5 teams and participants and 6 participants)" in sentence
+
+
+def test_where_nobody_differs_the_answer_says_so_instead_of_a_p() -> None:
+    rows = pd.DataFrame({"group": [*"aaaaabbbbb"], "success": 1.0})
+    (comparison,) = compare_groups(rows, ["success"])
+    assert difference_statement(comparison, "room") == (
+        "Success rate, block room: a minus b is 0, and was not tested (nobody in either group differs from the others)."
+    )

@@ -105,3 +105,17 @@ def test_without_an_effect_of_order_none_is_found_too_often_and_a_real_one_is():
         print(f"{effect}: {hits / studies:.3f} of {studies} studies without one")
         assert scipy.stats.binomtest(hits, studies, 0.05, alternative="greater").pvalue > 0.001
     assert np.mean([one["carry-over"] < 0.05 for one in real]) > 0.5
+
+
+def test_a_contrast_compares_the_weighted_sides_of_each_participant():
+    rng = np.random.default_rng(3)
+    values = pd.DataFrame(rng.normal(size=(9, 3)), columns=["x", "y", "z"])
+    values.loc[0, "z"] = np.nan
+    (compared,) = compare_conditions({"m": values}, contrasts={"first": {"x": 1.0, "y": -0.5, "z": -0.5}})
+    scores = (values["x"] - values["y"] / 2 - values["z"] / 2).dropna().to_numpy()
+    test = paired_test(scores)
+    assert (compared.first, compared.second, compared.n) == ("first", "", 8)
+    assert compared.p == compared.p_holm == pytest.approx(test.p())
+    assert compared.interval == pytest.approx(test.interval())
+    known = values.dropna()
+    assert compared.means == pytest.approx((known["x"].mean(), (known["y"] + known["z"]).mean() / 2))

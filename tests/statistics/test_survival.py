@@ -5,7 +5,7 @@ import pytest
 import scipy
 
 from minihuman.statistics.permutation import permutation_tests
-from minihuman.statistics.survival import SurvivalTimes, compare_survival, kaplan_meier, logrank_p
+from minihuman.statistics.survival import SurvivalTimes, compare_survival, compute_logrank, kaplan_meier, logrank_p
 from tests.counts import count
 
 
@@ -35,14 +35,57 @@ def test_the_curve_is_scipys():
 
 
 @pytest.mark.parametrize("last", [6, 60], ids=["many at once", "few at once"])
-def test_the_log_rank_p_is_scipys(last):
+def test_the_log_rank_statistic_is_scipys(last):
     rng = np.random.default_rng(last)
     for sizes in rng.integers(2, 30, (50, 2)):
         both = [SurvivalTimes(np.minimum(rng.integers(1, last, n), 40.0), rng.random(n) < 0.7) for n in sizes]
         peers = [
             scipy.stats.CensoredData(uncensored=one.times[one.observed], right=one.times[~one.observed]) for one in both
         ]
-        assert logrank_p(*both) == pytest.approx(float(scipy.stats.logrank(*peers).pvalue), abs=1e-14, nan_ok=True)
+        pooled = SurvivalTimes(
+            *(np.concatenate([getattr(one, name) for one in both]) for name in ("times", "observed"))
+        )
+        own = (np.arange(sum(sizes)) < sizes[0])[None].astype(float)
+        p = float(2 * scipy.special.ndtr(-compute_logrank(pooled, own)[0]))
+        assert p == pytest.approx(float(scipy.stats.logrank(*peers).pvalue), abs=1e-14, nan_ok=True)
+
+
+def test_the_log_rank_p_is_the_share_of_regroupings_that_are_as_far_apart():
+    times = np.array([3.0, 8, 13, 20, 34, 50, 21, 29, 31, 40])
+    both = SurvivalTimes(times, ~np.isin(times, (34, 40)))
+
+    def split(first):
+        rest = np.setdiff1d(np.arange(10), first)
+        return [SurvivalTimes(both.times[part], both.observed[part]) for part in (np.array(first), rest)]
+
+    def statistic(first):
+        peers = [
+            scipy.stats.CensoredData(uncensored=one.times[one.observed], right=one.times[~one.observed])
+            for one in split(first)
+        ]
+        return abs(float(scipy.stats.logrank(*peers).statistic))
+
+    apart = np.array([statistic(first) for first in combinations(range(10), 4)])
+    assert logrank_p(*split(range(4))) == pytest.approx(np.mean(apart >= statistic(range(4)) * (1 - 1e-9)))
+
+
+def test_a_log_rank_p_that_no_regrouping_could_bring_below_5_percent_is_not_told():
+    assert np.isnan(logrank_p(watched([1, 2, 3], 30.0), watched([17, 18, 19], 30.0)))
+
+
+@pytest.mark.nightly(sample=True)
+def test_the_log_rank_test_of_three_and_thirty_rejects_no_true_null_too_often():
+    """By the normal distribution, it is 0.09."""
+    rejected, studies, rng = 0, count(100, 3000), np.random.default_rng(13)
+    for _ in range(studies):
+        times, stopped = rng.exponential(40, 33), rng.exponential(160, 33)
+        waited = [
+            SurvivalTimes(np.minimum(times, stopped)[part], (times <= stopped)[part])
+            for part in (slice(3), slice(3, None))
+        ]
+        rejected += logrank_p(*waited) < 0.05
+    print(f"3 v 30 waits, 20 % censored at random: log-rank p < 0.05 in {rejected / studies:.3f} of {studies}")
+    assert scipy.stats.binomtest(rejected, studies, 0.06, alternative="greater").pvalue > 0.01
 
 
 def test_a_log_rank_p_of_nobody_to_whom_it_came_is_not_told():
