@@ -6,7 +6,12 @@ import pytest
 from minihuman.admin.verify.world_tape import WorldTape
 from minihuman.worlds.adapters.world import World
 
-WORLDS = ("minihuman/MiniGrid-FourRooms-v0", "minihuman/BabyAI-GoToSeqS5R2-v0", "minihuman/MiniGrid-Dynamic-Obstacles-6x6-v0", "minihuman/MiniWorld-OneRoom-v0")
+WORLDS = (
+    "minihuman/MiniGrid-FourRooms-v0",
+    "minihuman/BabyAI-GoToSeqS5R2-v0",
+    "minihuman/MiniGrid-Dynamic-Obstacles-6x6-v0",
+    "minihuman/MiniWorld-OneRoom-v0",
+)
 
 
 def _walk(world: World, seed: int, n_steps: int = 25) -> list[object]:
