@@ -108,6 +108,7 @@ def run(
     Raises:
         ProtocolError: if the protocol is not valid, or runs Python that is not trusted.
         AllocationError: if no slot is free, this session may not be run now, or another must be resumed first.
+        DeviceError: if the protocol has sounds and no sound device opens.
         WindowError: if no window can be opened.
         LogError: if the log cannot be written.
     """
@@ -117,6 +118,7 @@ def run(
     from minihuman.display.windows.blocking_window import open_window
     from minihuman.experiment.plan.dry_run import check_worlds
     from minihuman.runtime.agent_host import make_agent_host
+    from minihuman.runtime.devices.sound import require_sound_device
     from minihuman.runtime.host import host_session
     from minihuman.runtime.machine import SessionClock
     from minihuman.runtime.shared_window import SharedWindow, host_team
@@ -134,6 +136,7 @@ def run(
     on_progress(f"preparing the worlds of {study.study.name}")
     check_worlds(study, str(protocol))
     require_legible(study, str(protocol))
+    require_sound_device(study)
     on_progress("")
     clock = SessionClock()
     opened = open_window(window, clock, fullscreen=fullscreen)

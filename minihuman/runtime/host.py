@@ -20,6 +20,7 @@ from minihuman.log.record.mcap_recorder import McapRecorder
 from minihuman.log.record.recorder import DeferredRecorder, Recorder
 from minihuman.runtime.devices.device import DeviceRecorder, open_devices
 from minihuman.runtime.devices.lsl import LslMarkerRecorder, pylsl
+from minihuman.runtime.devices.sound import open_sound
 from minihuman.runtime.machine import SessionClock, collect_machine_facts, collect_world_facts, list_world_ids
 from minihuman.runtime.session_loop import CommandInbox, describe_world_failure, inbox_path, run_session
 from minihuman.worlds.adapters.world import World
@@ -52,7 +53,8 @@ def host_session(
         make_world: makes the session's worlds.
 
     Raises:
-        DeviceError: if a required device is missing, or LSL is not available for the markers.
+        DeviceError: if a required device is missing, or LSL is not available for the markers, or the session has sounds
+            and no sound device opens.
         LogError: if the log exists already or cannot be written.
         WindowError: if the protocol needs a gamepad and none is connected.
         WorldError: if the world failed; the log has the reason and everything before it.
@@ -65,6 +67,10 @@ def host_session(
     with open_devices(device_specs, clock) as (devices, device_facts), ExitStack() as opened:
         facts = {"player": "human", **collect_machine_facts(), **facts_of_worlds, **clock.facts()}
         facts |= _open_window_devices(plan, window) | device_facts
+        sound = open_sound(plan, clock)
+        if sound is not None:
+            opened.callback(sound.close)
+            facts |= sound.facts()
         picture_px = _fit_four_to_three(window.picture_px)
         if picture_px is not None:
             facts["picture_px"] = f"{picture_px[0]} x {picture_px[1]}"
@@ -82,7 +88,9 @@ def host_session(
             opened.callback(marking.close)
             recorder = DeferredRecorder(plan, lambda: marking)
         inbox = CommandInbox(inbox_path(SegmentPath.of_plan(data, plan).log))
-        path = run_session(session, window, recorder, clock, inbox=inbox, agent=agent, finished=record_log_end)
+        path = run_session(
+            session, window, recorder, clock, inbox=inbox, agent=agent, sound=sound, finished=record_log_end
+        )
     if path is None and plan.session == 1:
         free_slot(data / plan.study, plan.participant.id, session.end_reason)
     if session.failure is not None:

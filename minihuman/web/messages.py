@@ -136,6 +136,15 @@ class RoundTripMessage(msgspec.Struct, tag="link", tag_field="t", forbid_unknown
     latest: Ns  # how long the last one took
 
 
+class SoundMessage(msgspec.Struct, tag="sound", tag_field="t", forbid_unknown_fields=True):
+    """The report that a sound began, by the sound device's clock."""
+
+    cue: Ns
+    scheduled: Ns
+    onset: Ns
+    uncertainty: Ns  # of the onset
+
+
 class CommandEcho(msgspec.Struct, tag="asked", tag_field="t", forbid_unknown_fields=True):
     """The report that the experimenter's command reached the page, at the message's time."""
 
@@ -166,6 +175,7 @@ PageMessage = (
     | GamepadMessage
     | FocusMessage
     | RoundTripMessage
+    | SoundMessage
     | CommandEcho
     | LateInputMessage
     | PageAlteration
@@ -232,6 +242,7 @@ class Welcome(msgspec.Struct, tag="welcome", tag_field="t"):
     taken: int  # the time of the last of the page's messages that the session has: it may not be acknowledged
     gamepad: bool  # whether the study is played with one
     sign_ms: int  # the longest time in which the page sends nothing
+    sounds: list[str] = []  # the digests of the session's sounds
 
 
 class Refusal(msgspec.Struct, tag="refused", tag_field="t"):

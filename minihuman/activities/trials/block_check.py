@@ -5,6 +5,7 @@ from typing import Any
 
 from minihuman.activities.trials.plan import TimelineSpec, TimelineStimulus
 from minihuman.activities.trials.schedule import LONGEST_MS, PREPARATION_MS
+from minihuman.experiment.sounds import NOISE, TONE
 
 _UNUSED = ("inter_trial_interval_ms", "fixation_ms", "feedback_ms")  # in a block with a rhythm of its own
 
@@ -73,8 +74,10 @@ def _check_rhythm(block: Any, timeline: TimelineSpec) -> Iterator[tuple[str, str
 
 
 def _check_stimulus(stimulus: TimelineStimulus, path: str, before: list[str]) -> Iterator[tuple[str, str]]:
-    if not (stimulus.text or stimulus.shape or stimulus.image):
-        yield path, "shows nothing; give it a text, shape or image"
+    if not (stimulus.text or stimulus.shape or stimulus.image or stimulus.sound):
+        yield path, "shows nothing; give it a text, shape, image or sound"
+    if stimulus.sound:
+        yield from _check_sound(stimulus, path)
     for field in ("after", "since"):
         name = getattr(stimulus, field)
         if name and name not in before:
@@ -90,3 +93,14 @@ def _check_stimulus(stimulus: TimelineStimulus, path: str, before: list[str]) ->
             yield f"{path}.{field}", f"is {list(time)}; give the shortest, then the longest"
         elif isinstance(time, int | float) and not 0 <= time <= LONGEST_MS:
             yield f"{path}.{field}", f"is {time:g}; use 0 or more"
+
+
+def _check_sound(stimulus: TimelineStimulus, path: str) -> Iterator[tuple[str, str]]:
+    if stimulus.text or stimulus.shape or stimulus.image:
+        yield f"{path}.sound", "stands beside what is shown; make it a stimulus of its own"
+    if stimulus.each_ms is not None:
+        yield f"{path}.each_ms", "applies to the words of a text; remove it"
+    if isinstance(stimulus.duration_ms, tuple):
+        yield f"{path}.duration_ms", "of a sound is not drawn, as sounds are prepared before the block; use a number"
+    if stimulus.sound in (TONE, NOISE) and stimulus.duration_ms is None:
+        yield f"{path}.duration_ms", f"is missing; say how long the {stimulus.sound} lasts"

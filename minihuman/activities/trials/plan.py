@@ -26,14 +26,18 @@ class StimuliSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class TimelineStimulus(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """One stimulus of a timeline: what it shows, where, and from when to when.
 
-    A text, shape, image, colour, number or time may be ``"{column}"``, a cell of the trial's row or a world option. A
-    stimulus whose text, shape or image comes from an empty cell is not shown and keeps its time.
+    A text, shape, image, sound, colour, number or time may be ``"{column}"``, a cell of the trial's row or a world
+    option. A stimulus whose text, shape, image or sound comes from an empty cell is not presented and keeps its time.
     """
 
     name: str
     text: str = ""
     shape: str = ""  # "circle", "square", "diamond"
     image: str = ""  # a picture beside the protocol
+    sound: str = ""  # "tone", "noise", or a sound file beside the protocol
+    hz: PlaceSpec = 1000.0  # of a tone
+    level_db: PlaceSpec | None = None  # in relation to full scale; absent: -20 for tones and noise, 0 for a file
+    ear: str = "both"  # "left", "right"
     colour: str = "#e8e6e1"
     size: PlaceSpec = 0.2  # of the picture's height
     x: PlaceSpec = 0.5  # of the width: a number, or "left", "centre", "right"
@@ -79,6 +83,8 @@ class TrialsPlan(PlayPlan, frozen=True):
 
 def _describe_stimulus(stimulus: TimelineStimulus) -> str:
     parts = [f"{stimulus.name!r}"]
+    if stimulus.sound:
+        parts.append("(a sound)")
     if stimulus.since:
         parts.append(f"{_describe_time(stimulus.onset_ms)} after the onset of {stimulus.since!r}")
     elif stimulus.after:

@@ -229,7 +229,9 @@ def test_an_option_that_a_stimulus_cannot_have_is_named():
         World("minihuman/Stimulus-v0", {"correct": "up"})
 
 
-@pytest.mark.parametrize("name", ["bandit", "go-no-go", "stroop", "n-back", "two-step", "flanker", "stop-signal"])
+@pytest.mark.parametrize(
+    "name", ["bandit", "go-no-go", "stroop", "n-back", "two-step", "flanker", "stop-signal", "auditory-oddball"]
+)
 def test_a_shipped_classic_runs_is_logged_and_replays(name, tmp_path):
     protocol = read_protocol(SHIPPED / f"{name}.toml", trust=True)
     plan = expand_protocol(protocol, enrol_participant(protocol, 0))
@@ -255,7 +257,19 @@ def test_a_shipped_classic_runs_is_logged_and_replays(name, tmp_path):
 
 @pytest.mark.parametrize(
     "name",
-    ["flanker", "go-no-go", "n-back", "posner", "priming", "rsvp", "simon", "stop-signal", "stroop", "visual-search"],
+    [
+        "auditory-oddball",
+        "flanker",
+        "go-no-go",
+        "n-back",
+        "posner",
+        "priming",
+        "rsvp",
+        "simon",
+        "stop-signal",
+        "stroop",
+        "visual-search",
+    ],
 )
 def test_a_classic_is_25_lines_of_toml(name):
     lines = [line for line in (SHIPPED / f"{name}.toml").read_text().splitlines() if not line.startswith("#")]
