@@ -28,7 +28,7 @@ from minihuman.experiment.words import InterfaceWords
 from minihuman.log.paths import LOG_SUFFIX
 from minihuman.log.record.recorder import Recorder
 from minihuman.operating_system import receive_end_signals
-from minihuman.runtime.devices.sound import SimulatedOutput, SoundOutput
+from minihuman.runtime.devices.sound import SimulatedOutput, SoundOutput, list_sound_cues
 from minihuman.storage.durable_files import append_durably
 
 CommandKind = Literal["pause", "go_on", "abort", "note"]
@@ -110,10 +110,9 @@ def run_session(
     """Run a session to its end, whatever ends it; the log is finished before this returns or raises.
 
     Args:
-        inbox: the experimenter's commands; None if there are none.
-        agent: answers the parts' requests; None if no part makes any. It is closed at the end.
-        sound: plays the session's sounds; None to let each begin exactly when it is due, unheard, for participants who
-            are simulated. It is not closed.
+        inbox: the experimenter's commands, if there are any.
+        agent: answers the parts' requests, if any part makes them. It is closed at the end.
+        sound: plays the session's sounds; None for simulated participants, who hear each exactly when it is due.
         finished: called with the finished log's path, while signals are still deferred.
         last_screen_s: for how many seconds a screen that reports a failure waits for a key.
 
@@ -131,9 +130,7 @@ def run_session(
                 loop.run_or_stop()
                 loop.hold_last_screen(last_screen_s)
         finally:
-            if agent is not None:
-                agent.close()
-            _close_world(session)
+            _close(session, agent)
             path = _finish_log(recorder, finished)
     if loop.log_error:
         raise loop.log_error
@@ -147,7 +144,10 @@ def _finish_log(recorder: Recorder, finished: Callable[[Path], object] | None) -
     return path
 
 
-def _close_world(session: SessionMachine) -> None:
+def _close(session: SessionMachine, agent: RequestHandler | None) -> None:
+    """Stop the agent's processes, and close the session's world."""
+    if agent is not None:
+        agent.close()
     try:
         session.close()
     except Exception as error:  # the world is done with; its log is not
@@ -291,7 +291,7 @@ class _SessionLoop:
 
     def _play_sounds(self) -> None:
         """Hand the session's sounds to the device, if they are others than before."""
-        cues = self._session.sound_cues
+        cues = list_sound_cues(self._session)
         if cues != self._cues:
             self._cues = cues
             self._sound.follow(cues)

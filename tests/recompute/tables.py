@@ -384,14 +384,16 @@ def trial_place(session: Session, episode: Episode, message: Any) -> Row:
 
 def picture_rows(session: Session) -> Iterator[Row]:
     """Each picture of a trial: its stimuli and when it was to be there, by the trial's times and its first flip."""
+    starts: dict[tuple[int, int], int] = {}
     firsts: dict[tuple[int, int], int] = {}
     seen: set[tuple[int, int, int]] = set()
     for episode, picture in session.pictures:
-        if picture.frame < 0:
-            continue
         key = episode.number, episode.attempt
+        if picture.frame < 0:  # the empty one, so long before the first, where a sound needs it
+            starts.setdefault(key, picture.flip_ns + 150_000_000)
+            continue
         schedule = json.loads(episode.trial.schedule_json)
-        due_ns = episode.trial.start_ns or None
+        due_ns = episode.trial.start_ns or starts.get(key)
         if picture.frame:
             due_ns = firsts[key] + change_times(schedule)[picture.frame]
         if (*key, picture.frame) in seen:  # what remains after a response is shown at once

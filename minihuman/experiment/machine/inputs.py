@@ -174,7 +174,7 @@ class ActivityInput(TimedInput):
 
 @dataclass(frozen=True, slots=True)
 class SoundStarted(ActivityInput):
-    """A sound of ``SessionMachine.sound_cues`` began.
+    """A sound of ``Activity.sound_cues`` began.
 
     The device was told to begin it at ``scheduled_ns``, and says that it began at ``onset_ns``, with an error below
     ``uncertainty_ns`` in 99 of 100, but for a constant delay.

@@ -50,7 +50,6 @@ from minihuman.experiment.machine.running_episode import RunningEpisode, WorldFa
 from minihuman.experiment.machine.screens import Screen, TextScreen
 from minihuman.experiment.machine.transitions import SESSION_TRANSITIONS, Phase, TransitionCause
 from minihuman.experiment.plan.session_plan import SessionPlan
-from minihuman.experiment.sounds import SoundCue
 from minihuman.moved import forward_names
 
 CONSENT_RULES = "2"  # the fact "consent_rules" of a session: Escape on a consent text declines; before, it quit
@@ -200,13 +199,6 @@ class SessionMachine:
         if self._phase is Phase.PART:
             return self.part.request
         return None
-
-    @property
-    def sound_cues(self) -> tuple[SoundCue, ...]:
-        """Return the sounds that are to be heard, now or soon; one that is no longer among them stops."""
-        if self._phase is Phase.PART:
-            return self.part.sound_cues
-        return ()
 
     def close(self) -> None:
         """Close the open world."""

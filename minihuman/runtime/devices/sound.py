@@ -1,14 +1,16 @@
 """Sound at the desk: what a session wants to be heard goes to the sound device, which says when each sound began.
 
-A session names its sounds and their times (`SessionMachine.sound_cues`). The device has a clock of its own; a line is
-fitted to it all the time, by the session's clock, so that neither jitter nor a step of the wall clock moves an onset.
+The running part of a session names its sounds and their times (`Activity.sound_cues`). The device has a clock of its
+own; a line is fitted to it all the time, by the session's clock, so that neither jitter nor a step of the wall clock
+moves an onset.
 """
 
 import abc
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,6 +20,7 @@ from numpy.typing import NDArray
 from minihuman.display.windows.window import Clock
 from minihuman.errors import DeviceError
 from minihuman.experiment.machine.inputs import SoundStarted
+from minihuman.experiment.machine.session import SessionMachine
 from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.experiment.plan.trials import list_protocol_sounds, list_sounds
 from minihuman.experiment.protocol.protocol import Protocol
@@ -25,7 +28,7 @@ from minihuman.experiment.sounds import EXTRA, SoundContent, SoundCue, compute_d
 
 LATENCY_S = 0.04  # asked of the device; with less, a busy machine interrupts the sound
 RATE_HZ = 48_000
-LIBRARY = "apt-get install libportaudio2"
+INSTALL_PORTAUDIO = "apt-get install libportaudio2"
 _WINDOW = 512  # callbacks to which the device's clock is fitted, some 5 to 20 s
 _LEAST_WINDOW = 16
 _FADE_S = 0.005  # in which a sound that is stopped ends
@@ -319,16 +322,29 @@ class PortAudioOutput(SoundOutput):
         return SoundStarted(0, number, voice.due_ns, onset_ns, uncertainty_ns)
 
 
-def open_sound(plan: SessionPlan, clock: Clock) -> PortAudioOutput | None:
-    """Open the sound device for a session, with its sounds decoded; None if the session has none.
+def list_sound_cues(session: SessionMachine) -> tuple[SoundCue, ...]:
+    """Return the sounds of a session that are to be heard, now or soon; one that is no longer among them stops."""
+    part = session.part
+    if session.over or session.phase is not part.phase:  # a pause or a question covers the part
+        return ()
+    return part.sound_cues
+
+
+@contextmanager
+def open_sound(plan: SessionPlan, clock: Clock) -> Iterator[tuple[PortAudioOutput | None, dict[str, str]]]:
+    """Open the sound device for a session, with its sounds decoded; yield it with facts about it for the log.
+
+    It yields None if the session has no sounds.
 
     Raises:
         DeviceError: if PortAudio or a device is missing.
     """
     contents = list_sounds(plan)
     if not contents:
-        return None
-    return PortAudioOutput(clock, contents, plan.files)
+        yield None, {}
+        return
+    with closing(PortAudioOutput(clock, contents, plan.files)) as output:
+        yield output, output.facts()
 
 
 def require_sound_device(protocol: Protocol) -> None:
@@ -356,7 +372,7 @@ def _open_stream(fill: Callable[..., None]) -> Any:
     except ImportError as error:
         raise DeviceError(f"the study has sound, for which the package sounddevice is missing; {EXTRA}") from error
     except OSError as error:
-        raise DeviceError(f"the study has sound, for which PortAudio is missing; {LIBRARY}") from error
+        raise DeviceError(f"the study has sound, for which PortAudio is missing; {INSTALL_PORTAUDIO}") from error
     try:
         return sounddevice.OutputStream(
             samplerate=RATE_HZ, channels=2, dtype="float32", latency=LATENCY_S, callback=fill

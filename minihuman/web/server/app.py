@@ -47,7 +47,7 @@ from minihuman.web.server.page_routes import PAGE_FOLDER, HeaderMiddleware, buil
 from minihuman.web.server.page_socket import PageSocket
 from minihuman.web.server.page_transport import PageTransport, SocketClosedError
 from minihuman.web.server.polling import PollingEntrance
-from minihuman.web.server.sounds import build_sound_route
+from minihuman.web.server.sound_route import build_sound_route
 from minihuman.web.traffic_limits import HELLO_TIMEOUT_S, MAX_WAITING
 from minihuman.worlds.isolation.isolated_world import IsolatedWorlds
 from minihuman.worlds.source_digest import kernels_digest

@@ -18,7 +18,7 @@ from minihuman.experiment.plan.dry_run import check_worlds
 from minihuman.experiment.plan.trials import list_protocol_sounds, list_sounds
 from minihuman.experiment.replay import compare_replay
 from minihuman.experiment.sounds import SoundContent, SoundCue, compute_digest, encode_wav, render_sound
-from minihuman.runtime.devices.sound import ClockFit, SimulatedOutput, require_sound_device
+from minihuman.runtime.devices.sound import ClockFit, SimulatedOutput, list_sound_cues, require_sound_device
 from minihuman.runtime.simulated_session import simulate
 from minihuman.worlds.adapters.world import World
 from tests.activities.trials.test_timelines import decode, plan_of, show_next
@@ -45,7 +45,7 @@ def content(**changed: object) -> SoundContent:
 
 def begin_sound(desk: Desk, *, late_ms: float = 0.0, uncertainty_ms: float = 0.5) -> SoundCue:
     """Let the session's next sound begin when it is due, or later."""
-    [cue] = desk.session.sound_cues
+    [cue] = list_sound_cues(desk.session)
     onset_ns = cue.due_ns + round(late_ms * MS)
     desk.pass_ms(max(0.0, (onset_ns - desk.now_ns) / MS))
     desk.give(SoundStarted(desk.now_ns, cue.number, cue.due_ns, onset_ns, round(uncertainty_ms * MS)))
@@ -108,7 +108,7 @@ def test_what_a_page_gets_decodes_to_the_same_samples():
 
 def test_a_sound_is_due_after_the_first_flip_and_the_response_is_timed_from_its_onset():
     desk = Desk(plan_of(TONE, ROWS))
-    assert desk.session.sound_cues == ()
+    assert list_sound_cues(desk.session) == ()
     desk.show()
     cue = begin_sound(desk, late_ms=3)
     assert (cue.due_ns - desk.of(StimuliShown)[0].flip_ns) / MS == 300
@@ -119,7 +119,7 @@ def test_a_sound_is_due_after_the_first_flip_and_the_response_is_timed_from_its_
     assert (played.sound, (played.onset_ns - played.due_ns) / MS, played.uncertainty_ms) == ("tone", 3, 0.5)
     [stepped] = desk.of(Stepped)
     assert (stepped.rt_ms, stepped.reward) == (251.0, 1.0)
-    assert desk.session.sound_cues == (), "what still plays as the trial ends, stops"
+    assert list_sound_cues(desk.session) == (), "what still plays as the trial ends, stops"
     assert list(compare_replay(desk.events, World)) == []
 
 
@@ -136,7 +136,7 @@ def test_an_early_sound_is_handed_over_before_the_first_picture_which_waits_for_
     desk.show()
     [empty] = desk.of(StimuliShown)
     assert (empty.frame, empty.stimuli) == (-1, ())
-    [cue] = desk.session.sound_cues
+    [cue] = list_sound_cues(desk.session)
     assert (cue.due_ns - empty.flip_ns) / MS == 170
     show_next(desk)
     first = desk.of(StimuliShown)[1]
@@ -151,15 +151,15 @@ def test_an_early_sound_is_handed_over_before_the_first_picture_which_waits_for_
 def test_a_pause_stops_the_sound_and_its_late_report_is_ignored():
     desk = Desk(plan_of(TONE, ROWS))
     desk.show()
-    [cue] = desk.session.sound_cues
+    [cue] = list_sound_cues(desk.session)
     desk.give(FocusChanged(desk.now_ns + MS, False))
-    assert desk.session.sound_cues == ()
+    assert list_sound_cues(desk.session) == ()
     desk.give(SoundStarted(cue.due_ns, cue.number, cue.due_ns, cue.due_ns, 0))
     desk.give(FocusChanged(desk.now_ns + MS, True))
     desk.pass_ms(5)
     desk.show()
     assert desk.of(SoundPlayed) == []
-    [repeated] = desk.session.sound_cues
+    [repeated] = list_sound_cues(desk.session)
     assert repeated.number != cue.number
     begin_sound(desk)
     assert len(desk.of(SoundPlayed)) == 1
