@@ -1,6 +1,7 @@
 """Sounds in trials: their samples and times, what the log has of them, and what is refused before a session."""
 
 import io
+import re
 import sys
 
 import msgspec
@@ -16,12 +17,13 @@ from minihuman.experiment.machine.events import KeyPressed, Stepped
 from minihuman.experiment.machine.inputs import FocusChanged, SoundStarted
 from minihuman.experiment.plan.dry_run import check_worlds
 from minihuman.experiment.plan.trials import list_protocol_sounds, list_sounds
+from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.experiment.replay import compare_replay
 from minihuman.experiment.sounds import SoundContent, SoundCue, compute_digest, encode_wav, render_sound
 from minihuman.runtime.devices.sound import ClockFit, SimulatedOutput, list_sound_cues, require_sound_device
 from minihuman.runtime.simulated_session import simulate
 from minihuman.worlds.adapters.world import World
-from tests.activities.trials.test_timelines import decode, plan_of, show_next
+from tests.activities.trials.test_timelines import TOML, decode, plan_of, show_next
 from tests.activities.trials.test_trials import SHIPPED
 from tests.machine import needs
 from tests.study.sessions import MS, Desk
@@ -276,3 +278,18 @@ def test_a_simulated_device_says_each_sound_once_when_it_is_due():
     assert [report.cue for report in output.read()] == [8, 7]
     output.follow(cues)
     assert (output.read(), output.next_report_ns) == ([], None)
+
+
+def test_the_blocks_of_the_docs_set_the_volume_and_end_at_six_right_answers_in_a_row(tmp_path):
+    docs = (SHIPPED.parents[1] / "docs" / "trials.md").read_text(encoding="utf-8")
+    [blocks] = re.findall(r"(\[\[blocks\]\]\nname = .volume.*?)```", docs, re.DOTALL)
+    head = TOML.partition("[[blocks]]")[0].replace('["words"]', '["volume", "hearing"]')
+    head = head.replace('pool = ["f", "j"]', 'pool = ["space", "left", "right"]').replace('"1"', '"1.0"')
+    protocol = decode_protocol((head + blocks).encode(), "p.toml")
+    check_worlds(protocol, "p.toml")
+    [path] = simulate(protocol, tmp_path, participants=1, seed=1, player="human-like")
+    rows = select(tmp_path / "trials").query("select block, outcome from episodes order by episode").to_pylist()
+    assert [row["block"] for row in rows].count("volume") == 1
+    assert [row["outcome"] for row in rows][-6:] == ["goal"] * 6
+    assert {row["block"] for row in rows[-6:]} == {"hearing"}
+    assert list(find_log_differences(path, World)) == []
