@@ -379,6 +379,8 @@ def _open_stream(fill: Callable[..., None]) -> Any:
         )
     except (sounddevice.PortAudioError, ValueError) as error:
         reason = str(error.args[0]) if error.args else type(error).__name__
+        if sounddevice.default.device[1] < 0:
+            reason = "there is none"
         raise DeviceError(
             f"the study has sound, but no sound device opens ({reason}); connect one and start the sound server"
         ) from error
