@@ -34,10 +34,6 @@ class TimelineStimulus(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     text: str = ""
     shape: str = ""  # "circle", "square", "diamond"
     image: str = ""  # a picture beside the protocol
-    sound: str = ""  # "tone", "noise", or a sound file beside the protocol
-    hz: PlaceSpec = 1000.0  # of a tone
-    level_db: PlaceSpec | None = None  # in relation to full scale; absent: -20 for tones and noise, 0 for a file
-    ear: str = "both"  # "left", "right"
     colour: str = "#e8e6e1"
     size: PlaceSpec = 0.2  # of the picture's height
     x: PlaceSpec = 0.5  # of the width: a number, or "left", "centre", "right"
@@ -50,6 +46,11 @@ class TimelineStimulus(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     duration_ms: TimeSpec | None = None
     each_ms: TimeSpec | None = None  # the words of the text come one after the other, each for so long
     until: Literal["", "response", "end"] = ""  # it goes at the response, or stays to the trial's end
+    # of a sound; unset where there is none, as plans were written before there were sounds
+    sound: str | msgspec.UnsetType = msgspec.UNSET  # "tone", "noise", or a sound file beside the protocol
+    hz: PlaceSpec | msgspec.UnsetType = msgspec.UNSET  # of a tone; 1000 unless said otherwise
+    level_db: PlaceSpec | msgspec.UnsetType = msgspec.UNSET  # absent: -20 for tones and noise, 0 for a file
+    ear: str | msgspec.UnsetType = msgspec.UNSET  # "both", "left", "right"
 
 
 class TimelineSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -20,6 +20,7 @@ PREPARATION_MS = 100.0  # of a block with a rhythm: the next trial is prepared i
 MOST_STIMULI = 500  # of a trial
 SOUND_LEAD_MS = 150.0  # a device gets a sound so long before it is due: 9 frames at 60 Hz, 18 at 120 Hz
 SOUND_LEAD_NS = round(SOUND_LEAD_MS * NS_PER_MS)
+_HZ = 1000.0
 _SYNTHETIC_LEVEL_DB = -20.0
 _REFERENCE = re.compile(r"\{([^{}]+)\}")
 _PLACES = {"left": 0.25, "centre": 0.5, "right": 0.75}
@@ -257,19 +258,19 @@ class _Spans:
 
     def _read_sound(self, spec: TimelineStimulus, lasts_ns: int) -> SoundContent | None:
         """Return what a stimulus lets hear; None if that is nothing in this trial."""
-        source = str(fill_references(spec.sound, self._cells)).strip()
+        source = str(fill_references(spec.sound or "", self._cells)).strip()
         if not source:
             return None
-        level_db: PlaceSpec = spec.level_db if spec.level_db is not None else 0.0
-        if spec.level_db is None and source in (TONE, NOISE):
-            level_db = _SYNTHETIC_LEVEL_DB
-        ear: Any = str(fill_references(spec.ear, self._cells)).strip()
+        hz = _HZ if spec.hz is msgspec.UNSET else spec.hz
+        level_db = _SYNTHETIC_LEVEL_DB if source in (TONE, NOISE) else 0.0
+        level = level_db if spec.level_db is msgspec.UNSET else spec.level_db
+        ear: Any = str(fill_references(spec.ear or "both", self._cells)).strip()
         if ear not in EARS:
             raise WorldError(f"timeline: stimulus {spec.name!r}: ear is {ear!r}; use one of {', '.join(EARS)}")
         return SoundContent(
             source=source,
-            hz=self._read_number(spec, "hz", spec.hz, low=20.0, high=20_000.0) if source == TONE else 0.0,
-            level_db=self._read_number(spec, "level_db", level_db, low=LOWEST_LEVEL_DB, high=0.0),
+            hz=self._read_number(spec, "hz", hz, low=20.0, high=20_000.0) if source == TONE else 0.0,
+            level_db=self._read_number(spec, "level_db", level, low=LOWEST_LEVEL_DB, high=0.0),
             ear=ear,
             lasts_ms=lasts_ns / NS_PER_MS,
         )
