@@ -268,6 +268,13 @@ class Pong(msgspec.Struct, tag="pong", tag_field="t"):
     answered: int
 
 
+class ScreenSound(msgspec.Struct):
+    """A sound that begins with a screen."""
+
+    cue: int  # its number in the session
+    digest: str
+
+
 class ScreenMessage(msgspec.Struct, tag="screen", tag_field="t"):
     """A screen of the session, as values for the page."""
 
@@ -277,6 +284,7 @@ class ScreenMessage(msgspec.Struct, tag="screen", tag_field="t"):
     tick: int | None  # when the session wants a tick
     screen: ScreenDict
     name: int = 0  # of what is shown, and where in the session
+    sounds: list[ScreenSound] = []  # of a screen whose kind does not play its own
 
 
 class PrefetchedScreen(msgspec.Struct):

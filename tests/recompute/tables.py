@@ -414,8 +414,10 @@ def sound_rows(session: Session) -> Iterator[Row]:
     """Each sound of a trial: when it was to begin, by the trial's times and its first flip, and when it did."""
     for episode, sound in session.sounds:
         schedule = json.loads(episode.trial.schedule_json)
-        onset_ns = next(one["onset_ns"] for one in schedule["sounds"] if one["name"] == sound.sound)
+        onset_ns = next((one["onset_ns"] for one in schedule["sounds"] if one["name"] == sound.sound), 0)
         first_ns = next(one.flip_ns for its, one in session.pictures if its is episode and one.frame == 0)
+        if sound.sound == "feedback":
+            first_ns = episode.steps[-1].t_ns
         yield {
             **trial_place(session, episode, sound),
             "sound": sound.sound,

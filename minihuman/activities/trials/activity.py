@@ -23,7 +23,9 @@ from minihuman.experiment.machine.screens import Screen
 from minihuman.experiment.machine.transitions import Phase
 from minihuman.experiment.plan.random_streams import draw_words
 from minihuman.experiment.plan.session_plan import PlannedPart
-from minihuman.experiment.sounds import SoundCue
+from minihuman.experiment.sounds import SoundContent, SoundCue
+
+FEEDBACK = "feedback"  # the name of a sound that follows a trial, in the log
 
 
 class TrialsActivity(PlayActivity):
@@ -36,6 +38,8 @@ class TrialsActivity(PlayActivity):
         super().__init__(number, part, context)
         self.run: TrialRun | None = None  # the trial with a time course that is played
         self._n_runs = 0  # trials with a time course that began, in this segment
+        self._feedback_sounds: dict[str, SoundContent] = {}  # of the latest one, by outcome
+        self._finished_ns = 0  # when that ended
         self.can_copy = not self.plan.timeline
         self._rhythm_start: tuple[int, int] | None = None  # a trial's place in the block, and its first flip
         self._latest_trial_screen: tuple[object, TrialScreen] | None = None
@@ -80,16 +84,29 @@ class TrialsActivity(PlayActivity):
 
     @property
     def sound_cues(self) -> tuple[SoundCue, ...]:  # type: ignore[override]
-        """The sounds of the running trial that are to be heard, now or soon."""
+        """The sounds of the running trial that are to be heard, now or soon, or the one of its feedback."""
         if self.run is None:
-            return ()
+            content = self._feedback_sound
+            return () if content is None else (SoundCue(self._feedback_cue, content, self._finished_ns),)
         due_sounds = self.run.list_due_sounds().items()
         return tuple(SoundCue(self._first_cue + place, sound.content, due_ns) for place, (sound, due_ns) in due_sounds)
 
     @property
     def _first_cue(self) -> int:
         """The number of the running trial's first sound in the segment."""
-        return (self.number * 100_000 + self._n_runs) * MOST_STIMULI
+        return (self.number * 100_000 + self._n_runs) * (MOST_STIMULI + 1)
+
+    @property
+    def _feedback_cue(self) -> int:
+        """The number of the sound of the latest trial's feedback."""
+        return self._first_cue + MOST_STIMULI
+
+    @property
+    def _feedback_sound(self) -> SoundContent | None:
+        """What is heard with the present feedback; None for nothing."""
+        if self.phase is not Phase.FEEDBACK or self._play is None:
+            return None
+        return self._feedback_sounds.get(self._play.outcome or "")
 
     def screen(self) -> Screen:
         """Build the present screen."""
@@ -140,6 +157,7 @@ class TrialsActivity(PlayActivity):
             place, flip_ns = self._rhythm_start
             start_ns = flip_ns + (plan.episode_in_block - place) * round(timeline.soa_ms * NS_PER_MS)
         self.run = TrialRun(schedule, start_ns)
+        self._feedback_sounds = schedule.feedback or {}
         self._n_runs += 1
         self.run.pass_time(self.context.now_ns)
         self.context.emit(
@@ -176,6 +194,9 @@ class TrialsActivity(PlayActivity):
 
     def _record_sound(self, started: SoundStarted) -> None:
         """Record that a sound of the running trial began; one of an earlier trial is ignored."""
+        if self._feedback_sound is not None and started.cue == self._feedback_cue:
+            self._emit_sound(started, FEEDBACK, self._finished_ns)
+            return
         run = self.run
         place = started.cue - self._first_cue
         played = None if run is None else run.record_sound(place, started.onset_ns)
@@ -184,12 +205,15 @@ class TrialsActivity(PlayActivity):
         if run.target_onset_ns is not None:
             self._current.note_onset(run.target_onset_ns)
         sound, due_ns = played
+        self._emit_sound(started, sound.name, due_ns)
+
+    def _emit_sound(self, started: SoundStarted, name: str, due_ns: int) -> None:
         self.context.emit(
             SoundPlayed(
                 t_ns=self.context.now_ns,
                 part=self.number,
                 episode=self._current.plan.episode,
-                sound=sound.name,
+                sound=name,
                 cue=started.cue,
                 due_ns=due_ns,
                 scheduled_ns=started.scheduled_ns,
@@ -248,6 +272,7 @@ class TrialsActivity(PlayActivity):
         play = self._current
         now_ns = self.context.now_ns
         self.run = None
+        self._finished_ns = now_ns
         if run.responses:
             response = run.responses[-1]
             stepped = play.step(now_ns, response.action, key=response.key, key_t_ns=response.pressed_ns)

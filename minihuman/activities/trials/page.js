@@ -5,7 +5,8 @@
 /** @typedef {SoundCue & { onset: number, early: boolean, until_response: boolean }} TrialSound */
 /**
  * @typedef {ActivityValues & { pictures: number[], step: number, dues: number[], start: number | null, first: number | null,
- * keys: string[], target: number, foresees: boolean, lead: number | null, sounds: TrialSound[] }} TrialScreen
+ * keys: string[], target: number, foresees: boolean, lead: number | null, sounds: TrialSound[],
+ * digests: string[] }} TrialScreen
  */
 
 const PREPARATION_NS = 10e6; // a picture that is put into the page so long before it is due is seen at the nearest frame
@@ -26,7 +27,7 @@ export const draw = (s, message, { films, sounds, words }) => {
   return [
     films.open(message, {
       sides: [s.pictures], labels: [""], room: [0.88, 0.98], step: s.step, period: null,
-      ready: sounds.ready(s.sounds.map(({ digest }) => digest)),
+      ready: sounds.ready(s.digests),
       dueAfter: (step, flip) => {
         const frame = frameOf(step);
         if (frame === 0) {

@@ -28,6 +28,7 @@ def build_page_values(screen: TrialScreen, number: NumberPicture) -> dict[str, A
         "target": screen.target_step,
         "foresees": screen.foresees_responses,
         "lead": screen.lead_ns,
+        "digests": [compute_digest(content, screen.files) for content in screen.sound_contents],
         "sounds": [
             {
                 "cue": cue,

@@ -51,6 +51,7 @@ class TimelineStimulus(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     hz: PlaceSpec | msgspec.UnsetType = msgspec.UNSET  # of a tone; 1000 unless said otherwise
     level_db: PlaceSpec | msgspec.UnsetType = msgspec.UNSET  # absent: -20 for tones and noise, 0 for a file
     ear: str | msgspec.UnsetType = msgspec.UNSET  # "both", "left", "right"
+    feedback: Literal["goal", "failure", "timeout"] | msgspec.UnsetType = msgspec.UNSET  # it sounds with this feedback
 
 
 class TimelineSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -63,10 +64,17 @@ class TimelineSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     ends: Literal["response", "time"] = "response"  # "time": a response does not end the trial
     soa_ms: float = 0.0  # from one trial's first picture to the next one's, by the clock; 0: no rhythm
 
+    @property
+    def target_name(self) -> str:
+        """Return the name of the stimulus from whose onset response times count."""
+        names = [stimulus.name for stimulus in self.stimuli if not stimulus.feedback]
+        return self.target or names[-1]
+
     def describe(self, deadline_ms: float) -> Iterator[str]:
         """Yield, for a methods section, what a trial shows and when, and when responses are taken."""
-        yield "each trial showed " + ", ".join(_describe_stimulus(stimulus) for stimulus in self.stimuli)
-        target = self.target or self.stimuli[-1].name
+        presented = [stimulus for stimulus in self.stimuli if not stimulus.feedback]
+        yield "each trial showed " + ", ".join(_describe_stimulus(stimulus) for stimulus in presented)
+        target = self.target_name
         opens = f" from {self.opens_ms:g} ms on" if self.opens_ms else ""
         until = f", at most {deadline_ms:g} ms" if deadline_ms else ""
         yield f"response times count from the onset of {target!r}; responses were taken{opens} after it{until}"

@@ -80,11 +80,17 @@ class TrialSchedule(msgspec.Struct, frozen=True):
     ends_at_response: bool
     end_ns: int | None  # when the trial ends without a response; None: never
     sounds: tuple[ScheduledSound, ...] | msgspec.UnsetType = msgspec.UNSET  # unset where there are none
+    feedback: dict[str, SoundContent] | msgspec.UnsetType = msgspec.UNSET  # by outcome; unset where there is none
 
     @property
     def sound_list(self) -> tuple[ScheduledSound, ...]:
         """Return the sounds, in the order of the timeline."""
         return self.sounds or ()
+
+    @property
+    def sound_contents(self) -> tuple[SoundContent, ...]:
+        """Return what all sounds consist of, those of the feedback included."""
+        return (*(sound.content for sound in self.sound_list), *(self.feedback or {}).values())
 
     @property
     def changes_ns(self) -> tuple[int, ...]:
@@ -134,7 +140,7 @@ def resolve_trial(timeline: TimelineSpec, cells: Cells, deadline_ms: float, draw
     n_stimuli = len(stimuli) + len(spans.sounds)
     if n_stimuli > MOST_STIMULI:
         raise WorldError(f"timeline shows {n_stimuli} stimuli in a trial; use at most {MOST_STIMULI}")
-    target = timeline.target or timeline.stimuli[-1].name
+    target = timeline.target_name
     target_ns = spans.onsets_ns[target]
     closes_ns = None
     if deadline_ms:
@@ -153,6 +159,7 @@ def resolve_trial(timeline: TimelineSpec, cells: Cells, deadline_ms: float, draw
         ends_at_response=timeline.ends == "response",
         end_ns=end_ns,
         sounds=tuple(spans.sounds) or msgspec.UNSET,
+        feedback=spans.feedback or msgspec.UNSET,
     )
 
 
@@ -182,6 +189,7 @@ class _Spans:
         self.onsets_ns: dict[str, int] = {}
         self.ends_ns: dict[str, int | None] = {}
         self.sounds: list[ScheduledSound] = []
+        self.feedback: dict[str, SoundContent] = {}
         self._last_end_ns: int | None = 0
         self._places = {stimulus.name: place for place, stimulus in enumerate(timeline.stimuli)}
         self._cells = cells
@@ -189,6 +197,9 @@ class _Spans:
 
     def resolve(self, spec: TimelineStimulus) -> Iterator[ScheduledStimulus]:
         """Resolve the next stimulus; yield it, or each of its words, if it is shown."""
+        if spec.feedback:
+            self._resolve_feedback(spec)
+            return
         content = self._read_content(spec)
         words = [content] if content is not None else []
         onset_ns = self._find_begin_ns(spec) + round(self._read_time(spec, "onset_ms", 0) * NS_PER_MS)
@@ -255,6 +266,13 @@ class _Spans:
                 f"timeline: stimulus {spec.name!r}: {field} is {cell!r}; use a number from {low:g} to {high:g}"
             )
         return number
+
+    def _resolve_feedback(self, spec: TimelineStimulus) -> None:
+        """Resolve a sound that follows the trial."""
+        lasts_ns = round(self._read_time(spec, "duration_ms", 1) * NS_PER_MS)
+        content = self._read_sound(spec, lasts_ns)
+        if spec.feedback and content is not None:
+            self.feedback[spec.feedback] = content
 
     def _read_sound(self, spec: TimelineStimulus, lasts_ns: int) -> SoundContent | None:
         """Return what a stimulus lets hear; None if that is nothing in this trial."""

@@ -12,6 +12,7 @@ from minihuman.activities.trials.trial_run import TrialRun
 from minihuman.experiment.machine.activity import SessionContext
 from minihuman.experiment.machine.running_episode import RunningEpisode
 from minihuman.experiment.machine.screens import FilmsScreen, PageView
+from minihuman.experiment.sounds import SoundContent
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,6 +40,7 @@ class TrialScreen(FilmsScreen):
     response_keys: tuple[str, ...]
     target_step: int  # the place of the picture from which on responses are taken
     sounds: tuple[tuple[int, ScheduledSound], ...]  # each with its number in the session
+    sound_contents: tuple[SoundContent, ...]  # of these, and of those that may follow the trial
     lead_ns: int | None  # from the empty picture to the first, if that waits for sounds
     foresees_responses: bool  # whether every press from then on is a response, so that the page need not ask
 
@@ -93,6 +95,7 @@ def build_trial_screen(context: SessionContext, play: RunningEpisode, run: Trial
         first_flip_ns=run.first_flip_ns,
         target_step=run.changes_ns.index(schedule.target_ns) + 1 if schedule.target_ns in run.changes_ns else 1,
         sounds=tuple((first_cue + place, sound) for place, sound in enumerate(schedule.sound_list)),
+        sound_contents=schedule.sound_contents,
         lead_ns=SOUND_LEAD_NS if run.has_lead else None,
         foresees_responses=schedule.opens_ns == schedule.target_ns
         and schedule.closes_ns in (None, schedule.end_ns)

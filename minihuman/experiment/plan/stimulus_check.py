@@ -298,8 +298,8 @@ def _find_row_mistakes(protocol: Protocol, block: BlockSpec, cells: dict[str, An
             for time_ns in schedule.changes_ns:
                 contents = [stimulus.content for stimulus in schedule.find_visible(time_ns)]
                 draw_stimuli(contents, _DRAWN_PX, protocol.files, protocol.study.language)
-            for sound in schedule.sound_list:
-                render_sound(sound.content, protocol.files, _HEARD_HZ)
+            for content in schedule.sound_contents:
+                render_sound(content, protocol.files, _HEARD_HZ)
         except WorldError as error:
             mistakes[f"{place}: {error}"] = None
             continue

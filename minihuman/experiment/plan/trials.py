@@ -238,7 +238,7 @@ def _list_block_sounds(protocol: Protocol, block: BlockSpec) -> Iterator[SoundCo
         for chosen in _list_design_cells(block):
             cells = {"delay_ms": 0.0} | block.options | stimulus.labels | stimulus.options | chosen
             schedule = resolve_trial(block.timeline, cells, block.response_deadline_ms, lambda place: 0.5)
-            yield from (sound.content for sound in schedule.sound_list)
+            yield from schedule.sound_contents
 
 
 def _list_design_cells(block: BlockSpec) -> list[Row]:

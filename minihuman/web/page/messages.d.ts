@@ -223,6 +223,13 @@ export interface ScreenMessage {
   tick: number | null;
   screen: ScreenValues;
   name: number;
+  sounds: ScreenSound[];
+}
+
+/** A sound that begins with a screen. */
+export interface ScreenSound {
+  cue: number;
+  digest: string;
 }
 
 /** A picture of a film on the screen, drawn after the screen was sent. */

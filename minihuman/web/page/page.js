@@ -242,7 +242,7 @@ class Page {
     if (!to) return;
     const { last } = this.#outbox.state;
     const tick = to.after === null ? null : last + to.after;
-    this.#put({ t: "screen", id: 0, name: to.name, through: n, at: last, tick, screen: to.screen });
+    this.#put({ t: "screen", id: 0, name: to.name, through: n, at: last, tick, screen: to.screen, sounds: [] });
     // Who steers is told when it has begun.
     if (to.episode >= 0) this.#player.enter(to.episode, to.scene, n, to.screen.kind === "play" && Boolean(to.screen.controller));
   }

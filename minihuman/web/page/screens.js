@@ -124,7 +124,7 @@ export class ScreenView {
       if (s.kind !== "play") episode.canvas = null;
       episode.reportHeld = null;
       films.close();
-      if (s.kind !== "activity") sounds.keep(new Set());
+      if (s.kind !== "activity") sounds.keep(new Set(m.sounds.map(({ cue }) => cue)));
       this.main.replaceChildren(...flatten(/** @type {any} */ (this.#draw)[s.kind](s, m)).filter(Boolean));
     }, () => {
       for (const [name, text] of Object.entries({ note: s.kind === "question" ? noteOf(s) : "", progress: "progress" in s ? s.progress : "" })) {
@@ -154,7 +154,10 @@ export class ScreenView {
         else this.page.entered(m, lasts, flip);
       });
     } else {
-      const then = (/** @type {number} */ flip) => this.page.entered(m, s.kind === "blank" ? lasts : null, flip);
+      const then = (/** @type {number} */ flip) => {
+        for (const sound of m.sounds) sounds.play(sound, flip);
+        this.page.entered(m, s.kind === "blank" ? lasts : null, flip);
+      };
       flips.report({ screen: m.id, name: m.name, then });
     }
   }

@@ -93,7 +93,7 @@ export class SoundPlayer {
   /** Begin a sound at a time of the session, and report when it began. @param {SoundCue} cue @param {number} due */
   play({ cue, digest }, due) {
     const buffer = this.#buffers.get(digest);
-    if (!this.#context || !buffer || this.#voices.has(cue)) return;
+    if (!this.#context || !this.#isOpen || !buffer || this.#voices.has(cue)) return;
     const source = new AudioBufferSourceNode(this.#context, { buffer });
     const gain = new GainNode(this.#context);
     source.connect(gain).connect(this.#context.destination);

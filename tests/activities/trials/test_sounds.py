@@ -167,6 +167,37 @@ def test_a_pause_stops_the_sound_and_its_late_report_is_ignored():
     assert len(desk.of(SoundPlayed)) == 1
 
 
+FEEDBACK = """
+timeline.stimuli = [
+  { name = "go", text = "{go}", until = "response" },
+  { name = "buzz", sound = "tone", hz = 220, duration_ms = 150, feedback = "failure" },
+]
+feedback = { goal = "Right", failure = "Wrong" }
+feedback_ms = 600
+"""
+
+
+def test_a_feedback_tone_begins_with_its_text_and_is_heard_after_errors_alone():
+    desk = Desk(plan_of(FEEDBACK, ROWS))
+    desk.show()
+    desk.pass_ms(300)
+    assert list_sound_cues(desk.session) == ()
+    desk.press("j")
+    [stepped] = desk.of(Stepped)
+    desk.show()
+    cue = begin_sound(desk, late_ms=4)
+    assert (cue.content.hz, cue.due_ns) == (220, stepped.t_ns)
+    [played] = desk.of(SoundPlayed)
+    assert (played.sound, (played.onset_ns - played.due_ns) / MS) == ("feedback", 4)
+    desk.pass_ms(700)
+    assert list_sound_cues(desk.session) == ()
+    desk.show()
+    desk.pass_ms(300)
+    desk.press("f")
+    assert list_sound_cues(desk.session) == ()
+    assert list(compare_replay(desk.events, World)) == []
+
+
 def test_simulated_people_hear_the_oddball_and_the_log_is_proven(tmp_path):
     protocol = read_protocol(SHIPPED / "auditory-oddball.toml")
     [path] = simulate(protocol, tmp_path, participants=1, seed=1, player="human-like")
@@ -195,6 +226,10 @@ def test_the_sounds_of_a_session_are_known_before_it_begins():
         ('sound = "noise", until = "end"', r"duration_ms.*is missing; say how long the noise lasts"),
         ('sound = "tone", duration_ms = [50, 90]', "is not drawn"),
         ('sound = "a.wav", each_ms = 50', "applies to the words of a text"),
+        (
+            'sound = "tone", duration_ms = 50, feedback = "goal" }, { name = "b", text = "b", until = "end"',
+            "give that a text",
+        ),
     ],
 )
 def test_a_sound_that_cannot_be_played_is_refused(stimulus, message):
