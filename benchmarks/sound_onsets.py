@@ -1,6 +1,6 @@
-"""Onsets of sounds as another program records them, beside the log: a window under Xvfb, and Chromium.
+"""Onsets of sounds as another program records them, beside the log: a window under Xvfb, Chromium and Firefox.
 
-    apt-get install pulseaudio pulseaudio-utils libportaudio2 libasound2-plugins xvfb chromium
+    apt-get install pulseaudio pulseaudio-utils libportaudio2 libasound2-plugins xvfb chromium firefox-esr
     pip install -e ".[sound,web,test]"
     python -m benchmarks.sound_onsets --trials 100
 
@@ -14,20 +14,21 @@ import tempfile
 from pathlib import Path
 
 from tests.null_sink import recorded_sink
-from tests.sound_loopback import Comparison, compare, play_at_desk, play_in_browser, write_study
+from tests.sound_loopback import Comparison, compare, play_at_desk, play_in_chromium, play_in_firefox, write_study
 from tests.xserver import xvfb
 
+BROWSERS = {"Chromium": play_in_chromium, "Firefox": play_in_firefox}
 ONSETS_MS = (0, 300)  # after a trial's first picture: with it, and counted from its flip
 
 
 def measure(folder: Path, *, where: str, trials: int, onset_ms: int) -> Comparison:
-    """Play a session in a window or in Chromium, and compare its log with the recording."""
+    """Play a session in a window or in a browser, and compare its log with the recording."""
     folder.mkdir()
-    ready = "first" if where == "Chromium" else "none"
+    ready = "first" if where in BROWSERS else "none"
     protocol = write_study(folder, trials=trials, onset_ms=onset_ms, ready=ready)
     with recorded_sink(folder / "sink") as sink:
-        if where == "Chromium":
-            return compare(play_in_browser(protocol, folder / "data", sink), sink)
+        if where in BROWSERS:
+            return compare(BROWSERS[where](protocol, folder / "data", sink), sink)
         with xvfb() as display:
             log = play_at_desk(protocol, folder / "data", sink, display)
         return compare(log, sink)
@@ -38,7 +39,7 @@ def main() -> None:
     parser.add_argument("--trials", type=int, default=100)
     asked = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        for where in ("a pygame window", "Chromium"):
+        for where in ("a pygame window", *BROWSERS):
             for onset_ms in ONSETS_MS:
                 place = Path(folder) / f"{where.split()[-1]}-{onset_ms}"
                 comparison = measure(place, where=where, trials=asked.trials, onset_ms=onset_ms)

@@ -3,6 +3,7 @@
 import io
 import subprocess
 import sys
+import time
 import wave
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +18,7 @@ from tests.machine import need
 from tests.null_sink import NullSink
 from tests.programs import running
 from tests.web.browser import Somebody, driving
+from tests.web.firefox import firefox_at
 from tests.web.serving import serving
 
 _TOML = """
@@ -126,7 +128,21 @@ def play_at_desk(protocol: Path, data: Path, sink: NullSink, display: str) -> Pa
     return log
 
 
-def play_in_browser(protocol: Path, data: Path, sink: NullSink) -> Path:
+def play_in_firefox(protocol: Path, data: Path, sink: NullSink) -> Path:
+    """Play a study that asks for Enter alone in Firefox; return its log."""
+    with serving(protocol, data) as served:
+        address = f"http://127.0.0.1:{served.port}/#t={served.tokens[0]}"
+        with firefox_at(address, data.with_name("profile"), environment=sink.environment) as page:
+            page.until("s.welcomed && s.kind !== ''")
+            while not page.find("minihuman.state.finished"):
+                if page.find("minihuman.state.kind") not in ("trial", "blank", "play"):
+                    page.press("enter")
+                time.sleep(0.2)
+    [log] = data.rglob("*.mcap")
+    return log
+
+
+def play_in_chromium(protocol: Path, data: Path, sink: NullSink) -> Path:
     """Play a study that asks for Enter alone in Chromium; return its log."""
     with serving(protocol, data) as served, driving() as driver:
         browser = driver.chromium.launch(
