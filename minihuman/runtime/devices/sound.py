@@ -31,8 +31,9 @@ RATE_HZ = 48_000
 INSTALL_PORTAUDIO = "apt-get install libportaudio2"
 _WINDOW = 512  # callbacks to which the device's clock is fitted, some 5 to 20 s
 _LEAST_WINDOW = 16
+_RECENT = 64  # the latest of them
 _FADE_S = 0.005  # in which a sound that is stopped ends
-_STEP_S = 0.01  # by so much more than the others does a time differ after an interruption
+_STEP_S = 0.002  # by so much does the median of the latest times differ after an interruption
 _LEAST_UNCERTAINTY_S = (
     0.0005  # device and server count in periods; what a fit says of itself is no more exact than this
 )
@@ -108,16 +109,12 @@ class ClockFit:
     def add(self, frame: int, heard_s: float) -> None:
         """Add a buffer: its first frame, and when that will be heard.
 
-        Of several times in a row that differ from all before, the stream was interrupted, or the device was changed:
-        the line begins anew.
+        Where the latest times differ from those before, the stream was interrupted: the line begins anew with them.
         """
-        offset_s = heard_s - frame / self._rate_hz
-        if len(self._offsets_s) >= _LEAST_WINDOW:
-            usual_s = self.offset_s
-            latest = [*self._offsets_s][-_LEAST_WINDOW // 2 :]
-            if all(abs(other_s - usual_s) > _STEP_S for other_s in (*latest, offset_s)):
-                self._offsets_s = deque(latest, maxlen=_WINDOW)
-        self._offsets_s.append(offset_s)
+        self._offsets_s.append(heard_s - frame / self._rate_hz)
+        latest = [*self._offsets_s][-_RECENT:]
+        if abs(float(np.median(latest)) - self.offset_s) > _STEP_S:
+            self._offsets_s = deque(latest, maxlen=_WINDOW)
 
     @property
     def is_ready(self) -> bool:

@@ -35,7 +35,9 @@ class Page {
   #prefetch = new ScreenPrefetch(); // of the screens outside of episodes
   #flips = new FlipReporter(() => this.#outbox.now(), (what) => this.#send(what));
   #films = new FilmViewer(this.#images, this.#flips, () => this.#schedule());
-  #sounds = new SoundPlayer((ms) => this.#outbox.timeOf(ms), (what) => this.#send(what));
+  #sounds = new SoundPlayer((ms) => this.#outbox.timeOf(ms), (what) => this.#send(what), (isMissing) => {
+    this.#status.textContent = isMissing ? this.#connection.words.no_sound : "";
+  });
   #player = new EpisodePlayer(
     this.#outbox, this.#images, this.#flips, () => this.#schedule(), () => this.#connection.taken,
     () => this.#connection.latency.least);

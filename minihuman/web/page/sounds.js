@@ -8,13 +8,15 @@ const RATE_HZ = 48000; // at which the server sends sounds
 const SAMPLING_MS = 10; // between looks at the device's clock, which Chromium moves on every 11.6 ms
 const WINDOW = 800; // moves to which it is fitted: some 9 s
 const LEAST_WINDOW = 86; // a second
-const STEP_S = 0.05; // by so much more than all others do times differ after the device was changed, or slept
+const STEP_NS = 3e6; // by so much does the latest second differ after an interruption, which moves the clock by a buffer
+const STEP_INTERVAL = 10; // looks between tests for a step
 const LEAST_UNCERTAINTY_NS = 1e6; // the browser rounds the times that it tells
 const SPREAD_TO_UNCERTAINTY = 3; // of the robust standard deviation of the median of what was seen
 const DEPENDENT = 10; // looks that follow each other are alike: so many count as one
 const MARGIN_S = 0.01; // a sound that is told later than this before its time begins late
 const FADE_S = 0.005;
 const RETRY_MS = 1000;
+const PATIENCE_MS = 5000; // for which a device may take to open before the participant is told
 const GESTURES = ["keydown", "pointerdown"];
 
 /** @param {number[]} numbers */
@@ -23,17 +25,16 @@ const median = (numbers) => [...numbers].sort((a, b) => a - b)[numbers.length >>
 /** Tells the session's time at which the device plays a moment of its own clock. */
 export class DeviceClock {
   /** @type {number[]} session time in ns minus the device's, by each look */ #offsets = [];
+  #looks = 0;
 
   /** @param {number} deviceS @param {number} sessionNs */
   add(deviceS, sessionNs) {
-    const offset = sessionNs - deviceS * 1e9;
-    if (this.isReady) {
-      const usual = this.offset;
-      const latest = [...this.#offsets.slice(1 - LEAST_WINDOW), offset];
-      if (latest.every((other) => Math.abs(other - usual) > STEP_S * 1e9)) this.#offsets = latest.slice(0, -1);
-    }
-    this.#offsets.push(offset);
+    this.#offsets.push(sessionNs - deviceS * 1e9);
     if (this.#offsets.length > WINDOW) this.#offsets.shift();
+    this.#looks += 1;
+    if (!this.isReady || this.#looks % STEP_INTERVAL) return;
+    const latest = this.#offsets.slice(-LEAST_WINDOW);
+    if (Math.abs(median(latest) - this.offset) > STEP_NS) this.#offsets = latest;
   }
 
   get isReady() { return this.#offsets.length >= LEAST_WINDOW; }
@@ -69,10 +70,12 @@ export class SoundPlayer {
   /**
    * @param {(ms: number) => number} timeOf the session's time of a time of the page
    * @param {(what: PageMessage) => void} send
+   * @param {(isMissing: boolean) => void} tell the participant that the device does not open, or that it has
    */
-  constructor(timeOf, send) {
+  constructor(timeOf, send, tell) {
     this.timeOf = timeOf;
     this.send = send;
+    this.tell = tell;
   }
 
   /** Fetch and decode a session's sounds, and open the device at what the participant does next. @param {string[]} digests */
@@ -87,7 +90,12 @@ export class SoundPlayer {
     if (!digests.length) return;
     await Promise.all(digests.map((digest) => this.#load(digest)));
     if (navigator.userActivation?.hasBeenActive) this.#open();
-    if (!this.#isOpen) await new Promise((resolve) => { this.#waiting.push(() => resolve(null)); });
+    if (this.#isOpen) return;
+    let isMissing = false;
+    const patience = setTimeout(() => this.tell(isMissing = true), PATIENCE_MS);
+    await new Promise((resolve) => { this.#waiting.push(() => resolve(null)); });
+    clearTimeout(patience);
+    if (isMissing) this.tell(false);
   }
 
   /** Begin a sound at a time of the session, and report when it began. @param {SoundCue} cue @param {number} due */

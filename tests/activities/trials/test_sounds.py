@@ -299,7 +299,7 @@ def test_buffers_that_are_late_move_nothing_and_an_interruption_begins_anew():
     feed(fit, range(300), rng, offset_s=2.0)
     feed(fit, range(300, 304), rng, offset_s=2.5)
     assert fit.offset_s == pytest.approx(2.0, abs=0.001)
-    feed(fit, range(304, 330), rng, offset_s=2.5)
+    feed(fit, range(304, 370), rng, offset_s=2.5)
     assert fit.offset_s == pytest.approx(2.5, abs=0.001)
 
 
