@@ -34,9 +34,7 @@ _LEAST_WINDOW = 16
 _RECENT = 64  # the latest of them
 _FADE_S = 0.005  # in which a sound that is stopped ends
 _STEP_S = 0.002  # by so much does the median of the latest times differ after an interruption
-_LEAST_UNCERTAINTY_S = (
-    0.0005  # device and server count in periods; what a fit says of itself is no more exact than this
-)
+_LEAST_UNCERTAINTY_S = 0.001  # device and server count in periods, which a fit does not see
 _SPREAD_TO_UNCERTAINTY = 3.0  # of the robust standard deviation of the times to which the line is fitted
 _NS_PER_S = 1_000_000_000
 _LONGEST_START_NS = 5 * _NS_PER_S
