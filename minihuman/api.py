@@ -108,7 +108,7 @@ def run(
     Raises:
         ProtocolError: if the protocol is not valid, or runs Python that is not trusted.
         AllocationError: if no slot is free, this session may not be run now, or another must be resumed first.
-        WindowError: if no window can be opened.
+        WindowError: if no window can be opened; DeviceError if no sound device can, for a protocol with sounds.
         LogError: if the log cannot be written.
     """
     from minihuman.admin.enrolment_entries import AuditNote
@@ -222,9 +222,15 @@ def _name_unused_slots(study: Path, on_start: Listener) -> None:
 def _plan_session(
     study: "Protocol", data: Path, participant: str | None, *, on_start: Listener, **options: Any
 ) -> "SessionPlan":
-    """Take a slot, plan its session, and report the participant with ``on_start``."""
-    from minihuman.admin.next_session import plan_next_session
+    """Take a slot, plan its session, and report the participant with ``on_start``.
 
+    Raises:
+        DeviceError: if the study has sounds and no sound device opens; no slot is taken then.
+    """
+    from minihuman.admin.next_session import plan_next_session
+    from minihuman.runtime.devices.sound import require_sound_device
+
+    require_sound_device(study)
     plan = plan_next_session(study, data, participant=participant, **options)
     if plan.participant.group:
         group = f"group {plan.participant.group}"

@@ -34,6 +34,12 @@ def _find_variable(name: str) -> Callable[[], str | None]:
     return lambda: os.environ.get(name)
 
 
+def _find_sound() -> str | None:
+    programs = all(map(shutil.which, ("pulseaudio", "parec")))
+    library = ctypes.util.find_library("portaudio")
+    return library if programs and find_spec("sounddevice") and find_spec("soundfile") else None
+
+
 def _find_opengl() -> str | None:
     return "here" if all(map(ctypes.util.find_library, ("GL", "GLU", "EGL"))) else None
 
@@ -72,6 +78,11 @@ REQUIREMENTS = {
         "Chromium", "apt-get install chromium", _find_program("chromium", "chromium-browser", "google-chrome")
     ),
     "firefox": Requirement("Firefox", "apt-get install firefox-esr", _find_program("firefox-esr", "firefox")),
+    "sound": Requirement(
+        "sounddevice, soundfile, PortAudio and PulseAudio",
+        'apt-get install libportaudio2 pulseaudio pulseaudio-utils libasound2-plugins; pip install -e ".[sound]"',
+        _find_sound,
+    ),
     "node": Requirement("Node.js", "apt-get install nodejs", _find_program("node")),
     "openbox": Requirement("the window manager openbox", "apt-get install openbox", _find_program("openbox")),
     "opengl": Requirement(

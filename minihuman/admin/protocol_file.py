@@ -26,7 +26,12 @@ from minihuman.agents.agent import is_registered_agent, make_policy_agent
 from minihuman.errors import MinihumanError, ProtocolError
 from minihuman.experiment.keys import DIGITS, assign_usual_keys, find_noop, find_period_ms
 from minihuman.experiment.plan.stated_outcomes import find_world_rule
-from minihuman.experiment.plan.trials import TIMELINE_IMAGE_FORMATS, read_images, read_timeline_images
+from minihuman.experiment.plan.trials import (
+    TIMELINE_IMAGE_FORMATS,
+    read_images,
+    read_timeline_images,
+    read_timeline_sounds,
+)
 from minihuman.experiment.protocol.protocol import Protocol, decode_protocol, list_old_names
 from minihuman.experiment.protocol.specs import Overridable, apply_overrides
 from minihuman.experiment.words import ENGLISH, load_words
@@ -46,6 +51,7 @@ MAX_PROTOCOL_BYTES = 2**20
 MAX_PICTURE_BYTES = 2**24
 MAX_PICTURE_PIXELS = 4096 * 4096
 MAX_POLICY_BYTES = 2**25
+MAX_SOUND_BYTES = 2**24
 
 
 TEMPLATES = {  # what a new study may have beside a block: several go together
@@ -334,6 +340,11 @@ def _read_stimuli(protocol: Protocol, folder: Path, path: Path) -> dict[str, byt
         for image, place in read_timeline_images(block, contents):
             field = f"{path}: $.blocks[{number}].timeline: {place}"
             contents[image] = _read_picture(folder, image, field, formats=TIMELINE_IMAGE_FORMATS)
+        for sound, place in read_timeline_sounds(block, contents):
+            field = f"{path}: $.blocks[{number}].timeline: {place}"
+            contents[sound] = _read_beside(
+                folder, sound, field, MAX_SOUND_BYTES, "copy it into the protocol's folder, or use tone or noise"
+            )
     return contents
 
 

@@ -21,12 +21,14 @@ import numpy as np
 from minihuman import __version__
 from minihuman.admin.legibility import describe_missing_face, find_illegible_in_study, list_undrawable_languages
 from minihuman.display.windows.blocking_window import BlockingWindow, open_window
-from minihuman.errors import WindowError
+from minihuman.errors import DeviceError, WindowError, WorldError
 from minihuman.experiment.machine.inputs import KeyDown
 from minihuman.experiment.machine.screens import PlayScreen, Screen
+from minihuman.experiment.plan.trials import list_protocol_sounds
 from minihuman.experiment.protocol.protocol import BlockSpec, Protocol
 from minihuman.experiment.words import LANGUAGES
 from minihuman.operating_system import make_private_folder, sync_file
+from minihuman.runtime.devices.sound import PortAudioOutput
 from minihuman.worlds.adapters.world import World
 
 _STEPS = 60
@@ -65,6 +67,8 @@ _LATENESS_MS = 5.0  # a key's picture may come this much later than the display'
 _SLOWEST_FRAME_MS = 50.0  # 99 of 100 frames; longer is seen as a stutter
 _SLOWEST_SYNC_MS = 250.0  # 99 of 100; the writer's queue rides out less
 _LEAST_FREE_BYTES = 2 * 10**9
+_SOUND_S = 2.0  # for which the sound device is tried
+_LARGEST_UNCERTAINTY_MS = 5.0
 _UNKNOWN_PERIOD_MS = 1000 / 60  # where no display refreshes
 _PACKAGES = (
     "numpy",
@@ -109,6 +113,7 @@ def examine_machine(
     yield _languages()
     if protocol is not None:
         yield _check_texts(protocol)
+        yield from _check_sound(protocol)
     yield from _check_display(window, protocol, fullscreen=fullscreen)
     yield from _measure_disk(data)
 
@@ -162,6 +167,32 @@ def _check_texts(protocol: Protocol) -> Finding:
     if others:
         more_problems = f" (and {len(others)} more; minihuman check names all)"
     return Finding("texts", first_problem + more_problems, "a text of the study cannot be read here")
+
+
+def _check_sound(protocol: Protocol) -> Iterator[Finding]:
+    """Open the sound device for a study with sounds, and check its clock and whether it is interrupted."""
+    contents = list_protocol_sounds(protocol)
+    if not contents:
+        return
+    try:
+        output = PortAudioOutput(time.perf_counter_ns, contents, protocol.files)
+    except (DeviceError, WorldError) as error:
+        yield Finding("sound", str(error), "its sounds cannot be played")
+        return
+    try:
+        time.sleep(_SOUND_S)
+        facts = output.facts()
+        interruptions = output.interruptions
+        uncertainty_ms = output.uncertainty_ms
+    finally:
+        output.close()
+    unsteady = ""
+    if interruptions:
+        unsteady = f"the sound device ran out of samples {interruptions} times in {_SOUND_S:g} s"
+    elif uncertainty_ms is None or uncertainty_ms > _LARGEST_UNCERTAINTY_MS:
+        unsteady = "the times of sounds are not known to the millisecond"
+    known = "unknown" if uncertainty_ms is None else f"within {uncertainty_ms:.2f} ms but for a constant delay"
+    yield Finding("sound", f"{facts['sound_device']}, {facts['sound_latency_ms']} ms latency, onsets {known}", unsteady)
 
 
 def _check_display(name: str, protocol: Protocol | None, *, fullscreen: bool) -> Iterator[Finding]:

@@ -20,6 +20,7 @@ from minihuman.log.record.mcap_recorder import McapRecorder
 from minihuman.log.record.recorder import DeferredRecorder, Recorder
 from minihuman.runtime.devices.device import DeviceRecorder, open_devices
 from minihuman.runtime.devices.lsl import LslMarkerRecorder, pylsl
+from minihuman.runtime.devices.sound import open_sound
 from minihuman.runtime.machine import SessionClock, collect_machine_facts, collect_world_facts, list_world_ids
 from minihuman.runtime.session_loop import CommandInbox, describe_world_failure, inbox_path, run_session
 from minihuman.worlds.adapters.world import World
@@ -52,11 +53,10 @@ def host_session(
         make_world: makes the session's worlds.
 
     Raises:
-        DeviceError: if a required device is missing, or LSL is not available for the markers.
-        LogError: if the log exists already or cannot be written.
+        DeviceError: if a required device is missing, LSL for the markers, or a sound device for sounds.
+        LogError: if the log exists already or cannot be written, as ``OSError`` if the data folder cannot.
         WindowError: if the protocol needs a gamepad and none is connected.
         WorldError: if the world failed; the log has the reason and everything before it.
-        OSError: if the data folder cannot be written.
     """
     facts_of_worlds = collect_world_facts(list_world_ids(plan))
     device_specs = decode_logged_protocol(plan.protocol_toml).devices if plan.protocol_toml else ()
@@ -64,10 +64,9 @@ def host_session(
         pylsl()  # before there is a log: without it nothing is to begin
     with open_devices(device_specs, clock) as (devices, device_facts), ExitStack() as opened:
         facts = {"player": "human", **collect_machine_facts(), **facts_of_worlds, **clock.facts()}
-        facts |= _open_window_devices(plan, window) | device_facts
+        sound, sound_facts = opened.enter_context(open_sound(plan, clock))
+        facts |= _open_window_devices(plan, window) | device_facts | sound_facts
         picture_px = _fit_four_to_three(window.picture_px)
-        if picture_px is not None:
-            facts["picture_px"] = f"{picture_px[0]} x {picture_px[1]}"
         require_unclaimed(SegmentPath.of_plan(data, plan))
         session = build_session(plan, make_world, facts, picture_px=picture_px)
         on_begin(session)
@@ -82,7 +81,9 @@ def host_session(
             opened.callback(marking.close)
             recorder = DeferredRecorder(plan, lambda: marking)
         inbox = CommandInbox(inbox_path(SegmentPath.of_plan(data, plan).log))
-        path = run_session(session, window, recorder, clock, inbox=inbox, agent=agent, finished=record_log_end)
+        path = run_session(
+            session, window, recorder, clock, inbox=inbox, agent=agent, sound=sound, finished=record_log_end
+        )
     if path is None and plan.session == 1:
         free_slot(data / plan.study, plan.participant.id, session.end_reason)
     if session.failure is not None:
@@ -91,10 +92,14 @@ def host_session(
 
 
 def _open_window_devices(plan: SessionPlan, window: Window) -> dict[str, str]:
-    """Open the gamepad if the plan needs one; return the facts about the window and the gamepad."""
-    if not needs_gamepad(plan):
-        return window.facts()
-    return window.facts() | window.open_gamepad()
+    """Open the gamepad if the plan needs one; return the facts about the window, its pictures and the gamepad."""
+    facts = window.facts()
+    if needs_gamepad(plan):
+        facts |= window.open_gamepad()
+    picture_px = _fit_four_to_three(window.picture_px)
+    if picture_px is not None:
+        facts["picture_px"] = f"{picture_px[0]} x {picture_px[1]}"
+    return facts
 
 
 def describe_ending(log: Path, protocol: Path) -> str:

@@ -8,7 +8,7 @@ time.
 import logging
 import os
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Literal
@@ -18,15 +18,17 @@ import msgspec
 from minihuman.display.windows.window import Clock, Window
 from minihuman.errors import LogError, PlayerFailedError, WorldError
 from minihuman.experiment.machine.activity import RequestHandler
-from minihuman.experiment.machine.events import EndReason, SessionEnded
+from minihuman.experiment.machine.events import EndReason, Event, SessionEnded
 from minihuman.experiment.machine.inputs import ExperimenterCommand, Input, KeyDown, ScreenShown, Stop, Tick
 from minihuman.experiment.machine.screen_texts import build_end_screen, find_stop_code
 from minihuman.experiment.machine.screens import Screen
 from minihuman.experiment.machine.session import SessionMachine
+from minihuman.experiment.sounds import SoundCue
 from minihuman.experiment.words import InterfaceWords
 from minihuman.log.paths import LOG_SUFFIX
 from minihuman.log.record.recorder import Recorder
 from minihuman.operating_system import receive_end_signals
+from minihuman.runtime.devices.sound import SimulatedOutput, SoundOutput, list_sound_cues
 from minihuman.storage.durable_files import append_durably
 
 CommandKind = Literal["pause", "go_on", "abort", "note"]
@@ -101,14 +103,16 @@ def run_session(
     *,
     inbox: CommandInbox | None = None,
     agent: RequestHandler | None = None,
+    sound: SoundOutput | None = None,
     finished: Callable[[Path], object] | None = None,
     last_screen_s: float = 60.0,
 ) -> Path | None:
     """Run a session to its end, whatever ends it; the log is finished before this returns or raises.
 
     Args:
-        inbox: the experimenter's commands; None if there are none.
-        agent: answers the parts' requests; None if no part makes any. It is closed at the end.
+        inbox: the experimenter's commands, if there are any.
+        agent: answers the parts' requests, if any part makes them. It is closed at the end.
+        sound: plays the session's sounds; None for simulated participants, who hear each exactly when it is due.
         finished: called with the finished log's path, while signals are still deferred.
         last_screen_s: for how many seconds a screen that reports a failure waits for a key.
 
@@ -119,16 +123,14 @@ def run_session(
         LogError: if the log could not be written; what was written before is kept.
         Exception: an error of the window, or a bug of ours.
     """
-    loop = _SessionLoop(session, window, recorder, clock, inbox, agent)
+    loop = _SessionLoop(session, window, recorder, clock, inbox, agent, sound or SimulatedOutput(clock))
     with receive_end_signals(loop.note_signal):  # to the end: a second Ctrl-C must not cut off the log that finishes
         try:
             with _short_switch_interval():
                 loop.run_or_stop()
                 loop.hold_last_screen(last_screen_s)
         finally:
-            if agent is not None:
-                agent.close()
-            _close_world(session)
+            _close(session, agent)
             path = _finish_log(recorder, finished)
     if loop.log_error:
         raise loop.log_error
@@ -142,7 +144,10 @@ def _finish_log(recorder: Recorder, finished: Callable[[Path], object] | None) -
     return path
 
 
-def _close_world(session: SessionMachine) -> None:
+def _close(session: SessionMachine, agent: RequestHandler | None) -> None:
+    """Stop the agent's processes, and close the session's world."""
+    if agent is not None:
+        agent.close()
     try:
         session.close()
     except Exception as error:  # the world is done with; its log is not
@@ -166,6 +171,7 @@ class _SessionLoop:
         clock: Clock,
         inbox: CommandInbox | None,
         agent: RequestHandler | None,
+        sound: SoundOutput,
     ) -> None:
         self.log_error: LogError | None = None
         self.signal_name = ""
@@ -175,6 +181,8 @@ class _SessionLoop:
         self._clock = clock
         self._inbox = inbox
         self._agent = agent
+        self._sound = sound
+        self._cues: tuple[SoundCue, ...] = ()  # that the device has
         self._look_ns = 0  # when to read the inbox again
         self._last_screen: Screen | None = None
         self._failed = False
@@ -221,8 +229,11 @@ class _SessionLoop:
         """
         events = self._session.receive(happened)
         self._failed |= any(isinstance(event, SessionEnded) and event.reason == "world_error" for event in events)
-        if self.log_error:
-            return
+        if not self.log_error:
+            self._begin_writing(events)
+        self._play_sounds()
+
+    def _begin_writing(self, events: Sequence[Event]) -> None:
         try:
             self._recorder.begin(events)
         except LogError as error:
@@ -278,6 +289,13 @@ class _SessionLoop:
         self.log_error = error
         self.take(Stop(self._clock(), "disk_full", str(error)))
 
+    def _play_sounds(self) -> None:
+        """Hand the session's sounds to the device, if they are others than before."""
+        cues = list_sound_cues(self._session)
+        if cues != self._cues:
+            self._cues = cues
+            self._sound.follow(cues)
+
     def _answer(self) -> None:
         """Answer the running part's requests. This comes after the picture, which nothing may delay."""
         while self._agent is not None and not self._session.over:
@@ -296,7 +314,10 @@ class _SessionLoop:
         until_ns = self._clock() + SIGNAL_CHECK_INTERVAL_NS
         if tick_ns is not None:
             until_ns = min(until_ns, tick_ns)
+        if (report_ns := self._sound.next_report_ns) is not None:
+            until_ns = min(until_ns, report_ns)
         inputs = self._window.wait(until_ns)
+        inputs[:0] = self._sound.read()
         if self.signal_name:
             inputs.append(Stop(self._clock(), "signal", self.signal_name))
         elif commands := self._new_commands():

@@ -15,6 +15,7 @@ from typing import Any, TypeVar
 from minihuman.errors import LogError, WorldError
 from minihuman.experiment.machine.inputs import ExperimenterCommand, Stop
 from minihuman.experiment.plan.session_plan import needs_gamepad
+from minihuman.experiment.plan.trials import list_sound_digests
 from minihuman.experiment.words import InterfaceWords
 from minihuman.log.record.session_leases import Lease, SessionLeases
 from minihuman.runtime.session_loop import CommandInbox
@@ -215,6 +216,7 @@ class Connection(PageSession):
             token=self.admission.token,
             words=get_page_texts(plan.language) | quit_text,
             taken=self.host.last_at_ns,
+            sounds=list_sound_digests(plan),
         )
 
     def is_too_slow(self) -> bool:

@@ -136,6 +136,15 @@ class RoundTripMessage(msgspec.Struct, tag="link", tag_field="t", forbid_unknown
     latest: Ns  # how long the last one took
 
 
+class SoundMessage(msgspec.Struct, tag="sound", tag_field="t", forbid_unknown_fields=True):
+    """The report that a sound began, by the sound device's clock."""
+
+    cue: Ns
+    scheduled: Ns
+    onset: Ns
+    uncertainty: Ns  # of the onset
+
+
 class CommandEcho(msgspec.Struct, tag="asked", tag_field="t", forbid_unknown_fields=True):
     """The report that the experimenter's command reached the page, at the message's time."""
 
@@ -166,6 +175,7 @@ PageMessage = (
     | GamepadMessage
     | FocusMessage
     | RoundTripMessage
+    | SoundMessage
     | CommandEcho
     | LateInputMessage
     | PageAlteration
@@ -232,6 +242,7 @@ class Welcome(msgspec.Struct, tag="welcome", tag_field="t"):
     taken: int  # the time of the last of the page's messages that the session has: it may not be acknowledged
     gamepad: bool  # whether the study is played with one
     sign_ms: int  # the longest time in which the page sends nothing
+    sounds: list[str] = []  # the digests of the session's sounds
 
 
 class Refusal(msgspec.Struct, tag="refused", tag_field="t"):
@@ -257,6 +268,13 @@ class Pong(msgspec.Struct, tag="pong", tag_field="t"):
     answered: int
 
 
+class ScreenSound(msgspec.Struct):
+    """A sound that begins with a screen."""
+
+    cue: int  # its number in the session
+    digest: str
+
+
 class ScreenMessage(msgspec.Struct, tag="screen", tag_field="t"):
     """A screen of the session, as values for the page."""
 
@@ -266,6 +284,7 @@ class ScreenMessage(msgspec.Struct, tag="screen", tag_field="t"):
     tick: int | None  # when the session wants a tick
     screen: ScreenDict
     name: int = 0  # of what is shown, and where in the session
+    sounds: list[ScreenSound] = []  # of a screen whose kind does not play its own
 
 
 class PrefetchedScreen(msgspec.Struct):

@@ -11,7 +11,10 @@ from dataclasses import dataclass
 from minihuman.experiment.machine.activity import Steering, WorldFactory
 from minihuman.experiment.machine.events import EpisodeBeginning, EpisodeEnding, EpisodeStep, Event
 from minihuman.experiment.machine.running_episode import RunningEpisode
+from minihuman.experiment.machine.screens import ActivityScreen, Screen
 from minihuman.experiment.machine.session import SessionMachine
+from minihuman.experiment.sounds import compute_digest
+from minihuman.runtime.devices.sound import list_sound_cues
 from minihuman.web import messages
 from minihuman.web.computed import ComputedEpisode, can_compute
 from minihuman.web.episode_ahead import EpisodeAhead
@@ -76,6 +79,14 @@ def build_rules(
         motion=getattr(part_plan, "motion_ms", None) or 0.0,
         computed=computed,
     )
+
+
+def _list_sounds(session: SessionMachine, screen: Screen) -> list[messages.ScreenSound]:
+    """List the sounds that begin with a screen; a screen of an activity's own has its sounds itself."""
+    if isinstance(screen, ActivityScreen):
+        return []
+    files = session.plan.files
+    return [messages.ScreenSound(cue.number, compute_digest(cue.content, files)) for cue in list_sound_cues(session)]
 
 
 class Outbox:
@@ -301,7 +312,8 @@ class Outbox:
         if name == page.screen_name and not has_new_texts and advances_by_itself(session):
             return
         self._screen_id += 1
-        message = messages.ScreenMessage(self._screen_id, self.through, self.at_ns, tick_ns, values, name)
+        sounds = _list_sounds(session, screen)
+        message = messages.ScreenMessage(self._screen_id, self.through, self.at_ns, tick_ns, values, name, sounds)
         page.send_screen(session, screen, message)
 
     def _send_position(self, play: RunningEpisode | None, steering: Steering | None, tick_ns: int | None) -> None:

@@ -57,6 +57,9 @@ class PageInputs:
                 return self._convert_key(message, at_ns)
             case messages.DisplayedMessage() if is_present:
                 return inputs.ScreenShown(at_ns, *order_flip(message, at_ns))
+            case messages.SoundMessage():
+                onset_ns = min(message.onset, at_ns)
+                return inputs.SoundStarted(at_ns, message.cue, message.scheduled, onset_ns, message.uncertainty)
             case messages.TickMessage():
                 return inputs.Tick(at_ns)
             case messages.TextMessage():

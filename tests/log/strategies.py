@@ -270,6 +270,9 @@ EVENTS_BY_TYPE: dict[type[events.Event], st.SearchStrategy[events.Event]] = {
         TIMES,
     ),
     trial_events.TrialResolved: st.builds(trial_events.TrialResolved, TIMES, COUNTS, COUNTS, TEXTS, TIMES),
+    trial_events.SoundPlayed: st.builds(
+        trial_events.SoundPlayed, TIMES, COUNTS, COUNTS, TEXTS, COUNTS, TIMES, TIMES, TIMES, FLOATS
+    ),
     trial_events.StimuliShown: st.builds(
         trial_events.StimuliShown, TIMES, COUNTS, COUNTS, COUNTS, st.lists(TEXTS).map(tuple), TIMES, TIMES, TIMES
     ),

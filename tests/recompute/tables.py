@@ -2,8 +2,8 @@
 
 Messages are decoded by the schemas that each log itself holds. The definitions are those of the data dictionary,
 written down a second time: rows of the tables steps, presses, keys, episodes, blocks, participants and answers, and of
-trial_stimuli and trial_responses. The fewest steps of a grid are found on the floor plan in the log; those of a
-first-person world only the world can tell.
+trial_stimuli, trial_sounds and trial_responses. The fewest steps of a grid are found on the floor plan in the log;
+those of a first-person world only the world can tell.
 """
 
 import csv
@@ -26,7 +26,7 @@ from mcap.records import Attachment, Channel, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader
 
 Row = dict[str, Any]
-TRIAL_TABLES = ("trial_stimuli", "trial_responses")
+TRIAL_TABLES = ("trial_stimuli", "trial_sounds", "trial_responses")
 TABLES = ("steps", "presses", "keys", "episodes", "blocks", "participants", "answers", *TRIAL_TABLES)
 NOISE = 1e-9
 FIRST_EPISODES = 5
@@ -88,6 +88,7 @@ class Session:
     tags: dict[int | None, set[str]]
     answers: list[tuple[int, int, Any]]  # segment, its begin in session time, the message
     pictures: list[tuple[Episode, Any]]  # of trials with a time course, each with its attempt
+    sounds: list[tuple[Episode, Any]]
     trial_responses: list[tuple[Episode, Any]]
     keys: list[tuple[int, Any]]  # all of the session's, with their segment
     notes: list[Any]
@@ -181,6 +182,7 @@ def read_session(paths: Sequence[Path]) -> "Session":
     attempts: Counter[int] = Counter()
     answers: list[tuple[int, int, Any]] = []
     pictures: list[tuple[Episode, Any]] = []
+    sounds: list[tuple[Episode, Any]] = []
     trial_responses: list[tuple[Episode, Any]] = []
     keys: list[tuple[int, Any]] = []
     notes: list[Any] = []
@@ -220,6 +222,8 @@ def read_session(paths: Sequence[Path]) -> "Session":
                 current.trial = message
             case "/trial/stimuli":
                 pictures.append((episodes[-1], message))
+            case "/trial/sound":
+                sounds.append((episodes[-1], message))
             case "/trial/response":
                 trial_responses.append((episodes[-1], message))
             case "/answer":
@@ -238,7 +242,7 @@ def read_session(paths: Sequence[Path]) -> "Session":
         episode.pauses = pauses[episode.segment]
     return Session(
         path, plan, tomllib.loads(protocol.decode()), metadata, episodes, segment, end_reason, skipped,
-        read_tags(path), answers, pictures, trial_responses, keys, notes,
+        read_tags(path), answers, pictures, sounds, trial_responses, keys, notes,
         [pause for each in pauses.values() for pause in each], offsets,
     )  # fmt: skip
 
@@ -380,12 +384,16 @@ def trial_place(session: Session, episode: Episode, message: Any) -> Row:
 
 def picture_rows(session: Session) -> Iterator[Row]:
     """Each picture of a trial: its stimuli and when it was to be there, by the trial's times and its first flip."""
+    starts: dict[tuple[int, int], int] = {}
     firsts: dict[tuple[int, int], int] = {}
     seen: set[tuple[int, int, int]] = set()
     for episode, picture in session.pictures:
         key = episode.number, episode.attempt
+        if picture.frame < 0:  # the empty one, so long before the first, where a sound needs it
+            starts.setdefault(key, picture.flip_ns + 150_000_000)
+            continue
         schedule = json.loads(episode.trial.schedule_json)
-        due_ns = episode.trial.start_ns or None
+        due_ns = episode.trial.start_ns or starts.get(key)
         if picture.frame:
             due_ns = firsts[key] + change_times(schedule)[picture.frame]
         if (*key, picture.frame) in seen:  # what remains after a response is shown at once
@@ -399,6 +407,25 @@ def picture_rows(session: Session) -> Iterator[Row]:
             "due_ns": None if due_ns is None else due_ns + episode.offset_ns,
             "flip_ns": picture.flip_ns + episode.offset_ns,
             "late_ms": None if due_ns is None else (picture.flip_ns - due_ns) / 1e6,
+        }
+
+
+def sound_rows(session: Session) -> Iterator[Row]:
+    """Each sound of a trial: when it was to begin, by the trial's times and its first flip, and when it did."""
+    for episode, sound in session.sounds:
+        schedule = json.loads(episode.trial.schedule_json)
+        onset_ns = next((one["onset_ns"] for one in schedule["sounds"] if one["name"] == sound.sound), 0)
+        first_ns = next(one.flip_ns for its, one in session.pictures if its is episode and one.frame == 0)
+        if sound.sound == "feedback":
+            first_ns = episode.steps[-1].t_ns
+        yield {
+            **trial_place(session, episode, sound),
+            "sound": sound.sound,
+            "due_ns": first_ns + onset_ns + episode.offset_ns,
+            "scheduled_ns": sound.scheduled_ns + episode.offset_ns,
+            "onset_ns": sound.onset_ns + episode.offset_ns,
+            "late_ms": (sound.onset_ns - first_ns - onset_ns) / 1e6,
+            "uncertainty_ms": sound.uncertainty_ms,
         }
 
 
@@ -430,19 +457,23 @@ def visible_names(session: Session, episode: Episode, picture: Any) -> list[str]
 
 
 def trial_response_rows(session: Session) -> Iterator[Row]:
-    """Each response of a trial, timed from the flip of the picture in which its target begins."""
+    """Each response of a trial, timed from the flip of the picture in which its target begins, or from its sound."""
     numbers: Counter[tuple[int, int]] = Counter()
     for episode, taken in session.trial_responses:
         schedule = json.loads(episode.trial.schedule_json)
-        target = change_times(schedule).index(schedule["target_ns"])
-        flip_ns = next(one.flip_ns for its, one in session.pictures if its is episode and one.frame == target)
+        heard = [one for its, one in session.sounds if its is episode and one.sound == schedule["target"]]
+        if heard:
+            onset_ns = heard[0].onset_ns
+        else:
+            target = change_times(schedule).index(schedule["target_ns"])
+            onset_ns = next(one.flip_ns for its, one in session.pictures if its is episode and one.frame == target)
         numbers[episode.number, episode.attempt] += 1
         yield {
             **trial_place(session, episode, taken),
             "number": numbers[episode.number, episode.attempt],
             "key": key_name(taken.key),
             "pressed_ns": taken.pressed_ns + episode.offset_ns,
-            "response_ms": (taken.pressed_ns - flip_ns) / 1e6,
+            "response_ms": (taken.pressed_ns - onset_ns) / 1e6,
         }
 
 
@@ -763,6 +794,7 @@ def recompute(sessions: Sequence[Session], told: Mapping[Place, int] | None = No
         tables["keys"] += key_rows(session)
         tables["answers"] += answer_rows(session)
         tables["trial_stimuli"] += picture_rows(session)
+        tables["trial_sounds"] += sound_rows(session)
         tables["trial_responses"] += trial_response_rows(session)
         for block in dict.fromkeys(row["block"] for row in rows):
             its = [at for at in included(session, rows, why, analysed=False) if rows[at]["block"] == block]

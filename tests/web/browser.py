@@ -55,7 +55,7 @@ def browsing(*, size: tuple[int, int] | None = (1366, 768)) -> Iterator[Any]:
         contexts.append(_browser().new_context(**view, **options))
         return Somebody(contexts[-1], url)
 
-    with _driving():
+    with driving():
         try:
             yield sit_down
         finally:
@@ -68,7 +68,7 @@ def browsing(*, size: tuple[int, int] | None = (1366, 768)) -> Iterator[Any]:
 def launch_on_display(display: str) -> "Iterator[Callable[[str], Somebody]]":
     """A browser with a window of its own on a display; yields a maker of participants."""
     where = need("chromium")
-    with _driving() as driver:
+    with driving() as driver:
         browser = driver.chromium.launch(
             executable_path=where, headless=False, args=list(_ARGUMENTS), env={**os.environ, "DISPLAY": display}
         )
@@ -90,7 +90,7 @@ def browsing_with_profile(profile: Path) -> "Iterator[tuple[Somebody, Callable[[
     """A browser with a profile that outlives it; yields a participant on an empty page, and what kills the browser."""
     where = need("chromium")
     playwright = pytest.importorskip("playwright.sync_api")
-    with _driving() as driver:
+    with driving() as driver:
         context = driver.chromium.launch_persistent_context(
             str(profile), executable_path=where, headless=True, args=list(_ARGUMENTS)
         )
@@ -111,7 +111,7 @@ _RUNNING: dict[str, Any] = {}  # the driver of this process, its event loop, and
 
 
 @contextmanager
-def _driving() -> Iterator[Any]:
+def driving() -> Iterator[Any]:
     """Enter the one driver of this process; its browser starts once, because starting costs a second.
 
     Its event loop counts as running only within the block: tests that come between run loops of their own.

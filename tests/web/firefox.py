@@ -7,7 +7,7 @@ import os
 import re
 import subprocess
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -36,18 +36,30 @@ user_pref("ui.allPointerCapabilities", 1);
 
 
 @contextmanager
-def firefox_at(url: str, profile: Path, *, phone_px: tuple[int, int] | None = None) -> Iterator["Page"]:
+def firefox_at(
+    url: str,
+    profile: Path,
+    *,
+    phone_px: tuple[int, int] | None = None,
+    environment: Mapping[str, str] | None = None,
+) -> Iterator["Page"]:
     """Firefox with an empty profile, at a page.
 
     Args:
         url: the page's address.
         profile: a folder that does not exist yet.
         phone_px: a view of this size with two pixels per CSS pixel, and touch as the only pointer.
+        environment: its environment variables instead of this process's.
     """
     profile.mkdir()
     (profile / "user.js").write_text(_QUIET + _FINGERS * (phone_px is not None))
     command = [need("firefox"), "--headless", "--no-remote", "--profile", str(profile), "--remote-debugging-port", "0"]
-    env = {**os.environ, "HOME": str(profile), "MOZ_HEADLESS_WIDTH": "1366", "MOZ_HEADLESS_HEIGHT": "768"}
+    env = {
+        **(environment or os.environ),
+        "HOME": str(profile),
+        "MOZ_HEADLESS_WIDTH": "1366",
+        "MOZ_HEADLESS_HEIGHT": "768",
+    }
     with running(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, env=env) as process:
         try:
             assert process.stderr is not None

@@ -10,19 +10,22 @@ import msgspec
 
 from minihuman.activities.play.activity import PlayActivity
 from minihuman.activities.trials.block_check import check_timeline
-from minihuman.activities.trials.events import ResponseTaken, StimuliShown, TrialResolved
+from minihuman.activities.trials.events import ResponseTaken, SoundPlayed, StimuliShown, TrialResolved
 from minihuman.activities.trials.plan import TimelineSpec, TrialsPlan
-from minihuman.activities.trials.schedule import NS_PER_MS, resolve_trial
+from minihuman.activities.trials.schedule import MOST_STIMULI, NS_PER_MS, resolve_trial
 from minihuman.activities.trials.screens import TrialScreen, build_trial_screen
 from minihuman.activities.trials.trial_run import ResponseRecord, TrialRun
 from minihuman.experiment.machine.activity import ActivityKind, SessionContext
 from minihuman.experiment.machine.events import ActivityEvent, PauseReason
-from minihuman.experiment.machine.inputs import Input, KeyDown, ScreenShown
+from minihuman.experiment.machine.inputs import Input, KeyDown, ScreenShown, SoundStarted
 from minihuman.experiment.machine.running_episode import RunningEpisode, catch_world_errors
 from minihuman.experiment.machine.screens import Screen
 from minihuman.experiment.machine.transitions import Phase
 from minihuman.experiment.plan.random_streams import draw_words
 from minihuman.experiment.plan.session_plan import PlannedPart
+from minihuman.experiment.sounds import SoundContent, SoundCue
+
+FEEDBACK = "feedback"  # the name of a sound that follows a trial, in the log
 
 
 class TrialsActivity(PlayActivity):
@@ -34,6 +37,9 @@ class TrialsActivity(PlayActivity):
     def __init__(self, number: int, part: PlannedPart, context: SessionContext) -> None:
         super().__init__(number, part, context)
         self.run: TrialRun | None = None  # the trial with a time course that is played
+        self._n_runs = 0  # trials with a time course that began, in this segment
+        self._feedback_sounds: dict[str, SoundContent] = {}  # of the latest one, by outcome
+        self._finished_ns = 0  # when that ended
         self.can_copy = not self.plan.timeline
         self._rhythm_start: tuple[int, int] | None = None  # a trial's place in the block, and its first flip
         self._latest_trial_screen: tuple[object, TrialScreen] | None = None
@@ -50,17 +56,24 @@ class TrialsActivity(PlayActivity):
 
     @staticmethod
     def input_of(event: ActivityEvent) -> Input | None:
-        """Return the input that caused an event: a picture shown; None for other events."""
-        if isinstance(event, StimuliShown):
-            return ScreenShown(event.t_ns, event.submit_ns, event.flip_ns, event.frame)
+        """Return the input that caused an event: a picture shown or a sound begun; None for other events."""
+        match event:
+            case StimuliShown():
+                return ScreenShown(event.t_ns, event.submit_ns, event.flip_ns, event.frame)
+            case SoundPlayed():
+                uncertainty_ns = round(event.uncertainty_ms * NS_PER_MS)
+                return SoundStarted(event.t_ns, event.cue, event.scheduled_ns, event.onset_ns, uncertainty_ns)
         return None
 
     def receive(self, happened: Input) -> None:
         """Handle an input, after whatever was due before it."""
-        if self.run is not None and isinstance(happened, ScreenShown):
-            self._record_flip(self.run, happened)
-        else:
-            super().receive(happened)
+        match happened:
+            case ScreenShown() if self.run is not None:
+                self._record_flip(self.run, happened)
+            case SoundStarted():
+                self._record_sound(happened)
+            case _:
+                super().receive(happened)
 
     @property
     def next_tick_ns(self) -> int | None:  # type: ignore[override]
@@ -69,6 +82,32 @@ class TrialsActivity(PlayActivity):
             return self.run.next_tick_ns
         return super().next_tick_ns
 
+    @property
+    def sound_cues(self) -> tuple[SoundCue, ...]:  # type: ignore[override]
+        """The sounds of the running trial that are to be heard, now or soon, or the one of its feedback."""
+        if self.run is None:
+            content = self._feedback_sound
+            return () if content is None else (SoundCue(self._feedback_cue, content, self._finished_ns),)
+        due_sounds = self.run.list_due_sounds().items()
+        return tuple(SoundCue(self._first_cue + place, sound.content, due_ns) for place, (sound, due_ns) in due_sounds)
+
+    @property
+    def _first_cue(self) -> int:
+        """The number of the running trial's first sound in the segment."""
+        return (self.number * 100_000 + self._n_runs) * (MOST_STIMULI + 1)
+
+    @property
+    def _feedback_cue(self) -> int:
+        """The number of the sound of the latest trial's feedback."""
+        return self._first_cue + MOST_STIMULI
+
+    @property
+    def _feedback_sound(self) -> SoundContent | None:
+        """What is heard with the present feedback; None for nothing."""
+        if self.phase is not Phase.FEEDBACK or self._play is None:
+            return None
+        return self._feedback_sounds.get(self._play.outcome or "")
+
     def screen(self) -> Screen:
         """Build the present screen."""
         run = self.run
@@ -76,7 +115,10 @@ class TrialsActivity(PlayActivity):
             return super().screen()
         now = (run, run.frame, run.has_response)
         if self._latest_trial_screen is None or self._latest_trial_screen[0] != now:
-            self._latest_trial_screen = (now, build_trial_screen(self.context, self._current, run))
+            self._latest_trial_screen = (
+                now,
+                build_trial_screen(self.context, self._current, run, first_cue=self._first_cue),
+            )
         return self._latest_trial_screen[1]
 
     def suspend(self, reason: PauseReason) -> None:
@@ -115,6 +157,8 @@ class TrialsActivity(PlayActivity):
             place, flip_ns = self._rhythm_start
             start_ns = flip_ns + (plan.episode_in_block - place) * round(timeline.soa_ms * NS_PER_MS)
         self.run = TrialRun(schedule, start_ns)
+        self._feedback_sounds = schedule.feedback or {}
+        self._n_runs += 1
         self.run.pass_time(self.context.now_ns)
         self.context.emit(
             TrialResolved(
@@ -128,13 +172,13 @@ class TrialsActivity(PlayActivity):
 
     def _record_flip(self, run: TrialRun, shown: ScreenShown) -> None:
         due_ns = run.record_flip(shown.flip_ns, shown.step)
-        if run.frame < 0:
+        if run.frame < 0 and not run.has_lead:
             return
         episode = self._current.plan
-        if self._rhythm_start is None:
+        if self._rhythm_start is None and run.frame >= 0:
             self._rhythm_start = (episode.episode_in_block, shown.flip_ns)
-        if run.target_flip_ns is not None:
-            self._current.note_onset(run.target_flip_ns)
+        if run.target_onset_ns is not None:
+            self._current.note_onset(run.target_onset_ns)
         self.context.emit(
             StimuliShown(
                 t_ns=shown.t_ns,
@@ -145,6 +189,36 @@ class TrialsActivity(PlayActivity):
                 due_ns=due_ns or 0,
                 submit_ns=shown.submit_ns,
                 flip_ns=shown.flip_ns,
+            )
+        )
+
+    def _record_sound(self, started: SoundStarted) -> None:
+        """Record that a sound of the running trial began; one of an earlier trial is ignored."""
+        if self._feedback_sound is not None and started.cue == self._feedback_cue:
+            self._emit_sound(started, FEEDBACK, self._finished_ns)
+            return
+        run = self.run
+        place = started.cue - self._first_cue
+        played = None if run is None else run.record_sound(place, started.onset_ns)
+        if run is None or played is None:
+            return
+        if run.target_onset_ns is not None:
+            self._current.note_onset(run.target_onset_ns)
+        sound, due_ns = played
+        self._emit_sound(started, sound.name, due_ns)
+
+    def _emit_sound(self, started: SoundStarted, name: str, due_ns: int) -> None:
+        self.context.emit(
+            SoundPlayed(
+                t_ns=self.context.now_ns,
+                part=self.number,
+                episode=self._current.plan.episode,
+                sound=name,
+                cue=started.cue,
+                due_ns=due_ns,
+                scheduled_ns=started.scheduled_ns,
+                onset_ns=started.onset_ns,
+                uncertainty_ms=started.uncertainty_ns / NS_PER_MS,
             )
         )
 
@@ -177,7 +251,7 @@ class TrialsActivity(PlayActivity):
 
     def _take_response(self, run: TrialRun, response: ResponseRecord) -> None:
         run.responses.append(response)
-        assert run.target_flip_ns is not None  # responses are taken from then on
+        assert run.target_onset_ns is not None  # responses are taken from then on
         self.context.emit(
             ResponseTaken(
                 t_ns=self.context.now_ns,
@@ -187,7 +261,7 @@ class TrialsActivity(PlayActivity):
                 key=response.key,
                 action=response.action,
                 pressed_ns=response.pressed_ns,
-                target_ns=run.target_flip_ns,
+                target_ns=run.target_onset_ns,
             )
         )
         if run.is_over(self.context.now_ns):
@@ -198,6 +272,7 @@ class TrialsActivity(PlayActivity):
         play = self._current
         now_ns = self.context.now_ns
         self.run = None
+        self._finished_ns = now_ns
         if run.responses:
             response = run.responses[-1]
             stepped = play.step(now_ns, response.action, key=response.key, key_t_ns=response.pressed_ns)

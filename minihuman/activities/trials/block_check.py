@@ -5,6 +5,7 @@ from typing import Any
 
 from minihuman.activities.trials.plan import TimelineSpec, TimelineStimulus
 from minihuman.activities.trials.schedule import LONGEST_MS, PREPARATION_MS
+from minihuman.experiment.sounds import NOISE, TONE
 
 _UNUSED = ("inter_trial_interval_ms", "fixation_ms", "feedback_ms")  # in a block with a rhythm of its own
 
@@ -23,7 +24,9 @@ def check_timeline(block: Any, pool: tuple[str, ...]) -> Iterator[tuple[str, str
         if not stimulus.name or stimulus.name in names:
             yield f"{path}.name", f"is {stimulus.name!r}; give each stimulus its own name"
         yield from _check_stimulus(stimulus, path, names)
-        names.append(stimulus.name)
+        if not stimulus.feedback:
+            names.append(stimulus.name)
+        yield from _check_feedback(block, stimulus, path)
 
 
 def _check_block(block: Any, timeline: TimelineSpec) -> Iterator[tuple[str, str]]:
@@ -41,9 +44,9 @@ def _check_block(block: Any, timeline: TimelineSpec) -> Iterator[tuple[str, str]
 
 
 def _check_settings(timeline: TimelineSpec) -> Iterator[tuple[str, str]]:
-    if not timeline.stimuli:
+    names = [stimulus.name for stimulus in timeline.stimuli if not stimulus.feedback]
+    if not names:
         yield "timeline.stimuli", "is empty; name what a trial shows"
-    names = [stimulus.name for stimulus in timeline.stimuli]
     if timeline.target and timeline.target not in names:
         yield "timeline.target", f"is {timeline.target!r}, which is no stimulus; use one of {', '.join(names)}"
     if not 1 <= timeline.responses <= 100:
@@ -73,8 +76,10 @@ def _check_rhythm(block: Any, timeline: TimelineSpec) -> Iterator[tuple[str, str
 
 
 def _check_stimulus(stimulus: TimelineStimulus, path: str, before: list[str]) -> Iterator[tuple[str, str]]:
-    if not (stimulus.text or stimulus.shape or stimulus.image):
-        yield path, "shows nothing; give it a text, shape or image"
+    if not (stimulus.text or stimulus.shape or stimulus.image or stimulus.sound):
+        yield path, "shows nothing; give it a text, shape, image or sound"
+    if stimulus.sound:
+        yield from _check_sound(stimulus, path)
     for field in ("after", "since"):
         name = getattr(stimulus, field)
         if name and name not in before:
@@ -82,7 +87,7 @@ def _check_stimulus(stimulus: TimelineStimulus, path: str, before: list[str]) ->
     if stimulus.after and stimulus.since:
         yield f"{path}.after", "and since are both given; use one"
     lasts = [field for field in ("duration_ms", "each_ms") if getattr(stimulus, field) is not None]
-    if len(lasts) > 1 or (not lasts and not stimulus.until):
+    if len(lasts) > 1 or (not lasts and not stimulus.until and not stimulus.feedback):
         yield f"{path}.duration_ms", "needs one of duration_ms, each_ms and until"
     for field in ("onset_ms", "duration_ms", "each_ms"):
         time = getattr(stimulus, field)
@@ -90,3 +95,25 @@ def _check_stimulus(stimulus: TimelineStimulus, path: str, before: list[str]) ->
             yield f"{path}.{field}", f"is {list(time)}; give the shortest, then the longest"
         elif isinstance(time, int | float) and not 0 <= time <= LONGEST_MS:
             yield f"{path}.{field}", f"is {time:g}; use 0 or more"
+
+
+def _check_sound(stimulus: TimelineStimulus, path: str) -> Iterator[tuple[str, str]]:
+    if stimulus.text or stimulus.shape or stimulus.image:
+        yield f"{path}.sound", "stands beside what is shown; make it a stimulus of its own"
+    if stimulus.each_ms is not None:
+        yield f"{path}.each_ms", "applies to the words of a text; remove it"
+    if isinstance(stimulus.duration_ms, tuple):
+        yield f"{path}.duration_ms", "of a sound is not drawn, as sounds are prepared before the block; use a number"
+    if stimulus.sound in (TONE, NOISE) and stimulus.duration_ms is None:
+        yield f"{path}.duration_ms", f"is missing; say how long the {stimulus.sound} lasts"
+
+
+def _check_feedback(block: Any, stimulus: TimelineStimulus, path: str) -> Iterator[tuple[str, str]]:
+    if not stimulus.feedback:
+        return
+    if not stimulus.sound or stimulus.onset_ms is not None or stimulus.until or stimulus.after or stimulus.since:
+        yield f"{path}.feedback", "is a sound that begins with the feedback; give it sound and duration_ms alone"
+    has_text = isinstance(block.feedback, str) or stimulus.feedback in block.feedback
+    if not block.feedback_ms or not has_text:
+        outcome = stimulus.feedback
+        yield f"{path}.feedback", f"sounds with the block's feedback; give that a text for {outcome!r}, and feedback_ms"

@@ -36,6 +36,27 @@ STIMULUS_COLUMNS = (
     TableColumn("flip_ns", "integer", "ns", "When it was on the display, session time."),
     TableColumn("late_ms", "number", "ms", "By how much that was later; empty where it was due at once.", 2),
 )
+SOUND_COLUMNS = (
+    *SESSION_COLUMNS,
+    *SEGMENT_COLUMN,
+    TIME_COLUMN,
+    PART_COLUMN,
+    *_EPISODE_AND_ATTEMPT,
+    TableColumn("sound", "text", "", "The name of the sound."),
+    TableColumn(
+        "due_ns", "integer", "ns", "When it was to begin: so long after the first picture's flip, session time."
+    ),
+    TableColumn("scheduled_ns", "integer", "ns", "For when the device was told to begin it, session time."),
+    TableColumn("onset_ns", "integer", "ns", "When it began, as the device says, session time."),
+    TableColumn("late_ms", "number", "ms", "By how much that was later than due_ns; below 0: earlier.", 2),
+    TableColumn(
+        "uncertainty_ms",
+        "number",
+        "ms",
+        "Below which 99 % of the errors of onset_ns are, but for a constant delay of the device.",
+        2,
+    ),
+)
 RESPONSE_COLUMNS = (
     *SESSION_COLUMNS,
     *SEGMENT_COLUMN,
@@ -45,5 +66,5 @@ RESPONSE_COLUMNS = (
     TableColumn("number", "integer", "", "Which response of the trial, 1 for the first."),
     TableColumn("key", "key", "", "The physical key."),
     TableColumn("pressed_ns", "integer", "ns", "When it went down, session time."),
-    TableColumn("response_ms", "number", "ms", "That minus the flip of the trial's target.", 2),
+    TableColumn("response_ms", "number", "ms", "That minus the onset of the trial's target.", 2),
 )

@@ -4,6 +4,7 @@ from typing import Any
 
 from minihuman.activities.trials.drawing import draw_stimuli
 from minihuman.activities.trials.screens import TrialScreen
+from minihuman.experiment.sounds import compute_digest
 from minihuman.web.screen_values import NumberPicture
 
 _PICTURE_PX = (640, 480)
@@ -26,4 +27,16 @@ def build_page_values(screen: TrialScreen, number: NumberPicture) -> dict[str, A
         "keys": screen.response_keys,
         "target": screen.target_step,
         "foresees": screen.foresees_responses,
+        "lead": screen.lead_ns,
+        "digests": [compute_digest(content, screen.files) for content in screen.sound_contents],
+        "sounds": [
+            {
+                "cue": cue,
+                "digest": compute_digest(sound.content, screen.files),
+                "onset": sound.onset_ns,
+                "early": sound.is_early,
+                "until_response": sound.until_response,
+            }
+            for cue, sound in screen.sounds
+        ],
     }

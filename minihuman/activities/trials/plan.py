@@ -26,8 +26,8 @@ class StimuliSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class TimelineStimulus(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """One stimulus of a timeline: what it shows, where, and from when to when.
 
-    A text, shape, image, colour, number or time may be ``"{column}"``, a cell of the trial's row or a world option. A
-    stimulus whose text, shape or image comes from an empty cell is not shown and keeps its time.
+    A text, shape, image, sound, colour, number or time may be ``"{column}"``, a cell of the trial's row or a world
+    option. A stimulus whose text, shape, image or sound comes from an empty cell is not presented and keeps its time.
     """
 
     name: str
@@ -46,6 +46,12 @@ class TimelineStimulus(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     duration_ms: TimeSpec | None = None
     each_ms: TimeSpec | None = None  # the words of the text come one after the other, each for so long
     until: Literal["", "response", "end"] = ""  # it goes at the response, or stays to the trial's end
+    # of a sound; unset where there is none, as plans were written before there were sounds
+    sound: str | msgspec.UnsetType = msgspec.UNSET  # "tone", "noise", or a sound file beside the protocol
+    hz: PlaceSpec | msgspec.UnsetType = msgspec.UNSET  # of a tone; 1000 unless said otherwise
+    level_db: PlaceSpec | msgspec.UnsetType = msgspec.UNSET  # absent: -20 for tones and noise, 0 for a file
+    ear: str | msgspec.UnsetType = msgspec.UNSET  # "both", "left", "right"
+    feedback: Literal["goal", "failure", "timeout"] | msgspec.UnsetType = msgspec.UNSET  # it sounds with this feedback
 
 
 class TimelineSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -58,10 +64,17 @@ class TimelineSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     ends: Literal["response", "time"] = "response"  # "time": a response does not end the trial
     soa_ms: float = 0.0  # from one trial's first picture to the next one's, by the clock; 0: no rhythm
 
+    @property
+    def target_name(self) -> str:
+        """Return the name of the stimulus from whose onset response times count."""
+        names = [stimulus.name for stimulus in self.stimuli if not stimulus.feedback]
+        return self.target or names[-1]
+
     def describe(self, deadline_ms: float) -> Iterator[str]:
         """Yield, for a methods section, what a trial shows and when, and when responses are taken."""
-        yield "each trial showed " + ", ".join(_describe_stimulus(stimulus) for stimulus in self.stimuli)
-        target = self.target or self.stimuli[-1].name
+        presented = [stimulus for stimulus in self.stimuli if not stimulus.feedback]
+        yield "each trial showed " + ", ".join(_describe_stimulus(stimulus) for stimulus in presented)
+        target = self.target_name
         opens = f" from {self.opens_ms:g} ms on" if self.opens_ms else ""
         until = f", at most {deadline_ms:g} ms" if deadline_ms else ""
         yield f"response times count from the onset of {target!r}; responses were taken{opens} after it{until}"
@@ -79,6 +92,8 @@ class TrialsPlan(PlayPlan, frozen=True):
 
 def _describe_stimulus(stimulus: TimelineStimulus) -> str:
     parts = [f"{stimulus.name!r}"]
+    if stimulus.sound:
+        parts.append("(a sound)")
     if stimulus.since:
         parts.append(f"{_describe_time(stimulus.onset_ms)} after the onset of {stimulus.since!r}")
     elif stimulus.after:

@@ -12,11 +12,16 @@ import msgspec
 
 from minihuman.activities.trials.plan import PlaceSpec, TimelineSpec, TimelineStimulus, TimeSpec
 from minihuman.errors import WorldError
+from minihuman.experiment.sounds import EARS, LOWEST_LEVEL_DB, NOISE, TONE, SoundContent
 
 NS_PER_MS = 1_000_000
 LONGEST_MS = 3_600_000.0
 PREPARATION_MS = 100.0  # of a block with a rhythm: the next trial is prepared in it
 MOST_STIMULI = 500  # of a trial
+SOUND_LEAD_MS = 150.0  # a device gets a sound so long before it is due: 9 frames at 60 Hz, 18 at 120 Hz
+SOUND_LEAD_NS = round(SOUND_LEAD_MS * NS_PER_MS)
+_HZ = 1000.0
+_SYNTHETIC_LEVEL_DB = -20.0
 _REFERENCE = re.compile(r"\{([^{}]+)\}")
 _PLACES = {"left": 0.25, "centre": 0.5, "right": 0.75}
 
@@ -48,6 +53,21 @@ class ScheduledStimulus(msgspec.Struct, frozen=True):
     until_response: bool
 
 
+class ScheduledSound(msgspec.Struct, frozen=True):
+    """A sound of one trial, with its times since the trial's first picture."""
+
+    name: str
+    content: SoundContent
+    onset_ns: int
+    end_ns: int | None  # None: it plays to its end, or to the trial's
+    until_response: bool
+
+    @property
+    def is_early(self) -> bool:
+        """Whether a device has to get it before the first picture, and when that is there is not known yet."""
+        return self.onset_ns < SOUND_LEAD_NS
+
+
 class TrialSchedule(msgspec.Struct, frozen=True):
     """The schedule of one trial; times are nanoseconds since its first picture."""
 
@@ -59,6 +79,18 @@ class TrialSchedule(msgspec.Struct, frozen=True):
     responses: int  # how many are taken
     ends_at_response: bool
     end_ns: int | None  # when the trial ends without a response; None: never
+    sounds: tuple[ScheduledSound, ...] | msgspec.UnsetType = msgspec.UNSET  # unset where there are none
+    feedback: dict[str, SoundContent] | msgspec.UnsetType = msgspec.UNSET  # by outcome; unset where there is none
+
+    @property
+    def sound_list(self) -> tuple[ScheduledSound, ...]:
+        """Return the sounds, in the order of the timeline."""
+        return self.sounds or ()
+
+    @property
+    def sound_contents(self) -> tuple[SoundContent, ...]:
+        """Return what all sounds consist of, those of the feedback included."""
+        return (*(sound.content for sound in self.sound_list), *(self.feedback or {}).values())
 
     @property
     def changes_ns(self) -> tuple[int, ...]:
@@ -85,8 +117,10 @@ class TrialSchedule(msgspec.Struct, frozen=True):
         return tuple(sorted(visible, key=lambda stimulus: stimulus.layer))
 
     def find_onset_ns(self, name: str) -> int | None:
-        """Return when a stimulus begins; None if it is not shown."""
-        return next((stimulus.onset_ns for stimulus in self.stimuli if stimulus.name == name), None)
+        """Return when a stimulus begins; None if it is not presented."""
+        onsets_ns = {sound.name: sound.onset_ns for sound in self.sound_list}
+        onsets_ns |= {stimulus.name: stimulus.onset_ns for stimulus in self.stimuli}
+        return onsets_ns.get(name)
 
 
 def resolve_trial(timeline: TimelineSpec, cells: Cells, deadline_ms: float, draw: DrawShare) -> TrialSchedule:
@@ -103,9 +137,10 @@ def resolve_trial(timeline: TimelineSpec, cells: Cells, deadline_ms: float, draw
     """
     spans = _Spans(timeline, cells, draw)
     stimuli = [stimulus for spec in timeline.stimuli for stimulus in spans.resolve(spec)]
-    if len(stimuli) > MOST_STIMULI:
-        raise WorldError(f"timeline shows {len(stimuli)} stimuli in a trial; use at most {MOST_STIMULI}")
-    target = timeline.target or timeline.stimuli[-1].name
+    n_stimuli = len(stimuli) + len(spans.sounds)
+    if n_stimuli > MOST_STIMULI:
+        raise WorldError(f"timeline shows {n_stimuli} stimuli in a trial; use at most {MOST_STIMULI}")
+    target = timeline.target_name
     target_ns = spans.onsets_ns[target]
     closes_ns = None
     if deadline_ms:
@@ -123,6 +158,8 @@ def resolve_trial(timeline: TimelineSpec, cells: Cells, deadline_ms: float, draw
         responses=timeline.responses,
         ends_at_response=timeline.ends == "response",
         end_ns=end_ns,
+        sounds=tuple(spans.sounds) or msgspec.UNSET,
+        feedback=spans.feedback or msgspec.UNSET,
     )
 
 
@@ -151,6 +188,8 @@ class _Spans:
     def __init__(self, timeline: TimelineSpec, cells: Cells, draw: DrawShare) -> None:
         self.onsets_ns: dict[str, int] = {}
         self.ends_ns: dict[str, int | None] = {}
+        self.sounds: list[ScheduledSound] = []
+        self.feedback: dict[str, SoundContent] = {}
         self._last_end_ns: int | None = 0
         self._places = {stimulus.name: place for place, stimulus in enumerate(timeline.stimuli)}
         self._cells = cells
@@ -158,6 +197,9 @@ class _Spans:
 
     def resolve(self, spec: TimelineStimulus) -> Iterator[ScheduledStimulus]:
         """Resolve the next stimulus; yield it, or each of its words, if it is shown."""
+        if spec.feedback:
+            self._resolve_feedback(spec)
+            return
         content = self._read_content(spec)
         words = [content] if content is not None else []
         onset_ns = self._find_begin_ns(spec) + round(self._read_time(spec, "onset_ms", 0) * NS_PER_MS)
@@ -171,6 +213,8 @@ class _Spans:
             end_ns = onset_ns + round(self._read_time(spec, "duration_ms", 1) * NS_PER_MS)
         self.onsets_ns[spec.name] = onset_ns
         self.ends_ns[spec.name] = self._last_end_ns = end_ns
+        if sound := self._read_sound(spec, 0 if end_ns is None else end_ns - onset_ns):
+            self.sounds.append(ScheduledSound(spec.name, sound, onset_ns, end_ns, spec.until == "response"))
         for place, word in enumerate(words):
             name = spec.name
             own_end_ns = end_ns
@@ -222,6 +266,32 @@ class _Spans:
                 f"timeline: stimulus {spec.name!r}: {field} is {cell!r}; use a number from {low:g} to {high:g}"
             )
         return number
+
+    def _resolve_feedback(self, spec: TimelineStimulus) -> None:
+        """Resolve a sound that follows the trial."""
+        lasts_ns = round(self._read_time(spec, "duration_ms", 1) * NS_PER_MS)
+        content = self._read_sound(spec, lasts_ns)
+        if spec.feedback and content is not None:
+            self.feedback[spec.feedback] = content
+
+    def _read_sound(self, spec: TimelineStimulus, lasts_ns: int) -> SoundContent | None:
+        """Return what a stimulus lets hear; None if that is nothing in this trial."""
+        source = str(fill_references(spec.sound or "", self._cells)).strip()
+        if not source:
+            return None
+        hz = _HZ if spec.hz is msgspec.UNSET else spec.hz
+        level_db = _SYNTHETIC_LEVEL_DB if source in (TONE, NOISE) else 0.0
+        level = level_db if spec.level_db is msgspec.UNSET else spec.level_db
+        ear: Any = str(fill_references(spec.ear or "both", self._cells)).strip()
+        if ear not in EARS:
+            raise WorldError(f"timeline: stimulus {spec.name!r}: ear is {ear!r}; use one of {', '.join(EARS)}")
+        return SoundContent(
+            source=source,
+            hz=self._read_number(spec, "hz", hz, low=20.0, high=20_000.0) if source == TONE else 0.0,
+            level_db=self._read_number(spec, "level_db", level, low=LOWEST_LEVEL_DB, high=0.0),
+            ear=ear,
+            lasts_ms=lasts_ns / NS_PER_MS,
+        )
 
     def _read_content(self, spec: TimelineStimulus) -> StimulusContent | None:
         """Return what a stimulus shows; None if it shows nothing in this trial."""

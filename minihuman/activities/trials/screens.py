@@ -7,11 +7,12 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from minihuman.activities.trials.schedule import StimulusContent
+from minihuman.activities.trials.schedule import SOUND_LEAD_NS, ScheduledSound, StimulusContent
 from minihuman.activities.trials.trial_run import TrialRun
 from minihuman.experiment.machine.activity import SessionContext
 from minihuman.experiment.machine.running_episode import RunningEpisode
 from minihuman.experiment.machine.screens import FilmsScreen, PageView
+from minihuman.experiment.sounds import SoundContent
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,6 +39,9 @@ class TrialScreen(FilmsScreen):
     first_flip_ns: int | None  # when it was there
     response_keys: tuple[str, ...]
     target_step: int  # the place of the picture from which on responses are taken
+    sounds: tuple[tuple[int, ScheduledSound], ...]  # each with its number in the session
+    sound_contents: tuple[SoundContent, ...]  # of these, and of those that may follow the trial
+    lead_ns: int | None  # from the empty picture to the first, if that waits for sounds
     foresees_responses: bool  # whether every press from then on is a response, so that the page need not ask
 
     @property
@@ -61,8 +65,8 @@ class TrialScreen(FilmsScreen):
         return (self.episode, self.start_ns)
 
 
-def build_trial_screen(context: SessionContext, play: RunningEpisode, run: TrialRun) -> TrialScreen:
-    """Build the screen of a running trial."""
+def build_trial_screen(context: SessionContext, play: RunningEpisode, run: TrialRun, *, first_cue: int) -> TrialScreen:
+    """Build the screen of a running trial, whose sounds are numbered from ``first_cue`` on."""
     words = context.words
     schedule = run.schedule
     frames = range(len(run.changes_ns))
@@ -87,10 +91,15 @@ def build_trial_screen(context: SessionContext, play: RunningEpisode, run: Trial
         dues_ns=(0, *run.changes_ns),
         step=run.frame + 1 + len(frames) * run.has_response,
         episode=(play.plan.block, play.plan.episode),
-        start_ns=run.find_due_ns(0),
+        start_ns=run.rhythm_start_ns,
         first_flip_ns=run.first_flip_ns,
         target_step=run.changes_ns.index(schedule.target_ns) + 1 if schedule.target_ns in run.changes_ns else 1,
-        foresees_responses=schedule.opens_ns == schedule.target_ns and schedule.closes_ns in (None, schedule.end_ns),
+        sounds=tuple((first_cue + place, sound) for place, sound in enumerate(schedule.sound_list)),
+        sound_contents=schedule.sound_contents,
+        lead_ns=SOUND_LEAD_NS if run.has_lead else None,
+        foresees_responses=schedule.opens_ns == schedule.target_ns
+        and schedule.closes_ns in (None, schedule.end_ns)
+        and not run.target_is_sound,
         response_keys=tuple(play.plan.key_map.keys),
         locale=words.locale,
     )

@@ -24,7 +24,7 @@ class TrialSimulator(PartSimulator):
         if not isinstance(part, TrialsActivity) or part.run is None or part.running_trial is None:
             return False
         run = part.run
-        if run is self._last or run.target_flip_ns is None:
+        if run is self._last or run.target_onset_ns is None:
             return True
         self._last = run
         play = part.running_trial
@@ -32,7 +32,7 @@ class TrialSimulator(PartSimulator):
         self.person.begin_episode(play)
         press = ask_key(self.person.participant, play)
         if press is not None:
-            since_target_ns = self.person.now_ns - run.target_flip_ns
+            since_target_ns = self.person.now_ns - run.target_onset_ns
             delay_ms = max(0.0, press.delay_ms - since_target_ns / NS_PER_MS)
             self.person.press_key(press.key, delay_ms, press.hold_ms)
         return True

@@ -7,9 +7,9 @@ import json
 import math
 
 from minihuman.activities.play.tables import PLAY_TABLES
-from minihuman.activities.trials.columns import RESPONSE_COLUMNS, STIMULUS_COLUMNS, TRIAL_COLUMNS
-from minihuman.activities.trials.events import ResponseTaken, StimuliShown
-from minihuman.activities.trials.rows import RESPONSE_TOPIC, STIMULI_TOPIC
+from minihuman.activities.trials.columns import RESPONSE_COLUMNS, SOUND_COLUMNS, STIMULUS_COLUMNS, TRIAL_COLUMNS
+from minihuman.activities.trials.events import ResponseTaken, SoundPlayed, StimuliShown
+from minihuman.activities.trials.rows import RESPONSE_TOPIC, SOUND_TOPIC, STIMULI_TOPIC
 from minihuman.dataset.activity_tables import ActivityTable, TableRow
 from minihuman.dataset.measures import response_ms
 from minihuman.experiment.trial_responses import NO_RESPONSE
@@ -41,12 +41,14 @@ def _build_trial_row(episode: EpisodeLog) -> TableRow | None:
     }
 
 
-def _count_attempts(event: StimuliShown | ResponseTaken, log: SessionLog) -> int:
+def _count_attempts(event: StimuliShown | SoundPlayed | ResponseTaken, log: SessionLog) -> int:
     """Return how often the event's episode had begun by then: a void trial's rows are told from its repetition's."""
     return sum(episode.plan.episode == event.episode and episode.start.t_ns <= event.t_ns for episode in log.episodes)
 
 
-def _build_stimulus_row(event: StimuliShown, log: SessionLog) -> TableRow:
+def _build_stimulus_row(event: StimuliShown, log: SessionLog) -> TableRow | None:
+    if event.frame < 0:  # the empty picture before the first
+        return None
     has_due_time = bool(event.due_ns)
     return {
         "part": event.part + 1,
@@ -57,6 +59,20 @@ def _build_stimulus_row(event: StimuliShown, log: SessionLog) -> TableRow:
         "due_ns": event.due_ns if has_due_time else None,
         "flip_ns": event.flip_ns,
         "late_ms": (event.flip_ns - event.due_ns) / 1e6 if has_due_time else None,
+    }
+
+
+def _build_sound_row(event: SoundPlayed, log: SessionLog) -> TableRow:
+    return {
+        "part": event.part + 1,
+        "episode": event.episode + 1,
+        "attempt": _count_attempts(event, log),
+        "sound": event.sound,
+        "due_ns": event.due_ns,
+        "scheduled_ns": event.scheduled_ns,
+        "onset_ns": event.onset_ns,
+        "late_ms": (event.onset_ns - event.due_ns) / 1e6,
+        "uncertainty_ms": event.uncertainty_ms,
     }
 
 
@@ -76,5 +92,6 @@ TRIAL_TABLES = (
     *PLAY_TABLES,
     ActivityTable("trials", TRIAL_COLUMNS, episode_row=_build_trial_row),
     ActivityTable("trial_stimuli", STIMULUS_COLUMNS, {StimuliShown: _build_stimulus_row}, topics=(STIMULI_TOPIC,)),
+    ActivityTable("trial_sounds", SOUND_COLUMNS, {SoundPlayed: _build_sound_row}, topics=(SOUND_TOPIC,)),
     ActivityTable("trial_responses", RESPONSE_COLUMNS, {ResponseTaken: _build_response_row}, topics=(RESPONSE_TOPIC,)),
 )

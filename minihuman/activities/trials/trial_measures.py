@@ -13,6 +13,8 @@ from minihuman.statistics.signal_detection import measure_detection
 ANTICIPATION_MS = 150.0  # a response before it cannot follow from the stimulus
 _OUTLIER_MADS = 3.0
 _MAD_TO_SD = 1.4826  # of a normal distribution
+TASK = "task"  # the label by which trials differ in what is to be done
+SWITCH = "task_switch"
 ALL = "all"  # the level of all trials together
 
 MEASURES = {  # of a participant in a condition, with what they are called
@@ -30,10 +32,26 @@ _PERSON = ["participant", "session", "group", "block"]
 
 
 def read_labels(trials: pd.DataFrame) -> dict[str, "pd.Series[str]"]:
-    """Return, for each label, the level of each trial as text; "" for a trial without the label."""
+    """Return, for each label, the level of each trial as text; "" for a trial without the label.
+
+    Where the label ``task`` says what is to be done, ``task_switch`` says whether that is the same as in the trial
+    before, so that the difference between its levels is the switch cost.
+    """
     labels = trials["labels"].map(lambda text: json.loads(text) if isinstance(text, str) and text else {})
     names = dict.fromkeys(name for of_trial in labels for name in of_trial)
-    return {name: labels.map(lambda of_trial, name=name: str(of_trial.get(name, ""))) for name in names}
+    levels = {name: labels.map(lambda of_trial, name=name: str(of_trial.get(name, ""))) for name in names}
+    if TASK in levels and SWITCH not in levels:
+        levels[SWITCH] = _mark_switches(trials, levels[TASK])
+    return levels
+
+
+def _mark_switches(trials: pd.DataFrame, tasks: "pd.Series[str]") -> "pd.Series[str]":
+    """Return for each trial "switch" or "repeat"; "" where the trial before is not included or has no task."""
+    person = [trials[name] for name in _PERSON]
+    previous = tasks.groupby(person).shift(fill_value="")
+    follows = trials["trial"].groupby(person).diff().eq(1)
+    is_known = follows & tasks.ne("") & previous.ne("")
+    return tasks.eq(previous).map({True: "repeat", False: "switch"}).where(is_known, "")
 
 
 def mark_trimmed(trials: pd.DataFrame) -> "pd.Series[bool]":

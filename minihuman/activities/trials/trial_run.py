@@ -2,7 +2,13 @@
 
 from dataclasses import dataclass
 
-from minihuman.activities.trials.schedule import NS_PER_MS, ScheduledStimulus, TrialSchedule
+from minihuman.activities.trials.schedule import (
+    NS_PER_MS,
+    SOUND_LEAD_NS,
+    ScheduledSound,
+    ScheduledStimulus,
+    TrialSchedule,
+)
 
 PREPARATION_NS = 40 * NS_PER_MS  # a picture is handed over so long before it is due, to be drawn
 _BEFORE_FIRST = -1  # the screen is empty until the first picture is due
@@ -23,6 +29,10 @@ class TrialRun:
     Pictures are numbered from 0 as the schedule changes them, and none is left out. After a response that removes
     stimuli, the same numbers show what remains.
 
+    A sound has to be handed over before it is due. One that is due at the first picture or soon after it counts from
+    the time at which that picture is due; any other counts from the picture's flip. Without a rhythm, the first picture
+    of a trial with such an early sound is due a fixed time after an empty one.
+
     Args:
         schedule: the trial's schedule.
         start_ns: when its first picture is due in a block with a rhythm; None: at once.
@@ -31,10 +41,12 @@ class TrialRun:
     def __init__(self, schedule: TrialSchedule, start_ns: int | None = None) -> None:
         self.schedule = schedule
         self.changes_ns = schedule.changes_ns
-        self.frame = 0 if start_ns is None else _BEFORE_FIRST
+        self.has_lead = start_ns is None and any(sound.is_early for sound in schedule.sound_list)
+        self.frame = 0 if start_ns is None and not self.has_lead else _BEFORE_FIRST
         self.responses: list[ResponseRecord] = []
         self.first_flip_ns: int | None = None
-        self.target_flip_ns: int | None = None
+        self.target_onset_ns: int | None = None  # the flip of a picture, or the onset of a sound
+        self.rhythm_start_ns = start_ns
         self._start_ns = start_ns
         self._seen_frame = _BEFORE_FIRST
 
@@ -85,7 +97,8 @@ class TrialRun:
         if not self.is_seen or self.frame + 1 >= len(self.changes_ns):
             return None
         due_ns = self.find_due_ns(self.frame + 1)
-        assert due_ns is not None  # of the first picture after an empty screen, or of one after the first
+        if due_ns is None:  # of the first picture, before the empty one was seen
+            return None
         return due_ns - PREPARATION_NS
 
     def pass_time(self, now_ns: int) -> None:
@@ -105,21 +118,57 @@ class TrialRun:
         if frame is not None and self.frame < frame < len(self.changes_ns):
             self.frame = frame
         if self.frame < 0:
+            if self.has_lead and self._start_ns is None:
+                self._start_ns = flip_ns + SOUND_LEAD_NS
             return None
         due_ns = None if self.is_seen else self.find_due_ns(self.frame)
         if self.first_flip_ns is None:
             self.first_flip_ns = flip_ns
-        if self.changes_ns[self.frame] == self.schedule.target_ns and self.target_flip_ns is None:
-            self.target_flip_ns = flip_ns
+        shows_target = self.changes_ns[self.frame] == self.schedule.target_ns and not self.target_is_sound
+        if shows_target and self.target_onset_ns is None:
+            self.target_onset_ns = flip_ns
         self._seen_frame = self.frame
         return due_ns
 
+    @property
+    def target_is_sound(self) -> bool:
+        """Whether response times count from the onset of a sound."""
+        return any(sound.name == self.schedule.target for sound in self.schedule.sound_list)
+
+    def find_sound_due_ns(self, sound: ScheduledSound) -> int | None:
+        """Return when a sound is due by the time from which it counts; None if that is not known yet."""
+        base_ns = self._start_ns if sound.is_early else self.first_flip_ns
+        if base_ns is None:
+            return None
+        return base_ns + sound.onset_ns
+
+    def list_due_sounds(self) -> dict[int, tuple[ScheduledSound, int]]:
+        """Return the sounds that are to be played and when they are due, by their places in the schedule."""
+        due_sounds: dict[int, tuple[ScheduledSound, int]] = {}
+        for place, sound in enumerate(self.schedule.sound_list):
+            due_ns = self.find_sound_due_ns(sound)
+            if due_ns is not None and not (self.has_response and sound.until_response):
+                due_sounds[place] = (sound, due_ns)
+        return due_sounds
+
+    def record_sound(self, place: int, onset_ns: int) -> tuple[ScheduledSound, int] | None:
+        """Record that a sound began; return it with the time that the schedule intended, None if there is no such."""
+        if not 0 <= place < len(self.schedule.sound_list):
+            return None
+        sound = self.schedule.sound_list[place]
+        base_ns = self._start_ns if self.first_flip_ns is None else self.first_flip_ns
+        if base_ns is None:
+            return None
+        if sound.name == self.schedule.target and self.target_onset_ns is None:
+            self.target_onset_ns = onset_ns
+        return sound, base_ns + sound.onset_ns
+
     def takes(self, pressed_ns: int) -> bool:
         """Tell whether a key pressed at a time is a response."""
-        if self.first_flip_ns is None or self.target_flip_ns is None:
+        if self.first_flip_ns is None or self.target_onset_ns is None:
             return False
         if len(self.responses) >= self.schedule.responses:
             return False
-        opens_ns = self.target_flip_ns + self.schedule.opens_ns - self.schedule.target_ns
+        opens_ns = self.target_onset_ns + self.schedule.opens_ns - self.schedule.target_ns
         closes_ns = self.schedule.closes_ns
         return pressed_ns >= opens_ns and (closes_ns is None or pressed_ns < self.first_flip_ns + closes_ns)

@@ -28,6 +28,7 @@ from minihuman.experiment.machine.inputs import ActivityInput, Input, KeyDown, K
 from minihuman.experiment.machine.running_episode import RunningEpisode, catch_world_errors
 from minihuman.experiment.machine.screens import ActivityScreen, Screen
 from minihuman.experiment.plan.session_plan import KeyMap, PlannedPart, SessionPlan
+from minihuman.experiment.sounds import SoundCue
 from minihuman.experiment.words import InterfaceWords
 from minihuman.plugins import list_plugin_names, load_plugin, remember_by_name
 
@@ -209,6 +210,7 @@ class Activity(abc.ABC):
     request: ActivityRequest | None = None  # to the session host
     agent_plays: ClassVar[bool] = False  # whether an agent makes steps, beside the person or alone
     takes_over: ClassVar[bool] = False  # whether the person's keys make steps where an agent plays
+    sound_cues: tuple[SoundCue, ...] = ()  # what is to be heard, now or soon; a sound that is left out stops
     limit_ns: int | None = None  # when the time to play is over, if it is limited
     typed_event: Callable[[int, str], Event] = TextTyped  # what is logged of text
 

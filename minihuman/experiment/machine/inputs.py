@@ -176,6 +176,20 @@ class ActivityInput(TimedInput):
     """An input that only the running part handles; kinds of activity add fields."""
 
 
+@dataclass(frozen=True, slots=True)
+class SoundStarted(ActivityInput):
+    """A sound of ``Activity.sound_cues`` began.
+
+    The device was told to begin it at ``scheduled_ns``, and says that it began at ``onset_ns``, with an error below
+    ``uncertainty_ns`` in 99 of 100, but for a constant delay.
+    """
+
+    cue: int
+    scheduled_ns: int
+    onset_ns: int
+    uncertainty_ns: int
+
+
 Input = (
     KeyDown
     | KeyUp

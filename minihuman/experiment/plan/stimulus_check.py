@@ -23,11 +23,13 @@ from minihuman.experiment.plan.session_plan import name_label_column
 from minihuman.experiment.plan.trials import TrialStimulus, list_label_columns, read_stimuli
 from minihuman.experiment.protocol.protocol import BlockSpec, Protocol
 from minihuman.experiment.protocol.specs import apply_overrides
+from minihuman.experiment.sounds import render_sound
 from minihuman.worlds.adapters.world import World
 
 _MOST_LINES = 20  # of a table's mistakes; a wrong column is wrong in every row
 _MOST_STEPS = 10  # of a trial that is tried
 _DRAWN_PX = (320, 240)  # of a timeline's pictures
+_HEARD_HZ = 8_000  # at which sounds are tried
 _SHARES = (0.0, 1.0)  # of what is drawn from a range: the shortest and the longest
 _CLOSE = 0.8  # how similar a column's name is to an option's that it was probably meant to be
 
@@ -296,6 +298,8 @@ def _find_row_mistakes(protocol: Protocol, block: BlockSpec, cells: dict[str, An
             for time_ns in schedule.changes_ns:
                 contents = [stimulus.content for stimulus in schedule.find_visible(time_ns)]
                 draw_stimuli(contents, _DRAWN_PX, protocol.files, protocol.study.language)
+            for content in schedule.sound_contents:
+                render_sound(content, protocol.files, _HEARD_HZ)
         except WorldError as error:
             mistakes[f"{place}: {error}"] = None
             continue

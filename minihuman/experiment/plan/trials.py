@@ -2,13 +2,13 @@
 
 from collections.abc import Iterator, Mapping
 from itertools import chain
-from typing import Any
+from typing import Any, Literal
 
 import msgspec
 
 from minihuman.activities.play.plan import TrialRules
 from minihuman.activities.trials.plan import IMAGE_FORMATS, StimuliSpec
-from minihuman.activities.trials.schedule import fill_references, list_columns
+from minihuman.activities.trials.schedule import fill_references, list_columns, resolve_trial
 from minihuman.activities.trials.stimulus_table import (
     COUNT,
     IMAGE,
@@ -22,8 +22,10 @@ from minihuman.activities.trials.stimulus_table import (
 from minihuman.activities.trials.trial_order import OrderStream, draw_order
 from minihuman.errors import ProtocolError
 from minihuman.experiment.plan.random_streams import draw_words
-from minihuman.experiment.protocol.protocol import BlockSpec, Protocol
+from minihuman.experiment.plan.session_plan import SessionPlan
+from minihuman.experiment.protocol.protocol import BlockSpec, Protocol, decode_logged_protocol
 from minihuman.experiment.protocol.specs import apply_overrides
+from minihuman.experiment.sounds import NOISE, TONE, SoundContent, compute_digest
 from minihuman.worlds.hashing import refer_to_file
 
 TIMELINE_IMAGE_FORMATS = IMAGE_FORMATS
@@ -151,8 +153,10 @@ def _find_file_names(protocol: Protocol) -> Iterator[str]:
         if block.stimuli is not None:
             yield from _list_file_names(block.stimuli, protocol.files)
         for group in ("", *block.group_overrides):
-            images = read_timeline_images(apply_overrides(block, group), protocol.files)
-            yield from (name for name, _ in images if name in protocol.files)
+            block_of_group = apply_overrides(block, group)
+            named = read_timeline_images(block_of_group, protocol.files)
+            named += read_timeline_sounds(block_of_group, protocol.files)
+            yield from (name for name, _ in named if name in protocol.files)
         for group in block.group_overrides:
             spec = apply_overrides(block, group).stimuli
             if spec is not None and (not spec.file or spec.file in protocol.files):  # plans lacked them once
@@ -176,16 +180,69 @@ def read_images(spec: StimuliSpec, files: Mapping[str, bytes]) -> list[tuple[str
 
 def read_timeline_images(block: BlockSpec, files: Mapping[str, bytes]) -> list[tuple[str, str]]:
     """Return the images of a block's timeline, each with the first row or stimulus that names it."""
+    return list(_read_timeline_files(block, files, "image").items())
+
+
+def read_timeline_sounds(block: BlockSpec, files: Mapping[str, bytes]) -> list[tuple[str, str]]:
+    """Return the sound files of a block's timeline, each with the first row or stimulus that names it."""
+    places = _read_timeline_files(block, files, "sound")
+    return [(name, place) for name, place in places.items() if name not in (TONE, NOISE)]
+
+
+def _read_timeline_files(
+    block: BlockSpec, files: Mapping[str, bytes], field: Literal["image", "sound"]
+) -> dict[str, str]:
+    """Return the files that a field of a timeline's stimuli names, with the first row or stimulus that does."""
     if block.timeline is None:
-        return []
+        return {}
     rows = read_table(block.stimuli, files) if block.stimuli is not None else []
     places: dict[str, str] = {}
     for stimulus in block.timeline.stimuli:
-        if not stimulus.image:
+        written = getattr(stimulus, field)
+        if not written:
             continue
         if not list_columns(stimulus):
-            places.setdefault(stimulus.image, f"timeline, stimulus {stimulus.name!r}")
+            places.setdefault(written, f"timeline, stimulus {stimulus.name!r}")
         for row in rows:
-            if name := fill_references(stimulus.image, row.cells):
-                places.setdefault(str(name), f"{row.place}: stimulus {stimulus.name!r}")
-    return list(places.items())
+            if name := str(fill_references(written, row.cells)).strip():
+                places.setdefault(name, f"{row.place}: stimulus {stimulus.name!r}")
+    return places
+
+
+def list_sounds(plan: SessionPlan) -> list[SoundContent]:
+    """List the sounds that the timelines of a session's protocol can play, in any group, each once."""
+    if b"sound" not in plan.protocol_toml:
+        return []
+    return list_protocol_sounds(msgspec.structs.replace(decode_logged_protocol(plan.protocol_toml), files=plan.files))
+
+
+def list_sound_digests(plan: SessionPlan) -> list[str]:
+    """List the digests of the sounds that a session can play."""
+    return [compute_digest(content, plan.files) for content in list_sounds(plan)]
+
+
+def list_protocol_sounds(protocol: Protocol) -> list[SoundContent]:
+    """List the sounds that a protocol's timelines can play, in any group, each once."""
+    contents: dict[SoundContent, None] = {}
+    for block in protocol.blocks:
+        for group in ("", *block.group_overrides):
+            contents |= dict.fromkeys(_list_block_sounds(protocol, apply_overrides(block, group)))
+    return list(contents)
+
+
+def _list_block_sounds(protocol: Protocol, block: BlockSpec) -> Iterator[SoundContent]:
+    if block.timeline is None or not any(stimulus.sound for stimulus in block.timeline.stimuli):
+        return
+    stimuli = read_stimuli(protocol, block) if block.stimuli is not None else [TrialStimulus()]
+    for stimulus in stimuli:
+        for chosen in _list_design_cells(block):
+            cells = {"delay_ms": 0.0} | block.options | stimulus.labels | stimulus.options | chosen
+            schedule = resolve_trial(block.timeline, cells, block.response_deadline_ms, lambda place: 0.5)
+            yield from schedule.sound_contents
+
+
+def _list_design_cells(block: BlockSpec) -> list[Row]:
+    """Return the cells that a block's design may choose; one empty row without such a design."""
+    if block.design is None or "option" not in block.design.settings:
+        return [{}]
+    return [{str(block.design.settings["option"]): chosen} for chosen in block.design.settings.get("values", ())]

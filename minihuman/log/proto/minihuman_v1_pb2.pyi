@@ -670,3 +670,25 @@ class ResponseTaken(_message.Message):
     pressed_ns: int
     target_ns: int
     def __init__(self, t_ns: _Optional[int] = ..., part: _Optional[int] = ..., episode: _Optional[int] = ..., number: _Optional[int] = ..., key: _Optional[str] = ..., action: _Optional[int] = ..., pressed_ns: _Optional[int] = ..., target_ns: _Optional[int] = ...) -> None: ...
+
+class SoundPlayed(_message.Message):
+    __slots__ = ("t_ns", "part", "episode", "sound", "cue", "due_ns", "scheduled_ns", "onset_ns", "uncertainty_ms")
+    T_NS_FIELD_NUMBER: _ClassVar[int]
+    PART_FIELD_NUMBER: _ClassVar[int]
+    EPISODE_FIELD_NUMBER: _ClassVar[int]
+    SOUND_FIELD_NUMBER: _ClassVar[int]
+    CUE_FIELD_NUMBER: _ClassVar[int]
+    DUE_NS_FIELD_NUMBER: _ClassVar[int]
+    SCHEDULED_NS_FIELD_NUMBER: _ClassVar[int]
+    ONSET_NS_FIELD_NUMBER: _ClassVar[int]
+    UNCERTAINTY_MS_FIELD_NUMBER: _ClassVar[int]
+    t_ns: int
+    part: int
+    episode: int
+    sound: str
+    cue: int
+    due_ns: int
+    scheduled_ns: int
+    onset_ns: int
+    uncertainty_ms: float
+    def __init__(self, t_ns: _Optional[int] = ..., part: _Optional[int] = ..., episode: _Optional[int] = ..., sound: _Optional[str] = ..., cue: _Optional[int] = ..., due_ns: _Optional[int] = ..., scheduled_ns: _Optional[int] = ..., onset_ns: _Optional[int] = ..., uncertainty_ms: _Optional[float] = ...) -> None: ...

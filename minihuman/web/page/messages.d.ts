@@ -3,7 +3,7 @@
 
 export type BrowserFacts = Record<string, boolean | number | string>;
 export type Texts = Record<string, string>;
-export type PageMessage = KeyMessage | DisplayedMessage | TickMessage | TextMessage | FieldMessage | PointerMessage | AxisMessage | GamepadMessage | FocusMessage | RoundTripMessage | CommandEcho | LateInputMessage | PageAlteration;
+export type PageMessage = KeyMessage | DisplayedMessage | TickMessage | TextMessage | FieldMessage | PointerMessage | AxisMessage | GamepadMessage | FocusMessage | RoundTripMessage | SoundMessage | CommandEcho | LateInputMessage | PageAlteration;
 export type FromPage = Hello | NumberedMessage | PageAck | Ping | Farewell;
 export type UnnumberedMessage = Welcome | Refusal | ServerAck | Pong;
 export type ServerMessage = ScreenMessage | FilmFrame | ArraysMessage | EpisodeRules | StateCorrection | AgentControl | EpisodeState | LookAheadUpdate | ScreenPrefetch | CommandMessage | SessionOver;
@@ -103,6 +103,15 @@ export interface RoundTripMessage {
   latest: number;
 }
 
+/** The report that a sound began, by the sound device's clock. */
+export interface SoundMessage {
+  t: "sound";
+  cue: number;
+  scheduled: number;
+  onset: number;
+  uncertainty: number;
+}
+
 /** The report that the experimenter's command reached the page, at the message's time. */
 export interface CommandEcho {
   t: "asked";
@@ -179,6 +188,7 @@ export interface Welcome {
   taken: number;
   gamepad: boolean;
   sign_ms: number;
+  sounds: string[];
 }
 
 /** The server's refusal of a page, which does not reconnect by itself. */
@@ -213,6 +223,13 @@ export interface ScreenMessage {
   tick: number | null;
   screen: ScreenValues;
   name: number;
+  sounds: ScreenSound[];
+}
+
+/** A sound that begins with a screen. */
+export interface ScreenSound {
+  cue: number;
+  digest: string;
 }
 
 /** A picture of a film on the screen, drawn after the screen was sent. */

@@ -12,6 +12,7 @@ import { FilmViewer, FlipReporter, ImageCache } from "./pictures.js";
 import { ScreenPrefetch } from "./prefetch.js";
 import { TextEntry } from "./questions.js";
 import { ScreenView } from "./screens.js";
+import { SoundPlayer } from "./sounds.js";
 import { MessageStore, openTabStorage, Outbox, randomBytes, UNTIMED } from "./stream.js";
 import { TouchKeys } from "./touch.js";
 import { watchForWelcome } from "./unreachable.js";
@@ -34,6 +35,9 @@ class Page {
   #prefetch = new ScreenPrefetch(); // of the screens outside of episodes
   #flips = new FlipReporter(() => this.#outbox.now(), (what) => this.#send(what));
   #films = new FilmViewer(this.#images, this.#flips, () => this.#schedule());
+  #sounds = new SoundPlayer((ms) => this.#outbox.timeOf(ms), (what) => this.#send(what), (isMissing) => {
+    this.#status.textContent = isMissing ? this.#connection.words.no_sound : "";
+  });
   #player = new EpisodePlayer(
     this.#outbox, this.#images, this.#flips, () => this.#schedule(), () => this.#connection.taken,
     () => this.#connection.latency.least);
@@ -44,7 +48,7 @@ class Page {
   #appearance = new AppearanceWatch(this.#main, (what) => this.#isListening && this.#send(what) > 0);
   #view = new ScreenView(
     this.#main,
-    { images: this.#images, flips: this.#flips, films: this.#films, entry: this.#entry, episode: this.#player.view },
+    { images: this.#images, flips: this.#flips, films: this.#films, sounds: this.#sounds, entry: this.#entry, episode: this.#player.view },
     {
       current: () => this.#screen,
       touchTexts: () => (this.#touch.isTouched ? this.#touch.texts : null),
@@ -79,6 +83,7 @@ class Page {
       this.#touch.caps = m.touch;
       this.#touch.texts = m.words;
       this.#gamepad.want(m.gamepad);
+      this.#sounds.prepare(m.sounds);
       if (this.#screen) this.#touch.show(this.#screen.screen);
       document.title = m.words.title;
       this.#view.hideNotice();
@@ -239,7 +244,7 @@ class Page {
     if (!to) return;
     const { last } = this.#outbox.state;
     const tick = to.after === null ? null : last + to.after;
-    this.#put({ t: "screen", id: 0, name: to.name, through: n, at: last, tick, screen: to.screen });
+    this.#put({ t: "screen", id: 0, name: to.name, through: n, at: last, tick, screen: to.screen, sounds: [] });
     // Who steers is told when it has begun.
     if (to.episode >= 0) this.#player.enter(to.episode, to.scene, n, to.screen.kind === "play" && Boolean(to.screen.controller));
   }

@@ -8,11 +8,15 @@ export interface FilmSettings {
   /** what each is, for whoever does not see it */ labels: string[];
   /** how much of the window is theirs: of its height, and each one's of its width */ room: [share: number, across?: number];
   /** at which they begin */ step: number;
+  /** what the first picture waits for */ ready?: Promise<void>;
   /** ns from a step on the display to the next; null where keys alone go on */ period: number | null;
   /** when the next step is due, in ns of the session, if not after a period; null where it is not by the clock */
   dueAfter?: (step: number, flip: number) => number | null;
   /** the step that a key leads to; null for none */ stepOf: (key: string, isRepeat: boolean, step: number) => number | null;
 }
+
+/** A sound that a screen plays: its number in the session, and the digest of its samples. */
+export interface SoundCue { cue: number; digest: string }
 
 /** What the page lends to the module of a kind of activity. */
 export interface PageTools {
@@ -20,6 +24,11 @@ export interface PageTools {
   words: typeof import("./elements.js").words;
   prose: typeof import("./elements.js").prose;
   films: { open(message: ScreenMessage, settings: FilmSettings): HTMLElement[] };
+  sounds: {
+    ready(digests: string[]): Promise<void>;
+    play(cue: SoundCue, due: number): void;
+    keep(cues: Set<number>): void;
+  };
 }
 
 /** What such a module has. */

@@ -158,8 +158,10 @@ export class FilmViewer {
   }
 
   /** Show the step that the session is at. */
-  start() {
-    if (this.#film) this.#turn(this.#film, this.#film.settings.step);
+  async start() {
+    const film = this.#film;
+    await film?.settings.ready;
+    if (film && this.#film === film) this.#turn(film, film.settings.step);
   }
 
   /** @param {FilmFrame} frame */

@@ -7,6 +7,7 @@ import { drawWidget } from "./questions.js";
 /** @import { ActivityModule } from "./page_tools" */
 /** @import { EpisodeView } from "./episode.js" */
 /** @import { FilmViewer, FlipReporter, ImageCache } from "./pictures.js" */
+/** @import { SoundPlayer } from "./sounds.js" */
 /** @import { TextEntry } from "./questions.js" */
 
 const LEAVING_S = 5;
@@ -18,7 +19,8 @@ const noteOf = ({ note, item }) => (item.form === "TextField" && note === item.l
 export class ScreenView {
   /**
    * @param {HTMLElement} main
-   * @param {{ images: ImageCache, flips: FlipReporter, films: FilmViewer, entry: TextEntry, episode: EpisodeView }} parts
+   * @param {{ images: ImageCache, flips: FlipReporter, films: FilmViewer, sounds: SoundPlayer, entry: TextEntry,
+   * episode: EpisodeView }} parts
    * @param {object} page @param {() => ScreenMessage | null} page.current
    * @param {() => Record<string, string> | null} page.touchTexts what the page says instead of keys, where fingers play
    * @param {(through: number) => boolean} page.isPending whether something after a message is not acknowledged
@@ -49,7 +51,7 @@ export class ScreenView {
       s.messages.entry && el("div", { class: "entry" }, this.parts.entry.open(s.messages.entry)),
       el("p", { class: "prompt", id: "ask", text: s.messages.hint }))],
     activity: (/** @type {ActivityValues} */ s, /** @type {ScreenMessage} */ m) =>
-      this.#modules.get(s.module)?.draw(s, m, { el, words, prose, films: this.parts.films }),
+      this.#modules.get(s.module)?.draw(s, m, { el, words, prose, films: this.parts.films, sounds: this.parts.sounds }),
     page: (/** @type {PageValues} */ s) => [
       words("h1", "", s.title),
       s.picture === null ? null : this.#drawExample(s, s.picture),
@@ -108,7 +110,7 @@ export class ScreenView {
   /** @param {ScreenMessage} m */
   show(m) {
     const s = m.screen;
-    const { images, flips, films, entry, episode } = this.parts;
+    const { images, flips, films, sounds, entry, episode } = this.parts;
     if (s.kind === "activity" && !this.#modules.has(s.module)) {
       this.#load(s.module);
       return;
@@ -122,6 +124,7 @@ export class ScreenView {
       if (s.kind !== "play") episode.canvas = null;
       episode.reportHeld = null;
       films.close();
+      if (s.kind !== "activity") sounds.keep(new Set(m.sounds.map(({ cue }) => cue)));
       this.main.replaceChildren(...flatten(/** @type {any} */ (this.#draw)[s.kind](s, m)).filter(Boolean));
     }, () => {
       for (const [name, text] of Object.entries({ note: s.kind === "question" ? noteOf(s) : "", progress: "progress" in s ? s.progress : "" })) {
@@ -151,7 +154,10 @@ export class ScreenView {
         else this.page.entered(m, lasts, flip);
       });
     } else {
-      const then = (/** @type {number} */ flip) => this.page.entered(m, s.kind === "blank" ? lasts : null, flip);
+      const then = (/** @type {number} */ flip) => {
+        for (const sound of m.sounds) sounds.play(sound, flip);
+        this.page.entered(m, s.kind === "blank" ? lasts : null, flip);
+      };
       flips.report({ screen: m.id, name: m.name, then });
     }
   }

@@ -47,6 +47,7 @@ from minihuman.web.server.page_routes import PAGE_FOLDER, HeaderMiddleware, buil
 from minihuman.web.server.page_socket import PageSocket
 from minihuman.web.server.page_transport import PageTransport, SocketClosedError
 from minihuman.web.server.polling import PollingEntrance
+from minihuman.web.server.sound_route import build_sound_route
 from minihuman.web.traffic_limits import HELLO_TIMEOUT_S, MAX_WAITING
 from minihuman.worlds.isolation.isolated_world import IsolatedWorlds
 from minihuman.worlds.source_digest import kernels_digest
@@ -133,6 +134,7 @@ class WebServer:
             Route("/healthz", self._health),
             Route("/metrics", self._metrics),
             Route("/unwelcomed", self._counts.answer_unwelcomed),
+            build_sound_route(self._arrivals.protocol),
             WebSocketRoute("/socket", self._socket),
             Route("/socket", self._polling.answer, methods=["POST"]),  # a proxy sends both to the same worker
             *self._routes,

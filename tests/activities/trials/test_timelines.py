@@ -383,9 +383,15 @@ def test_each_example_of_the_docs_is_a_timeline_that_can_be_shown(name, example,
         timeline = f"timeline = {{ {example} }}"
     elif name in TimelineStimulus.__struct_fields__:
         named = "" if name == "name" else 'name = "field", '
-        shown = "" if name in ("text", "shape", "image") else 'text = "A B", '
+        shown = "" if name in ("text", "shape", "image", "sound") else 'text = "A B", '
+        shown = 'sound = "tone", duration_ms = 70, ' if name in ("hz", "level_db", "ear") else shown
         ends = "" if name in ("duration_ms", "each_ms", "until") else ', until = "end"'
+        ends = ", duration_ms = 70" if name == "sound" else ends
+        if name == "feedback":
+            shown, ends = 'sound = "tone", duration_ms = 70, ', ""
         timeline = f"timeline = {{ stimuli = [{CUE}, {{ {named}{shown}{example}{ends} }}] }}"
+    if name == "feedback":
+        timeline += '\nfeedback = { failure = "Wrong" }\nfeedback_ms = 500'
     write_picture(tmp_path / "face.png")
     protocol = decode(timeline, rows, **{"face.png": (tmp_path / "face.png").read_bytes()})
     check_worlds(protocol, "p.toml")

@@ -131,3 +131,12 @@ def test_the_methods_say_of_trials_what_all_of_them_have_in_common(report):
         "a row; the stimulus stayed until the response, at most 2000 ms"
     ) in methods
     assert "text =" not in methods
+
+
+def test_a_switch_cost_is_the_difference_after_another_task():
+    trials = make_trials([("go", "go", time, "") for time in (400.0, 500.0, 410.0, 520.0, 430.0, 300.0)])
+    trials["labels"] = [f'{{"task": "{task}"}}' for task in "AABBAA"]
+    trials.loc[5, "trial"] = 8  # the trial before it is excluded, so that it is neither
+    measured = measure_conditions(trials).set_index(["label", "level"])["response_median_ms"]
+    assert measured["task_switch", "repeat"] == pytest.approx((500 + 520) / 2)
+    assert measured["task_switch", "switch"] == pytest.approx((410 + 430) / 2)

@@ -4,6 +4,7 @@ import base64
 import hashlib
 import io
 import re
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,8 +15,9 @@ from PIL import Image
 from minihuman.activities.trials.plan import StimuliSpec
 from minihuman.activities.trials.stimulus_table import read_table
 from minihuman.admin.protocol_file import read_protocol
-from minihuman.admin.verify.log import verify_session
+from minihuman.admin.verify.log import find_log_differences, verify_session
 from minihuman.dataset.included_episodes import IncludedEpisode
+from minihuman.dataset.tables import select
 from minihuman.display.windows.window import ScriptedWindow, VirtualClock
 from minihuman.errors import ProtocolError, WorldError
 from minihuman.experiment.machine.events import EpisodeEnded, EpisodeStarted, FrameShown, KeyPressed, Noted, Stepped
@@ -29,6 +31,7 @@ from minihuman.exporters.environment_specs import build_environment_spec
 from minihuman.log.read.session_reader import read_log
 from minihuman.log.record.mcap_recorder import McapRecorder
 from minihuman.runtime.session_loop import run_session
+from minihuman.runtime.simulated_session import simulate
 from minihuman.worlds.adapters.world import World
 from minihuman.worlds.hashing import resolve_files
 from tests.study.sessions import MS, Desk
@@ -229,7 +232,9 @@ def test_an_option_that_a_stimulus_cannot_have_is_named():
         World("minihuman/Stimulus-v0", {"correct": "up"})
 
 
-@pytest.mark.parametrize("name", ["bandit", "go-no-go", "stroop", "n-back", "two-step", "flanker", "stop-signal"])
+@pytest.mark.parametrize(
+    "name", ["bandit", "go-no-go", "stroop", "n-back", "two-step", "flanker", "stop-signal", "auditory-oddball"]
+)
 def test_a_shipped_classic_runs_is_logged_and_replays(name, tmp_path):
     protocol = read_protocol(SHIPPED / f"{name}.toml", trust=True)
     plan = expand_protocol(protocol, enrol_participant(protocol, 0))
@@ -255,7 +260,19 @@ def test_a_shipped_classic_runs_is_logged_and_replays(name, tmp_path):
 
 @pytest.mark.parametrize(
     "name",
-    ["flanker", "go-no-go", "n-back", "posner", "priming", "rsvp", "simon", "stop-signal", "stroop", "visual-search"],
+    [
+        "auditory-oddball",
+        "flanker",
+        "go-no-go",
+        "n-back",
+        "posner",
+        "priming",
+        "rsvp",
+        "simon",
+        "stop-signal",
+        "stroop",
+        "visual-search",
+    ],
 )
 def test_a_classic_is_25_lines_of_toml(name):
     lines = [line for line in (SHIPPED / f"{name}.toml").read_text().splitlines() if not line.startswith("#")]
@@ -311,3 +328,15 @@ def test_an_image_is_in_a_log_once_and_in_what_is_exported_whole(tmp_path):
     spec = build_environment_spec(IncludedEpisode(log, log.episodes[-1]))
     assert spec is not None
     assert base64.urlsafe_b64decode(spec.kwargs["image"]) == picture.getvalue()
+
+
+def test_a_session_mixes_trials_and_a_maze_whose_cue_they_teach(tmp_path):
+    protocol = read_protocol(SHIPPED / "cued-corridor.toml")
+    [path] = simulate(protocol, tmp_path, participants=1, seed=1, player="human-like")
+    assert list(find_log_differences(path, World)) == []
+    rows = select(tmp_path / "cued-corridor").query("select block, labels from episodes where outcome = 'goal'")
+    assert {row["block"] for row in rows.to_pylist()} == {"colours", "corridor"}
+    assert Counter(row["labels"] for row in rows.to_pylist() if row["block"] == "corridor") == {
+        '{"arm": "left", "cue": "blue"}': 4,
+        '{"arm": "right", "cue": "yellow"}': 4,
+    }

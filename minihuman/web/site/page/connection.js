@@ -94,7 +94,7 @@ export class Connection {
     this.taken = past.at(-1)?.at ?? 0;
     const received = past.at(-1)?.n ?? 0, now = Math.max((Date.now() - head.started_unix_ms) * 1e6, this.taken + 1000);
     this.words = script.words;
-    this.listener.welcome({ keys: script.keys, touch: script.touch, words: script.words, gamepad: false });
+    this.listener.welcome({ keys: script.keys, touch: script.touch, words: script.words, gamepad: false, sounds: [] });
     this.outbox.setTime(head.id, now, true, received);
     this.outbox.catchUp(this.taken);
     this.outbox.acknowledge(received);

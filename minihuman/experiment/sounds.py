@@ -1,0 +1,166 @@
+"""Sounds: tones, noise and sound files as samples. No device and no clock.
+
+The desk and the page play the same samples: both get them from here.
+"""
+
+import hashlib
+import io
+import math
+import wave
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from minihuman.errors import WorldError
+
+TONE = "tone"
+NOISE = "noise"
+EARS = ("both", "left", "right")
+SOUND_FORMATS = ("WAV", "FLAC", "OGG")
+LOWEST_LEVEL_DB = -120.0
+LONGEST_SOUND_S = 600.0
+PAGE_RATE_HZ = 48_000  # at which pages receive sounds
+EXTRA = 'pip install "minihuman-lab[sound]"'
+_RAMP_S = 0.005  # in which tones and noise begin and end, and a sound that is cut off ends: without it, they click
+_SILENCE_S = 0.1  # around what is resampled
+_NOISE_SEED = 51  # the noise is the same in each trial
+_HIGHEST = 32767  # of a sample of 16 bits
+
+
+class SoundContent(msgspec.Struct, frozen=True):
+    """What a sound consists of, and how it is played."""
+
+    source: str  # TONE, NOISE, or a file of the protocol
+    hz: float  # of a tone
+    level_db: (
+        float  # the peak of a tone or noise in relation to full scale; for a file, what its samples are changed by
+    )
+    ear: Literal["both", "left", "right"]
+    lasts_ms: float  # 0: a file's own length
+
+    @property
+    def file(self) -> str:
+        """Return the name of the file; "" for a tone or noise."""
+        return "" if self.source in (TONE, NOISE) else self.source
+
+
+@dataclass(frozen=True, slots=True)
+class SoundCue:
+    """A sound that is to begin at a time, or is playing."""
+
+    number: int  # tells it from all others of the session
+    content: SoundContent
+    due_ns: int  # session time
+
+
+def compute_digest(content: SoundContent, files: Mapping[str, bytes]) -> str:
+    """Return the digest of a sound, 32 hexadecimal digits: equal sounds have the same, whatever their files' names."""
+    nameless = msgspec.structs.replace(content, source="file") if content.file else content
+    digest = hashlib.sha256(msgspec.json.encode(nameless))
+    digest.update(files.get(content.file, b""))
+    return digest.hexdigest()[:32]
+
+
+def render_sound(content: SoundContent, files: Mapping[str, bytes], rate_hz: int) -> NDArray[np.float32]:
+    """Return a sound's samples, float32[n, 2] from -1 to 1, for the left and the right ear.
+
+    Args:
+        content: the sound.
+        files: the protocol's files.
+        rate_hz: the samples per second.
+
+    Raises:
+        WorldError: if the file is missing or no sound file, or what decodes it is not installed.
+    """
+    count = round(content.lasts_ms * rate_hz / 1000)
+    if content.source == TONE:
+        samples = np.sin(2 * np.pi * content.hz / rate_hz * np.arange(count))[:, None]
+    elif content.source == NOISE:
+        samples = np.random.default_rng(_NOISE_SEED).uniform(-1.0, 1.0, (count, 1))
+    else:
+        samples = _read_file(content.file, files, rate_hz)
+    begins_softly = not content.file
+    ends_softly = begins_softly or 0 < count < len(samples)
+    if count:
+        samples = samples[:count]
+    samples = samples * 10 ** (content.level_db / 20)
+    ramp = np.sin(np.linspace(0, np.pi / 2, min(len(samples), round(_RAMP_S * rate_hz)), endpoint=False)) ** 2
+    if begins_softly:
+        samples[: len(ramp)] *= ramp[:, None]
+    if ends_softly and len(ramp):
+        samples[-len(ramp) :] *= ramp[::-1, None]
+    return _place(samples, content.ear).clip(-1.0, 1.0).astype(np.float32)
+
+
+def encode_wav(samples: NDArray[np.float32], rate_hz: int) -> bytes:
+    """Encode samples, float32[n, 2], as a WAV file of 16 bits; with one channel where both ears hear the same."""
+    is_mono = bool(np.array_equal(samples[:, 0], samples[:, 1]))
+    channels = samples[:, :1] if is_mono else samples
+    encoded = io.BytesIO()
+    with wave.open(encoded, "wb") as file:
+        file.setnchannels(channels.shape[1])
+        file.setsampwidth(2)
+        file.setframerate(rate_hz)
+        file.writeframes(np.round(channels * _HIGHEST).astype("<i2").tobytes())
+    return encoded.getvalue()
+
+
+def _place(samples: NDArray[np.float64], ear: str) -> NDArray[np.float64]:
+    """Return the samples of both ears, float64[n, 2], of those of one or two channels."""
+    if ear == "both":
+        return np.repeat(samples, 2, axis=1) if samples.shape[1] == 1 else samples
+    placed = np.zeros((len(samples), 2))
+    placed[:, EARS.index(ear) - 1] = samples.mean(axis=1)
+    return placed
+
+
+def _read_file(name: str, files: Mapping[str, bytes], rate_hz: int) -> NDArray[np.float64]:
+    """Decode a file of one or two channels, float64[n, 1 or 2], at a rate."""
+    content = files.get(name)
+    if content is None:
+        raise WorldError(f"sound {name!r} is not in the protocol's folder; copy it there")
+    soundfile = _import_soundfile(name)
+    try:
+        with soundfile.SoundFile(io.BytesIO(content)) as file:
+            format_name, channels, file_rate_hz = file.format, file.channels, file.samplerate
+            is_readable = format_name in SOUND_FORMATS and channels in (1, 2)
+            is_readable = is_readable and 0 < file.frames <= LONGEST_SOUND_S * file_rate_hz
+            samples = file.read(dtype="float64", always_2d=True) if is_readable else None
+    except (soundfile.SoundFileError, RuntimeError, ValueError, TypeError) as error:
+        raise WorldError(
+            f"sound {name!r} is no WAV, FLAC or OGG ({type(error).__name__}); save it as one of these"
+        ) from error
+    if samples is None or not np.isfinite(samples).all():
+        raise WorldError(
+            f"sound {name!r} is {format_name} with {channels} channels; use WAV, FLAC or OGG with 1 or 2 channels, of "
+            f"{LONGEST_SOUND_S:g} s at most"
+        )
+    return _resample(samples, file_rate_hz, rate_hz)
+
+
+def _resample(samples: NDArray[np.float64], from_hz: int, to_hz: int) -> NDArray[np.float64]:
+    """Return samples at another rate, by their spectrum; what the lower rate cannot hold is left out."""
+    if from_hz == to_hz:
+        return samples
+    factor = math.gcd(from_hz, to_hz)
+    unit = from_hz // factor  # so many samples become a whole number of others
+    before = unit * math.ceil(_SILENCE_S * from_hz / unit)  # so that the end does not ring in the beginning
+    count = unit * math.ceil((len(samples) + 2 * before) / unit)
+    padded = np.zeros((count, samples.shape[1]))
+    padded[before : before + len(samples)] = samples
+    new_count = count * to_hz // from_hz
+    resampled = np.fft.irfft(np.fft.rfft(padded, axis=0), new_count, axis=0) * new_count / count
+    begin = before * to_hz // from_hz
+    return resampled[begin : begin + round(len(samples) * to_hz / from_hz)]
+
+
+def _import_soundfile(name: str) -> Any:
+    try:
+        import soundfile
+    except (ImportError, OSError) as error:  # OSError: its library of the system is missing
+        raise WorldError(f"sound {name!r} needs the package soundfile; {EXTRA}") from error
+    return soundfile

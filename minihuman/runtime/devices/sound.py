@@ -1,0 +1,381 @@
+"""Sound at the desk: what a session wants to be heard goes to the sound device, which says when each sound began.
+
+The running part of a session names its sounds and their times (`Activity.sound_cues`). The device has a clock of its
+own; a line is fitted to it all the time, by the session's clock, so that neither jitter nor a step of the wall clock
+moves an onset.
+"""
+
+import abc
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from minihuman.display.windows.window import Clock
+from minihuman.errors import DeviceError
+from minihuman.experiment.machine.inputs import SoundStarted
+from minihuman.experiment.machine.session import SessionMachine
+from minihuman.experiment.plan.session_plan import SessionPlan
+from minihuman.experiment.plan.trials import list_protocol_sounds, list_sounds
+from minihuman.experiment.protocol.protocol import Protocol
+from minihuman.experiment.sounds import EXTRA, SoundContent, SoundCue, compute_digest, render_sound
+
+LATENCY_S = 0.04  # asked of the device; with less, a busy machine interrupts the sound
+RATE_HZ = 48_000
+INSTALL_PORTAUDIO = "apt-get install libportaudio2"
+_WINDOW = 512  # callbacks to which the device's clock is fitted, some 5 to 20 s
+_LEAST_WINDOW = 16
+_RECENT = 64  # the latest of them
+_FADE_S = 0.005  # in which a sound that is stopped ends
+_STEP_S = 0.002  # by so much does the median of the latest times differ after an interruption
+_LEAST_UNCERTAINTY_S = 0.001  # device and server count in periods, which a fit does not see
+_SPREAD_TO_UNCERTAINTY = 3.0  # of the robust standard deviation of the times to which the line is fitted
+_NS_PER_S = 1_000_000_000
+_LONGEST_START_NS = 5 * _NS_PER_S
+_START_CHECK_S = 0.02
+
+
+class SoundOutput(abc.ABC):
+    """Plays a session's sounds, and says when each began."""
+
+    @abc.abstractmethod
+    def follow(self, cues: Sequence[SoundCue]) -> None:
+        """Play these sounds at their times; stop every other."""
+
+    @abc.abstractmethod
+    def read(self) -> Sequence[SoundStarted]:
+        """Return the sounds that have begun since the last call, in order."""
+
+    @property
+    def next_report_ns(self) -> int | None:
+        """When `read` has something to return, if that is known; None otherwise."""
+        return None
+
+    def close(self) -> None:  # noqa: B027 - most hold nothing
+        """Release the device."""
+
+
+class SimulatedOutput(SoundOutput):
+    """A device without sound, for simulated participants: every sound begins exactly when it is due.
+
+    Args:
+        clock: the session's clock.
+    """
+
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
+        self._waiting: dict[int, SoundCue] = {}
+        self._begun: set[int] = set()
+
+    def follow(self, cues: Sequence[SoundCue]) -> None:
+        """Note when these sounds begin."""
+        self._begun &= {cue.number for cue in cues}
+        self._waiting = {cue.number: cue for cue in cues if cue.number not in self._begun}
+
+    def read(self) -> Sequence[SoundStarted]:
+        """Return the sounds that are due by now."""
+        now_ns = self._clock()
+        due = sorted((cue.due_ns, cue.number) for cue in self._waiting.values() if cue.due_ns <= now_ns)
+        for _, number in due:
+            self._begun.add(number)
+            del self._waiting[number]
+        return [SoundStarted(now_ns, number, due_ns, due_ns, 0) for due_ns, number in due]
+
+    @property
+    def next_report_ns(self) -> int | None:
+        """When the next sound is due."""
+        return min((cue.due_ns for cue in self._waiting.values()), default=None)
+
+
+class ClockFit:
+    """Tells the session's time at which a frame of the stream is heard.
+
+    The device says with each buffer when its first frame will be heard. These times jitter; frames follow each other
+    evenly. The line through them has the rate's slope, and the median of the latest ones as its offset.
+    """
+
+    def __init__(self, rate_hz: float) -> None:
+        self._rate_hz = rate_hz
+        self._offsets_s: deque[float] = deque(maxlen=_WINDOW)  # of frame 0, by each buffer
+
+    def add(self, frame: int, heard_s: float) -> None:
+        """Add a buffer: its first frame, and when that will be heard.
+
+        Where the latest times differ from those before, the stream was interrupted: the line begins anew with them.
+        """
+        self._offsets_s.append(heard_s - frame / self._rate_hz)
+        latest = [*self._offsets_s][-_RECENT:]
+        if abs(float(np.median(latest)) - self.offset_s) > _STEP_S:
+            self._offsets_s = deque(latest, maxlen=_WINDOW)
+
+    @property
+    def is_ready(self) -> bool:
+        """Whether there are enough buffers."""
+        return len(self._offsets_s) >= _LEAST_WINDOW
+
+    @property
+    def offset_s(self) -> float:
+        """Return the session's time at which frame 0 was heard."""
+        return float(np.median(self._offsets_s))
+
+    @property
+    def uncertainty_s(self) -> float:
+        """Return below which 99 % of the errors are, but for a constant delay."""
+        spread_s = 1.4826 * float(np.median(np.abs(np.array(self._offsets_s) - self.offset_s)))
+        return max(_LEAST_UNCERTAINTY_S, _SPREAD_TO_UNCERTAINTY * spread_s)
+
+    def find_time_s(self, frame: float) -> float:
+        """Return when a frame is heard."""
+        return self.offset_s + frame / self._rate_hz
+
+    def find_frame(self, time_s: float) -> int:
+        """Return the frame that is heard at a time."""
+        return round((time_s - self.offset_s) * self._rate_hz)
+
+
+@dataclass(slots=True)
+class _Voice:
+    """A sound that is waiting or playing."""
+
+    samples: NDArray[np.float32]
+    due_ns: int
+    next_sample: int = 0
+    first_frame: int | None = None  # once it has begun
+    is_wanted: bool = True
+    is_cut: bool = False
+
+    @property
+    def is_over(self) -> bool:
+        """Whether all of it was played."""
+        return self.first_frame is not None and self.next_sample >= len(self.samples)
+
+
+class PortAudioOutput(SoundOutput):
+    """Plays sounds through PortAudio.
+
+    Args:
+        clock: the session's clock.
+        contents: the sounds of the session, which are decoded now.
+        files: the protocol's files.
+
+    Raises:
+        DeviceError: if PortAudio or a device is missing.
+        WorldError: if a file cannot be decoded.
+    """
+
+    def __init__(self, clock: Clock, contents: Sequence[SoundContent], files: Mapping[str, bytes]) -> None:
+        self._clock = clock
+        self._files = files
+        self._lock = threading.Lock()
+        self._voices: dict[int, _Voice] = {}
+        self._reports: list[SoundStarted] = []
+        self._frame = 0  # the first of the next buffer
+        self._interruptions = 0
+        self._stream = _open_stream(self._fill)
+        self._rate_hz = float(self._stream.samplerate)
+        self._fit = ClockFit(self._rate_hz)
+        self._samples = {self._digest(content): self._render(content) for content in contents}
+        self._stream.start()
+        self._await_clock()
+
+    def facts(self) -> dict[str, str]:
+        """Return facts about the device for the log."""
+        import sounddevice
+
+        device = sounddevice.query_devices(self._stream.device)
+        return {
+            "sound_device": f"{device['name']}, {sounddevice.query_hostapis(device['hostapi'])['name']}",
+            "sound_rate_hz": f"{self._rate_hz:g}",
+            "sound_latency_ms": f"{1000 * self._stream.latency:.1f}",
+            "sound_library": sounddevice.get_portaudio_version()[1],
+        }
+
+    @property
+    def interruptions(self) -> int:
+        """Return how often the device ran out of samples."""
+        return self._interruptions
+
+    @property
+    def uncertainty_ms(self) -> float | None:
+        """Return below which 99 % of the errors of onsets are, but for a constant delay; None if that is not known."""
+        if not self._fit.is_ready:
+            return None
+        return 1000 * self._fit.uncertainty_s
+
+    def follow(self, cues: Sequence[SoundCue]) -> None:
+        """Play these sounds at their times; stop every other."""
+        wanted = {cue.number: cue for cue in cues}
+        fresh = {number: self._prepare(cue) for number, cue in wanted.items() if number not in self._voices}
+        with self._lock:
+            for number, voice in self._voices.items():
+                voice.is_wanted = number in wanted
+            self._voices |= fresh
+
+    def read(self) -> Sequence[SoundStarted]:
+        """Return the sounds that have begun since the last call.
+
+        Raises:
+            DeviceError: if the device has stopped.
+        """
+        if not self._stream.active:
+            raise DeviceError("the sound device has stopped; connect it again, then resume the session")
+        now_ns = self._clock()
+        with self._lock:
+            reports = [report for report in self._reports if report.onset_ns <= now_ns]
+            self._reports = [report for report in self._reports if report.onset_ns > now_ns]
+        return [SoundStarted(now_ns, *_times_of(report)) for report in reports]
+
+    @property
+    def next_report_ns(self) -> int | None:
+        """When the next sound that the device has taken is heard."""
+        with self._lock:
+            return min((report.onset_ns for report in self._reports), default=None)
+
+    def close(self) -> None:
+        """Stop the stream."""
+        self._stream.close()
+
+    def _await_clock(self) -> None:
+        """Wait until the device's clock is known, without which no sound begins.
+
+        Raises:
+            DeviceError: if the device plays nothing.
+        """
+        until_ns = self._clock() + _LONGEST_START_NS
+        while not self._fit.is_ready:
+            if self._clock() > until_ns:
+                self._stream.close()
+                raise DeviceError("the sound device opens, but plays nothing; start the system's sound server again")
+            time.sleep(_START_CHECK_S)
+
+    def _prepare(self, cue: SoundCue) -> _Voice:
+        digest = self._digest(cue.content)
+        if digest not in self._samples:
+            self._samples[digest] = self._render(cue.content)
+        return _Voice(self._samples[digest], cue.due_ns)
+
+    def _digest(self, content: SoundContent) -> str:
+        return compute_digest(content, self._files)
+
+    def _render(self, content: SoundContent) -> NDArray[np.float32]:
+        return render_sound(content, self._files, round(self._rate_hz))
+
+    # In the device's own thread
+
+    def _fill(self, buffer: NDArray[np.float32], count: int, times: Any, status: Any) -> None:
+        """Fill a buffer that the device is about to play."""
+        now_s = self._clock() / _NS_PER_S
+        self._fit.add(self._frame, now_s + times.outputBufferDacTime - times.currentTime)
+        self._interruptions += bool(status.output_underflow)
+        buffer.fill(0.0)
+        with self._lock:
+            for number, voice in self._voices.items():
+                self._mix(number, voice, buffer)
+            self._voices = {number: voice for number, voice in self._voices.items() if self._is_kept(voice)}
+        np.clip(buffer, -1.0, 1.0, out=buffer)
+        self._frame += count
+
+    def _mix(self, number: int, voice: _Voice, buffer: NDArray[np.float32]) -> None:
+        """Add a sound to a buffer, if it has begun or begins in it."""
+        place = 0
+        if voice.first_frame is None:
+            if not voice.is_wanted or not self._fit.is_ready:
+                return
+            place = max(0, self._fit.find_frame(voice.due_ns / _NS_PER_S) - self._frame)
+            if place >= len(buffer):
+                return
+            voice.first_frame = self._frame + place
+            self._reports.append(self._describe(number, voice))
+        if not voice.is_wanted and not voice.is_cut:
+            voice.samples = self._cut(voice)
+            voice.is_cut = True
+        taken = voice.samples[voice.next_sample : voice.next_sample + len(buffer) - place]
+        buffer[place : place + len(taken)] += taken
+        voice.next_sample += len(taken)
+
+    @staticmethod
+    def _is_kept(voice: _Voice) -> bool:
+        """Tell whether a sound plays, will play, or must not be played again as the session still names it."""
+        return voice.is_wanted or (voice.first_frame is not None and not voice.is_over)
+
+    def _cut(self, voice: _Voice) -> NDArray[np.float32]:
+        """Return the samples of a sound that ends softly now."""
+        ahead = voice.samples[voice.next_sample : voice.next_sample + round(_FADE_S * self._rate_hz)]
+        fade = np.linspace(1.0, 0.0, len(ahead), dtype=np.float32)[:, None]
+        return np.concatenate([voice.samples[: voice.next_sample], ahead * fade])
+
+    def _describe(self, number: int, voice: _Voice) -> SoundStarted:
+        assert voice.first_frame is not None
+        onset_ns = round(self._fit.find_time_s(voice.first_frame) * _NS_PER_S)
+        uncertainty_ns = round(self._fit.uncertainty_s * _NS_PER_S)
+        return SoundStarted(0, number, voice.due_ns, onset_ns, uncertainty_ns)
+
+
+def list_sound_cues(session: SessionMachine) -> tuple[SoundCue, ...]:
+    """Return the sounds of a session that are to be heard, now or soon; one that is no longer among them stops."""
+    part = session.part
+    if session.over or session.phase is not part.phase:  # a pause or a question covers the part
+        return ()
+    return part.sound_cues
+
+
+@contextmanager
+def open_sound(plan: SessionPlan, clock: Clock) -> Iterator[tuple[PortAudioOutput | None, dict[str, str]]]:
+    """Open the sound device for a session, with its sounds decoded; yield it with facts about it for the log.
+
+    It yields None if the session has no sounds.
+
+    Raises:
+        DeviceError: if PortAudio or a device is missing.
+    """
+    contents = list_sounds(plan)
+    if not contents:
+        yield None, {}
+        return
+    with closing(PortAudioOutput(clock, contents, plan.files)) as output:
+        yield output, output.facts()
+
+
+def require_sound_device(protocol: Protocol) -> None:
+    """Refuse a protocol with sounds where no sound device opens.
+
+    Raises:
+        DeviceError: then.
+    """
+    if list_protocol_sounds(protocol):
+        _open_stream(lambda *_: None).close()
+
+
+def _times_of(report: SoundStarted) -> tuple[int, int, int, int]:
+    return report.cue, report.scheduled_ns, report.onset_ns, report.uncertainty_ns
+
+
+def _open_stream(fill: Callable[..., None]) -> Any:
+    """Open the default sound device.
+
+    Raises:
+        DeviceError: if PortAudio or a device is missing.
+    """
+    try:
+        import sounddevice
+    except ImportError as error:
+        raise DeviceError(f"the study has sound, for which the package sounddevice is missing; {EXTRA}") from error
+    except OSError as error:
+        raise DeviceError(f"the study has sound, for which PortAudio is missing; {INSTALL_PORTAUDIO}") from error
+    try:
+        return sounddevice.OutputStream(
+            samplerate=RATE_HZ, channels=2, dtype="float32", latency=LATENCY_S, callback=fill
+        )
+    except (sounddevice.PortAudioError, ValueError) as error:
+        reason = str(error.args[0]) if error.args else type(error).__name__
+        if sounddevice.default.device[1] < 0:
+            reason = "there is none"
+        raise DeviceError(
+            f"the study has sound, but no sound device opens ({reason}); connect one and start the sound server"
+        ) from error
