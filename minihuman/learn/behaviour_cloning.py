@@ -194,7 +194,12 @@ def split_by_participant(
 
 
 def clone_policy(
-    training: Demonstrations, validation: Demonstrations, *, eyes: EncoderName, settings: CloningSettings
+    training: Demonstrations,
+    validation: Demonstrations,
+    *,
+    eyes: EncoderName,
+    settings: CloningSettings,
+    hidden: tuple[int, ...] = (64, 64),
 ) -> tuple[Policy, CloningResult]:
     """Train a policy to imitate demonstrations; return it with the weights of the epoch that was best in validation."""
     torch.manual_seed(settings.seed)
@@ -202,7 +207,7 @@ def clone_policy(
     if settings.mirrored:
         steps = _with_mirror_images(steps, training.action_names, eyes)
     held_out = _stack_steps(validation)
-    policy = build_policy(training.space, len(training.action_names), eyes)
+    policy = build_policy(training.space, len(training.action_names), eyes, hidden=hidden)
     policy.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
     optimiser = torch.optim.Adam(
         policy.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay, fused=True

@@ -148,7 +148,7 @@ class CodeEncoder(nn.Module):
 class InputLookup(torch.autograd.Function):
     """A linear layer of inputs that are 0 or 1, given by the numbers of those that are 1.
 
-    Forward and backward, it computes with the inputs that are 1 anywhere in the batch: a quarter of those of grid views.
+    Forward and backward, it computes with the inputs that are 1 anywhere in the batch, a quarter of a grid view's.
     """
 
     @staticmethod
@@ -367,25 +367,32 @@ class Policy(MultiInputActorCriticPolicy):
         return torch.log_softmax(logits, dim=1), self.value_net(self.mlp_extractor.value_net(features))
 
 
-def get_policy_settings(eyes: EncoderName) -> dict[str, object]:
-    """Return keyword arguments for Stable-Baselines3: actor and critic have two layers of 64 tanh units each."""
+def get_policy_settings(eyes: EncoderName, hidden: tuple[int, ...] = (64, 64)) -> dict[str, object]:
+    """Return keyword arguments for Stable-Baselines3: the layers of actor and critic have tanh units."""
     return {
         "features_extractor_class": MissionImageExtractor,
         "features_extractor_kwargs": {"eyes": eyes},
-        "net_arch": {"pi": [64, 64], "vf": [64, 64]},
+        "net_arch": {"pi": list(hidden), "vf": list(hidden)},
         "activation_fn": nn.Tanh,
         # Stable-Baselines3's own optimiser and epsilon, each step in one call
         "optimizer_kwargs": {"eps": 1e-5, "fused": True},
     }
 
 
-def build_policy(observation_space: spaces.Dict, actions: int, eyes: EncoderName, *, memory: bool = False) -> Policy:
+def build_policy(
+    observation_space: spaces.Dict,
+    actions: int,
+    eyes: EncoderName,
+    *,
+    memory: bool = False,
+    hidden: tuple[int, ...] = (64, 64),
+) -> Policy:
     """Build a policy on the CPU, without a training algorithm."""
     policy = Policy(
         observation_space,
         spaces.Discrete(actions),
         lambda _: 3e-4,
-        **get_policy_settings(eyes),
+        **get_policy_settings(eyes, hidden),
     )
     if memory:
         policy.memory = nn.GRUCell(policy.features_dim, policy.features_dim)  # of the steps of an episode
