@@ -12,6 +12,7 @@ import argparse
 import csv
 import tempfile
 from collections import defaultdict
+from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from minihuman import simulate
+from minihuman.learn.batch_ppo import CurvePoint
 from minihuman.learn.training import train
 from minihuman.learn.training_settings import TrainingJob, change_settings, read_job
 from ppo_curves import JUDGED, LEARNED, summarise
@@ -28,7 +30,13 @@ CURVES = "warm_start.csv"
 FRESH = "warm_start_fresh.csv"
 
 
-def train_arm(folder: Path, world: str, arm: str, seed: int, steps: int | None) -> None:
+class ReachedError(Exception):
+    """A run has learned what it was to learn."""
+
+
+def train_arm(
+    folder: Path, world: str, arm: str, seed: int, steps: int | None = None, *, until_reached: bool = False
+) -> None:
     """Train with a job file and a seed, and add the curve and the evaluation to the folder's tables."""
     job = read_job(folder / f"{world}-{arm}.toml")
     changes: dict[str, Any] = {"seed": seed} | ({} if steps is None else {"steps": steps})
@@ -36,14 +44,24 @@ def train_arm(folder: Path, world: str, arm: str, seed: int, steps: int | None) 
     study = Path(job.settings.from_people)
     if job.settings.from_people and not study.exists():
         list(simulate(folder / f"{study.name}.toml", participants=20, seed=3, data=study.parent))
-    with tempfile.TemporaryDirectory() as made:
-        report = train(job, Path(made, "policy.pt"))
+    points: list[CurvePoint] = []
+    evaluations: list[Any] = []
+    clone: Any = None
+
+    def follow(point: CurvePoint, curriculum: object) -> None:
+        points.append(point)
+        if until_reached and point.success >= LEARNED and point.episodes >= JUDGED:
+            raise ReachedError
+
+    with tempfile.TemporaryDirectory() as made, suppress(ReachedError):
+        report = train(job, Path(made, "policy.pt"), follow=follow)
+        evaluations = report.evaluations
+        clone = report.clone
     run = {"world": world, "arm": arm, "seed": seed}
-    add_rows(folder / CURVES, [run | asdict(point) for point in report.curve])
-    if report.evaluations:
-        (fresh,) = report.evaluations
-        clone = "" if report.clone is None else report.clone.rate
-        add_rows(folder / FRESH, [run | {"episodes": fresh.episodes, "success": fresh.rate, "clone": clone}])
+    add_rows(folder / CURVES, [run | asdict(point) for point in points])
+    for fresh in evaluations:
+        by_clone = "" if clone is None else clone.rate
+        add_rows(folder / FRESH, [run | {"episodes": fresh.episodes, "success": fresh.rate, "clone": by_clone}])
 
 
 def add_rows(path: Path, rows: list[dict[str, Any]]) -> None:
@@ -102,12 +120,13 @@ def main() -> None:
     parser.add_argument("--arms", nargs="+", choices=ARMS, default=list(ARMS))
     parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--steps", type=int, help="of each run, instead of the job file's")
+    parser.add_argument("--until-reached", action="store_true", help="end each run once 0.9 is reached")
     asked = parser.parse_args()
     for seed in range(1, asked.seeds + 1):
         for world in asked.worlds:
             for arm in asked.arms:
                 if seed not in read_steps(asked.folder / CURVES).get((world, arm), {}):
-                    train_arm(asked.folder, world, arm, seed, asked.steps)
+                    train_arm(asked.folder, world, arm, seed, asked.steps, until_reached=asked.until_reached)
     print(describe(read_steps(asked.folder / CURVES)))
 
 

@@ -59,7 +59,7 @@ def train_ours(world: str, steps: int, seed: int, *, memory: bool) -> list[dict[
     with tempfile.TemporaryDirectory() as folder:
         report = train(TrainingJob((WorldChoice(world),), settings), Path(folder, "policy.pt"))
     names = ("steps", "episodes", "return_mean", "success", "cpu_s")
-    return [{name: getattr(point, name) for name in names} for point in report.curve]
+    return [{name: getattr(point, name) for name in names} for point in report.points]
 
 
 def train_theirs(world: str, steps: int, seed: int, *, memory: bool) -> list[dict[str, Any]]:

@@ -51,7 +51,8 @@ def _annotate(declared: Any) -> Any:
     text = declared.metadata["help"]
     if default not in ("", False):
         text = f"{text.removesuffix('.')} (default {default})."
-    return Annotated[kind | None, Option(help=text, panel=declared.metadata["panel"])]
+    least = declared.metadata["least"] if kind is int else None
+    return Annotated[kind | None, Option(help=text, min=least, panel=declared.metadata["panel"])]
 
 
 def _parse_sizes(text: str) -> list[int]:
@@ -107,7 +108,7 @@ def describe_progress(point: Any, steps: int, curriculum: str) -> str:
 
 def describe_training(out: Path, job: TrainingJob, report: Any) -> str:
     """Return what came of a training, a line for the run and one for each world's evaluation."""
-    last = report.curve[-1]
+    last = report.points[-1]
     latest = f"of the latest, {last.success:.0%} succeeded, mean return {last.return_mean:.3f}"
     lines = [f"{out}: {last.steps} steps, {last.episodes} episodes; {latest}"]
     if report.clone is not None:

@@ -22,7 +22,7 @@ from minihuman.errors import LearnError
 from minihuman.learn.curriculum import Curriculum
 from minihuman.learn.policy.network import Policy
 from minihuman.learn.training_settings import TrainingSettings
-from minihuman.learn.training_worlds import Batch, BatchEncoder, Level, TrainingWorlds
+from minihuman.learn.training_worlds import Batch, BatchEncoder, TrainingLevel, TrainingWorlds
 
 RECENT = 100  # episodes that a point of the curve is over
 _OBSERVATION_PREFIX = "seen "  # of the fields of a rollout that are observations
@@ -56,18 +56,17 @@ class Losses:
     clipped: float = 0.0
     minibatches: int = 0
 
-    def means(self) -> dict[str, float]:
-        """Return the means by the names of the curve."""
-        sums = self.policy, self.value, self.entropy, self.kl, self.clipped
-        names = "policy_loss", "value_loss", "entropy", "kl", "clipped"
-        return {name: total / max(1, self.minibatches) for name, total in zip(names, sums, strict=True)}
+    def means(self) -> tuple[float, float, float, float, float]:
+        """Return the means in the order of the fields."""
+        n = max(1, self.minibatches)
+        return self.policy / n, self.value / n, self.entropy / n, self.kl / n, self.clipped / n
 
 
 @dataclass(frozen=True, slots=True)
 class EpisodeSoFar:
     """What a world's current episode consists of: enough to play it again."""
 
-    level: Level
+    level: TrainingLevel
     actions: list[int]
 
 
@@ -106,7 +105,9 @@ class BatchPpo:
         self._returns = np.zeros(worlds.num_envs)
         self._lengths = np.zeros(worlds.num_envs, np.int64)
         self._recent: deque[tuple[float, bool, int]] = deque(maxlen=RECENT)
-        self._ended_levels: list[tuple[int, Level]] = []  # in the order of their ends in a rollout: world, level
+        self._ended_levels: list[
+            tuple[int, TrainingLevel]
+        ] = []  # in the order of their ends in a rollout: world, level
         self._cpu_s = 0.0
         self._losses = Losses()
         self._playing: list[EpisodeSoFar] = []
@@ -133,8 +134,9 @@ class BatchPpo:
         self._learn(rollout, hidden)
         self.updates += 1
         self._cpu_s += time.process_time() - began
-        means = np.mean(self._recent or [(math.nan, math.nan, math.nan)], axis=0).tolist()
-        return CurvePoint(self.steps, self.episodes, *means, **self._losses.means(), cpu_s=self._cpu_s)
+        returns, success, length = np.mean(self._recent or [(math.nan, math.nan, math.nan)], axis=0).tolist()
+        losses = self._losses.means()
+        return CurvePoint(self.steps, self.episodes, returns, success, length, *losses, self._cpu_s)
 
     def _set_learning_rate(self) -> None:
         """Set the learning rate of an update; a linear schedule falls to nothing."""
@@ -197,17 +199,17 @@ class BatchPpo:
 
         At a step limit, the reward includes the discounted value of the state that followed.
         """
-        transition = self._worlds.step(actions)
-        rewards = transition.rewards.astype(np.float32)
-        over = transition.terminated | transition.truncated
+        joint_step = self._worlds.step(actions)
+        rewards = joint_step.rewards.astype(np.float32)
+        over = joint_step.terminated | joint_step.truncated
         self._returns += rewards
         self._lengths += 1
         self.steps += len(actions)
         for episode, action in zip(self._playing, actions.tolist(), strict=True):
             episode.actions.append(action)
         if over.any():
-            self._end_episodes(np.flatnonzero(over), transition.terminated & (rewards > 0))
-            rewards += self._value_beyond(transition.truncated & ~transition.terminated)
+            self._end_episodes(np.flatnonzero(over), joint_step.terminated & (rewards > 0))
+            rewards += self._value_beyond(joint_step.truncated & ~joint_step.terminated)
             self._begin_next(np.flatnonzero(over).tolist())
         self._observations = self._encode()
         self._starts = torch.as_tensor(over, dtype=torch.float32, device=self._settings.device)
@@ -351,7 +353,7 @@ class BatchPpo:
         self._optimizer.load_state_dict(saved["optimizer"])
         self.steps, self.episodes, self.updates = saved["counts"]
         self._curriculum.restore(saved["curriculum"])
-        levels = [Level(*level) for level in saved["levels"]]
+        levels = [TrainingLevel(*level) for level in saved["levels"]]
         self._playing = [EpisodeSoFar(*episode) for episode in zip(levels, saved["actions"], strict=True)]
         self._worlds.replay(levels, saved["actions"])
         self._observations = self._encode()

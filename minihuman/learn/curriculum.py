@@ -12,7 +12,7 @@ import numpy as np
 
 from minihuman.errors import LearnError
 from minihuman.learn.training_settings import TrainingSettings
-from minihuman.learn.training_worlds import Level
+from minihuman.learn.training_worlds import TrainingLevel
 from minihuman.worlds.hashing import hash64
 
 
@@ -28,13 +28,13 @@ class Curriculum(abc.ABC):
         self._rng = np.random.default_rng(np.random.SeedSequence([seed, 0x1EEE15]))
 
     @abc.abstractmethod
-    def draw(self) -> Level:
+    def draw(self) -> TrainingLevel:
         """Return the level of the next episode."""
 
-    def finish(self, level: Level, has_succeeded: bool) -> None:  # noqa: B027  # most have nothing to do
+    def finish(self, level: TrainingLevel, has_succeeded: bool) -> None:  # noqa: B027  # most have nothing to do
         """Take note that an episode of a level ended."""
 
-    def score(self, level: Level, score: float) -> None:  # noqa: B027
+    def score(self, level: TrainingLevel, score: float) -> None:  # noqa: B027
         """Take note of a level's score, the mean size of the advantages in an episode or in the part of a rollout."""
 
     def save(self) -> dict[str, Any]:
@@ -49,18 +49,18 @@ class Curriculum(abc.ABC):
         """Return what the curriculum is at, in a few words; "" if there is nothing to say."""
         return ""
 
-    def _draw_new(self, world: int) -> Level:
+    def _draw_new(self, world: int) -> TrainingLevel:
         """Return a level of a world with a drawn seed."""
         if not self._settings.levels:
-            return Level(world, int(self._rng.integers(2**31)))
+            return TrainingLevel(world, int(self._rng.integers(2**31)))
         number = int(self._rng.integers(self._settings.levels))
-        return Level(world, hash64((self._seed, "level", number)) % 2**31)
+        return TrainingLevel(world, hash64((self._seed, "level", number)) % 2**31)
 
 
 class UniformCurriculum(Curriculum):
     """Draw each world and each seed with the same chance."""
 
-    def draw(self) -> Level:
+    def draw(self) -> TrainingLevel:
         """Return the level of the next episode."""
         return self._draw_new(int(self._rng.integers(self._n_worlds)))
 
@@ -73,11 +73,11 @@ class StagedCurriculum(Curriculum):
         self._stage = 0
         self._latest: deque[bool] = deque(maxlen=settings.stage_episodes)
 
-    def draw(self) -> Level:
+    def draw(self) -> TrainingLevel:
         """Return the level of the next episode."""
         return self._draw_new(self._stage)
 
-    def finish(self, level: Level, has_succeeded: bool) -> None:
+    def finish(self, level: TrainingLevel, has_succeeded: bool) -> None:
         """Go on to the next world if the latest episodes in the present one succeeded."""
         if level.world != self._stage:
             return
@@ -114,11 +114,11 @@ class PrioritizedLevelReplay(Curriculum):
 
     def __init__(self, n_worlds: int, settings: TrainingSettings, seed: int) -> None:
         super().__init__(n_worlds, settings, seed)
-        self._scores: dict[Level, float] = {}
-        self._played_at: dict[Level, int] = {}  # the count of episodes when a level was drawn last
+        self._scores: dict[TrainingLevel, float] = {}
+        self._played_at: dict[TrainingLevel, int] = {}  # the count of episodes when a level was drawn last
         self._episodes = 0
 
-    def draw(self) -> Level:
+    def draw(self) -> TrainingLevel:
         """Return the level of the next episode."""
         self._episodes += 1
         plays_again = bool(self._scores) and self._rng.random() < self._settings.replay
@@ -130,7 +130,7 @@ class PrioritizedLevelReplay(Curriculum):
             self._played_at[level] = self._episodes
         return level
 
-    def score(self, level: Level, score: float) -> None:
+    def score(self, level: TrainingLevel, score: float) -> None:
         """Remember a level's latest score; forget the level with the lowest if there are too many."""
         self._scores[level] = score
         self._played_at.setdefault(level, self._episodes)
@@ -147,15 +147,15 @@ class PrioritizedLevelReplay(Curriculum):
     def restore(self, saved: dict[str, Any]) -> None:
         """Restore a saved state."""
         super().restore(saved)
-        self._scores = {Level(world, seed): score for world, seed, score, _ in saved["remembered"]}
-        self._played_at = {Level(world, seed): at for world, seed, _, at in saved["remembered"]}
+        self._scores = {TrainingLevel(world, seed): score for world, seed, score, _ in saved["remembered"]}
+        self._played_at = {TrainingLevel(world, seed): at for world, seed, _, at in saved["remembered"]}
         self._episodes = saved["episodes"]
 
     def describe(self) -> str:
         """Return the number of levels that can be played again."""
         return f"{len(self._scores)} levels to replay"
 
-    def _draw_scored(self) -> Level:
+    def _draw_scored(self) -> TrainingLevel:
         levels = list(self._scores)
         ranks = np.argsort(np.argsort([-self._scores[level] for level in levels], kind="stable"), kind="stable") + 1
         by_score = (1.0 / ranks) ** (1 / self._settings.temperature)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from minihuman.dataset.selection import Selection
 from minihuman.errors import LearnError
@@ -14,15 +15,15 @@ from minihuman.learn.demonstrations import LoggedEpisode, check_equal_options, s
 from minihuman.learn.policy.file import load_policy
 from minihuman.learn.policy.network import Policy
 from minihuman.learn.training_settings import WorldChoice
-from minihuman.learn.training_worlds import BatchEncoder, Level, TrainingWorlds, make_worlds
+from minihuman.learn.training_worlds import BatchEncoder, TrainingLevel, TrainingWorlds, make_worlds
 from minihuman.worlds.adapters.world import World
 
-MOST_STEPS = 100_000  # of an episode, in a world without a step limit
+MAX_STEPS = 100_000  # of an episode, in a world without a step limit
 TOGETHER = 16  # worlds
 
 
 @dataclass(frozen=True, slots=True)
-class PlayedEpisode:
+class EpisodeScore:
     """What came of an episode."""
 
     episode_return: float
@@ -34,11 +35,11 @@ def play_levels(
     policy: Policy,
     worlds: TrainingWorlds,
     encoder: BatchEncoder,
-    levels: Sequence[Level],
+    levels: Sequence[TrainingLevel],
     *,
     seed: int,
     most_steps: Sequence[int] | None = None,
-) -> list[PlayedEpisode]:
+) -> list[EpisodeScore]:
     """Play an episode of each level, each action drawn from the policy; return them in the order of the levels.
 
     Args:
@@ -49,39 +50,56 @@ def play_levels(
         seed: the seed of the drawn actions.
         most_steps: a step limit for each level; None for the worlds' own alone.
     """
-    limits = most_steps or [MOST_STEPS] * len(levels)
+    limits = most_steps or [MAX_STEPS] * len(levels)
+    slots = _Slots(worlds, levels)
     random = torch.Generator().manual_seed(seed)
-    n = worlds.num_envs
-    playing = list(range(n))  # the level of each world; numbers past the last play a level again that does not count
-    played: dict[int, PlayedEpisode] = {}
-    worlds.begin(range(n), [levels[number % len(levels)] for number in playing])
-    hidden = torch.zeros(n, policy.features_dim)
-    starts = torch.ones(n)
-    returns = np.zeros(n)
-    lengths = np.zeros(n, np.int64)
-    while len(played) < len(levels):
+    hidden = torch.zeros(worlds.num_envs, policy.features_dim)
+    starts = torch.ones(worlds.num_envs)
+    while len(slots.scores) < len(levels):
         with torch.no_grad():
             log_probs, _, hidden = policy.think_on(encoder.encode(worlds), hidden, starts)
             actions = torch.multinomial(log_probs.exp(), 1, generator=random).squeeze(1)
-        transition = worlds.step(actions.numpy())
-        returns += transition.rewards
-        lengths += 1
-        over = transition.terminated | transition.truncated
-        over |= lengths >= np.array([limits[number % len(levels)] for number in playing])
+        starts = torch.as_tensor(slots.step(actions.numpy(), limits), dtype=torch.float32)
+    return [slots.scores[number] for number in range(len(levels))]
+
+
+class _Slots:
+    """Worlds that play levels side by side. When none is left, a world plays one again, which does not count."""
+
+    def __init__(self, worlds: TrainingWorlds, levels: Sequence[TrainingLevel]) -> None:
+        self.scores: dict[int, EpisodeScore] = {}  # by the number of the level
+        self._worlds = worlds
+        self._levels = levels
+        self._playing = list(range(worlds.num_envs))  # the number of each world's level
+        self._returns = np.zeros(worlds.num_envs)
+        self._lengths = np.zeros(worlds.num_envs, np.int64)
+        self._begin(self._playing)
+
+    def _begin(self, slots: list[int]) -> None:
+        self._worlds.begin(slots, [self._levels[self._playing[slot] % len(self._levels)] for slot in slots])
+
+    def step(self, actions: NDArray[np.int64], limits: Sequence[int]) -> NDArray[np.bool_]:
+        """Step all worlds; return which of them begin another level."""
+        joint_step = self._worlds.step(actions)
+        self._returns += joint_step.rewards
+        self._lengths += 1
+        over = joint_step.terminated | joint_step.truncated
+        over |= self._lengths >= np.array([limits[number % len(limits)] for number in self._playing])
         ended = np.flatnonzero(over).tolist()
-        for i in ended:
-            if playing[i] < len(levels):
-                success = bool(transition.terminated[i] and transition.rewards[i] > 0)
-                played[playing[i]] = PlayedEpisode(float(returns[i]), int(lengths[i]), success)
-            playing[i] = max(playing) + 1
-        returns[over] = lengths[over] = 0
-        starts = torch.as_tensor(over, dtype=torch.float32)
+        for slot in ended:
+            success = bool(joint_step.terminated[slot] and joint_step.rewards[slot] > 0)
+            if self._playing[slot] < len(self._levels):
+                score = EpisodeScore(float(self._returns[slot]), int(self._lengths[slot]), success)
+                self.scores[self._playing[slot]] = score
+            self._playing[slot] = max(self._playing) + 1
+        self._returns[over] = 0.0
+        self._lengths[over] = 0
         if ended:
-            worlds.begin(ended, [levels[playing[i] % len(levels)] for i in ended])
-    return [played[number] for number in range(len(levels))]
+            self._begin(ended)
+        return over
 
 
-def summarize(episodes: Sequence[PlayedEpisode]) -> Evaluation:
+def summarize(episodes: Sequence[EpisodeScore]) -> Evaluation:
     """Return the number of episodes, how many succeeded, and the means of returns and lengths."""
     return Evaluation(
         len(episodes),
@@ -98,7 +116,7 @@ def evaluate_in_batch(
     evaluations = []
     for choice in choices:
         worlds = make_worlds([choice], min(TOGETHER, episodes), 1)
-        levels = [Level(0, held_out_seed(seed, episode)) for episode in range(episodes)]
+        levels = [TrainingLevel(0, held_out_seed(seed, episode)) for episode in range(episodes)]
         evaluations.append(summarize(play_levels(policy, worlds, encoder, levels, seed=seed)))
     return evaluations
 
@@ -113,7 +131,7 @@ class PersonBesidePolicy:
 
 
 @dataclass(frozen=True, slots=True)
-class Comparison:
+class PeopleComparison:
     """A policy beside the participants of a study, on the levels that each of them played."""
 
     world: str
@@ -151,7 +169,9 @@ def _pool(parts: Sequence[Evaluation]) -> Evaluation:
     )
 
 
-def compare_with_people(path: Path, study: Path, selection: Selection, *, world: str = "", seed: int = 1) -> Comparison:
+def compare_with_people(
+    path: Path, study: Path, selection: Selection, *, world: str = "", seed: int = 1
+) -> PeopleComparison:
     """Have a policy play the levels that a study's participants played, with their options and step limits.
 
     Args:
@@ -181,17 +201,17 @@ def compare_with_people(path: Path, study: Path, selection: Selection, *, world:
     example.reset(plan.seed)
     encoder = BatchEncoder(card.eyesight.missions, card.eyesight.spreads(example.unwrapped, example.observation))
     worlds = make_worlds([WorldChoice(world, plan.options)], min(TOGETHER, len(episodes)), 1)
-    levels = [Level(0, episode.plan.seed) for _, episode in episodes]
+    levels = [TrainingLevel(0, episode.plan.seed) for _, episode in episodes]
     limits = [episode.plan.max_steps for _, episode in episodes]
     played = play_levels(policy, worlds, encoder, levels, seed=seed, most_steps=limits)
-    return Comparison(world, tuple(_pair_people(episodes, played)), tuple(account.lines()))
+    return PeopleComparison(world, tuple(_pair_people(episodes, played)), tuple(account.lines()))
 
 
-def _pair_people(episodes: Sequence[LoggedEpisode], played: Sequence[PlayedEpisode]) -> list[PersonBesidePolicy]:
+def _pair_people(episodes: Sequence[LoggedEpisode], played: Sequence[EpisodeScore]) -> list[PersonBesidePolicy]:
     """Return each participant's episodes beside the policy's on the same levels."""
-    pairs: dict[str, list[tuple[PlayedEpisode, PlayedEpisode]]] = {}
+    pairs: dict[str, list[tuple[EpisodeScore, EpisodeScore]]] = {}
     for (log, episode), by_policy in zip(episodes, played, strict=True):
-        by_person = PlayedEpisode(episode.return_, len(episode.actions), episode.outcome == "goal")
+        by_person = EpisodeScore(episode.return_, len(episode.actions), episode.outcome == "goal")
         pairs.setdefault(log.plan.participant.id, []).append((by_person, by_policy))
     return [
         PersonBesidePolicy(name, summarize([pair[0] for pair in own]), summarize([pair[1] for pair in own]))

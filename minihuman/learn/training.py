@@ -6,7 +6,7 @@ A run that is killed and resumed ends with the same weights as one that was not,
 import csv
 import io
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -41,7 +41,7 @@ DEFAULT_SELECTION = Selection(outcome=("goal",))
 class TrainingReport:
     """What came of a training run."""
 
-    curve: list[CurvePoint]
+    points: list[CurvePoint]
     evaluations: list[Evaluation]  # on fresh levels of each world; empty if there was none
     clone: Evaluation | None = None  # of the clone that the run began with, in the first world
 
@@ -81,38 +81,47 @@ def train(
         follow: a function that is called after each update.
 
     Raises:
-        LearnError: if the job asks for what does not go together or is not here, a file exists already, or a checkpoint
-            is of another job.
+        LearnError: if the job, a file that exists already or a checkpoint of another job forbids it.
     """
-    settings = job.settings
     checkpoint = out.with_name(out.name + CHECKPOINT_SUFFIX)
-    _require_device(settings.device)
     _require_files(out, checkpoint, resume=resume)
-    torch.manual_seed(settings.seed)
-    torch.set_num_threads(1)  # small networks: more threads only wait for each other
-    worlds = make_worlds(job.worlds, settings.worlds, settings.steps / 2)
-    _require_team_fits(worlds, settings)
+    _prepare_torch(job.settings)
+    worlds = _make_worlds(job)
     subject = _describe_worlds(job)
-    saved = read_checkpoint(checkpoint) if resume and checkpoint.exists() else None
-    if saved is not None:
-        _require_same_job(saved, job, checkpoint)
+    saved = _read_saved(job, checkpoint) if resume and checkpoint.exists() else None
     policy, clone = _make_policies(job, subject, saved, selection)
-    curriculum = make_curriculum(len(job.worlds), settings, settings.seed)
-    run = BatchPpo(policy, worlds, curriculum, subject.encoder, settings, clone)
-    curve = _begin(run, saved)
-    while run.steps < settings.steps:
-        curve.append(run.update())
-        if settings.checkpoint_every and not worlds.begins_by_itself and run.updates % settings.checkpoint_every == 0:
-            save_atomically(_make_checkpoint(job, run, curve, clone), checkpoint)
-            _write_curve(curve, out.with_suffix(".csv"))
-        follow(curve[-1], curriculum)
-    _write_curve(curve, out.with_suffix(".csv"))
+    curriculum = make_curriculum(len(job.worlds), job.settings, job.settings.seed)
+    run = BatchPpo(policy, worlds, curriculum, subject.encoder, job.settings, clone)
+    points = _begin(run, saved)
+    for point in _train_on(run, job.settings):
+        points.append(point)
+        if _is_checkpoint(run, worlds, job.settings):
+            save_atomically(_make_checkpoint(job, run, points, clone), checkpoint)
+            _write_curve(points, out.with_suffix(".csv"))
+        follow(point, curriculum)
+    _write_curve(points, out.with_suffix(".csv"))
     save_policy(policy.cpu(), _make_card(job, subject, run.steps), out)
     checkpoint.unlink(missing_ok=True)
-    return _evaluate(job, subject, policy, clone, curve, is_team=worlds.begins_by_itself)
+    return _evaluate(job, subject, policy, clone, points, is_team=worlds.begins_by_itself)
 
 
-def _require_device(device: str) -> None:
+def _train_on(run: BatchPpo, settings: TrainingSettings) -> Iterator[CurvePoint]:
+    """Update the policy until all steps are made, and yield the point of each update."""
+    while run.steps < settings.steps:
+        yield run.update()
+
+
+def _is_checkpoint(run: BatchPpo, worlds: TrainingWorlds, settings: TrainingSettings) -> bool:
+    """Return whether a checkpoint is due; a team world's run has none."""
+    every = settings.checkpoint_every
+    return every > 0 and not worlds.begins_by_itself and run.updates % every == 0
+
+
+def _prepare_torch(settings: TrainingSettings) -> None:
+    """Seed torch, and check that the device is here."""
+    torch.manual_seed(settings.seed)
+    torch.set_num_threads(1)  # small networks: more threads only wait for each other
+    device = settings.device
     if device != "cpu" and not (device == "cuda" and torch.cuda.is_available()):
         raise LearnError(f"device {device!r} is not here; use cpu, or cuda where PyTorch finds a GPU")
 
@@ -128,11 +137,15 @@ def _require_files(out: Path, checkpoint: Path, *, resume: bool) -> None:
             raise LearnError(f"{path} already exists; choose another file with --out")
 
 
-def _require_team_fits(worlds: TrainingWorlds, settings: TrainingSettings) -> None:
+def _make_worlds(job: TrainingJob) -> TrainingWorlds:
+    """Make the worlds, and check that a team world is not asked for what it does not do."""
+    settings = job.settings
+    worlds = make_worlds(job.worlds, settings.worlds, settings.steps / 2)
     if worlds.begins_by_itself and (settings.curriculum != "uniform" or settings.levels or settings.from_people):
         raise LearnError(
             "a team world draws its own levels and has no clone to begin with; omit curriculum, levels and from_people"
         )
+    return worlds
 
 
 def _describe_worlds(job: TrainingJob) -> _Subject:
@@ -212,8 +225,7 @@ def _clone_people(job: TrainingJob, subject: _Subject, selection: Selection) -> 
         training,
         validation,
         eyes=subject.eyes,
-        settings=CloningSettings(seed=settings.seed),
-        hidden=settings.hidden,
+        settings=CloningSettings(seed=settings.seed, hidden=settings.hidden),
     )
     return clone
 
@@ -224,20 +236,21 @@ def _begin(run: BatchPpo, saved: dict[str, Any] | None) -> list[CurvePoint]:
         run.begin()
         return []
     run.restore(saved["run"])
-    return [CurvePoint(*point) for point in saved["curve"]]
+    return [CurvePoint(*point) for point in saved["points"]]
 
 
-def _make_checkpoint(job: TrainingJob, run: BatchPpo, curve: list[CurvePoint], clone: Policy | None) -> dict[str, Any]:
+def _make_checkpoint(job: TrainingJob, run: BatchPpo, points: list[CurvePoint], clone: Policy | None) -> dict[str, Any]:
     return {
         "job": msgspec.to_builtins(job),
         "run": run.save(),
-        "curve": [tuple(asdict(point).values()) for point in curve],
+        "points": [tuple(asdict(point).values()) for point in points],
         "clone": {} if clone is None else clone.state_dict(),
     }
 
 
-def _require_same_job(saved: dict[str, Any], job: TrainingJob, checkpoint: Path) -> None:
-    """Refuse a checkpoint of another job, and name what differs."""
+def _read_saved(job: TrainingJob, checkpoint: Path) -> dict[str, Any]:
+    """Read a checkpoint; refuse that of another job, and name what differs."""
+    saved = read_checkpoint(checkpoint)
     wanted = msgspec.to_builtins(job)
     before = saved.get("job", {})
     if before.get("worlds") != wanted["worlds"]:
@@ -248,13 +261,14 @@ def _require_same_job(saved: dict[str, Any], job: TrainingJob, checkpoint: Path)
                 f"{checkpoint} is of a run whose {name} is {before['settings'].get(name)!r}, not {number!r}; "
                 "resume with the same settings, or choose another --out"
             )
+    return saved
 
 
-def _write_curve(curve: list[CurvePoint], path: Path) -> None:
+def _write_curve(points: list[CurvePoint], path: Path) -> None:
     rows = io.StringIO()
-    writer = csv.DictWriter(rows, list(asdict(curve[0])), lineterminator="\n")
+    writer = csv.DictWriter(rows, list(asdict(points[0])), lineterminator="\n")
     writer.writeheader()
-    writer.writerows(map(asdict, curve))
+    writer.writerows(map(asdict, points))
     write_atomically(rows.getvalue(), path)
 
 
@@ -283,22 +297,22 @@ def _evaluate(
     subject: _Subject,
     policy: Policy,
     clone: Policy | None,
-    curve: list[CurvePoint],
+    points: list[CurvePoint],
     *,
     is_team: bool,
 ) -> TrainingReport:
     """Evaluate the policy, and the clone that it began with, on fresh levels."""
     episodes = job.settings.evaluation
     if not episodes or is_team:
-        return TrainingReport(curve, [])
+        return TrainingReport(points, [])
     policy.set_training_mode(False)
     encoder = replace(subject.encoder, device="cpu")
     seed = job.settings.seed
     evaluations = evaluate_in_batch(policy, job.worlds, encoder, episodes=episodes, seed=seed)
     if clone is None:
-        return TrainingReport(curve, evaluations)
+        return TrainingReport(points, evaluations)
     (by_clone,) = evaluate_in_batch(clone.cpu(), job.worlds[:1], encoder, episodes=episodes, seed=seed)
-    return TrainingReport(curve, evaluations, by_clone)
+    return TrainingReport(points, evaluations, by_clone)
 
 
 def count_steps(settings: TrainingSettings) -> int:

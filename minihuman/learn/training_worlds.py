@@ -25,14 +25,14 @@ from minihuman.worlds.grid.env import GridWorld
 from minihuman.worlds.team import TeamWorld
 
 
-class Level(NamedTuple):
+class TrainingLevel(NamedTuple):
     """What an episode begins with: the number of a world among those that are trained in, and a reset seed."""
 
     world: int
     seed: int
 
 
-class Transition(NamedTuple):
+class BatchStep(NamedTuple):
     """What a step of all worlds returned."""
 
     rewards: NDArray[np.float64]
@@ -55,14 +55,14 @@ class TrainingWorlds(abc.ABC):
     begins_by_itself: bool = False  # the next episode, in the step that ends one
 
     @abc.abstractmethod
-    def begin(self, numbers: Sequence[int], levels: Sequence[Level]) -> None:
+    def begin(self, numbers: Sequence[int], levels: Sequence[TrainingLevel]) -> None:
         """Begin an episode of a level in each of the numbered worlds."""
 
     @abc.abstractmethod
-    def step(self, actions: NDArray[np.int64]) -> Transition:
+    def step(self, actions: NDArray[np.int64]) -> BatchStep:
         """Take one action in every world. A world whose episode has ended must be begun before its next step."""
 
-    def replay(self, levels: Sequence[Level], actions: Sequence[Sequence[int]]) -> None:
+    def replay(self, levels: Sequence[TrainingLevel], actions: Sequence[Sequence[int]]) -> None:
         """Bring each world to where these actions lead from the beginning of its level.
 
         The episodes are aligned at their ends; until its own episode begins, a world plays anything.
@@ -73,8 +73,8 @@ class TrainingWorlds(abc.ABC):
         for t in range(longest):
             played = [t - longest + len(episode) for episode in actions]
             joint = [episode[max(at, 0)] if at >= 0 else 0 for episode, at in zip(actions, played, strict=True)]
-            transition = self.step(np.array(joint, np.int64))
-            over = transition.terminated | transition.truncated
+            joint_step = self.step(np.array(joint, np.int64))
+            over = joint_step.terminated | joint_step.truncated
             starting = [i for i in everywhere if played[i] == -1 or (played[i] < -1 and over[i])]
             if starting:
                 self.begin(starting, [levels[number] for number in starting])
@@ -114,7 +114,7 @@ class BatchWorlds(TrainingWorlds):
         self.num_envs = batch.num_envs
         self.missions = [""] * batch.num_envs
 
-    def begin(self, numbers: Sequence[int], levels: Sequence[Level]) -> None:
+    def begin(self, numbers: Sequence[int], levels: Sequence[TrainingLevel]) -> None:
         """Begin an episode of a level in each of the numbered worlds."""
         mask = np.zeros(self.num_envs, np.bool_)
         mask[list(numbers)] = True
@@ -124,11 +124,11 @@ class BatchWorlds(TrainingWorlds):
         options = None if mask.all() else {"reset_mask": mask}
         self._take(self._batch.reset(seed=seeds, options=options)[0])
 
-    def step(self, actions: NDArray[np.int64]) -> Transition:
+    def step(self, actions: NDArray[np.int64]) -> BatchStep:
         """Take one action in every world."""
         observation, rewards, terminated, truncated, _ = self._batch.step(actions)
         self._take(observation)
-        return Transition(rewards, terminated, truncated)
+        return BatchStep(rewards, terminated, truncated)
 
     def _take(self, observation: Any) -> None:
         if isinstance(observation, dict):
@@ -148,7 +148,7 @@ class WorldsInTurn(TrainingWorlds):
         self._current: list[Any] = [None] * num_envs
         self._observations: list[Any] = [None] * num_envs
 
-    def begin(self, numbers: Sequence[int], levels: Sequence[Level]) -> None:
+    def begin(self, numbers: Sequence[int], levels: Sequence[TrainingLevel]) -> None:
         """Begin an episode of a level in each of the numbered worlds."""
         for number, level in zip(numbers, levels, strict=True):
             made = self._worlds[number]
@@ -159,7 +159,7 @@ class WorldsInTurn(TrainingWorlds):
             self._observations[number], _ = self._current[number].reset(seed=level.seed)
         self._show()
 
-    def step(self, actions: NDArray[np.int64]) -> Transition:
+    def step(self, actions: NDArray[np.int64]) -> BatchStep:
         """Take one action in every world."""
         rewards = np.zeros(self.num_envs)
         terminated = np.zeros(self.num_envs, np.bool_)
@@ -168,7 +168,7 @@ class WorldsInTurn(TrainingWorlds):
             answer = env.step(int(env.action_space.start) + action)
             self._observations[number], rewards[number], terminated[number], truncated[number], _ = answer
         self._show()
-        return Transition(rewards, terminated, truncated)
+        return BatchStep(rewards, terminated, truncated)
 
     def _show(self) -> None:
         """Stack what all worlds show."""
@@ -197,12 +197,12 @@ class SeatWorlds(TrainingWorlds):
         self.num_envs = self._batch.num_worlds * team.bodies
         self.missions = [""] * self.num_envs
 
-    def begin(self, numbers: Sequence[int], levels: Sequence[Level]) -> None:
+    def begin(self, numbers: Sequence[int], levels: Sequence[TrainingLevel]) -> None:
         """Begin the first episodes of all worlds, whose seeds are drawn from the first level's."""
         self._batch.reset(levels[0].seed)
         self._show()
 
-    def step(self, actions: NDArray[np.int64]) -> Transition:
+    def step(self, actions: NDArray[np.int64]) -> BatchStep:
         """Take one action in every seat; where an episode ends, the next one begins."""
         _, rewards, ends = self._batch.step(actions.reshape(-1, self._bodies))
         shaping_weight = max(0.0, 1 - self._steps / self._shaped_steps)
@@ -210,7 +210,7 @@ class SeatWorlds(TrainingWorlds):
         self._steps += self.num_envs
         self._show()
         over = np.repeat(ends, self._bodies)
-        return Transition(rewards.ravel(), over, np.zeros_like(over))
+        return BatchStep(rewards.ravel(), over, np.zeros_like(over))
 
     def _show(self) -> None:
         self.images = self._batch.observations.reshape(self.num_envs, *self._batch.observations.shape[2:])

@@ -21,7 +21,7 @@ from minihuman.learn.policy.observation import ObservationEncoder
 from minihuman.learn.policy.players import PolicyAgent, PolicyPlayer
 from minihuman.learn.training import train
 from minihuman.learn.training_settings import TrainingJob, TrainingSettings, WorldChoice
-from minihuman.learn.training_worlds import BatchEncoder, Level, SeatWorlds, make_worlds
+from minihuman.learn.training_worlds import BatchEncoder, SeatWorlds, TrainingLevel, make_worlds
 from minihuman.worlds.adapters.world import World
 from minihuman.worlds.team import make_team
 
@@ -37,7 +37,7 @@ def train_in(world, out, settings, **options):
 def test_it_learns_and_what_it_wrote_plays_by_its_card(tmp_path, memory):
     settings = TrainingSettings(steps=16_000, worlds=16, rollout=64, learning_rate=2e-3, memory=memory, seed=3)
     report = train_in(EMPTY, tmp_path / "policy.pt", settings)
-    curve = report.curve
+    curve = report.points
     assert report.evaluations[0].rate > 0.95, "in episodes that it was not trained in"
     assert curve[4].success < 0.9
     assert curve[-1].success > 0.95
@@ -167,7 +167,7 @@ def test_a_policy_that_played_with_itself_sees_in_a_seat_what_it_saw_in_training
     agent = PolicyAgent(str(tmp_path / "team.pt"))
     _, card = load_policy(tmp_path / "team.pt")
     seats = SeatWorlds(make_team(world), 8, 256)
-    seats.begin(range(8), [Level(0, 9)] * 8)
+    seats.begin(range(8), [TrainingLevel(0, 9)] * 8)
     at = World(world, {"seat": 1})
     at.reset(5)
     at.unwrapped.team.restore(seats._batch._worlds[2].save() if seats._batch._worlds else at.unwrapped.team.save())
@@ -182,7 +182,7 @@ def test_a_policy_that_played_with_itself_sees_in_a_seat_what_it_saw_in_training
 def test_seats_share_their_worlds_rewards_and_the_pay_for_useful_steps_falls_to_nothing():
     seats = SeatWorlds(make_team("minihuman/Team-CrampedRoom-v0"), 16, 2_000)
     apart = make_team("minihuman/Team-CrampedRoom-v0").batch(8)
-    seats.begin(range(16), [Level(0, 1)] * 16)
+    seats.begin(range(16), [TrainingLevel(0, 1)] * 16)
     apart.reset(seed=1)
     rng, paid = np.random.default_rng(2), [0.0, 0.0]
     for step in range(250):

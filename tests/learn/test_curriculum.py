@@ -7,7 +7,7 @@ import pytest
 from minihuman.errors import LearnError
 from minihuman.learn.curriculum import make_curriculum
 from minihuman.learn.training_settings import TrainingSettings
-from minihuman.learn.training_worlds import Level
+from minihuman.learn.training_worlds import TrainingLevel
 
 
 def make(name, n_worlds=2, **settings):
@@ -45,7 +45,7 @@ def test_stages_go_on_when_the_latest_episodes_succeeded():
 
 def test_plr_plays_the_level_with_the_highest_score_again_and_others_when_they_are_stale():
     curriculum = make("plr", replay=1.0, staleness=0.3)
-    levels = [Level(0, 1), Level(1, 2), Level(0, 3)]
+    levels = [TrainingLevel(0, 1), TrainingLevel(1, 2), TrainingLevel(0, 3)]
     for level, score in zip(levels, (0.1, 0.9, 0.5), strict=True):
         curriculum.score(level, score)
     drawn = Counter(curriculum.draw() for _ in range(1000))
@@ -59,7 +59,7 @@ def test_plr_plays_the_level_with_the_highest_score_again_and_others_when_they_a
 def test_plr_draws_new_levels_and_forgets_those_that_teach_least():
     curriculum = make("plr", replay=0.5, replay_levels=3)
     for seed in range(10):
-        curriculum.score(Level(0, seed), seed / 10)
+        curriculum.score(TrainingLevel(0, seed), seed / 10)
     assert curriculum.describe() == "3 levels to replay"
     drawn = [curriculum.draw() for _ in range(1000)]
     again = [level for level in drawn if level.seed < 10]

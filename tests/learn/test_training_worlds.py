@@ -6,7 +6,7 @@ import pytest
 
 from minihuman.errors import LearnError
 from minihuman.learn.training_settings import WorldChoice
-from minihuman.learn.training_worlds import BatchWorlds, Level, WorldsInTurn, make_worlds
+from minihuman.learn.training_worlds import BatchWorlds, TrainingLevel, WorldsInTurn, make_worlds
 from minihuman.worlds.adapters.world import World
 from tests.worlds.grid.own_world_examples import Patrol
 
@@ -34,7 +34,7 @@ def test_each_world_of_a_batch_plays_its_level_as_it_would_alone(kind):
     choices = CHOICES[kind]
     worlds = make_worlds(choices, 3, 1)
     assert isinstance(worlds, WorldsInTurn if kind == "several" else BatchWorlds)
-    levels = [Level(number % len(choices), 40 + number) for number in range(3)]
+    levels = [TrainingLevel(number % len(choices), 40 + number) for number in range(3)]
     alone = [World(choices[level.world].id, choices[level.world].options).env for level in levels]
     shown = [env.reset(seed=level.seed)[0] for env, level in zip(alone, levels, strict=True)]
     worlds.begin(range(3), levels)
@@ -44,15 +44,15 @@ def test_each_world_of_a_batch_plays_its_level_as_it_would_alone(kind):
             image = shown[number]["image"] if isinstance(shown[number], dict) else shown[number]
             np.testing.assert_array_equal(worlds.images[number], image)
         actions = rng.integers(0, 3, 3)
-        transition = worlds.step(actions)
+        joint_step = worlds.step(actions)
         for number, env in enumerate(alone):
             shown[number], reward, *ends, _ = env.step(int(actions[number]))
-            assert (transition.rewards[number], transition.terminated[number]) == (pytest.approx(reward), ends[0])
-            assert transition.truncated[number] == ends[1]
+            assert (joint_step.rewards[number], joint_step.terminated[number]) == (pytest.approx(reward), ends[0])
+            assert joint_step.truncated[number] == ends[1]
             if any(ends):
                 ended += 1
                 shown[number], _ = env.reset(seed=1000 + step)
-                worlds.begin([number], [Level(levels[number].world, 1000 + step)])
+                worlds.begin([number], [TrainingLevel(levels[number].world, 1000 + step)])
     assert ended >= 2
 
 
@@ -60,24 +60,24 @@ def test_each_world_of_a_batch_plays_its_level_as_it_would_alone(kind):
 def test_replaying_brings_every_world_to_where_its_actions_lead(kind):
     worlds, other = (make_worlds(CHOICES[kind], 4, 1) for _ in range(2))
     rng = np.random.default_rng(3)
-    levels = [Level(number % len(CHOICES[kind]), int(rng.integers(1000))) for number in range(4)]
+    levels = [TrainingLevel(number % len(CHOICES[kind]), int(rng.integers(1000))) for number in range(4)]
     playing = [[] for _ in levels]
     worlds.begin(range(4), levels)
     for _ in range(40):
         actions = rng.integers(0, 3, 4)
-        transition = worlds.step(actions)
+        joint_step = worlds.step(actions)
         for number, action in enumerate(actions.tolist()):
             playing[number].append(action)
-        for number in np.flatnonzero(transition.terminated | transition.truncated).tolist():
+        for number in np.flatnonzero(joint_step.terminated | joint_step.truncated).tolist():
             levels[number], playing[number] = levels[number]._replace(seed=int(rng.integers(1000))), []
             worlds.begin([number], [levels[number]])
     other.replay(levels, playing)
     for _ in range(5):
         np.testing.assert_array_equal(other.images, worlds.images)
         actions = rng.integers(0, 3, 4)
-        transition = worlds.step(actions)
+        joint_step = worlds.step(actions)
         other.step(actions)
-        if (transition.terminated | transition.truncated).any():
+        if (joint_step.terminated | joint_step.truncated).any():
             break
 
 

@@ -257,10 +257,10 @@ class MissionImageExtractor(BaseFeaturesExtractor):
         if not isinstance(self.image, CodeEncoder):
             # a third faster on the CPU, the same numbers
             image = image.contiguous(memory_format=torch.channels_last)
-        image = self.image(image)
+        features: torch.Tensor = self.image(image)
         if self.mission is None:
-            return image
-        return torch.cat((image, self.mission(observation["mission"])), dim=1)
+            return features
+        return torch.cat((features, self.mission(observation["mission"])), dim=1)
 
 
 class Policy(MultiInputActorCriticPolicy):
