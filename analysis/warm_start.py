@@ -4,8 +4,8 @@
 
 Runs the job files `WORLD-plain.toml`, `WORLD-people.toml` and `WORLD-people-kl.toml` of a folder with each seed, in
 turn, and adds to `warm_start.csv` (curves) and `warm_start_fresh.csv` (success in fresh episodes) there; what is there
-is not run again. A run that did not reach 0.9 counts with all of its steps. The study that is cloned is simulated first
-if it is missing.
+is not run again. Draws the curves as `warm_start.svg`. A run that did not reach 0.9 counts with all of its steps. The
+study that is cloned is simulated first if it is missing.
 """
 
 import argparse
@@ -17,7 +17,9 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import matplotlib.pyplot as plt
 import numpy as np
+import pandas as pd
 
 from minihuman import simulate
 from minihuman.learn.batch_ppo import CurvePoint
@@ -26,6 +28,7 @@ from minihuman.learn.training_settings import TrainingJob, change_settings, read
 from ppo_curves import JUDGED, LEARNED, summarise
 
 ARMS = ("plain", "people", "people-kl")
+NAMES = {"plain": "PPO alone", "people": "from a clone of people", "people-kl": "from a clone, held near it"}
 CURVES = "warm_start.csv"
 FRESH = "warm_start_fresh.csv"
 
@@ -88,6 +91,26 @@ def read_steps(path: Path) -> dict[tuple[str, str], dict[int, tuple[int, bool]]]
     return dict(reached)
 
 
+def draw(folder: Path) -> None:
+    """Draw success over steps, a panel for each world and a line for each run."""
+    curves = pd.read_csv(folder / CURVES)
+    worlds = sorted(curves["world"].unique())
+    figure, axes = plt.subplots(1, len(worlds), figsize=(4.5 * len(worlds), 3.2), squeeze=False, sharey=True)
+    for axis, world in zip(axes[0], worlds, strict=True):
+        for number, arm in enumerate(ARMS):
+            runs = curves[(curves["world"] == world) & (curves["arm"] == arm)].groupby("seed")
+            for run, (_, curve) in enumerate(runs):
+                shown = curve[curve["episodes"] > 0]
+                label = NAMES[arm] if run == 0 else None
+                axis.plot(shown["steps"], shown["success"], color=f"C{number}", linewidth=1, alpha=0.7, label=label)
+        axis.set(title=world, xlabel="steps", ylim=(0, 1.02))
+        axis.legend(fontsize=8, loc="center right")
+    axes[0][0].set_ylabel("success of the latest 100 episodes")
+    figure.tight_layout()
+    figure.savefig(folder / "warm_start.svg")
+    plt.close(figure)
+
+
 def describe(reached: dict[tuple[str, str], dict[int, tuple[int, bool]]]) -> str:
     """The table in Markdown; a ratio is of means over the seeds that both arms have, with a 95 % bootstrap interval."""
     rng = np.random.default_rng(1)
@@ -127,6 +150,7 @@ def main() -> None:
             for arm in asked.arms:
                 if seed not in read_steps(asked.folder / CURVES).get((world, arm), {}):
                     train_arm(asked.folder, world, arm, seed, asked.steps, until_reached=asked.until_reached)
+    draw(asked.folder)
     print(describe(read_steps(asked.folder / CURVES)))
 
 
