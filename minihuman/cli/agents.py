@@ -153,6 +153,8 @@ def ppo(
     asked = compose_job(world or [], job, option or [], settings)
     admit_training(asked, (job or Path("job")).absolute().parent, ask_trust(trust or job is None))
     steps = count_steps(asked.settings)
+    if steps != asked.settings.steps:
+        print_account([f"training for {steps} steps: whole rollouts of {asked.settings.worlds} worlds"])
     with show_progress(f"training for {steps} steps in {', '.join(choice.id for choice in asked.worlds)}") as show:
         report = train(
             asked,

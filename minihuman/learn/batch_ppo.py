@@ -40,8 +40,8 @@ class CurvePoint:
     policy_loss: float  # means over the update's minibatches
     value_loss: float
     entropy: float  # nats
-    kl: float  # from the policy that collected the rollout, estimated by Schulman's k3; nats
-    clipped: float  # the share of steps whose ratio was clipped
+    approx_kl: float  # from the policy that collected the rollout, estimated by Schulman's k3; nats
+    clip_fraction: float  # the share of steps whose ratio was clipped
     cpu_s: float  # since the training began
 
 

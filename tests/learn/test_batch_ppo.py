@@ -197,3 +197,21 @@ def test_seats_share_their_worlds_rewards_and_the_pay_for_useful_steps_falls_to_
         paid[step >= 125] += float((rewards.reshape(8, 2) - joint).sum())
     assert paid[0] > 0
     assert paid[1] == 0
+
+
+def test_a_level_is_scored_by_the_size_of_the_advantages_in_its_episode():
+    run, _ = make_run(replace(SMALL, curriculum="plr"), max_steps=5)
+    first = [episode.level for episode in run._playing]
+    rollout = run._collect()
+    ended = list(run._ended_levels)
+    scores = []
+    run._curriculum.score = lambda level, score: scores.append((level, score))
+    run._score_levels(rollout)
+    assert [level for level, _ in scores] == [level for _, level in ended]
+    assert len(scores) == int(rollout["starts"][1:].sum() + run._starts.sum()) >= 3 * SMALL.worlds
+    for number, level in enumerate(first):
+        end = 1 + int(rollout["starts"][1:, number].argmax())  # the first episodes are five steps long or shorter
+        mean = float(rollout["advantages"][:end, number].abs().mean())
+        assert dict(reversed(scores))[level] == pytest.approx(mean, rel=1e-5)
+    run._score_levels(run._collect())
+    assert len(scores) >= 6 * SMALL.worlds, "and once more in the next rollout"

@@ -1,10 +1,7 @@
 """`minihuman learn ppo --resume`: killed at any moment, a training ends with the weights of one that was not."""
 
 import csv
-import os
 import random
-import signal
-import subprocess
 import sys
 import time
 from dataclasses import replace
@@ -15,7 +12,8 @@ import torch
 from minihuman.errors import LearnError
 from minihuman.learn.policy.file import load_policy
 from minihuman.learn.training import train
-from minihuman.learn.training_settings import TrainingJob, TrainingSettings, WorldChoice
+from minihuman.learn.training_settings import TrainingJob, TrainingSettings, WorldChoice, read_job
+from tests.programs import running
 
 WORLDS = (
     WorldChoice("minihuman/MiniGrid-DoorKey-5x5-v0", {"max_steps": 30}),
@@ -72,23 +70,26 @@ def test_a_run_that_broke_off_anywhere_ends_as_one_that_did_not(tmp_path, name):
 @pytest.mark.program
 @pytest.mark.parametrize("number", [pytest.param(n, marks=[] if n < 2 else pytest.mark.nightly) for n in range(10)])
 def test_a_program_that_is_killed_at_a_drawn_moment_resumes_to_the_same_weights(tmp_path, number):
-    job = tmp_path / "job.toml"
-    job.write_text(
+    file = tmp_path / "job.toml"
+    file.write_text(
         "steps = 3000\nworlds = 4\nrollout = 16\nminibatches = 2\ncheckpoint_every = 2\nevaluation = 0\n"
         f"memory = {'true' if number % 2 else 'false'}\n"
         '[[world]]\nid = "minihuman/MiniGrid-DoorKey-5x5-v0"\noptions = { max_steps = 30 }\n'
     )
-    command = [sys.executable, "-m", "minihuman", "learn", "ppo", "--job", str(job), "--resume", "--out"]
-    subprocess.run([*command, str(tmp_path / "whole.pt")], check=True, capture_output=True)
-    kept = tmp_path / "killed.pt.checkpoint"
+    train(read_job(file), tmp_path / "whole.pt")
+    killed = tmp_path / "killed.pt"
+    checkpoint = tmp_path / "killed.pt.checkpoint"
     rng = random.Random(number)
-    with subprocess.Popen([*command, str(tmp_path / "killed.pt")], stdout=subprocess.DEVNULL) as process:
-        while not kept.exists() and process.poll() is None:
+    command = [sys.executable, "-m", "minihuman", "learn", "ppo", "--job", str(file), "--out", str(killed)]
+    with running(command) as process:
+        while not checkpoint.exists():
+            assert process.poll() is None, "it ended before it could be killed"
             time.sleep(0.002)
         time.sleep(rng.random() * 0.3)  # whatever it is at
-        os.kill(process.pid, signal.SIGKILL) if process.poll() is None else None
-    subprocess.run([*command, str(tmp_path / "killed.pt")], check=not (tmp_path / "killed.pt").exists())
-    assert_same(tmp_path / "whole.pt", tmp_path / "killed.pt")
+        process.kill()
+    if not killed.exists():
+        train(read_job(file), killed, resume=True)
+    assert_same(tmp_path / "whole.pt", killed)
 
 
 def test_a_checkpoint_is_neither_ignored_nor_taken_for_another_job(tmp_path):
