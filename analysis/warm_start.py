@@ -123,7 +123,7 @@ def describe(reached: dict[tuple[str, str], dict[int, tuple[int, bool]]]) -> str
         mean, low, high = summarise(steps, rng)
         plain = reached.get((world, "plain"), {})
         shared = sorted(set(runs) & set(plain))
-        ratio = "1"
+        ratio = "1" if arm == "plain" else "-"
         if arm != "plain" and shared:
             pairs = np.array([(runs[seed][0], plain[seed][0]) for seed in shared], np.float64)
             drawn = pairs[rng.integers(len(pairs), size=(10_000, len(pairs)))].mean(axis=1)
