@@ -65,6 +65,7 @@ WORDS = {  # of every command; one that is new fails until it is listed here
     "learn clone": f"{STUDY} --world minihuman/MiniGrid-FourRooms-v0 --out clone.pt",
     "learn teach": f"{STUDY} --world minihuman/MiniGrid-FourRooms-v0 --out teach.pt",
     "learn ppo": "minihuman/MiniGrid-FourRooms-v0 --out ppo.pt",
+    "learn compare": f"ppo.pt {STUDY}",
     "bench new": "--out bench.toml",
     "bench run": f"{DEMO}",
     "plugins": "",

@@ -21,8 +21,10 @@ JUDGED = 100  # episodes, as many as success is of: a point of fewer says little
 RESAMPLES = 10_000
 NAMES = {
     "ours": "minihuman",
+    "ours, one-hot": "minihuman, one-hot codes",
     "ours with memory": "minihuman, memory",
     "sb3": "Stable-Baselines3 PPO",
+    "sb3, lookup": "Stable-Baselines3 PPO, our encoder",
     "sb3 recurrent": "RecurrentPPO",
 }
 Curve = dict[str, list[float]]

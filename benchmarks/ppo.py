@@ -2,8 +2,10 @@
 
     python -m benchmarks.ppo --worlds DoorKey-5x5 Hallway --steps 300000 --seeds 5 --out analysis/ppo
 
-Each gets the same network, batch, worlds and settings, and trains in a process of its own, in turn. A curve is a line a
-training and update in `curves.csv`; `python analysis/ppo_curves.py` compares them. Short: --steps 4096 --seeds 1.
+Each gets the same network, batch, worlds and settings, and trains in a process of its own, in turn. The peers' network
+multiplies one-hot codes, as a network of theirs would; `ours, one-hot` does so too, and `sb3, lookup` looks weights up
+as ours does. A curve is a line a training and update in `curves.csv`; `python analysis/ppo_curves.py` compares them.
+Short: --steps 4096 --seeds 1.
 """
 
 import argparse
@@ -26,27 +28,38 @@ WORLDS = {
     "KeyCorridorS3R1": "minihuman/MiniGrid-KeyCorridorS3R1-v0",
     "GoToLocal": "minihuman/BabyAI-GoToLocal-v0",
 }
-TRAINERS = ("ours", "ours with memory", "sb3", "sb3 recurrent")
+TRAINERS = ("ours", "ours, one-hot", "ours with memory", "sb3", "sb3, lookup", "sb3 recurrent")
 FIELDS = ("world", "trainer", "seed", "steps", "episodes", "return_mean", "success", "cpu_s")
 
 
-def train_ours(world: str, steps: int, seed: int, *, memory: bool) -> list[dict[str, Any]]:
-    from minihuman.learn.batch_ppo import BatchPpoSettings, train_batch
+def use_one_hot_codes() -> None:
+    """Have networks multiply one-hot codes from here on, as they did before weights were looked up."""
+    import torch
 
+    from minihuman.learn.policy import network
+
+    class OneHotEncoder(network.CodeEncoder):
+        def forward(self, image: torch.Tensor) -> torch.Tensor:
+            if image.dtype == torch.uint8:
+                image = image.float().div_(255)
+            codes = (image * 255 / self.spread).round_().long()
+            hot = [torch.nn.functional.one_hot(codes[:, part], size) for part, size in enumerate(self.sizes)]
+            return self.layers(torch.cat([part.flatten(1) for part in hot], dim=1).float())
+
+    network._ENCODERS["codes"] = OneHotEncoder
+
+
+def train_ours(world: str, steps: int, seed: int, *, memory: bool) -> list[dict[str, Any]]:
+    from minihuman.learn.training import train
+    from minihuman.learn.training_settings import TrainingJob, TrainingSettings, WorldChoice
+
+    settings = TrainingSettings(
+        steps=steps, seed=seed, memory=memory, missions="GoTo" in world, evaluation=0, checkpoint_every=0
+    )
     with tempfile.TemporaryDirectory() as folder:
-        began = time.process_time()
-        settings = BatchPpoSettings(steps=steps, memory=memory)
-        curve = train_batch(world, Path(folder, "policy.pt"), settings, missions="GoTo" in world, seed=seed)
-    return [
-        {
-            "steps": one.steps,
-            "episodes": one.episodes,
-            "return_mean": one.return_mean,
-            "success": one.success,
-            "cpu_s": one.cpu_s - began,
-        }
-        for one in curve
-    ]
+        report = train(TrainingJob((WorldChoice(world),), settings), Path(folder, "policy.pt"))
+    names = ("steps", "episodes", "return_mean", "success", "cpu_s")
+    return [{name: getattr(point, name) for name in names} for point in report.points]
 
 
 def train_theirs(world: str, steps: int, seed: int, *, memory: bool) -> list[dict[str, Any]]:
@@ -55,12 +68,13 @@ def train_theirs(world: str, steps: int, seed: int, *, memory: bool) -> list[dic
     from stable_baselines3.common.callbacks import BaseCallback
     from stable_baselines3.common.vec_env import VecEnv
 
-    from minihuman.learn.batch_ppo import RECENT, BatchPpoSettings
+    from minihuman.learn.batch_ppo import RECENT
     from minihuman.learn.policy.network import get_policy_settings
     from minihuman.learn.policy.observation import SPREAD, ObservationEncoder, encode_mission, get_image_shape
+    from minihuman.learn.training_settings import TrainingSettings
 
     torch.set_num_threads(1)
-    settings, missions, points = BatchPpoSettings(steps=steps), "GoTo" in world, []
+    settings, missions, points = TrainingSettings(steps=steps), "GoTo" in world, []
     space = ObservationEncoder(missions).space(gymnasium.make(world).unwrapped)
     eyes = "atari" if get_image_shape(space)[1] > 20 else "codes"
     spread = np.array(SPREAD if eyes == "codes" else (1, 1, 1), np.uint8)
@@ -151,12 +165,12 @@ def train_theirs(world: str, steps: int, seed: int, *, memory: bool) -> list[dic
         n_steps=settings.rollout,
         batch_size=settings.worlds * settings.rollout // settings.minibatches,
         n_epochs=settings.epochs,
-        gamma=settings.discount,
-        gae_lambda=settings.trace,
+        gamma=settings.gamma,
+        gae_lambda=settings.gae_lambda,
         clip_range=settings.clip,
         ent_coef=settings.entropy,
         vf_coef=settings.value,
-        max_grad_norm=settings.gradient,
+        max_grad_norm=settings.max_gradient_norm,
         policy_kwargs=their_network,
         seed=seed,
         device="cpu",
@@ -177,6 +191,8 @@ def main() -> None:
     read = parser.parse_args()
     if read.one:
         world, trainer, seed = read.one
+        if trainer in ("ours, one-hot", "sb3", "sb3 recurrent"):
+            use_one_hot_codes()
         train = train_ours if trainer.startswith("ours") else train_theirs
         rows = train(WORLDS[world], read.steps, int(seed), memory="memory" in trainer or "recurrent" in trainer)
         writer = csv.DictWriter(sys.stdout, FIELDS)
@@ -185,7 +201,7 @@ def main() -> None:
     names = ["torch", "stable-baselines3", "gymnasium", "numpy"]
     names += ["sb3-contrib"] if "sb3 recurrent" in read.trainers else []
     print(", ".join(f"{name} {version(name)}" for name in names) + f"; {read.steps} steps, 16 worlds, one thread")
-    print(f"{'world':16}{'trainer':18}{'seed':>5}{'steps/CPU-s':>13}{'CPU-s':>8}{'success':>9}")
+    print(f"{'world':16}{'trainer':20}{'seed':>5}{'steps/CPU-s':>13}{'CPU-s':>8}{'success':>9}")
     for seed in range(read.first_seed, read.first_seed + read.seeds):
         for world in read.worlds:
             for trainer in read.trainers:  # in turn, so that what else the machine does meets all of them
@@ -193,11 +209,11 @@ def main() -> None:
                 ran = subprocess.run(
                     [*command, "--steps", str(read.steps)], check=True, stdout=subprocess.PIPE, text=True
                 )
-                last = dict(zip(FIELDS, ran.stdout.splitlines()[-1].split(","), strict=True))
+                last = list(csv.DictReader(ran.stdout.splitlines(), FIELDS))[-1]
                 cpu_s = float(last["cpu_s"])
                 rate = int(last["steps"]) / cpu_s
                 print(
-                    f"{world:16}{trainer:18}{seed:5}{rate:13.0f}{cpu_s:8.0f}{float(last['success']):9.2f}", flush=True
+                    f"{world:16}{trainer:20}{seed:5}{rate:13.0f}{cpu_s:8.0f}{float(last['success']):9.2f}", flush=True
                 )
                 if read.out:
                     read.out.mkdir(parents=True, exist_ok=True)

@@ -79,6 +79,7 @@ _WORDS = {
     "LOG...",
     "PROTOCOL",
     "FORMAT",
+    "POLICY",
     "CODE",
     "SQL",
     "WORLD",

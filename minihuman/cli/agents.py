@@ -5,7 +5,23 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from minihuman.cli.command_line import Subgroup
-from minihuman.cli.options import Argument, Option, StudyOrLog, selection_options, show_progress
+from minihuman.cli.options import (
+    Argument,
+    Option,
+    StudyOrLog,
+    TrustOption,
+    ask_trust,
+    print_account,
+    selection_options,
+    show_progress,
+)
+from minihuman.cli.training_options import (
+    admit_training,
+    compose_job,
+    describe_progress,
+    describe_training,
+    training_options,
+)
 from minihuman.errors import ExportError, LearnError
 
 _SIGHT_HELP = (
@@ -109,43 +125,69 @@ def teach(
     print(f"{out}: {learner} of {taught.labelled_steps} steps by people, {taught.steps} in all; {policy.sha256[:16]}")
 
 
+@selection_options(outcome=("goal",))
+@training_options
 def ppo(
-    world: Annotated[str, Argument("The world to learn, such as minihuman/MiniGrid-DoorKey-5x5-v0.", "WORLD")],
-    out: Annotated[Path, Option(help="The policy file to write; its learning curve is written beside it as CSV.")],
-    steps: Annotated[int, Option(min=1, help="The number of steps, of all worlds together.")] = 300_000,
-    worlds: Annotated[int, Option(min=1, help="The number of worlds that are stepped together.")] = 16,
-    memory: Annotated[bool, Option(help="Remember an episode's steps, by a gated recurrent unit.")] = False,
-    missions: Annotated[bool, Option(help="Also let the policy observe the mission.")] = False,
-    device: Annotated[str, Option(help="Where the network is trained: cpu or cuda.")] = "cpu",
-    seed: Annotated[int, Option(min=0, help="The random seed of worlds, network and choices.")] = 1,
+    world: Annotated[
+        list[str] | None,
+        Argument("The worlds to learn, such as minihuman/MiniGrid-DoorKey-5x5-v0; none with --job.", "WORLD..."),
+    ] = None,
+    out: Annotated[
+        Path, Option(help="The policy file to write; its learning curve is written beside it as CSV.")
+    ] = Path("policy.pt"),
+    job: Annotated[Path | None, Option(help="A TOML file with worlds and settings; options given here win.")] = None,
+    option: Annotated[list[str] | None, Option(help="An option of all worlds, as NAME=VALUE; repeatable.")] = None,
+    resume: Annotated[bool, Option("--resume", help="Continue an interrupted training from its checkpoint.")] = False,
+    trust: TrustOption = False,
+    *,
+    settings: dict[str, Any],
+    selection: Any,
 ) -> None:
-    """Train a policy by proximal policy optimisation, without people's data, and write its learning curve.
+    """Train a policy by proximal policy optimisation, with or without people's data, and write its learning curve.
 
     Example: minihuman learn ppo minihuman/MiniGrid-DoorKey-5x5-v0 --out door.pt
     """
     need_torch()
-    from minihuman.learn.batch_ppo import BatchPpoSettings, train_batch
+    from minihuman.learn.training import count_steps, train
 
-    for path in (out, out.with_suffix(".csv")):
-        if path.exists():
-            raise LearnError(f"{path} already exists; choose another file with --out")
-    with show_progress(f"training in {world}") as show:
-        progress = train_batch(
-            world,
+    asked = compose_job(world or [], job, option or [], settings)
+    admit_training(asked, (job or Path("job")).absolute().parent, ask_trust(trust or job is None))
+    steps = count_steps(asked.settings)
+    if steps != asked.settings.steps:
+        print_account([f"training for {steps} steps: whole rollouts of {asked.settings.worlds} worlds"])
+    with show_progress(f"training for {steps} steps in {', '.join(choice.id for choice in asked.worlds)}") as show:
+        report = train(
+            asked,
             out,
-            BatchPpoSettings(steps=steps, worlds=worlds, memory=memory, device=device),
-            missions=missions,
-            seed=seed,
-            follow=lambda point: show(f"{point.steps} of {steps} steps, {point.success:.0%} of episodes succeed"),
+            resume=resume,
+            selection=selection,
+            follow=lambda point, curriculum: show(describe_progress(point, steps, curriculum.describe())),
         )
-    last = progress[-1]
-    print(
-        f"{out}: {last.steps} steps, {last.episodes} episodes; of the latest, {last.success:.0%} succeeded, mean "
-        f"return {last.return_mean:.3f}"
-    )
+    print(describe_training(out, asked, report))
 
 
-learn = Subgroup("learn", help="Train agents, on people's data or without.", commands=(clone, ppo, teach))
+@selection_options()
+def compare(
+    policy: Annotated[Path, Argument("The policy file.", "POLICY")],
+    study: StudyOrLog,
+    world: Annotated[str, Option(help="The world; by default the first that the policy was trained in.")] = "",
+    seed: Annotated[int, Option(min=0, help="The random seed of the policy's actions.")] = 1,
+    *,
+    selection: Any,
+) -> None:
+    """Have a policy play the levels that a study's participants played, and print both their scores.
+
+    Example: minihuman learn compare door.pt sessions/my-study
+    """
+    need_torch()
+    from minihuman.learn.evaluation import compare_with_people
+
+    comparison = compare_with_people(policy, study, selection, world=world, seed=seed)
+    print_account(comparison.account)
+    print(comparison)
+
+
+learn = Subgroup("learn", help="Train agents, on people's data or without.", commands=(clone, ppo, teach, compare))
 
 
 def new(

@@ -3,57 +3,29 @@
 The algorithm is that of Schulman et al., "Proximal Policy Optimization Algorithms" (2017), with details that
 Stable-Baselines3 also has: advantages are estimated by GAE and normalised in each minibatch, and the value of the last
 state counts at a step limit but not at an end. A memory is a gated recurrent unit behind the encoder, trained through
-whole rollouts. The batch steps all worlds in compiled code, the network processes their observations together, and a
-rollout stays in one block of memory.
+whole rollouts. A policy that was cloned from people can be held near its clone. The batch steps all worlds in compiled
+code, the network processes their observations together, and a rollout stays in one block of memory.
 """
 
-import csv
 import math
 import time
 from collections import deque
-from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
-from functools import lru_cache
-from pathlib import Path
+from dataclasses import dataclass, replace
 from typing import Any
 
-import gymnasium
 import numpy as np
 import torch
-from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 from torch import nn
 
 from minihuman.errors import LearnError
-from minihuman.learn.policy.file import PolicyCard, save_policy
-from minihuman.learn.policy.network import EncoderName, Policy, build_policy
-from minihuman.learn.policy.observation import SPREAD, ObservationEncoder, encode_mission, get_image_shape
-from minihuman.worlds.adapters.world import World
-from minihuman.worlds.team import TeamWorld
+from minihuman.learn.curriculum import Curriculum
+from minihuman.learn.policy.network import Policy
+from minihuman.learn.training_settings import TrainingSettings
+from minihuman.learn.training_worlds import Batch, BatchEncoder, TrainingLevel, TrainingWorlds
 
-Batch = dict[str, torch.Tensor]  # what worlds show: uint8[n, channels, height, width], float32[n, 9]
 RECENT = 100  # episodes that a point of the curve is over
 _OBSERVATION_PREFIX = "seen "  # of the fields of a rollout that are observations
-
-
-@dataclass(frozen=True, slots=True)
-class BatchPpoSettings:
-    """The settings of a training run; the defaults suit grids and rooms that are learned in some 100,000 steps."""
-
-    steps: int = 300_000  # of all worlds together
-    worlds: int = 16
-    rollout: int = 128  # steps of each world between updates
-    epochs: int = 4
-    minibatches: int = 4
-    learning_rate: float = 7e-4
-    discount: float = 0.99
-    trace: float = 0.95  # of GAE
-    clip: float = 0.2
-    entropy: float = 0.01
-    value: float = 0.5
-    gradient: float = 0.5  # the longest
-    memory: bool = False
-    device: str = "cpu"
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,165 +36,118 @@ class CurvePoint:
     episodes: int
     return_mean: float  # over the latest episodes, NaN before the first
     success: float  # the share of them that ended with a reward
-    cpu_s: float
+    length_mean: float  # steps of them
+    policy_loss: float  # means over the update's minibatches
+    value_loss: float
+    entropy: float  # nats
+    approx_kl: float  # from the policy that collected the rollout, estimated by Schulman's k3; nats
+    clip_fraction: float  # the share of steps whose ratio was clipped
+    cpu_s: float  # since the training began
 
 
-def train_batch(
-    world: str,
-    out: Path,
-    settings: BatchPpoSettings,
-    *,
-    missions: bool = False,
-    seed: int = 1,
-    follow: Callable[[CurvePoint], None] = lambda _: None,
-) -> list[CurvePoint]:
-    """Train a policy in a batch of worlds; write the policy and, next to it, its learning curve as CSV.
+@dataclass(slots=True)
+class Losses:
+    """Sums over the minibatches of an update, for the learning curve."""
+
+    policy: float = 0.0
+    value: float = 0.0
+    entropy: float = 0.0
+    kl: float = 0.0
+    clipped: float = 0.0
+    minibatches: int = 0
+
+    def means(self) -> tuple[float, float, float, float, float]:
+        """Return the means in the order of the fields."""
+        n = max(1, self.minibatches)
+        return self.policy / n, self.value / n, self.entropy / n, self.kl / n, self.clipped / n
+
+
+@dataclass(frozen=True, slots=True)
+class EpisodeSoFar:
+    """What a world's current episode consists of: enough to play it again."""
+
+    level: TrainingLevel
+    actions: list[int]
+
+
+class BatchPpo:
+    """A training run, with its worlds, their current observations, and the network's memory of each world.
 
     Args:
-        world: the Gymnasium id of a world that has a batch, as every built-in world does
-        out: the policy file to write
-        missions: whether the policy observes the mission, one of "go to the COLOUR KIND"
-        seed: the seed of the worlds, the network and the actions
-        follow: a function that is called after each update
-
-    Raises:
-        LearnError: if the world has no batch, no image or other missions, or if the device does not exist.
+        policy: the policy to train.
+        worlds: the worlds to train in.
+        curriculum: what chooses the level of each episode.
+        encoder: what encodes the observations of all worlds.
+        settings: the settings; their number of worlds must be that of ``worlds``.
+        clone: the policy of which the trained one stays near if ``settings.kl`` says so; None for none.
     """
-    if settings.device != "cpu" and not (settings.device == "cuda" and torch.cuda.is_available()):
-        raise LearnError(f"device {settings.device!r} is not here; use cpu, or cuda where PyTorch finds a GPU")
-    torch.manual_seed(seed)
-    torch.set_num_threads(1)  # small networks: more threads only wait for each other
-    example_world: Any = World(world, {}).unwrapped
-    eyesight = ObservationEncoder(missions)
-    space = eyesight.space(example_world)
-    eyes = _choose_encoder(get_image_shape(space))
-    worlds: Any
-    if hasattr(example_world, "team"):
-        worlds = _Seats(example_world.team, settings)
-    else:
-        worlds = _make_batch(world, settings.worlds)
-    settings = replace(settings, worlds=worlds.num_envs)
-    policy = build_policy(space, len(example_world.action_names), eyes, memory=settings.memory).to(settings.device)
-    run = _Run(policy, worlds, eyes == "codes", missions, settings, seed)
-    progress: list[CurvePoint] = []
-    while run.steps < settings.steps:
-        progress.append(run.update())
-        follow(progress[-1])
-    card = PolicyCard(
-        world=world,
-        world_options={},
-        action_names=example_world.action_names,
-        image_shape=get_image_shape(space),
-        eyesight=eyesight,
-        eyes=eyes,
-        trained_by="batch ppo",
-        steps=run.steps,
-        seed=seed,
-        notes={"settings": asdict(settings)},
-        memory=settings.memory,
-    )
-    save_policy(policy.cpu(), card, out)
-    _write_curve(progress, out.with_suffix(".csv"))
-    return progress
-
-
-def _choose_encoder(image_shape: tuple[int, int, int]) -> EncoderName:
-    """Return the name of the encoder that suits images of a shape (channels, height, width)."""
-    channels, height, _ = image_shape
-    if height > 20:
-        return "atari"
-    if channels == 3:
-        return "codes"
-    return "planes"
-
-
-def _write_curve(progress: list[CurvePoint], path: Path) -> None:
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, list(asdict(progress[0])))
-        writer.writeheader()
-        writer.writerows(map(asdict, progress))
-
-
-def _make_batch(world: str, count: int, **options: Any) -> gymnasium.vector.VectorEnv[Any, Any, Any]:
-    """Make a batch of worlds, in which each world begins its next episode in the step that ends one."""
-    try:
-        return gymnasium.make_vec(
-            world,
-            num_envs=count,
-            vectorization_mode="vector_entry_point",
-            autoreset_mode=AutoresetMode.SAME_STEP,
-            **options,
-        )
-    except gymnasium.error.Error:
-        raise LearnError(f"{world} has no batch of worlds; choose a world of minihuman's own") from None
-
-
-class _Seats:
-    """A batch of team worlds in which each seat counts as a separate world, so that one policy plays with itself.
-
-    Shaping rewards for useful steps (`TeamBatch.shaping`, where a world has them) decrease to 0 by the middle of the
-    training run, as in Carroll et al., "On the Utility of Learning about Humans for Human-AI Coordination" (2019).
-    """
-
-    def __init__(self, team: TeamWorld, settings: BatchPpoSettings) -> None:
-        self._batch = team.batch(max(1, settings.worlds // team.bodies))
-        self._bodies = team.bodies
-        self._steps = 0
-        self._shaped_steps = settings.steps / 2
-        self.num_envs = self._batch.num_worlds * team.bodies
-
-    def reset(self, *, seed: int) -> tuple[NDArray[Any], dict[str, Any]]:
-        return self._batch.reset(seed).reshape(self.num_envs, *self._batch.observations.shape[2:]), {}
-
-    def step(self, actions: NDArray[np.int64]) -> tuple[Any, ...]:
-        _, rewards, ends = self._batch.step(actions.reshape(-1, self._bodies))
-        shaping_weight = max(0.0, 1 - self._steps / self._shaped_steps)
-        rewards = rewards + shaping_weight * getattr(self._batch, "shaping", 0.0)
-        self._steps += self.num_envs
-        over = np.repeat(ends, self._bodies)
-        observations = self._batch.observations.reshape(self.num_envs, *self._batch.observations.shape[2:])
-        return observations, rewards.ravel(), over, np.zeros_like(over), {}
-
-
-_encode_mission = lru_cache(maxsize=1024)(encode_mission)
-
-
-class _Run:
-    """A training run, with its worlds, their current observations, and the network's memory of each world."""
 
     def __init__(
         self,
         policy: Policy,
-        worlds: Any,  # a batch, or the seats of one
-        spreads: bool,
-        missions: bool,
-        settings: BatchPpoSettings,
-        seed: int,
+        worlds: TrainingWorlds,
+        curriculum: Curriculum,
+        encoder: BatchEncoder,
+        settings: TrainingSettings,
+        clone: Policy | None = None,
     ) -> None:
-        self.steps = self.episodes = 0
+        self.steps = self.episodes = self.updates = 0
         self._policy = policy
         self._worlds = worlds
-        self._settings = settings
-        self._spread = np.array(1, np.uint8)
-        if spreads:
-            self._spread = np.array(SPREAD, np.uint8)
-        self._missions = missions
+        self._curriculum = curriculum
+        self._settings = replace(settings, worlds=worlds.num_envs)
+        self._clone = clone if settings.kl else None
+        self._critic_updates = settings.critic_updates if clone is not None else 0
+        self._encoder = encoder
         self._optimizer = torch.optim.Adam(policy.parameters(), settings.learning_rate, eps=1e-5, fused=True)
-        self._observations = self._encode(worlds.reset(seed=seed)[0])
-        self._hidden = torch.zeros(settings.worlds, policy.features_dim, device=settings.device)
-        self._starts = torch.ones(settings.worlds, device=settings.device)  # 1.0 where an episode begins
-        self._returns = np.zeros(settings.worlds)
-        self._recent: deque[tuple[float, bool]] = deque(maxlen=RECENT)
+        self._hidden = torch.zeros(worlds.num_envs, policy.features_dim, device=settings.device)
+        self._starts = torch.ones(worlds.num_envs, device=settings.device)  # 1.0 where an episode begins
+        self._returns = np.zeros(worlds.num_envs)
+        self._lengths = np.zeros(worlds.num_envs, np.int64)
+        self._recent: deque[tuple[float, bool, int]] = deque(maxlen=RECENT)
+        self._ended_levels: list[
+            tuple[int, TrainingLevel]
+        ] = []  # in the order of their ends in a rollout: world, level
+        self._cpu_s = 0.0
+        self._losses = Losses()
+        self._playing: list[EpisodeSoFar] = []
+
+    def begin(self) -> None:
+        """Begin the first episode of every world."""
+        levels = [self._curriculum.draw() for _ in range(self._worlds.num_envs)]
+        self._playing = [EpisodeSoFar(level, []) for level in levels]
+        self._worlds.begin(range(self._worlds.num_envs), levels)
+        self._observations = self._encode()
 
     def update(self) -> CurvePoint:
         """Collect a rollout, update the policy from it, and return the new point of the learning curve."""
+        began = time.process_time()
+        self._losses = Losses()
         hidden = self._hidden
         rollout = self._collect()
-        for group in self._optimizer.param_groups:  # falls to nothing
-            group["lr"] = self._settings.learning_rate * max(0.0, 1 - self.steps / self._settings.steps)
+        if self._curriculum.needs_scores:
+            self._score_levels(rollout)
+        self._set_learning_rate()
+        self._policy.requires_grad_(self.updates >= self._critic_updates)
+        self._policy.value_net.requires_grad_(True)
+        self._policy.mlp_extractor.value_net.requires_grad_(True)
         self._learn(rollout, hidden)
-        mean, success = np.mean(self._recent or [(math.nan, math.nan)], axis=0).tolist()
-        return CurvePoint(self.steps, self.episodes, mean, success, time.process_time())
+        self.updates += 1
+        self._cpu_s += time.process_time() - began
+        returns, success, length = np.mean(self._recent or [(math.nan, math.nan, math.nan)], axis=0).tolist()
+        losses = self._losses.means()
+        return CurvePoint(self.steps, self.episodes, returns, success, length, *losses, self._cpu_s)
+
+    def _set_learning_rate(self) -> None:
+        """Set the learning rate of an update; a linear schedule falls to nothing."""
+        rate = self._settings.learning_rate
+        if self._settings.schedule == "linear":
+            rate *= self._share_left()
+        for group in self._optimizer.param_groups:
+            group["lr"] = rate
+
+    def _share_left(self) -> float:
+        return max(0.0, 1 - self.steps / self._settings.steps)
 
     def _collect(self) -> Batch:
         """Act for a rollout; return its steps by field, each of shape [rollout, worlds, ...], with advantages."""
@@ -242,6 +167,8 @@ class _Run:
                     "values": values.squeeze(1),
                     "starts": self._starts,
                 }
+                if self._clone is not None:
+                    step_fields["clone"] = self._clone.log_probabilities(self._observations)
                 for name, part in step_fields.items():
                     steps_by_field.setdefault(name, []).append(part)
                 rewards[t] = self._step(actions.cpu().numpy())
@@ -261,9 +188,9 @@ class _Run:
         advantage = torch.zeros_like(next_values[-1])
         newest_first = []
         for t in reversed(range(settings.rollout)):
-            discount = settings.discount * (1 - ends[t])
+            discount = settings.gamma * (1 - ends[t])
             temporal_difference = rewards[t] + discount * next_values[t] - values[t]
-            advantage = temporal_difference + discount * settings.trace * advantage
+            advantage = temporal_difference + discount * settings.gae_lambda * advantage
             newest_first.append(advantage)
         return torch.stack(newest_first[::-1])
 
@@ -272,24 +199,64 @@ class _Run:
 
         At a step limit, the reward includes the discounted value of the state that followed.
         """
-        raw, rewards, terminated, truncated, infos = self._worlds.step(actions)
-        rewards = np.asarray(rewards, np.float32)
-        over = terminated | truncated
+        joint_step = self._worlds.step(actions)
+        rewards = joint_step.rewards.astype(np.float32)
+        over = joint_step.terminated | joint_step.truncated
         self._returns += rewards
-        for i in np.flatnonzero(over).tolist():
-            self._recent.append((float(self._returns[i]), bool(terminated[i] and rewards[i] > 0)))
+        self._lengths += 1
         self.steps += len(actions)
-        self.episodes += int(over.sum())
-        self._returns[over] = 0.0
-        limited = np.flatnonzero(truncated & ~terminated)
-        if len(limited):
-            final_observations = self._encode([infos["final_obs"][i] for i in limited])
-            starts = torch.zeros(len(limited), device=self._settings.device)
-            _, beyond, _ = self._policy.think_on(final_observations, self._hidden[limited], starts)
-            rewards[limited] += self._settings.discount * beyond.squeeze(1).cpu().numpy()
-        self._observations = self._encode(raw)
+        for episode, action in zip(self._playing, actions.tolist(), strict=True):
+            episode.actions.append(action)
+        if over.any():
+            self._end_episodes(np.flatnonzero(over), joint_step.terminated & (rewards > 0))
+            rewards += self._value_beyond(joint_step.truncated & ~joint_step.terminated)
+            self._begin_next(np.flatnonzero(over).tolist())
+        self._observations = self._encode()
         self._starts = torch.as_tensor(over, dtype=torch.float32, device=self._settings.device)
         return torch.from_numpy(rewards)
+
+    def _end_episodes(self, ended: NDArray[np.int64], has_succeeded: NDArray[np.bool_]) -> None:
+        """Take note of the episodes that ended."""
+        self.episodes += len(ended)
+        for i in ended.tolist():
+            self._recent.append((float(self._returns[i]), bool(has_succeeded[i]), int(self._lengths[i])))
+            self._curriculum.finish(self._playing[i].level, bool(has_succeeded[i]))
+        self._returns[ended] = 0.0
+        self._lengths[ended] = 0
+
+    def _value_beyond(self, limited: NDArray[np.bool_]) -> NDArray[np.float32]:
+        """Return the discounted value of the states at which step limits ended episodes; 0 in all other worlds."""
+        values = np.zeros(len(limited), np.float32)
+        numbers = np.flatnonzero(limited)
+        if len(numbers):
+            final = {name: part[torch.from_numpy(numbers)] for name, part in self._encode().items()}
+            starts = torch.zeros(len(numbers), device=self._settings.device)
+            _, beyond, _ = self._policy.think_on(final, self._hidden[numbers], starts)
+            values[numbers] = self._settings.gamma * beyond.squeeze(1).cpu().numpy()
+        return values
+
+    def _begin_next(self, ended: list[int]) -> None:
+        """Begin the next episode of the worlds whose episodes ended, in levels of the curriculum."""
+        levels = [self._curriculum.draw() for _ in ended]
+        for number, level in zip(ended, levels, strict=True):
+            if self._curriculum.needs_scores:
+                self._ended_levels.append((number, self._playing[number].level))
+            self._playing[number] = EpisodeSoFar(level, [])
+        if not self._worlds.begins_by_itself:
+            self._worlds.begin(ended, levels)
+
+    def _score_levels(self, rollout: Batch) -> None:
+        """Score the levels of a rollout by the mean size of the advantages in each episode that ended in it."""
+        sizes = rollout["advantages"].abs().cpu().numpy()
+        starts = rollout["starts"].cpu().numpy()[1:] > 0
+        starts = np.vstack((starts, self._starts.cpu().numpy()[None] > 0))
+        first = dict.fromkeys(range(len(sizes[0])), 0)
+        ends = {number: iter(np.flatnonzero(starts[:, number]).tolist()) for number in first}
+        for number, level in self._ended_levels:
+            end = next(ends[number]) + 1
+            self._curriculum.score(level, float(sizes[first[number] : end, number].mean()))
+            first[number] = end
+        self._ended_levels.clear()
 
     def _learn(self, rollout: Batch, hidden: torch.Tensor) -> None:
         """Update the policy from a rollout, whose memory at the first step is ``hidden``."""
@@ -312,11 +279,11 @@ class _Run:
                 loss = self._compute_loss(minibatch, return_targets, start_hidden)
                 self._optimizer.zero_grad(set_to_none=True)
                 loss.backward()  # type: ignore[no-untyped-call]
-                nn.utils.clip_grad_norm_(self._policy.parameters(), settings.gradient)
+                nn.utils.clip_grad_norm_(self._policy.parameters(), settings.max_gradient_norm)
                 self._optimizer.step()
 
     def _compute_loss(self, minibatch: Batch, return_targets: torch.Tensor, start_hidden: torch.Tensor) -> torch.Tensor:
-        """Return PPO's loss on a minibatch: clipped policy gain, value error and entropy."""
+        """Return PPO's loss on a minibatch: clipped policy gain, value error, entropy and divergence from the clone."""
         settings = self._settings
         observations = {
             name.removeprefix(_OBSERVATION_PREFIX): part
@@ -327,28 +294,81 @@ class _Run:
         log_prob = log_probs.gather(1, minibatch["actions"].flatten()[:, None]).squeeze(1)
         advantages = minibatch["advantages"].flatten()
         advantages = (advantages - advantages.mean()) / (advantages.std() + 1e-8)
-        ratio = (log_prob - minibatch["log_probs"].flatten()).exp()
+        log_ratio = log_prob - minibatch["log_probs"].flatten()
+        ratio = log_ratio.exp()
         clipped = ratio.clamp(1 - settings.clip, 1 + settings.clip)
         gain = torch.min(ratio * advantages, clipped * advantages).mean()
         entropy = -(log_probs.exp() * log_probs).sum(dim=1).mean()
         error = (values.squeeze(1) - return_targets).square().mean()
-        return settings.value * error - gain - settings.entropy * entropy
+        self._note_losses(-gain, error, entropy, log_ratio.detach())
+        loss = settings.value * error - gain - settings.entropy * entropy
+        if "clone" in minibatch:
+            clone = minibatch["clone"].flatten(0, 1)
+            divergence = (clone.exp() * (clone - log_probs)).sum(dim=1).mean()  # KL(clone, policy)
+            loss = loss + settings.kl * self._share_left() * divergence
+        return loss
 
-    def _encode(self, raw: Any) -> Batch:
-        """Return observations as tensors on the device.
+    def _note_losses(
+        self, policy: torch.Tensor, value: torch.Tensor, entropy: torch.Tensor, log_ratio: torch.Tensor
+    ) -> None:
+        losses = self._losses
+        losses.policy += policy.item()
+        losses.value += value.item()
+        losses.entropy += entropy.item()
+        losses.kl += float((log_ratio.exp() - 1 - log_ratio).mean())
+        losses.clipped += float(((log_ratio.exp() - 1).abs() > self._settings.clip).float().mean())
+        losses.minibatches += 1
 
-        ``raw`` is the observation of a whole batch, or a list of single observations.
+    def _encode(self) -> Batch:
+        """Return what the worlds show now, as tensors on the device."""
+        return self._encoder.encode(self._worlds)
+
+    def save(self) -> dict[str, Any]:
+        """Return everything that the rest of the run depends on, in tensors and plain values."""
+        return {
+            "policy": self._policy.state_dict(),
+            "optimizer": self._optimizer.state_dict(),
+            "counts": (self.steps, self.episodes, self.updates),
+            "curriculum": self._curriculum.save(),
+            "levels": [tuple(episode.level) for episode in self._playing],
+            "actions": [list(episode.actions) for episode in self._playing],
+            "observations": self._observations,
+            "hidden": self._hidden,
+            "starts": self._starts,
+            "returns": torch.from_numpy(self._returns.copy()),
+            "lengths": torch.from_numpy(self._lengths.copy()),
+            "recent": list(self._recent),
+            "cpu_s": self._cpu_s,
+            "torch_rng": torch.get_rng_state(),
+            "cuda_rng": torch.cuda.get_rng_state_all() if self._settings.device == "cuda" else [],
+        }
+
+    def restore(self, saved: dict[str, Any]) -> None:
+        """Restore a saved run; worlds play their current episodes again.
+
+        Raises:
+            LearnError: if a world does not show what it showed.
         """
-        if isinstance(raw, list):
-            if isinstance(raw[0], dict):
-                raw = {name: [observation[name] for observation in raw] for name in raw[0]}
-            else:
-                raw = np.stack(raw)
-        image = raw
-        if isinstance(raw, dict):
-            image = raw["image"]
-        image = np.asarray(image) * self._spread
-        observations = {"image": torch.from_numpy(np.ascontiguousarray(np.moveaxis(image, -1, 1)))}
-        if self._missions:
-            observations["mission"] = torch.from_numpy(np.stack([_encode_mission(text) for text in raw["mission"]]))
-        return {name: part.to(self._settings.device) for name, part in observations.items()}
+        self._policy.load_state_dict(saved["policy"])
+        self._optimizer.load_state_dict(saved["optimizer"])
+        self.steps, self.episodes, self.updates = saved["counts"]
+        self._curriculum.restore(saved["curriculum"])
+        levels = [TrainingLevel(*level) for level in saved["levels"]]
+        self._playing = [EpisodeSoFar(*episode) for episode in zip(levels, saved["actions"], strict=True)]
+        self._worlds.replay(levels, saved["actions"])
+        self._observations = self._encode()
+        for name, part in self._observations.items():
+            if not torch.equal(part.cpu(), saved["observations"][name].cpu()):
+                raise LearnError(
+                    "a world does not show again what it showed before the checkpoint, so the run cannot be resumed; "
+                    "train in worlds that a seed determines"
+                )
+        self._hidden = saved["hidden"].to(self._settings.device)
+        self._starts = saved["starts"].to(self._settings.device)
+        self._returns = saved["returns"].numpy().copy()
+        self._lengths = saved["lengths"].numpy().copy()
+        self._recent.extend(saved["recent"])
+        self._cpu_s = saved["cpu_s"]
+        torch.set_rng_state(saved["torch_rng"])
+        if saved["cuda_rng"]:
+            torch.cuda.set_rng_state_all(saved["cuda_rng"])

@@ -148,6 +148,7 @@ class CloningSettings:
     patience: int = 8  # epochs without a better validation loss before it stops
     mirrored: bool = False  # add each step left for right; for worlds that look the same in a mirror
     seed: int = 1
+    hidden: tuple[int, ...] = (64, 64)  # sizes of the actor's and the critic's layers
 
 
 @dataclass(frozen=True, slots=True)
@@ -202,7 +203,7 @@ def clone_policy(
     if settings.mirrored:
         steps = _with_mirror_images(steps, training.action_names, eyes)
     held_out = _stack_steps(validation)
-    policy = build_policy(training.space, len(training.action_names), eyes)
+    policy = build_policy(training.space, len(training.action_names), eyes, hidden=settings.hidden)
     policy.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
     optimiser = torch.optim.Adam(
         policy.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay, fused=True
@@ -472,6 +473,7 @@ def _build_card(demonstrations: Demonstrations, eyes: EncoderName, study: CloneS
         steps=0,
         seed=study.cloning.seed,
         notes={"demonstrations": len(demonstrations.episodes)},
+        hidden=study.cloning.hidden,
     )
 
 

@@ -96,6 +96,38 @@ def test_curves_of_trainings_are_compared_with_intervals_over_seeds(tmp_path, mo
     assert (tmp_path / "curves.svg").stat().st_size > 5_000
 
 
+WARM_START = """
+steps = 512
+worlds = 4
+rollout = 16
+critic_updates = 1
+evaluation = 2
+{people}
+[[world]]
+id = "minihuman/MiniGrid-Empty-5x5-v0"
+"""
+
+
+@needs("learn")
+def test_a_warm_start_is_compared_with_ppo_alone(tmp_path, monkeypatch, capsys):
+    jobs = SCRIPTS / "ppo"
+    people = (jobs / "door-key-people.toml").read_text().split("[[blocks]]")
+    small = people[0].replace('["small", "large", "corridor"]', '["small"]') + "[[blocks]]" + people[1]
+    small = small.replace("episodes = 8", "episodes = 1").replace("DoorKey-5x5", "Empty-5x5").replace("= 250", "= 100")
+    (tmp_path / "few.toml").write_text(small.replace('"door-key-people"', '"few"'))
+    (tmp_path / "empty-plain.toml").write_text(WARM_START.format(people=""))
+    people_line = f"from_people = {str(tmp_path / 'data' / 'few')!r}"
+    (tmp_path / "empty-people.toml").write_text(WARM_START.format(people=people_line))
+    run(monkeypatch, "warm_start.py", tmp_path, "--worlds", "empty", "--arms", "plain", "people", "--seeds", 1)
+    plain, warm = capsys.readouterr().out.splitlines()[-2:]
+    assert plain.startswith("| empty | plain | ")
+    assert warm.startswith("| empty | people | ")
+    curves = pd.read_csv(tmp_path / "warm_start.csv")
+    assert curves.groupby("arm")["steps"].max().to_dict() == {"people": 512, "plain": 512}
+    assert pd.read_csv(tmp_path / "warm_start_fresh.csv")["episodes"].tolist() == [2, 2]
+    assert (tmp_path / "warm_start.svg").stat().st_size > 5_000
+
+
 def test_the_list_of_changed_numbers_is_what_the_tests_give_now(tmp_path, monkeypatch):
     run(monkeypatch, "changed_statistics.py", "--out", tmp_path / "changes.csv")
     assert (tmp_path / "changes.csv").read_text() == (SCRIPTS / "changed_statistics.csv").read_text()

@@ -30,6 +30,8 @@ from minihuman.storage.durable_files import UNFINISHED_SUFFIX, replace_durably
 
 FORMAT = 1
 MAX_FILE_BYTES = 2**25
+MAX_LAYERS = 16  # of the actor, and of the critic
+MAX_UNITS = 4096  # of a layer
 MAX_VALUES = 2**23  # of a policy's weights together, and of an image
 
 
@@ -49,6 +51,7 @@ class PolicyCard:
     notes: dict[str, Any] = field(default_factory=dict)
     other_worlds: tuple[str, ...] = ()  # in which it was trained, too
     memory: bool = False  # whether it remembers an episode's steps
+    hidden: tuple[int, ...] = (64, 64)  # sizes of the actor's and the critic's layers
 
     @property
     def worlds(self) -> tuple[str, ...]:
@@ -89,7 +92,9 @@ def load_policy(path: Path) -> tuple[Policy, PolicyCard]:
     weights: Any = content.get("weights")
     try:
         if (problem := _find_misfit(card, weights)) is None:
-            policy = build_policy(card.observation_space, len(card.action_names), card.eyes, memory=card.memory)
+            policy = build_policy(
+                card.observation_space, len(card.action_names), card.eyes, memory=card.memory, hidden=card.hidden
+            )
             policy.load_state_dict(weights)
             policy.set_training_mode(False)
             return policy, card
@@ -112,6 +117,8 @@ def _find_misfit(card: PolicyCard, weights: Any) -> str | None:
             return f"{name!r} is not a tensor of finite 32-bit floats"
     if sum(value.numel() for value in weights.values()) > MAX_VALUES:
         return f"more than {MAX_VALUES} weights"
+    if not card.hidden or len(card.hidden) > MAX_LAYERS or not all(1 <= size <= MAX_UNITS for size in card.hidden):
+        return f"layers of {card.hidden} units"
     if min(card.image_shape) < 1 or math.prod(card.image_shape) > MAX_VALUES:
         return f"an image of {' x '.join(map(str, card.image_shape))}"
     with torch.device("meta"):

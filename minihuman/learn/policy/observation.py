@@ -83,8 +83,6 @@ class ObservationEncoder:
             remembered: a flag for each cell that was in view before, indexed by x * height + y; only for the sight
                 "remembered"
         """
-        # a grid's cells, not a picture
-        codes = isinstance(raw, dict) or isinstance(getattr(world, "team", None), TeamGrid)
         if self.sight == "remembered":
             assert remembered is not None, "an EpisodeEncoder passes the remembered cells"
             image = encode_remembered_grid(world, remembered)
@@ -95,12 +93,17 @@ class ObservationEncoder:
                 image = raw["image"]
             else:
                 image = raw
-        if codes and self.scaling == "spread":
+        if self.spreads(world, raw):
             image = image * np.array(SPREAD, np.uint8)
         observation: Observation = {"image": np.ascontiguousarray(np.moveaxis(image, -1, 0))}
         if self.missions:
             observation["mission"] = encode_mission(world.mission)
         return observation
+
+    def spreads(self, world: Any, raw: Any) -> bool:
+        """Return whether a world's observation ``raw`` is a grid's codes, not a picture, and they are spread."""
+        has_codes = isinstance(raw, dict) or isinstance(getattr(world, "team", None), TeamGrid)
+        return has_codes and self.scaling == "spread"
 
     def _image_shape(self, world: Any) -> tuple[int, int, int]:
         """Return the shape of the encoded image in a world as channels, height and width."""

@@ -1,0 +1,159 @@
+"""PPO from a clone of people beside PPO alone: steps until 0.9 of the latest 100 episodes succeeded.
+
+    python analysis/warm_start.py analysis/ppo --worlds door-key-5x5 --seeds 5
+
+Runs the job files `WORLD-plain.toml`, `WORLD-people.toml` and `WORLD-people-kl.toml` of a folder with each seed, in
+turn, and adds to `warm_start.csv` (curves) and `warm_start_fresh.csv` (success in fresh episodes) there; what is there
+is not run again. Draws the curves as `warm_start.svg`. A run that did not reach 0.9 counts with all of its steps. The
+study that is cloned is simulated first if it is missing.
+"""
+
+import argparse
+import csv
+import tempfile
+from collections import defaultdict
+from contextlib import suppress
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pandas as pd
+
+from minihuman import simulate
+from minihuman.learn.batch_ppo import CurvePoint
+from minihuman.learn.training import train
+from minihuman.learn.training_settings import TrainingJob, change_settings, read_job
+from ppo_curves import JUDGED, LEARNED, summarise
+
+ARMS = ("plain", "people", "people-kl")
+NAMES = {"plain": "PPO alone", "people": "from a clone of people", "people-kl": "from a clone, held near it"}
+CURVES = "warm_start.csv"
+FRESH = "warm_start_fresh.csv"
+
+
+class ReachedError(Exception):
+    """A run has learned what it was to learn."""
+
+
+def train_arm(
+    folder: Path, world: str, arm: str, seed: int, steps: int | None = None, *, until_reached: bool = False
+) -> None:
+    """Train with a job file and a seed, and add the curve and the evaluation to the folder's tables."""
+    job = read_job(folder / f"{world}-{arm}.toml")
+    changes: dict[str, Any] = {"seed": seed} | ({} if steps is None else {"steps": steps})
+    job = TrainingJob(job.worlds, change_settings(job.settings, changes))
+    study = Path(job.settings.from_people)
+    if job.settings.from_people and not study.exists():
+        list(simulate(folder / f"{study.name}.toml", participants=20, seed=3, data=study.parent))
+    points: list[CurvePoint] = []
+    evaluations: list[Any] = []
+    clone: Any = None
+
+    def follow(point: CurvePoint, curriculum: object) -> None:
+        points.append(point)
+        if until_reached and point.success >= LEARNED and point.episodes >= JUDGED:
+            raise ReachedError
+
+    with tempfile.TemporaryDirectory() as made, suppress(ReachedError):
+        report = train(job, Path(made, "policy.pt"), follow=follow)
+        evaluations = report.evaluations
+        clone = report.clone
+    run = {"world": world, "arm": arm, "seed": seed}
+    add_rows(folder / CURVES, [run | asdict(point) for point in points])
+    for fresh in evaluations:
+        by_clone = "" if clone is None else clone.rate
+        add_rows(folder / FRESH, [run | {"episodes": fresh.episodes, "success": fresh.rate, "clone": by_clone}])
+
+
+def add_rows(path: Path, rows: list[dict[str, Any]]) -> None:
+    """Add rows to a CSV file, with a header if it is new."""
+    is_new = not path.exists()
+    with path.open("a", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
+        if is_new:
+            writer.writeheader()
+        writer.writerows(rows)
+
+
+def read_steps(path: Path) -> dict[tuple[str, str], dict[int, tuple[int, bool]]]:
+    """By world and arm, for each seed the steps until 0.9, and whether it was reached; else the run's steps."""
+    reached: dict[tuple[str, str], dict[int, tuple[int, bool]]] = defaultdict(dict)
+    if path.exists():
+        with path.open(newline="", encoding="utf-8") as file:
+            for row in csv.DictReader(file):
+                runs = reached[row["world"], row["arm"]]
+                seed = int(row["seed"])
+                if not runs.get(seed, (0, False))[1]:
+                    learned = float(row["success"]) >= LEARNED and int(row["episodes"]) >= JUDGED
+                    runs[seed] = int(row["steps"]), learned
+    return dict(reached)
+
+
+def draw(folder: Path) -> None:
+    """Draw success over steps, a panel for each world and a line for each run."""
+    curves = pd.read_csv(folder / CURVES)
+    worlds = sorted(curves["world"].unique())
+    figure, axes = plt.subplots(1, len(worlds), figsize=(4.5 * len(worlds), 3.2), squeeze=False, sharey=True)
+    for axis, world in zip(axes[0], worlds, strict=True):
+        for number, arm in enumerate(ARMS):
+            runs = curves[(curves["world"] == world) & (curves["arm"] == arm)].groupby("seed")
+            for run, (_, curve) in enumerate(runs):
+                shown = curve[curve["episodes"] > 0]
+                label = NAMES[arm] if run == 0 else None
+                axis.plot(shown["steps"], shown["success"], color=f"C{number}", linewidth=1, alpha=0.7, label=label)
+        axis.set(title=world, xlabel="steps", ylim=(0, 1.02))
+        axis.locator_params(axis="x", nbins=5)
+        axis.legend(fontsize=8, loc="center right")
+    axes[0][0].set_ylabel("success of the latest 100 episodes")
+    figure.tight_layout()
+    figure.savefig(folder / "warm_start.svg")
+    plt.close(figure)
+
+
+def describe(reached: dict[tuple[str, str], dict[int, tuple[int, bool]]]) -> str:
+    """The table in Markdown; a ratio is of means over the seeds that both arms have, with a 95 % bootstrap interval."""
+    rng = np.random.default_rng(1)
+    lines = [
+        "| world | start | reached 0.9 | steps to 0.9, interquartile mean | ratio to PPO alone |",
+        "|---|---|---|---|---|",
+    ]
+    for (world, arm), runs in sorted(reached.items(), key=lambda pair: (pair[0][0], ARMS.index(pair[0][1]))):
+        steps = [float(count) for count, _ in runs.values()]
+        mean, low, high = summarise(steps, rng)
+        plain = reached.get((world, "plain"), {})
+        shared = sorted(set(runs) & set(plain))
+        ratio = "1" if arm == "plain" else "-"
+        if arm != "plain" and shared:
+            pairs = np.array([(runs[seed][0], plain[seed][0]) for seed in shared], np.float64)
+            drawn = pairs[rng.integers(len(pairs), size=(10_000, len(pairs)))].mean(axis=1)
+            below, above = np.quantile(drawn[:, 0] / drawn[:, 1], (0.025, 0.975))
+            ratio = f"{pairs[:, 0].mean() / pairs[:, 1].mean():.2f} ({below:.2f} to {above:.2f})"
+        learned = sum(is_reached for _, is_reached in runs.values())
+        lines.append(
+            f"| {world} | {arm} | {learned} of {len(runs)} | {mean:,.0f} ({low:,.0f} to {high:,.0f}) | {ratio} |"
+        )
+    return "\n".join(lines)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--worlds", nargs="*", default=["door-key-5x5"])
+    parser.add_argument("--arms", nargs="+", choices=ARMS, default=list(ARMS))
+    parser.add_argument("--seeds", type=int, default=5)
+    parser.add_argument("--steps", type=int, help="of each run, instead of the job file's")
+    parser.add_argument("--until-reached", action="store_true", help="end each run once 0.9 is reached")
+    asked = parser.parse_args()
+    for seed in range(1, asked.seeds + 1):
+        for world in asked.worlds:
+            for arm in asked.arms:
+                if seed not in read_steps(asked.folder / CURVES).get((world, arm), {}):
+                    train_arm(asked.folder, world, arm, seed, asked.steps, until_reached=asked.until_reached)
+    draw(asked.folder)
+    print(describe(read_steps(asked.folder / CURVES)))
+
+
+if __name__ == "__main__":
+    main()

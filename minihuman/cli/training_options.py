@@ -1,0 +1,121 @@
+"""The options of `minihuman learn ppo`, one for each training setting, and what the command prints.
+
+This module imports no torch: the command's help needs none.
+"""
+
+import inspect
+import tomllib
+from collections.abc import Callable, Sequence
+from dataclasses import fields
+from functools import wraps
+from pathlib import Path
+from typing import Annotated, Any
+
+from minihuman.cli.options import Option
+from minihuman.errors import LearnError
+from minihuman.learn.training_settings import TrainingJob, TrainingSettings, WorldChoice, change_settings, read_job
+from minihuman.trust import Permission, admit_worlds
+
+
+def training_options(command: Callable[..., None]) -> Callable[..., None]:
+    """Add an option for each training setting to a command, which receives those that were given as ``settings``."""
+
+    @wraps(command)
+    def chosen(*arguments: Any, **named: Any) -> None:
+        given = {declared.name: named.pop(declared.name) for declared in fields(TrainingSettings)}
+        settings = {name: setting for name, setting in given.items() if setting is not None}
+        if "hidden" in settings:
+            settings["hidden"] = _parse_sizes(settings["hidden"])
+        command(*arguments, **named, settings=settings)
+
+    own = inspect.signature(command)
+    added = [
+        inspect.Parameter(
+            declared.name, inspect.Parameter.POSITIONAL_OR_KEYWORD, default=None, annotation=_annotate(declared)
+        )
+        for declared in fields(TrainingSettings)
+    ]
+    kept = [parameter for parameter in own.parameters.values() if parameter.name != "settings"]
+    ordered = sorted([*kept, *added], key=lambda parameter: parameter.kind)  # keyword-only ones come last
+    chosen.__signature__ = own.replace(parameters=ordered)  # type: ignore[attr-defined]
+    return chosen
+
+
+def _annotate(declared: Any) -> Any:
+    """Return the annotation of the option of a setting."""
+    kind = TrainingSettings.__annotations__[declared.name]
+    default = declared.default
+    if declared.name == "hidden":
+        kind = str
+        default = ",".join(map(str, default))
+    text = declared.metadata["help"]
+    if default not in ("", False):
+        text = f"{text.removesuffix('.')} (default {default})."
+    least = declared.metadata["least"] if kind is int else None
+    return Annotated[kind | None, Option(help=text, min=least, panel=declared.metadata["panel"])]
+
+
+def _parse_sizes(text: str) -> list[int]:
+    try:
+        return [int(part) for part in text.split(",")]
+    except ValueError:
+        raise LearnError(f"--hidden {text!r} is not valid; give sizes separated by commas, as in 64,64") from None
+
+
+def compose_job(
+    worlds: Sequence[str], path: Path | None, options: Sequence[str], settings: dict[str, Any]
+) -> TrainingJob:
+    """Return the job of a file, if there is one, with the worlds, options and settings of the command line.
+
+    Raises:
+        LearnError: if the file or what was given is not valid.
+    """
+    job = None if path is None else read_job(path)
+    choices = tuple(WorldChoice(world) for world in worlds) or (job.worlds if job else ())
+    shared = dict(map(_parse_option, options))
+    choices = tuple(WorldChoice(choice.id, {**choice.options, **shared}) for choice in choices)
+    return TrainingJob(choices, change_settings(job.settings if job else TrainingSettings(), settings))
+
+
+def _parse_option(text: str) -> tuple[str, Any]:
+    """Return the name and the value of a world's option; the value is TOML's, or else text."""
+    name, separator, written = text.partition("=")
+    if not separator or not name:
+        raise LearnError(f"--option {text!r} is not valid; write NAME=VALUE, as in max_steps=100")
+    try:
+        return name, tomllib.loads(f"value = {written}")["value"]
+    except tomllib.TOMLDecodeError:
+        return name, written
+
+
+def admit_training(job: TrainingJob, folder: Path, permission: Permission) -> None:
+    """Let the worlds of a job run their code, if the user trusts it.
+
+    Raises:
+        LearnError: if the user does not.
+    """
+    named = [(choice.id, choice.options) for choice in job.worlds]
+    refused = admit_worlds(named, folder.resolve(), permission)
+    if refused:
+        raise LearnError(f"its worlds run Python from {refused}, which is not trusted; if you trust it, add --trust")
+
+
+def describe_progress(point: Any, steps: int, curriculum: str) -> str:
+    """Return a line on a training in progress."""
+    line = f"{point.steps} of {steps} steps, {point.success:.0%} of episodes succeed"
+    return f"{line}; {curriculum}" if curriculum else line
+
+
+def describe_training(out: Path, job: TrainingJob, report: Any) -> str:
+    """Return what came of a training, a line for the run and one for each world's evaluation."""
+    last = report.points[-1]
+    latest = f"of the latest, {last.success:.0%} succeeded, mean return {last.return_mean:.3f}"
+    lines = [f"{out}: {last.steps} steps, {last.episodes} episodes; {latest}"]
+    if report.clone is not None:
+        lines.append(f"the clone in fresh episodes of {job.worlds[0].id}: success {report.clone}")
+    lines += [
+        f"in {evaluation.episodes} fresh episodes of {choice.id}: success {evaluation}, mean return "
+        f"{evaluation.mean_return:.3f}, mean steps {evaluation.mean_steps:.1f}"
+        for choice, evaluation in zip(job.worlds, report.evaluations, strict=False)
+    ]
+    return "\n".join(lines)

@@ -1,0 +1,184 @@
+"""Curricula: which level an episode of training begins with, a world and a seed.
+
+`uniform` draws worlds and seeds alike; `staged` goes on to the next world when the present one is solved; `plr` plays
+levels again from which there is most to learn (Jiang, Grefenstette and Rocktäschel, "Prioritized Level Replay", 2021).
+"""
+
+import abc
+from collections import deque
+from typing import Any, ClassVar
+
+import numpy as np
+
+from minihuman.errors import LearnError
+from minihuman.learn.training_settings import TrainingSettings
+from minihuman.learn.training_worlds import TrainingLevel
+from minihuman.worlds.hashing import hash64
+
+
+class Curriculum(abc.ABC):
+    """What chooses the levels of a training run, with random numbers of its own."""
+
+    needs_scores: ClassVar[bool] = False  # whether `score` must be called
+
+    def __init__(self, n_worlds: int, settings: TrainingSettings, seed: int) -> None:
+        self._n_worlds = n_worlds
+        self._settings = settings
+        self._seed = seed
+        self._rng = np.random.default_rng(np.random.SeedSequence([seed, 0x1EEE15]))
+
+    @abc.abstractmethod
+    def draw(self) -> TrainingLevel:
+        """Return the level of the next episode."""
+
+    def finish(self, level: TrainingLevel, has_succeeded: bool) -> None:  # noqa: B027  # most have nothing to do
+        """Take note that an episode of a level ended."""
+
+    def score(self, level: TrainingLevel, score: float) -> None:  # noqa: B027
+        """Take note of a level's score, the mean size of the advantages in an episode or in the part of a rollout."""
+
+    def save(self) -> dict[str, Any]:
+        """Return the state in plain values."""
+        return {"rng": self._rng.bit_generator.state}
+
+    def restore(self, saved: dict[str, Any]) -> None:
+        """Restore a saved state."""
+        self._rng.bit_generator.state = saved["rng"]
+
+    def describe(self) -> str:
+        """Return what the curriculum is at, in a few words; "" if there is nothing to say."""
+        return ""
+
+    def _draw_new(self, world: int) -> TrainingLevel:
+        """Return a level of a world with a drawn seed."""
+        if not self._settings.levels:
+            return TrainingLevel(world, int(self._rng.integers(2**31)))
+        number = int(self._rng.integers(self._settings.levels))
+        return TrainingLevel(world, hash64((self._seed, "level", number)) % 2**31)
+
+
+class UniformCurriculum(Curriculum):
+    """Draw each world and each seed with the same chance."""
+
+    def draw(self) -> TrainingLevel:
+        """Return the level of the next episode."""
+        return self._draw_new(int(self._rng.integers(self._n_worlds)))
+
+
+class StagedCurriculum(Curriculum):
+    """Train in one world after the other, in the order in which they are named."""
+
+    def __init__(self, n_worlds: int, settings: TrainingSettings, seed: int) -> None:
+        super().__init__(n_worlds, settings, seed)
+        self._stage = 0
+        self._latest: deque[bool] = deque(maxlen=settings.stage_episodes)
+
+    def draw(self) -> TrainingLevel:
+        """Return the level of the next episode."""
+        return self._draw_new(self._stage)
+
+    def finish(self, level: TrainingLevel, has_succeeded: bool) -> None:
+        """Go on to the next world if the latest episodes in the present one succeeded."""
+        if level.world != self._stage:
+            return
+        self._latest.append(has_succeeded)
+        is_full = len(self._latest) == self._settings.stage_episodes
+        if is_full and np.mean(self._latest) >= self._settings.stage_success and self._stage + 1 < self._n_worlds:
+            self._stage += 1
+            self._latest.clear()
+
+    def save(self) -> dict[str, Any]:
+        """Return the state in plain values."""
+        return {**super().save(), "stage": self._stage, "latest": list(self._latest)}
+
+    def restore(self, saved: dict[str, Any]) -> None:
+        """Restore a saved state."""
+        super().restore(saved)
+        self._stage = saved["stage"]
+        self._latest.clear()
+        self._latest.extend(saved["latest"])
+
+    def describe(self) -> str:
+        """Return the number of the present world."""
+        return f"stage {self._stage + 1} of {self._n_worlds}"
+
+
+class PrioritizedLevelReplay(Curriculum):
+    """Play levels again by the rank of their scores and by how long ago they were played.
+
+    A score is the mean size of the generalised advantage estimates of the level's latest episode, the paper's L1 value
+    loss. Without a limit of ``levels``, a new level is drawn with the chance that none is played again.
+    """
+
+    needs_scores = True
+
+    def __init__(self, n_worlds: int, settings: TrainingSettings, seed: int) -> None:
+        super().__init__(n_worlds, settings, seed)
+        self._scores: dict[TrainingLevel, float] = {}
+        self._played_at: dict[TrainingLevel, int] = {}  # the count of episodes when a level was drawn last
+        self._episodes = 0
+
+    def draw(self) -> TrainingLevel:
+        """Return the level of the next episode."""
+        self._episodes += 1
+        plays_again = bool(self._scores) and self._rng.random() < self._settings.replay
+        if plays_again:
+            level = self._draw_scored()
+        else:
+            level = self._draw_new(int(self._rng.integers(self._n_worlds)))
+        if level in self._scores:
+            self._played_at[level] = self._episodes
+        return level
+
+    def score(self, level: TrainingLevel, score: float) -> None:
+        """Remember a level's latest score; forget the level with the lowest if there are too many."""
+        self._scores[level] = score
+        self._played_at.setdefault(level, self._episodes)
+        if len(self._scores) > self._settings.replay_levels:
+            easiest = min(self._scores, key=self._scores.__getitem__)
+            del self._scores[easiest]
+            del self._played_at[easiest]
+
+    def save(self) -> dict[str, Any]:
+        """Return the state in plain values."""
+        remembered = [(*level, score, self._played_at[level]) for level, score in self._scores.items()]
+        return {**super().save(), "remembered": remembered, "episodes": self._episodes}
+
+    def restore(self, saved: dict[str, Any]) -> None:
+        """Restore a saved state."""
+        super().restore(saved)
+        self._scores = {TrainingLevel(world, seed): score for world, seed, score, _ in saved["remembered"]}
+        self._played_at = {TrainingLevel(world, seed): at for world, seed, _, at in saved["remembered"]}
+        self._episodes = saved["episodes"]
+
+    def describe(self) -> str:
+        """Return the number of levels that can be played again."""
+        return f"{len(self._scores)} levels to replay"
+
+    def _draw_scored(self) -> TrainingLevel:
+        levels = list(self._scores)
+        ranks = np.argsort(np.argsort([-self._scores[level] for level in levels], kind="stable"), kind="stable") + 1
+        by_score = (1.0 / ranks) ** (1 / self._settings.temperature)
+        by_age = np.array([self._episodes - self._played_at[level] for level in levels], np.float64)
+        chances = by_score / by_score.sum()
+        if by_age.sum() > 0:
+            chances = (1 - self._settings.staleness) * chances + self._settings.staleness * by_age / by_age.sum()
+        return levels[int(self._rng.choice(len(levels), p=chances / chances.sum()))]
+
+
+_CURRICULA: dict[str, type[Curriculum]] = {
+    "uniform": UniformCurriculum,
+    "staged": StagedCurriculum,
+    "plr": PrioritizedLevelReplay,
+}
+
+
+def make_curriculum(n_worlds: int, settings: TrainingSettings, seed: int) -> Curriculum:
+    """Make the curriculum that the settings name, for some worlds.
+
+    Raises:
+        LearnError: if there is only one world to go through in stages.
+    """
+    if settings.curriculum == "staged" and n_worlds < 2:
+        raise LearnError("a staged curriculum goes from world to world; name two or more worlds, the easiest first")
+    return _CURRICULA[settings.curriculum](n_worlds, settings, seed)

@@ -1,0 +1,219 @@
+"""How well a policy plays: on fresh levels, and on the levels that a study's participants played, beside them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from minihuman.dataset.selection import Selection
+from minihuman.errors import LearnError
+from minihuman.learn.behaviour_cloning import Evaluation, held_out_seed
+from minihuman.learn.demonstrations import LoggedEpisode, check_equal_options, select_episodes
+from minihuman.learn.policy.file import load_policy
+from minihuman.learn.policy.network import Policy
+from minihuman.learn.training_settings import WorldChoice
+from minihuman.learn.training_worlds import BatchEncoder, TrainingLevel, TrainingWorlds, make_worlds
+from minihuman.worlds.adapters.world import World
+
+MAX_STEPS = 100_000  # of an episode, in a world without a step limit
+TOGETHER = 16  # worlds
+
+
+@dataclass(frozen=True, slots=True)
+class EpisodeScore:
+    """What came of an episode."""
+
+    episode_return: float
+    steps: int
+    has_succeeded: bool  # it terminated with a reward
+
+
+def play_levels(
+    policy: Policy,
+    worlds: TrainingWorlds,
+    encoder: BatchEncoder,
+    levels: Sequence[TrainingLevel],
+    *,
+    seed: int,
+    most_steps: Sequence[int] | None = None,
+) -> list[EpisodeScore]:
+    """Play an episode of each level, each action drawn from the policy; return them in the order of the levels.
+
+    Args:
+        policy: the policy, on the CPU.
+        worlds: the worlds in which episodes are played side by side.
+        encoder: what encodes their observations.
+        levels: the levels to play.
+        seed: the seed of the drawn actions.
+        most_steps: a step limit for each level; None for the worlds' own alone.
+    """
+    limits = most_steps or [MAX_STEPS] * len(levels)
+    slots = _Slots(worlds, levels)
+    random = torch.Generator().manual_seed(seed)
+    hidden = torch.zeros(worlds.num_envs, policy.features_dim)
+    starts = torch.ones(worlds.num_envs)
+    while len(slots.scores) < len(levels):
+        with torch.no_grad():
+            log_probs, _, hidden = policy.think_on(encoder.encode(worlds), hidden, starts)
+            actions = torch.multinomial(log_probs.exp(), 1, generator=random).squeeze(1)
+        starts = torch.as_tensor(slots.step(actions.numpy(), limits), dtype=torch.float32)
+    return [slots.scores[number] for number in range(len(levels))]
+
+
+class _Slots:
+    """Worlds that play levels side by side. When none is left, a world plays one again, which does not count."""
+
+    def __init__(self, worlds: TrainingWorlds, levels: Sequence[TrainingLevel]) -> None:
+        self.scores: dict[int, EpisodeScore] = {}  # by the number of the level
+        self._worlds = worlds
+        self._levels = levels
+        self._playing = list(range(worlds.num_envs))  # the number of each world's level
+        self._returns = np.zeros(worlds.num_envs)
+        self._lengths = np.zeros(worlds.num_envs, np.int64)
+        self._begin(self._playing)
+
+    def _begin(self, slots: list[int]) -> None:
+        self._worlds.begin(slots, [self._levels[self._playing[slot] % len(self._levels)] for slot in slots])
+
+    def step(self, actions: NDArray[np.int64], limits: Sequence[int]) -> NDArray[np.bool_]:
+        """Step all worlds; return which of them begin another level."""
+        joint_step = self._worlds.step(actions)
+        self._returns += joint_step.rewards
+        self._lengths += 1
+        over = joint_step.terminated | joint_step.truncated
+        over |= self._lengths >= np.array([limits[number % len(limits)] for number in self._playing])
+        ended = np.flatnonzero(over).tolist()
+        for slot in ended:
+            success = bool(joint_step.terminated[slot] and joint_step.rewards[slot] > 0)
+            if self._playing[slot] < len(self._levels):
+                score = EpisodeScore(float(self._returns[slot]), int(self._lengths[slot]), success)
+                self.scores[self._playing[slot]] = score
+            self._playing[slot] = max(self._playing) + 1
+        self._returns[over] = 0.0
+        self._lengths[over] = 0
+        if ended:
+            self._begin(ended)
+        return over
+
+
+def summarize(episodes: Sequence[EpisodeScore]) -> Evaluation:
+    """Return the number of episodes, how many succeeded, and the means of returns and lengths."""
+    return Evaluation(
+        len(episodes),
+        sum(episode.has_succeeded for episode in episodes),
+        float(np.mean([episode.episode_return for episode in episodes])),
+        float(np.mean([episode.steps for episode in episodes])),
+    )
+
+
+def evaluate_in_batch(
+    policy: Policy, choices: Sequence[WorldChoice], encoder: BatchEncoder, *, episodes: int, seed: int
+) -> list[Evaluation]:
+    """Evaluate a policy in each of some worlds, on levels that no training draws; they depend on ``seed`` alone."""
+    evaluations = []
+    for choice in choices:
+        worlds = make_worlds([choice], min(TOGETHER, episodes), 1)
+        levels = [TrainingLevel(0, held_out_seed(seed, episode)) for episode in range(episodes)]
+        evaluations.append(summarize(play_levels(policy, worlds, encoder, levels, seed=seed)))
+    return evaluations
+
+
+@dataclass(frozen=True, slots=True)
+class PersonBesidePolicy:
+    """A participant's episodes in a world, and a policy's on the same levels."""
+
+    participant: str
+    person: Evaluation
+    policy: Evaluation
+
+
+@dataclass(frozen=True, slots=True)
+class PeopleComparison:
+    """A policy beside the participants of a study, on the levels that each of them played."""
+
+    world: str
+    people: tuple[PersonBesidePolicy, ...]
+    account: tuple[str, ...]  # which episodes are included, and why others are not
+
+    def __str__(self) -> str:
+        """Return a table with a line for each participant and for all of them."""
+        columns = f"{'episodes':>10}{'success':>16}{'return':>16}{'steps':>16}"
+        lines = [f"{self.world}: the person, the policy on the same levels", f"{'participant':16}{columns}"]
+        lines += [_format_pair(pair.participant, pair.person, pair.policy) for pair in self.people]
+        everyone = _pool([pair.person for pair in self.people])
+        lines.append(_format_pair("everyone", everyone, _pool([pair.policy for pair in self.people])))
+        below = sum(pair.person.rate < pair.policy.rate for pair in self.people)
+        equal = sum(pair.person.rate == pair.policy.rate for pair in self.people)
+        lines.append(f"The policy succeeds more often than {below} of {len(self.people)} people, as often as {equal}.")
+        return "\n".join(lines)
+
+
+def _format_pair(name: str, person: Evaluation, policy: Evaluation) -> str:
+    success = f"{person.rate:.2f}, {policy.rate:.2f}"
+    returns = f"{person.mean_return:.2f}, {policy.mean_return:.2f}"
+    steps = f"{person.mean_steps:.1f}, {policy.mean_steps:.1f}"
+    return f"{name:16}{person.episodes:10}{success:>16}{returns:>16}{steps:>16}"
+
+
+def _pool(parts: Sequence[Evaluation]) -> Evaluation:
+    """Return the evaluation of the episodes of all parts together."""
+    weights = [part.episodes for part in parts]
+    return Evaluation(
+        sum(weights),
+        sum(part.successes for part in parts),
+        float(np.average([part.mean_return for part in parts], weights=weights)),
+        float(np.average([part.mean_steps for part in parts], weights=weights)),
+    )
+
+
+def compare_with_people(
+    path: Path, study: Path, selection: Selection, *, world: str = "", seed: int = 1
+) -> PeopleComparison:
+    """Have a policy play the levels that a study's participants played, with their options and step limits.
+
+    Args:
+        path: the policy file.
+        study: the study's folder, or a log.
+        selection: the participants' episodes to compare with.
+        world: the world; by default the first that the policy was trained in.
+        seed: the seed of the policy's actions.
+
+    Raises:
+        LearnError: if the study has no such episode, or the policy observes something else in the world.
+    """
+    torch.set_num_threads(1)
+    policy, card = load_policy(path)
+    world = world or card.world
+    if world not in card.worlds:
+        raise LearnError(f"{path} was trained in {', '.join(card.worlds)}, not in {world}; choose one of its worlds")
+    if card.eyesight.sight != "view":
+        raise LearnError(f"{path} observes more than the world shows; compare a policy of --sight view")
+    episodes, account = select_episodes(study, world, selection)
+    plan = check_equal_options(episodes)
+    if any(episode.team is not None for _, episode in episodes):
+        raise LearnError(f"{world} is a team world; let the policy take a seat of a study, and report that study")
+    example = World(world, plan.options)
+    if card.eyesight.space(example.unwrapped) != card.observation_space:
+        raise LearnError(f"{path} was trained with other options than {study} has, {plan.options}; train with these")
+    example.reset(plan.seed)
+    encoder = BatchEncoder(card.eyesight.missions, card.eyesight.spreads(example.unwrapped, example.observation))
+    worlds = make_worlds([WorldChoice(world, plan.options)], min(TOGETHER, len(episodes)), 1)
+    levels = [TrainingLevel(0, episode.plan.seed) for _, episode in episodes]
+    limits = [episode.plan.max_steps for _, episode in episodes]
+    played = play_levels(policy, worlds, encoder, levels, seed=seed, most_steps=limits)
+    return PeopleComparison(world, tuple(_pair_people(episodes, played)), tuple(account.lines()))
+
+
+def _pair_people(episodes: Sequence[LoggedEpisode], played: Sequence[EpisodeScore]) -> list[PersonBesidePolicy]:
+    """Return each participant's episodes beside the policy's on the same levels."""
+    pairs: dict[str, list[tuple[EpisodeScore, EpisodeScore]]] = {}
+    for (log, episode), by_policy in zip(episodes, played, strict=True):
+        by_person = EpisodeScore(episode.return_, len(episode.actions), episode.outcome == "goal")
+        pairs.setdefault(log.plan.participant.id, []).append((by_person, by_policy))
+    return [
+        PersonBesidePolicy(name, summarize([pair[0] for pair in own]), summarize([pair[1] for pair in own]))
+        for name, own in pairs.items()
+    ]

@@ -1,0 +1,321 @@
+"""A training by PPO from beginning to end: worlds, network, warm start, checkpoints, policy file, curve, evaluation.
+
+A run that is killed and resumed ends with the same weights as one that was not, to the bit, on the CPU of one machine.
+"""
+
+import csv
+import io
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import torch
+from gymnasium import spaces
+
+from minihuman.dataset.selection import Selection
+from minihuman.errors import LearnError
+from minihuman.learn.batch_ppo import BatchPpo, CurvePoint
+from minihuman.learn.behaviour_cloning import CloningSettings, Evaluation, clone_policy, split_by_participant
+from minihuman.learn.curriculum import Curriculum, make_curriculum
+from minihuman.learn.demonstrations import read_demonstrations
+from minihuman.learn.evaluation import evaluate_in_batch
+from minihuman.learn.policy.file import PolicyCard, read_checkpoint, save_atomically, save_policy
+from minihuman.learn.policy.network import EncoderName, Policy, build_policy
+from minihuman.learn.policy.observation import ObservationEncoder, get_image_shape
+from minihuman.learn.training_settings import TrainingJob, TrainingSettings
+from minihuman.learn.training_worlds import BatchEncoder, TrainingWorlds, make_worlds
+from minihuman.storage.durable_files import write_atomically
+from minihuman.worlds.adapters.world import World
+from minihuman.worlds.team import TeamWorld
+
+LARGEST_VIEW = 20  # cells on a side; larger images are pictures
+CHECKPOINT_SUFFIX = ".checkpoint"
+_MAY_CHANGE = ("checkpoint_every", "evaluation")  # settings that do not change the weights
+DEFAULT_SELECTION = Selection(outcome=("goal",))
+
+
+@dataclass(frozen=True, slots=True)
+class TrainingReport:
+    """What came of a training run."""
+
+    points: list[CurvePoint]
+    evaluations: list[Evaluation]  # on fresh levels of each world; empty if there was none
+    clone: Evaluation | None = None  # of the clone that the run began with, in the first world
+
+
+@dataclass(frozen=True, slots=True)
+class _Subject:
+    """What a policy is trained for: spaces, encoders and names of actions, which all worlds of a job share."""
+
+    space: spaces.Dict
+    action_names: tuple[str, ...]
+    eyesight: ObservationEncoder
+    eyes: EncoderName
+    encoder: BatchEncoder
+
+    def build(self, settings: TrainingSettings) -> Policy:
+        """Build a policy with fresh weights, on the CPU."""
+        return build_policy(
+            self.space, len(self.action_names), self.eyes, memory=settings.memory, hidden=settings.hidden
+        )
+
+
+def train(
+    job: TrainingJob,
+    out: Path,
+    *,
+    resume: bool = False,
+    selection: Selection = DEFAULT_SELECTION,
+    follow: Callable[[CurvePoint, Curriculum], None] = lambda point, curriculum: None,
+) -> TrainingReport:
+    """Train a policy; write the policy and, next to it, its learning curve as CSV.
+
+    Args:
+        job: the worlds and settings.
+        out: the policy file to write.
+        resume: continue from the checkpoint beside ``out``, if there is one.
+        selection: people's episodes to clone, if the policy begins with a clone.
+        follow: a function that is called after each update.
+
+    Raises:
+        LearnError: if the job, a file that exists already or a checkpoint of another job forbids it.
+    """
+    checkpoint = out.with_name(out.name + CHECKPOINT_SUFFIX)
+    _require_files(out, checkpoint, resume=resume)
+    _prepare_torch(job.settings)
+    worlds = _make_worlds(job)
+    subject = _describe_worlds(job)
+    saved = _read_saved(job, checkpoint) if resume and checkpoint.exists() else None
+    policy, clone = _make_policies(job, subject, saved, selection)
+    curriculum = make_curriculum(len(job.worlds), job.settings, job.settings.seed)
+    run = BatchPpo(policy, worlds, curriculum, subject.encoder, job.settings, clone)
+    points = _begin(run, saved)
+    for point in _train_on(run, job.settings):
+        points.append(point)
+        if _is_checkpoint(run, worlds, job.settings):
+            save_atomically(_make_checkpoint(job, run, points, clone), checkpoint)
+            _write_curve(points, out.with_suffix(".csv"))
+        follow(point, curriculum)
+    _write_curve(points, out.with_suffix(".csv"))
+    save_policy(policy.cpu(), _make_card(job, subject, run.steps), out)
+    checkpoint.unlink(missing_ok=True)
+    return _evaluate(job, subject, policy, clone, points, is_team=worlds.begins_by_itself)
+
+
+def _train_on(run: BatchPpo, settings: TrainingSettings) -> Iterator[CurvePoint]:
+    """Update the policy until all steps are made, and yield the point of each update."""
+    while run.steps < settings.steps:
+        yield run.update()
+
+
+def _is_checkpoint(run: BatchPpo, worlds: TrainingWorlds, settings: TrainingSettings) -> bool:
+    """Return whether a checkpoint is due; a team world's run has none."""
+    every = settings.checkpoint_every
+    return every > 0 and not worlds.begins_by_itself and run.updates % every == 0
+
+
+def _prepare_torch(settings: TrainingSettings) -> None:
+    """Seed torch, and check that the device is here."""
+    torch.manual_seed(settings.seed)
+    torch.set_num_threads(1)  # small networks: more threads only wait for each other
+    device = settings.device
+    if device != "cpu" and not (device == "cuda" and torch.cuda.is_available()):
+        raise LearnError(f"device {device!r} is not here; use cpu, or cuda where PyTorch finds a GPU")
+
+
+def _require_files(out: Path, checkpoint: Path, *, resume: bool) -> None:
+    """Refuse to write over what is there, but for what a resumed run continues."""
+    if resume and checkpoint.exists():
+        return
+    if checkpoint.exists():
+        raise LearnError(f"{checkpoint} is a run that was interrupted; resume it with --resume, or delete the file")
+    for path in (out, out.with_suffix(".csv")):
+        if path.exists():
+            raise LearnError(f"{path} already exists; choose another file with --out")
+
+
+def _make_worlds(job: TrainingJob) -> TrainingWorlds:
+    """Make the worlds, and check that a team world is not asked for what it does not do."""
+    settings = job.settings
+    worlds = make_worlds(job.worlds, settings.worlds, settings.steps / 2)
+    if worlds.begins_by_itself and (settings.curriculum != "uniform" or settings.levels or settings.from_people):
+        raise LearnError(
+            "a team world draws its own levels and has no clone to begin with; omit curriculum, levels and from_people"
+        )
+    return worlds
+
+
+def _describe_worlds(job: TrainingJob) -> _Subject:
+    """Return what the first world shows and does; `make_worlds` has checked that the others are like it."""
+    settings = job.settings
+    worlds = [World(choice.id, choice.options, trusted=True) for choice in job.worlds]
+    first: Any = worlds[0].unwrapped
+    image_shape = get_image_shape(ObservationEncoder(settings.missions).space(first))
+    channels, height, _ = image_shape
+    is_grid = channels == 3 and height <= LARGEST_VIEW
+    # spread, the codes of these would be larger than a byte
+    is_wide = any(getattr(world.unwrapped, "kinds", ()) for world in worlds) or isinstance(
+        getattr(first, "team", None), TeamWorld
+    )
+    eyesight = ObservationEncoder(settings.missions, scaling="spread" if is_grid and not is_wide else "raw")
+    return _Subject(
+        space=eyesight.space(first),
+        action_names=worlds[0].action_names,
+        eyesight=eyesight,
+        eyes=choose_encoder(image_shape, settings, is_wide=is_wide),
+        encoder=BatchEncoder(settings.missions, is_grid and not is_wide, settings.device),
+    )
+
+
+def choose_encoder(image_shape: tuple[int, int, int], settings: TrainingSettings, *, is_wide: bool) -> EncoderName:
+    """Return the name of the encoder for images of a shape (channels, height, width).
+
+    Args:
+        image_shape: the shape of the images.
+        settings: the settings, which name the kind of network.
+        is_wide: whether a grid has codes that cannot be spread.
+    """
+    channels, height, _ = image_shape
+    if height > LARGEST_VIEW:
+        return "flat" if settings.network == "mlp" else "atari"
+    if channels != 3:
+        return "flat" if settings.network == "mlp" else "planes"
+    if settings.network == "cnn":
+        return "near cells" if is_wide else "near"
+    return "cells" if is_wide else "codes"
+
+
+def _make_policies(
+    job: TrainingJob, subject: _Subject, saved: dict[str, Any] | None, selection: Selection
+) -> tuple[Policy, Policy | None]:
+    """Return the policy to train, and the clone of people that it begins with, if any."""
+    settings = job.settings
+    policy = subject.build(settings)
+    if not settings.from_people:
+        return policy.to(settings.device), None
+    if saved is None:
+        clone = _clone_people(job, subject, selection)
+    else:
+        clone = subject.build(settings)
+        clone.load_state_dict(saved["clone"])
+    clone.requires_grad_(False)
+    critic = {name: part for name, part in policy.state_dict().items() if "value_net" in name}
+    policy.load_state_dict(clone.state_dict() | critic)  # a clone's critic has learned nothing
+    return policy.to(settings.device), clone.to(settings.device)
+
+
+def _clone_people(job: TrainingJob, subject: _Subject, selection: Selection) -> Policy:
+    """Return a policy that imitates a study's people in the first world, with all of the world's actions."""
+    settings = job.settings
+    choice = job.worlds[0]
+    demonstrations = read_demonstrations(Path(settings.from_people), choice.id, subject.eyesight, selection)
+    if demonstrations.space != subject.space:
+        raise LearnError(
+            f"{settings.from_people} has {choice.id} with options {demonstrations.options}, which shows other images "
+            f"than with {choice.options}; train with the study's options"
+        )
+    demonstrations = replace(demonstrations, action_names=subject.action_names)
+    training, validation = split_by_participant(demonstrations, share=0.2, seed=settings.seed)
+    if settings.demonstrations:
+        training = training.first(settings.demonstrations)
+    clone, _ = clone_policy(
+        training,
+        validation,
+        eyes=subject.eyes,
+        settings=CloningSettings(seed=settings.seed, hidden=settings.hidden),
+    )
+    return clone
+
+
+def _begin(run: BatchPpo, saved: dict[str, Any] | None) -> list[CurvePoint]:
+    """Begin a run, or restore the saved one; return the curve so far."""
+    if saved is None:
+        run.begin()
+        return []
+    run.restore(saved["run"])
+    return [CurvePoint(*point) for point in saved["points"]]
+
+
+def _make_checkpoint(job: TrainingJob, run: BatchPpo, points: list[CurvePoint], clone: Policy | None) -> dict[str, Any]:
+    return {
+        "job": msgspec.to_builtins(job),
+        "run": run.save(),
+        "points": [tuple(asdict(point).values()) for point in points],
+        "clone": {} if clone is None else clone.state_dict(),
+    }
+
+
+def _read_saved(job: TrainingJob, checkpoint: Path) -> dict[str, Any]:
+    """Read a checkpoint; refuse that of another job, and name what differs."""
+    saved = read_checkpoint(checkpoint)
+    wanted = msgspec.to_builtins(job)
+    before = saved.get("job", {})
+    if before.get("worlds") != wanted["worlds"]:
+        raise LearnError(f"{checkpoint} is of a run in other worlds, {before.get('worlds')}; choose another --out")
+    for name, number in wanted["settings"].items():
+        if name not in _MAY_CHANGE and before["settings"].get(name) != number:
+            raise LearnError(
+                f"{checkpoint} is of a run whose {name} is {before['settings'].get(name)!r}, not {number!r}; "
+                "resume with the same settings, or choose another --out"
+            )
+    return saved
+
+
+def _write_curve(points: list[CurvePoint], path: Path) -> None:
+    rows = io.StringIO()
+    writer = csv.DictWriter(rows, list(asdict(points[0])), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(map(asdict, points))
+    write_atomically(rows.getvalue(), path)
+
+
+def _make_card(job: TrainingJob, subject: _Subject, steps: int) -> PolicyCard:
+    """Return the description of the trained policy."""
+    first, *others = job.worlds
+    return PolicyCard(
+        world=first.id,
+        world_options=first.options,
+        action_names=subject.action_names,
+        image_shape=get_image_shape(subject.space),
+        eyesight=subject.eyesight,
+        eyes=subject.eyes,
+        trained_by="cloning, then batch ppo" if job.settings.from_people else "batch ppo",
+        steps=steps,
+        seed=job.settings.seed,
+        notes={"settings": msgspec.to_builtins(job.settings), "worlds": msgspec.to_builtins(job.worlds)},
+        other_worlds=tuple(dict.fromkeys(choice.id for choice in others if choice.id != first.id)),
+        memory=job.settings.memory,
+        hidden=job.settings.hidden,
+    )
+
+
+def _evaluate(
+    job: TrainingJob,
+    subject: _Subject,
+    policy: Policy,
+    clone: Policy | None,
+    points: list[CurvePoint],
+    *,
+    is_team: bool,
+) -> TrainingReport:
+    """Evaluate the policy, and the clone that it began with, on fresh levels."""
+    episodes = job.settings.evaluation
+    if not episodes or is_team:
+        return TrainingReport(points, [])
+    policy.set_training_mode(False)
+    encoder = replace(subject.encoder, device="cpu")
+    seed = job.settings.seed
+    evaluations = evaluate_in_batch(policy, job.worlds, encoder, episodes=episodes, seed=seed)
+    if clone is None:
+        return TrainingReport(points, evaluations)
+    (by_clone,) = evaluate_in_batch(clone.cpu(), job.worlds[:1], encoder, episodes=episodes, seed=seed)
+    return TrainingReport(points, evaluations, by_clone)
+
+
+def count_steps(settings: TrainingSettings) -> int:
+    """Return the steps that a run makes: whole rollouts of all worlds."""
+    rollout = settings.worlds * settings.rollout
+    return math.ceil(settings.steps / rollout) * rollout

@@ -1,0 +1,281 @@
+"""The worlds of a training run: several are stepped together, and each episode is one level, a world and a seed.
+
+A world of minihuman has a batch in compiled code. Several worlds at once, and other packages' worlds, are stepped one
+after the other. No world begins its next episode by itself, but for those of teams: the caller chooses the level.
+"""
+
+import abc
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import gymnasium
+import numpy as np
+import torch
+from gymnasium.vector import AutoresetMode
+from numpy.typing import NDArray
+
+from minihuman.errors import LearnError
+from minihuman.learn.policy.observation import SPREAD, encode_mission
+from minihuman.learn.training_settings import WorldChoice
+from minihuman.worlds.adapters.world import World
+from minihuman.worlds.contract import NativeWorld
+from minihuman.worlds.grid.env import GridWorld
+from minihuman.worlds.team import TeamWorld
+
+
+class TrainingLevel(NamedTuple):
+    """What an episode begins with: the number of a world among those that are trained in, and a reset seed."""
+
+    world: int
+    seed: int
+
+
+class BatchStep(NamedTuple):
+    """What a step of all worlds returned."""
+
+    rewards: NDArray[np.float64]
+    terminated: NDArray[np.bool_]
+    truncated: NDArray[np.bool_]
+
+
+class TrainingWorlds(abc.ABC):
+    """Some worlds that are stepped together, each in an episode of its own.
+
+    Attributes:
+        num_envs: the number of worlds.
+        images: what each world shows now, uint8[n, height, width, channels].
+        missions: each world's mission; "" where it has none.
+    """
+
+    num_envs: int
+    images: NDArray[np.uint8]
+    missions: Sequence[str]
+    begins_by_itself: bool = False  # the next episode, in the step that ends one
+
+    @abc.abstractmethod
+    def begin(self, numbers: Sequence[int], levels: Sequence[TrainingLevel]) -> None:
+        """Begin an episode of a level in each of the numbered worlds."""
+
+    @abc.abstractmethod
+    def step(self, actions: NDArray[np.int64]) -> BatchStep:
+        """Take one action in every world. A world whose episode has ended must be begun before its next step."""
+
+    def replay(self, levels: Sequence[TrainingLevel], actions: Sequence[Sequence[int]]) -> None:
+        """Bring each world to where these actions lead from the beginning of its level.
+
+        The episodes are aligned at their ends; until its own episode begins, a world plays anything.
+        """
+        longest = max(map(len, actions))
+        everywhere = range(self.num_envs)
+        self.begin(everywhere, levels)
+        for t in range(longest):
+            played = [t - longest + len(episode) for episode in actions]
+            joint = [episode[max(at, 0)] if at >= 0 else 0 for episode, at in zip(actions, played, strict=True)]
+            joint_step = self.step(np.array(joint, np.int64))
+            over = joint_step.terminated | joint_step.truncated
+            starting = [i for i in everywhere if played[i] == -1 or (played[i] < -1 and over[i])]
+            if starting:
+                self.begin(starting, [levels[number] for number in starting])
+
+
+Batch = dict[str, torch.Tensor]  # what worlds show: uint8[n, channels, height, width], float32[n, 9]
+
+
+@dataclass(frozen=True, slots=True)
+class BatchEncoder:
+    """What encodes the observations of all worlds for a policy, as its `ObservationEncoder` does those of a world."""
+
+    missions: bool
+    spreads: bool  # whether images are grid codes that are spread
+    device: str = "cpu"
+
+    def encode(self, worlds: TrainingWorlds) -> Batch:
+        """Return what the worlds show now, as tensors on the device."""
+        image = worlds.images
+        if self.spreads:
+            image = image * np.array(SPREAD, np.uint8)
+        # copied: a batch of teams writes its next observations where these are
+        observations = {"image": torch.from_numpy(np.array(np.moveaxis(image, -1, 1), order="C"))}
+        if self.missions:
+            observations["mission"] = torch.from_numpy(np.stack([_encode_mission(text) for text in worlds.missions]))
+        return {name: part.to(self.device) for name, part in observations.items()}
+
+
+_encode_mission = lru_cache(maxsize=1024)(encode_mission)
+
+
+class BatchWorlds(TrainingWorlds):
+    """Worlds of one id with the same options, stepped by its batch in compiled code."""
+
+    def __init__(self, batch: Any) -> None:
+        self._batch = batch
+        self.num_envs = batch.num_envs
+        self.missions = [""] * batch.num_envs
+
+    def begin(self, numbers: Sequence[int], levels: Sequence[TrainingLevel]) -> None:
+        """Begin an episode of a level in each of the numbered worlds."""
+        mask = np.zeros(self.num_envs, np.bool_)
+        mask[list(numbers)] = True
+        seeds: list[int | None] = [None] * self.num_envs
+        for number, level in zip(numbers, levels, strict=True):
+            seeds[number] = level.seed
+        options = None if mask.all() else {"reset_mask": mask}
+        self._take(self._batch.reset(seed=seeds, options=options)[0])
+
+    def step(self, actions: NDArray[np.int64]) -> BatchStep:
+        """Take one action in every world."""
+        observation, rewards, terminated, truncated, _ = self._batch.step(actions)
+        self._take(observation)
+        return BatchStep(rewards, terminated, truncated)
+
+    def _take(self, observation: Any) -> None:
+        if isinstance(observation, dict):
+            self.images = observation["image"]
+            self.missions = observation.get("mission", self.missions)
+        else:
+            self.images = observation
+
+
+class WorldsInTurn(TrainingWorlds):
+    """Worlds of several ids or options with equal observations and actions, stepped one after the other."""
+
+    def __init__(self, choices: Sequence[WorldChoice], num_envs: int) -> None:
+        self.num_envs = num_envs
+        self._choices = choices
+        self._worlds: list[dict[int, Any]] = [{} for _ in range(num_envs)]  # by number of the choice, once it is needed
+        self._current: list[Any] = [None] * num_envs
+        self._observations: list[Any] = [None] * num_envs
+
+    def begin(self, numbers: Sequence[int], levels: Sequence[TrainingLevel]) -> None:
+        """Begin an episode of a level in each of the numbered worlds."""
+        for number, level in zip(numbers, levels, strict=True):
+            made = self._worlds[number]
+            if level.world not in made:
+                choice = self._choices[level.world]
+                made[level.world] = World(choice.id, choice.options, trusted=True).env
+            self._current[number] = made[level.world]
+            self._observations[number], _ = self._current[number].reset(seed=level.seed)
+        self._show()
+
+    def step(self, actions: NDArray[np.int64]) -> BatchStep:
+        """Take one action in every world."""
+        rewards = np.zeros(self.num_envs)
+        terminated = np.zeros(self.num_envs, np.bool_)
+        truncated = np.zeros(self.num_envs, np.bool_)
+        for number, (env, action) in enumerate(zip(self._current, actions.tolist(), strict=True)):
+            answer = env.step(int(env.action_space.start) + action)
+            self._observations[number], rewards[number], terminated[number], truncated[number], _ = answer
+        self._show()
+        return BatchStep(rewards, terminated, truncated)
+
+    def _show(self) -> None:
+        """Stack what all worlds show."""
+        if isinstance(self._observations[0], dict):
+            self.images = np.stack([observation["image"] for observation in self._observations])
+            self.missions = [str(observation.get("mission", "")) for observation in self._observations]
+        else:
+            self.images = np.stack(self._observations)
+            self.missions = [""] * self.num_envs
+
+
+class SeatWorlds(TrainingWorlds):
+    """A batch of team worlds in which each seat counts as a separate world, so that one policy plays with itself.
+
+    Shaping rewards for useful steps (`TeamBatch.shaping`, where a world has them) decrease to 0 after
+    ``shaped_steps``, as in Carroll et al., "On the Utility of Learning about Humans for Human-AI Coordination" (2019).
+    """
+
+    begins_by_itself = True
+
+    def __init__(self, team: TeamWorld, num_envs: int, shaped_steps: float) -> None:
+        self._batch = team.batch(max(1, num_envs // team.bodies))
+        self._bodies = team.bodies
+        self._steps = 0
+        self._shaped_steps = shaped_steps
+        self.num_envs = self._batch.num_worlds * team.bodies
+        self.missions = [""] * self.num_envs
+
+    def begin(self, numbers: Sequence[int], levels: Sequence[TrainingLevel]) -> None:
+        """Begin the first episodes of all worlds, whose seeds are drawn from the first level's."""
+        self._batch.reset(levels[0].seed)
+        self._show()
+
+    def step(self, actions: NDArray[np.int64]) -> BatchStep:
+        """Take one action in every seat; where an episode ends, the next one begins."""
+        _, rewards, ends = self._batch.step(actions.reshape(-1, self._bodies))
+        shaping_weight = max(0.0, 1 - self._steps / self._shaped_steps)
+        rewards = rewards + shaping_weight * getattr(self._batch, "shaping", 0.0)
+        self._steps += self.num_envs
+        self._show()
+        over = np.repeat(ends, self._bodies)
+        return BatchStep(rewards.ravel(), over, np.zeros_like(over))
+
+    def _show(self) -> None:
+        self.images = self._batch.observations.reshape(self.num_envs, *self._batch.observations.shape[2:])
+
+
+def make_worlds(choices: Sequence[WorldChoice], num_envs: int, shaped_steps: float) -> TrainingWorlds:
+    """Make the worlds of a training run, as fast as these can be stepped.
+
+    Args:
+        choices: the worlds to train in.
+        num_envs: the number of worlds that are stepped together.
+        shaped_steps: the steps after which a team earns nothing for useful steps.
+
+    Raises:
+        LearnError: if a team world is to be trained in together with another world, or the worlds show or do different
+            things.
+    """
+    examples = [World(choice.id, choice.options, trusted=True) for choice in choices]
+    teams = [choice.id for choice, world in zip(choices, examples, strict=True) if hasattr(world.unwrapped, "team")]
+    if teams and len(choices) > 1:
+        raise LearnError(f"{teams[0]} is a team world, which is trained in alone; name no other world beside it")
+    if teams:
+        return SeatWorlds(examples[0].unwrapped.team, num_envs, shaped_steps)
+    for choice, world in zip(choices, examples, strict=True):
+        _require_alike(choices[0], examples[0].unwrapped, choice, world.unwrapped)
+    batch = _make_batch(choices[0], examples[0], num_envs) if len(choices) == 1 else None
+    if batch is None:
+        return WorldsInTurn(choices, num_envs)
+    return BatchWorlds(batch)
+
+
+def _require_alike(first_choice: WorldChoice, first: Any, choice: WorldChoice, world: Any) -> None:
+    for name, ours, other in (
+        ("images", _image_space(first).shape, _image_space(world).shape),
+        ("actions", first.action_space, world.action_space),
+    ):
+        if ours != other:
+            raise LearnError(
+                f"{choice.id} has the {name} {other}, and {first_choice.id} has {ours}; train in worlds whose "
+                "observations and actions are equal, such as one family's with the same agent_view_size"
+            )
+
+
+def _image_space(world: Any) -> Any:
+    space = world.observation_space
+    if isinstance(space, gymnasium.spaces.Dict) and "image" in space.spaces:
+        return space["image"]
+    return space
+
+
+def _make_batch(choice: WorldChoice, world: World, num_envs: int) -> Any:
+    """Make the batch of a world of minihuman; None if it has none."""
+    native = world.unwrapped
+    spec = world.env.spec
+    if not isinstance(native, NativeWorld) or spec is None:
+        return None
+    if spec.vector_entry_point is not None:
+        return gymnasium.make_vec(
+            choice.id,
+            num_envs=num_envs,
+            vectorization_mode="vector_entry_point",
+            autoreset_mode=AutoresetMode.DISABLED,
+            **choice.options,
+        )
+    if isinstance(native, GridWorld) and spec.max_episode_steps is None:
+        options = {**spec.kwargs, **choice.options}
+        return type(native).vector(num_envs, autoreset_mode=AutoresetMode.DISABLED, **options)
+    return None
