@@ -163,7 +163,7 @@ def test_the_command_trains_and_refuses_what_has_no_batch_and_a_file_that_is_the
 @pytest.mark.parametrize("world", ["minihuman/Team-CrampedRoom-v0", "minihuman/Team-FourRooms-v0"])
 def test_a_policy_that_played_with_itself_sees_in_a_seat_what_it_saw_in_training(tmp_path, world):
     settings = TrainingSettings(steps=512, worlds=8, rollout=32)
-    assert train_in(world, tmp_path / "team.pt", settings).curve[-1].steps == 512
+    assert train_in(world, tmp_path / "team.pt", settings).points[-1].steps == 512
     agent = PolicyAgent(str(tmp_path / "team.pt"))
     _, card = load_policy(tmp_path / "team.pt")
     seats = SeatWorlds(make_team(world), 8, 256)
