@@ -57,7 +57,7 @@ def _holds(interval: tuple[float, float], truth: float = 0.0) -> bool | None:
     """Return whether an interval holds the truth; None if there is no interval."""
     if math.isnan(interval[0]):
         return None
-    return interval[0] <= truth <= interval[1]
+    return bool(interval[0] <= truth <= interval[1])
 
 
 def normal(n: int, m: int, first: float, second: float) -> Population:
@@ -172,7 +172,7 @@ def measure_order(population: Population, rng: np.random.Generator) -> Iterator[
     within = compare_within(frame, AnalysisSpec(primary_measure=MEASURE, conditions=("a", "b", "c")))
     assert within is not None
     pair = within.comparisons[0]
-    yield "Latin square, conditions", Outcome(pair.p, pair.interval[0] <= 0 <= pair.interval[1])
+    yield "Latin square, conditions", Outcome(pair.p, _holds(pair.interval))
     yield "Latin square, any two conditions", Outcome(min(comparison.p_holm for comparison in within.comparisons))
     for term in within.effects:
         yield f"Latin square, {term.effect}", Outcome(term.p)
