@@ -63,6 +63,7 @@ class PreviewProcess:
 
     def _find_process(self) -> subprocess.Popen[bytes]:
         if self._process is None or self._process.poll() is not None:
+            self.close()
             self._process = subprocess.Popen(
                 [sys.executable, "-m", "minihuman.builder.preview_process"],
                 stdin=subprocess.PIPE,
