@@ -1,1 +1,1 @@
-"""The builder: a study built, tried and run on the desk's page, while its protocol file stays the truth."""
+"""The builder: make, try and run a study on the start page, with the protocol file as the only truth."""

@@ -386,13 +386,14 @@ def desk(
 ) -> None:
     """Run studies from a start page in a browser on this machine.
 
-    The page lists the studies of a folder: start the next participant, resume a session, see who is due, check, watch,
-    verify, report. Each button starts a command of minihuman and shows what it prints.
+    The page lists the studies of a folder: build and edit them, start the next participant, resume a session, see who
+    is due, check, watch, verify, report. Each button starts a command of minihuman and shows what it prints.
 
     Example: minihuman desk
     """
     import webbrowser
 
+    from minihuman.builder.application import PATH, build_application
     from minihuman.web.server.desk import run_desk
 
     def say(url: str) -> None:
@@ -400,4 +401,5 @@ def desk(
         if browser:
             webbrowser.open(url)
 
-    run_desk(folder, data.absolute(), port=port, say=say)
+    builder = build_application(folder, data.absolute())
+    run_desk(folder, data.absolute(), port=port, say=say, rooms={PATH: builder})

@@ -149,9 +149,10 @@ def build_protocol_error(
     errors: Iterable[FieldError], *, source: str, text: str, tree: dict[str, Any]
 ) -> ProtocolError | None:
     """Build one exception from all errors, in order of line; return None if there are no errors."""
-    placed = format_field_errors(errors, source=source, text=text, tree=tree)
+    field_errors = list(errors)
+    placed = format_field_errors(field_errors, source=source, text=text, tree=tree)
     if placed:
-        return ProtocolError.of(placed, source)
+        return ProtocolError.of(placed, source, field_errors)
     return None
 
 
