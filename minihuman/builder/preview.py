@@ -182,9 +182,7 @@ class _RunningPreview:
 class PreviewServer:
     """Serves previews, the latest few of each kind."""
 
-    _running: dict[Kind, deque[_RunningPreview]] = field(
-        default_factory=lambda: {"preview": deque(), "trial": deque()}
-    )
+    _running: dict[Kind, deque[_RunningPreview]] = field(default_factory=lambda: {"preview": deque(), "trial": deque()})
 
     def show(self, request: PreviewRequest) -> Preview:
         """Read a protocol's file as it is now, and serve a session of it.

@@ -266,7 +266,7 @@ class StartPage:
             ]
         )
         reports = Router([Route("/{path:path}", self._report)])
-        return Starlette(
+        application = Starlette(
             routes=[
                 Mount(self._reports_path, HeaderMiddleware(reports, build_headers(policy=_REPORT_POLICY))),
                 *(Mount(f"{self.path}{path}", room) for path, room in self._rooms.items()),
@@ -274,6 +274,8 @@ class StartPage:
             ],
             middleware=[Middleware(TrustedHostMiddleware, allowed_hosts=[HOST])],
         )
+        application.state.reports_path = self._reports_path  # rooms link to reports
+        return application
 
     def close(self) -> None:
         """Stop all running commands except sessions."""
