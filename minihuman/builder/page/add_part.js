@@ -16,14 +16,14 @@ export function useKinds() {
   return kinds;
 }
 
-/** @param {{ study: OpenStudy, lane: Lane, close: () => void, select: (name: string) => void }} properties */
-export function AddPart({ study, lane, close, select }) {
+/** @param {{ study: OpenStudy, lane: Lane, place: number, close: () => void, select: (name: string) => void }} properties */
+export function AddPart({ study, lane, place, close, select }) {
   const kinds = useKinds();
   const [world, setWorld] = useState(/** @type {PartKind | null} */ (null)); // whose world is to be chosen
   const parts = study.document?.parts ?? [];
   const enter = async (/** @type {string} */ name, /** @type {Edit[]} */ before, /** @type {string} */ kind) => {
     close();
-    if (await study.edit([...before, ...buildEntryEdits(study, lane, [...lane.parts, name], kind)])) select(name);
+    if (await study.edit([...before, ...buildEntryEdits(study, lane, lane.parts.toSpliced(place, 0, name), kind)])) select(name);
   };
   const make = async (/** @type {PartKind} */ kind, /** @type {string} */ chosen = "") => {
     const name = makeName(chosen ? nameWorld(chosen).replace(/^Mini(Grid|World)-/, "") : kind.kind, parts.map((part) => part.name));
@@ -33,7 +33,7 @@ export function AddPart({ study, lane, close, select }) {
     enter(name, [{ op: "insert", path: [kind.table, count], value: fields }], kind.table === "blocks" ? "block" : "");
   };
   if (world) return html`<${WorldPicker} choose=${(/** @type {string} */ id) => make(world, id)} close=${close} />`;
-  const others = parts.filter((part) => !lane.parts.includes(part.name));
+  const others = parts.filter((part) => part.path[0] !== "blocks" || !lane.parts.includes(part.name)); // a block is played once
   return html`<${Dialog} title=${`Add to ${nameLane(lane)}`} close=${close}>
     <h3>New</h3>
     <ul class="choices">${(kinds?.parts ?? []).map((kind) => html`<li key=${kind.kind}>

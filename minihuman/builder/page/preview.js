@@ -53,7 +53,8 @@ function usePreview(study, selected, part, wanted) {
     if (mistakes) return setProblem(`The preview waits until ${mistakes === 1 ? "the mistake is" : "the mistakes are"} put right.`);
     const turn = (newest.current += 1);
     const name = part?.kind === "order" ? "" : selected;
-    showPreview(study.key, { part: name, group: wanted.group, language: wanted.language }).then((answer) => {
+    const session = findSession(study.document, name);
+    showPreview(study.key, { part: name, group: wanted.group, language: wanted.language, session }).then((answer) => {
       if (turn !== newest.current) return;
       setProblem("");
       setPreview(answer);
@@ -81,6 +82,15 @@ function Frame({ preview, size, name }) {
     ${urls.map((url) => html`<iframe key=${url} src=${url} class=${url === loaded ? "" : "coming"} style=${style} width=${width} height=${height}
       title=${url === preview?.url ? "Preview of the participant's screen" : "Preview before the change"} onLoad=${() => setLoaded(url)}></iframe>`)}
   </div>`;
+}
+
+/** @param {Document | null} study @param {string} name of a part @returns {number} the first session that has the part, from 1 */
+export function findSession(study, name) {
+  const tree = /** @type {any} */ (study?.tree ?? {});
+  const orders = (tree.orders ?? []).filter((/** @type {any} */ order) => order.parts.flat().includes(name));
+  const names = new Set([name, ...orders.map((/** @type {any} */ order) => order.name)]);
+  const place = (tree.sessions ?? []).findIndex((/** @type {any} */ session) => session.parts.some((/** @type {string} */ part) => names.has(part)));
+  return Math.max(place, 0) + 1;
 }
 
 /** @param {Document | null} study @param {string} name @returns {Part | null} */

@@ -3,6 +3,7 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 import { buildEntryEdits, moveName } from "../../../minihuman/builder/page/lanes.js";
 import { OpenStudy, formatPath } from "../../../minihuman/builder/page/open_study.js";
+import { findSession } from "../../../minihuman/builder/page/preview.js";
 import { findTranslations, listTexts } from "../../../minihuman/builder/page/texts.js";
 import { formatMinutes, makeName, renderSentence, spellName } from "../../../minihuman/builder/page/words.js";
 import { buildWorldEdits } from "../../../minihuman/builder/page/worlds.js";
@@ -59,7 +60,7 @@ test("a page that enters a study whose groups list blocks makes every group list
     { op: "remove", path: ["groups", 1, "blocks"] },
     { op: "set", path: ["groups", 1, "parts"], value: ["two"] },
   ]);
-  assert.deepEqual(buildEntryEdits(study, lane, ["two", "one"], ""), [{ op: "set", path: ["groups", 0, "blocks"], value: ["two", "one"] }]);
+  assert.deepEqual(buildEntryEdits(study, lane, ["two", "one"], "block"), [{ op: "set", path: ["groups", 0, "blocks"], value: ["two", "one"] }]);
 });
 
 test("a part that is dropped before another stands there", () => {
@@ -139,4 +140,10 @@ test("names and sentences are written as people read them", () => {
   assert.equal(makeName("Four Rooms", ["four-rooms"]), "four-rooms-2");
   assert.equal(formatMinutes([4.2, 9.6]), "4–10 min");
   assert.equal(renderSentence("see [docs](x.md) and `name`").length, 3);
+});
+
+test("a part is previewed in the first session that has it, also by an order", () => {
+  const tree = { sessions: [{ parts: ["how"] }, { parts: ["main"] }], orders: [{ name: "main", parts: ["one", ["two", "ask"]] }] };
+  const study = makeDocument({ tree });
+  assert.deepEqual(["how", "two", "ask", "lost"].map((name) => findSession(study, name)), [1, 2, 2, 1]);
 });
