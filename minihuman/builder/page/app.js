@@ -34,8 +34,9 @@ function useAddress() {
 
 function App() {
   const [place, key, view, part] = useAddress();
+  const session = Number(part) || 1;
   const languages = useKinds()?.languages ?? ["en"];
-  if (place === "trial") return html`<${TrialTab} studyKey=${key} part=${view ?? ""} />`;
+  if (place === "trial") return html`<${TrialTab} studyKey=${key} part=${view ?? ""} session=${session} />`;
   if (place === "study") return html`<${StudyPage} key=${key} studyKey=${key} view=${view || "parts"} selected=${part ?? ""} languages=${languages} />`;
   return html`<${TopBar} /><${StudyCards} open=${(/** @type {string} */ chosen) => go(chosen)} languages=${languages} />`;
 }

@@ -3,23 +3,27 @@
 /** @import { OpenStudy } from "./open_study.js" */
 import { html, useEffect, useState } from "./vendor/preact.js";
 import { Dialog } from "./dialog.js";
+import { findSession } from "./preview.js";
 import { buildAddress, describePage, readSimulation, showPreview, simulateStudy } from "./requests.js";
 
 const LOOK_MS = 700;
 
 /** @param {OpenStudy} study @param {string} part */
-export const trialAddress = (study, part) => `#/trial/${encodeURIComponent(study.key)}/${encodeURIComponent(part)}`;
+export function trialAddress(study, part) {
+  const session = findSession(study.document, part);
+  return `#/trial/${[study.key, part, String(session)].map(encodeURIComponent).join("/")}`;
+}
 
-/** The tab in which a study is tried. @param {{ studyKey: string, part: string }} properties */
-export function TrialTab({ studyKey, part }) {
+/** The tab in which a study is tried. @param {{ studyKey: string, part: string, session: number }} properties */
+export function TrialTab({ studyKey, part, session }) {
   const [url, setUrl] = useState("");
   const [problem, setProblem] = useState("");
   const [round, setRound] = useState(0);
   useEffect(() => {
     document.title = `Trial of ${studyKey}`;
     setUrl("");
-    showPreview(studyKey, { part, onward: false, kind: "trial" }).then((answer) => setUrl(answer.url), (error) => setProblem(error.message));
-  }, [studyKey, part, round]);
+    showPreview(studyKey, { part, session, kind: "trial" }).then((answer) => setUrl(answer.url), (error) => setProblem(error.message));
+  }, [studyKey, part, session, round]);
   return html`<div class="trial"><header role="banner"><strong>Trial</strong> <span>${part ? `of the part ${part}` : "of the whole study"}: not data, nothing is kept</span>
       <button type="button" onClick=${() => setRound(round + 1)}>Again</button></header>
     ${problem && html`<p class="mistake" role="alert">${problem}</p>`}
