@@ -67,15 +67,13 @@ class ProtocolError(MinihumanError, ValueError):
     """A protocol file is not valid; the message holds the file, the path in it and a remedy."""
 
     mistakes: tuple[str, ...] = ()  # a line each, where all were looked for
-    field_errors: tuple[tuple[str, str], ...] = ()  # path ("$.study.seed") and message of each
 
     @classmethod
-    def of(cls, mistakes: Sequence[str], source: str, field_errors: Sequence[tuple[str, str]] = ()) -> "ProtocolError":
+    def of(cls, mistakes: Sequence[str], source: str) -> "ProtocolError":
         """Create the error for one or more mistakes; its message states the first one and where to find the others."""
         more = f" (and {len(mistakes) - 1} more: minihuman check {source} says all)" if len(mistakes) > 1 else ""
         error = cls(mistakes[0] + more)
         error.mistakes = tuple(mistakes)
-        error.field_errors = tuple(field_errors)
         return error
 
 

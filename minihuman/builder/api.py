@@ -31,7 +31,7 @@ from collections.abc import Callable
 from functools import partial
 from http import HTTPStatus
 from pathlib import Path
-from typing import Any
+from typing import TypeVar
 
 import msgspec
 from starlette.requests import Request
@@ -40,6 +40,11 @@ from starlette.routing import Route
 
 from minihuman.builder import messages
 from minihuman.builder.study import EditRefusedError, StudyFolder
+from minihuman.runtime.http_guard import is_own_request, read_length
+
+Query = dict[str, str]
+Body = TypeVar("Body", bound=msgspec.Struct)
+MAX_REQUEST_BYTES = 2**22  # of JSON: a protocol of a megabyte, escaped
 
 _STATUS = {
     "conflict": HTTPStatus.CONFLICT,
@@ -67,24 +72,72 @@ class BuilderApi:
         """Return the routes, to be mounted below the builder's path."""
         return [
             self._get("/api/studies", lambda query: self._studies.list_studies()),
-            self._get("/api/study", lambda query: self._studies.open(query["key"]).read()),
+            self._get("/api/study", self._read_study),
+            self._post("/api/edit", messages.EditRequest, self._edit),
+            self._post("/api/undo", messages.VersionRequest, self._undo),
+            self._post("/api/redo", messages.VersionRequest, self._redo),
         ]
 
-    def _get(self, path: str, answer: Callable[[dict[str, str]], msgspec.Struct]) -> Route:
+    def _read_study(self, query: Query) -> msgspec.Struct | None:
+        study = self._studies.open(query["key"])
+        if query.get("version") == study.version():
+            return None
+        return study.read()
+
+    def _edit(self, query: Query, request: messages.EditRequest) -> msgspec.Struct:
+        return self._studies.open(query["key"]).edit(request.version, request.edits)
+
+    def _undo(self, query: Query, request: messages.VersionRequest) -> msgspec.Struct:
+        return self._studies.open(query["key"]).undo(request.version)
+
+    def _redo(self, query: Query, request: messages.VersionRequest) -> msgspec.Struct:
+        return self._studies.open(query["key"]).redo(request.version)
+
+    def _get(self, path: str, answer: Callable[[Query], msgspec.Struct | None]) -> Route:
         async def respond(request: Request) -> Response:
             return await _answer(partial(answer, dict(request.query_params)))
 
         return Route(path, respond, methods=["GET"])
 
+    def _post(self, path: str, kind: type[Body], answer: Callable[[Query, Body], msgspec.Struct]) -> Route:
+        async def respond(request: Request) -> Response:
+            content = await _read_body(request, "application/json", MAX_REQUEST_BYTES)
+            if isinstance(content, Response):
+                return content
+            try:
+                body = msgspec.json.decode(content, type=kind)
+            except (msgspec.DecodeError, UnicodeDecodeError) as error:
+                return _refuse("not_valid", f"this is not a {kind.__name__}: {error}")
+            return await _answer(partial(answer, dict(request.query_params), body))
 
-async def _answer(build: Callable[[], msgspec.Struct], status: HTTPStatus = HTTPStatus.OK) -> Response:
+        return Route(path, respond, methods=["POST"])
+
+
+async def _read_body(request: Request, content_type: str, longest: int) -> bytes | Response:
+    """Read what a page of this server sends, or return the answer that refuses it."""
+    kind = request.headers.get("content-type", "").partition(";")[0].strip()
+    if not is_own_request(request.headers) or kind != content_type:
+        return _refuse("not_trusted", "this is not a request of the builder's page")
+    if read_length(request.headers.get("content-length", ""), longest) is None:
+        return _refuse("not_valid", f"a request has {longest} bytes at most")
+    return await request.body()
+
+
+def _refuse(error: messages.RefusalReason, message: str) -> Response:
+    content = msgspec.json.encode(messages.Refusal(error, message))
+    return Response(content, _STATUS[error], media_type="application/json")
+
+
+async def _answer(build: Callable[[], msgspec.Struct | None], status: HTTPStatus = HTTPStatus.OK) -> Response:
     """Answer with what a function builds in another thread, or with its refusal."""
     try:
-        content: Any = await asyncio.to_thread(build)
+        content = await asyncio.to_thread(build)
     except EditRefusedError as error:
-        content = error.refusal
-        status = _STATUS[error.refusal.error]
+        return Response(msgspec.json.encode(error.refusal), _STATUS[error.refusal.error], media_type="application/json")
     except KeyError as error:
-        status = HTTPStatus.BAD_REQUEST
-        content = messages.Refusal("not_valid", f"the request lacks {error.args[0]!r}")
+        return _refuse("not_valid", f"the request lacks {error.args[0]!r}")
+    except OSError as error:
+        return _refuse("not_valid", f"{error.filename or 'the file'}: {error.strerror}")
+    if content is None:
+        return Response(status_code=HTTPStatus.NO_CONTENT)
     return Response(msgspec.json.encode(content), status, media_type="application/json")

@@ -8,7 +8,6 @@ from typing import Annotated, Any, Literal
 import msgspec
 
 Path = list[str | int]
-OPERATIONS = ("set", "remove", "insert", "move", "duplicate", "rename", "replace_text")
 
 
 class Mistake(msgspec.Struct, frozen=True):
@@ -127,10 +126,13 @@ class VersionRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     version: str
 
 
+RefusalReason = Literal["conflict", "restricted", "not_editable", "not_valid", "not_there", "exists", "not_trusted"]
+
+
 class Refusal(msgspec.Struct, frozen=True):
     """Why a request was not carried out. The file is as before."""
 
-    error: Literal["conflict", "restricted", "not_editable", "not_valid", "not_there", "exists", "not_trusted"]
+    error: RefusalReason
     message: str  # what, with the way out
     path: Path = []
     line: int = 0

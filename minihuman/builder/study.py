@@ -1,27 +1,27 @@
-"""A study folder that is open for editing. The file on disk is the truth; nothing else is kept of its content."""
+"""Studies that are open for editing. The file on disk is the truth: it is read for each request and replaced whole.
+
+A version of the file is the SHA-256 of its bytes. An edit names the version to which it applies, so that two tabs, or
+the builder and an editor, never overwrite each other's work.
+"""
 
 import hashlib
-import tomllib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from threading import Lock
 
-from minihuman.builder.messages import (
-    Document,
-    Lane,
-    Mistake,
-    Part,
-    Pay,
-    Refusal,
-    Restrictions,
-    Studies,
-    StudyCard,
-)
-from minihuman.errors import MinihumanError, ProtocolError
-from minihuman.experiment.protocol.protocol import decode_protocol
-from minihuman.experiment.protocol.validation_errors import TomlLines
+from minihuman.admin.protocol_file import MAX_PROTOCOL_BYTES
+from minihuman.builder import description
+from minihuman.builder.document import NotEditableError, TomlDocument
+from minihuman.builder.durations import estimate_durations
+from minihuman.builder.history import History
+from minihuman.builder.messages import Document, Edit, Mistake, Refusal, Studies, StudyCard
+from minihuman.builder.references import rename
+from minihuman.builder.restrictions import WAY_OUT, count_enrolled, find_restrictions, find_violation
+from minihuman.builder.toml_spans import Steps
+from minihuman.errors import MinihumanError
+from minihuman.storage.durable_files import replace_durably
 from minihuman.web.server.desk import StudyEntry, find_studies
-
-MAX_PROTOCOL_BYTES = 2**20
 
 
 class EditRefusedError(MinihumanError, ValueError):
@@ -36,6 +36,15 @@ class EditRefusedError(MinihumanError, ValueError):
         self.refusal = refusal
 
 
+@dataclass(slots=True)
+class _FileState:
+    """What this process keeps of a file between requests."""
+
+    history: History
+    lock: Lock = field(default_factory=Lock)
+    literals: dict[tuple[Steps, str], str] = field(default_factory=dict)  # how values were written that edits replaced
+
+
 class StudyFolder:
     """The studies of a folder.
 
@@ -45,13 +54,14 @@ class StudyFolder:
     """
 
     def __init__(self, folder: Path, data: Path) -> None:
-        self._folder = folder
-        self._data = data
+        self.folder = folder
+        self.data = data
+        self._states: dict[Path, _FileState] = {}
 
     def list_studies(self) -> Studies:
-        """Describe every study of the folder, and the templates."""
-        cards = [self._describe(entry) for entry in find_studies(self._folder, self._data)]
-        return Studies(self._folder.resolve().name, cards, [])
+        """Describe every study of the folder."""
+        cards = [self._describe(entry) for entry in find_studies(self.folder, self.data)]
+        return Studies(self.folder.resolve().name, cards, [])
 
     def open(self, key: str) -> "OpenStudy":
         """Open a study.
@@ -59,122 +69,243 @@ class StudyFolder:
         Raises:
             EditRefusedError: if there is no such file.
         """
-        for entry in find_studies(self._folder, self._data):
+        for entry in find_studies(self.folder, self.data):
             if entry.key == key and entry.protocol is not None:
-                return OpenStudy(entry)
-        raise EditRefusedError(Refusal("not_there", f"there is no study {key!r} in this folder"))
+                return self._open(entry, entry.protocol)
+        raise EditRefusedError(Refusal("not_there", f"there is no study {key!r} in this folder; reload the page"))
+
+    def _open(self, entry: StudyEntry, protocol: Path) -> "OpenStudy":
+        path = protocol.resolve()
+        state = self._states.setdefault(path, _FileState(History(path)))
+        return OpenStudy(entry, path, state)
 
     def _describe(self, entry: StudyEntry) -> StudyCard:
-        tree: dict[str, Any] = {}
-        mistakes = 0
+        document = None
         if entry.protocol is not None:
-            document = OpenStudy(entry).read()
-            tree = document.tree
-            mistakes = len(document.mistakes)
+            document = self._open(entry, entry.protocol).read()
+        tree = document.tree if document else {}
         study = tree.get("study", {})
+        about = tree.get("about", {})
+        minutes = [(duration.least_min, duration.most_min) for duration in (document.durations if document else ())]
         return StudyCard(
             key=entry.key,
             name=entry.name,
-            title=tree.get("about", {}).get("title", "") or entry.name,
-            language=study.get("language", "en"),
-            groups=[group.get("name", "") for group in tree.get("groups", [])],
-            parts=_list_parts(tree, {}),
-            lanes=_list_lanes(tree),
-            minutes=None,
+            title=str(about.get("title", "")) or entry.name,
+            language=str(study.get("language", "en")),
+            groups=list(dict.fromkeys(lane.group for lane in (document.lanes if document else ()))),
+            parts=document.parts if document else [],
+            lanes=document.lanes if document else [],
+            minutes=max(minutes, key=lambda pair: pair[1], default=None),
             participants=study.get("participants", 100),
-            enrolled=0,
-            sessions=dict(entry.counts()),
-            mistakes=mistakes,
+            enrolled=_try_to_count(entry),
+            sessions=_count_sessions(entry),
+            mistakes=len(document.mistakes) if document else 0,
             problem=entry.problem,
             has_protocol=entry.protocol is not None,
         )
 
 
 class OpenStudy:
-    """A protocol file that is open in the builder."""
+    """A protocol file that is open in the builder.
 
-    def __init__(self, entry: StudyEntry) -> None:
-        assert entry.protocol is not None
-        self._entry = entry
-        self._path = entry.protocol
+    Args:
+        entry: the study.
+        path: its file, after following links.
+        state: what is kept of the file between requests.
+    """
+
+    def __init__(self, entry: StudyEntry, path: Path, state: _FileState) -> None:
+        self.entry = entry
+        self.path = path
+        self._state = state
+
+    def version(self) -> str:
+        """Return the version of the file as it is now.
+
+        Raises:
+            OSError: if the file cannot be read.
+        """
+        return hashlib.sha256(self.path.read_bytes()).hexdigest()
 
     def read(self) -> Document:
-        """Read the file and describe it."""
-        content = self._path.read_bytes()
-        text = content.decode("utf-8-sig", errors="replace")
+        """Read the file and describe it.
+
+        Raises:
+            OSError: if the file cannot be read.
+        """
+        return self._describe(self.path.read_bytes())
+
+    def edit(self, version: str, edits: Sequence[Edit]) -> Document:
+        """Make edits together and write the file, if it is still the version to which they apply.
+
+        Raises:
+            EditRefusedError: if the file has changed, an edit is not possible, or enrolment has fixed what it changes.
+            OSError: if the file cannot be written.
+        """
+
+        def change(old: bytes) -> bytes:
+            new = self._apply(old, edits)
+            self._require_allowed(old, new)
+            if new != old:
+                self._state.history.record(old, new)
+            return new
+
+        return self._replace(version, change)
+
+    def undo(self, version: str) -> Document:
+        """Write the version before the present one.
+
+        Raises:
+            EditRefusedError: if the file has changed, there is no earlier version, or enrolment has fixed the file.
+        """
+        return self._replace(version, lambda old: self._step(old, -1))
+
+    def redo(self, version: str) -> Document:
+        """Write the version that was undone last.
+
+        Raises:
+            EditRefusedError: if the file has changed, there is no later version, or enrolment has fixed the file.
+        """
+        return self._replace(version, lambda old: self._step(old, 1))
+
+    def _replace(self, version: str, change: Callable[[bytes], bytes]) -> Document:
+        with self._state.lock:
+            old = self.path.read_bytes()
+            if hashlib.sha256(old).hexdigest() != version:
+                message = "the file was changed elsewhere in the meantime; look at it as it is now, and edit it again"
+                raise EditRefusedError(Refusal("conflict", message, document=self._describe(old)))
+            new = change(old)
+            if new != old:
+                with replace_durably(self.path, mode=self.path.stat().st_mode & 0o777) as file:
+                    file.write(new)
+            return self._describe(new)
+
+    def _step(self, old: bytes, by: int) -> bytes:
+        history = self._state.history
+        if not history.can_step(old, by):
+            which = "an earlier" if by < 0 else "a later"
+            raise EditRefusedError(Refusal("not_there", f"there is not {which} version of this file"))
+        new = history.peek(old, by)
+        self._require_allowed(old, new)
+        return history.step(old, by)
+
+    def _apply(self, old: bytes, edits: Sequence[Edit]) -> bytes:
+        """Return the file after edits."""
+        text = _decode(old)
         try:
-            tree = tomllib.loads(text)
-        except tomllib.TOMLDecodeError:
-            tree = {}
-        bonus = tree.get("bonus")
-        pay = None
-        if isinstance(bonus, dict):
-            pay = Pay(bonus.get("currency", ""), bonus.get("base", 0.0), bonus.get("per_point", 0.0), bonus.get("most"))
-        lines = TomlLines(text)
+            for edit in edits:
+                text = self._apply_edit(text, edit)
+        except NotEditableError as error:
+            raise EditRefusedError(Refusal("not_editable", str(error), list(error.path), error.line)) from error
+        new = text.encode()
+        if len(new) > MAX_PROTOCOL_BYTES:
+            message = f"the file would have {len(new)} bytes; a protocol has {MAX_PROTOCOL_BYTES} at most"
+            raise EditRefusedError(Refusal("not_valid", message))
+        return new
+
+    def _apply_edit(self, text: str, edit: Edit) -> str:
+        path: Steps = tuple(edit.path)
+        if edit.op == "replace_text":
+            if not isinstance(edit.value, str):
+                raise NotEditableError("replace_text takes a text")
+            return edit.value
+        document = TomlDocument.parse(text)
+        if not path:
+            raise NotEditableError(f"{edit.op} takes the path of a field")
+        match edit.op:
+            case "set":
+                return self._set(document, path, edit.value).text
+            case "remove":
+                return document.remove(path).text
+            case "insert":
+                return document.insert(path, edit.value).text
+            case "move":
+                return document.move(path, edit.to).text
+            case "rename":
+                return rename(document, path, str(edit.value)).text
+            case "duplicate":
+                copy: Steps = (*path[:-1], int(path[-1]) + 1)
+                document = document.duplicate(path)
+                for name, value in (edit.value or {}).items():
+                    document = document.set((*copy, name), value)
+                return document.text
+
+    def _set(self, document: TomlDocument, path: Steps, value: object) -> TomlDocument:
+        """Set a value as it was last written at this path, so that an edit that is taken back leaves no trace."""
+        literals = self._state.literals
+        if literal := document.literal(path):
+            literals[path, repr(document.find(path))] = literal
+        return document.set(path, value, literals.get((path, repr(value)), ""))
+
+    def _require_allowed(self, old: bytes, new: bytes) -> None:
+        """Check that a new version changes nothing that enrolment has fixed.
+
+        Raises:
+            EditRefusedError: if it does.
+        """
+        _, before = description.read_values(old)
+        _, after = description.read_values(new)
+        if not before:
+            return
+        violation = find_violation(self.entry.folder, before, after, new)
+        if violation is not None:
+            path, problem = violation
+            raise EditRefusedError(Refusal("restricted", f"{problem}; {WAY_OUT}", list(path)))
+
+    def _describe(self, content: bytes) -> Document:
+        text, tree = description.read_values(content)
+        lines: dict[str, int] = {}
+        document = None
+        try:
+            document = TomlDocument.parse(_decode(content))
+            lines = description.list_lines(document)
+        except (NotEditableError, EditRefusedError) as error:
+            read_only = [Mistake([], getattr(error, "line", 1), str(error))]
+        else:
+            read_only = []
+        protocol, mistakes = description.check_file(self.path, content)
         return Document(
-            key=self._entry.key,
-            name=self._entry.name,
+            key=self.entry.key,
+            name=self.entry.name,
             version=hashlib.sha256(content).hexdigest(),
             text=text,
             tree=tree,
-            lines={},
-            parts=_list_parts(tree, lines),
-            lanes=_list_lanes(tree),
-            mistakes=_find_mistakes(content, lines),
-            restrictions=Restrictions(0, [], ""),
-            durations=[],
-            pay=pay,
-            can_undo=False,
-            can_redo=False,
-            trusted=True,
-            read_only=[],
+            lines=lines,
+            parts=description.list_parts(tree, document),
+            lanes=description.list_lanes(tree),
+            mistakes=mistakes,
+            restrictions=find_restrictions(self.entry.folder, tree),
+            durations=estimate_durations(protocol) if protocol else [],
+            pay=description.describe_pay(tree),
+            can_undo=self._state.history.can_step(content, -1),
+            can_redo=self._state.history.can_step(content, 1),
+            trusted=description.is_trusted(tree, self.path.parent),
+            read_only=read_only,
         )
 
 
-def _find_mistakes(content: bytes, lines: TomlLines) -> list[Mistake]:
+def _decode(content: bytes) -> str:
+    """Decode a file so that encoding it gives the same bytes.
+
+    Raises:
+        EditRefusedError: if it is not UTF-8.
+    """
     try:
-        decode_protocol(content)
-    except ProtocolError as error:
-        if error.field_errors:
-            return [Mistake(_split(path), lines.of(path), message) for path, message in error.field_errors]
-        return [Mistake([], 1, str(error))]
-    return []
+        return content.decode()
+    except UnicodeDecodeError as error:
+        message = f"byte {error.start} is not valid UTF-8; save the file as UTF-8"
+        raise EditRefusedError(Refusal("not_editable", message)) from None
 
 
-def _split(path: str) -> list[str | int]:
-    steps: list[str | int] = []
-    for step in path.removeprefix("$").replace("[", ".[").split("."):
-        if step.startswith("["):
-            steps.append(int(step[1:-1]))
-        elif step:
-            steps.append(step)
-    return steps
+def _try_to_count(entry: StudyEntry) -> int:
+    try:
+        return count_enrolled(entry.folder)
+    except (MinihumanError, OSError):  # the study's own page says why
+        return 0
 
 
-_ARRAYS = {"blocks": "play", "pages": "page", "questions": "questions", "activities": "activity", "orders": "order"}
-
-
-def _list_parts(tree: dict[str, Any], lines: Any) -> list[Part]:
-    parts = []
-    for table, usual_kind in _ARRAYS.items():
-        for number, row in enumerate(tree.get(table, [])):
-            kind = usual_kind
-            if table in ("blocks", "activities"):
-                kind = row.get("kind", usual_kind)
-            line = lines.of(f"$.{table}[{number}]") if lines else 1
-            parts.append(Part(row.get("name", ""), kind, [table, number], row.get("title", ""), [], line))
-    return parts
-
-
-def _list_lanes(tree: dict[str, Any]) -> list[Lane]:
-    lanes = []
-    for number, group in enumerate(tree.get("groups", [])):
-        replaced = group.get("replace_parts", {})
-        name = group.get("name", "")
-        for session_number, session in enumerate(tree.get("sessions", [])):
-            path: list[str | int] = ["sessions", session_number, "parts"]
-            lanes.append(Lane(name, session.get("name", ""), session.get("parts", []), path, replaced))
-        if not tree.get("sessions"):
-            field = "parts" if "parts" in group else "blocks"
-            lanes.append(Lane(name, "", group.get(field, []), ["groups", number, field], replaced))
-    return lanes
+def _count_sessions(entry: StudyEntry) -> dict[str, int]:
+    try:
+        return dict(entry.counts())
+    except (MinihumanError, OSError):
+        return {}
