@@ -46,7 +46,7 @@ export function Lanes({ study, selected, select }) {
   const [spot, setSpot] = useState(/** @type {Spot} */ ({ lane: "", place: -1 }));
   const lanes = study.document?.lanes ?? [];
   const parts = study.document?.parts ?? [];
-  const listed = new Set(lanes.flatMap((lane) => lane.parts));
+  const listed = new Set(lanes.flatMap((lane) => [...lane.parts, ...Object.values(lane.replaced)]));
   const inOrders = new Set(parts.filter((part) => part.kind === "order").flatMap((part) => (study.read([...part.path, "parts"]) ?? []).flat()));
   const unused = parts.filter((part) => !listed.has(part.name) && !inOrders.has(part.name));
   const choose = (/** @type {string} */ name, /** @type {Lane | null} */ lane, /** @type {number} */ place) => {
@@ -67,7 +67,7 @@ export function Lanes({ study, selected, select }) {
   };
   return html`<section class="line" aria-label="Parts in order">
     ${lanes.map((lane) => html`<${LaneRow} key=${`${lane.session} ${lane.group}`} lane=${lane} ...${shared} drop=${drop} add=${() => setAdding(lane)} />`)}
-    ${unused.length > 0 && html`<div class="lane unused"><h3>Not in use</h3><ol>${unused.map((part) => html`
+    ${unused.length > 0 && html`<div class="lane unused"><h2>Not in use</h2><ol>${unused.map((part) => html`
       <${Chip} key=${part.name} part=${part} name=${part.name} lane=${null} place=${0} ...${shared} />`)}</ol></div>`}
     ${adding && html`<${AddPart} study=${study} lane=${adding} place=${behind} close=${() => setAdding(null)}
       select=${(/** @type {string} */ name) => choose(name, adding, behind)} />`}
@@ -85,10 +85,10 @@ function LaneRow({ study, lane, drop, add, ...shared }) {
   const isFixed = study.restrictionAt(lane.path) !== "";
   const allow = (/** @type {DragEvent} */ event) => dragged && !isFixed && event.preventDefault();
   return html`<div class="lane">
-    <h3>${nameLane(lane)}<small>${duration ? formatMinutes([duration.least_min, duration.most_min]) : countNoun(lane.parts.length, "part")}</small></h3>
+    <h2>${nameLane(lane)}<small>${duration ? formatMinutes([duration.least_min, duration.most_min]) : countNoun(lane.parts.length, "part")}</small></h2>
     <ol aria-label=${`Parts of ${nameLane(lane)}`} onDragOver=${allow} onDrop=${() => drop(lane, lane.parts.length)}>
-      ${lane.parts.map((/** @type {string} */ name, /** @type {number} */ place) => html`
-        <${Chip} key=${`${name} ${place}`} part=${byName.get(name)} name=${name} lane=${lane} place=${place} study=${study} ...${shared}
+      ${lane.parts.map((/** @type {string} */ listed, /** @type {number} */ place) => ({ listed, place, name: lane.replaced[listed] ?? listed })).map((/** @type {{ listed: string, place: number, name: string }} */ { listed, place, name }) => html`
+        <${Chip} key=${`${listed} ${place}`} part=${byName.get(name)} name=${name} instead=${name === listed ? "" : listed} lane=${lane} place=${place} study=${study} ...${shared}
           drop=${drop} isFixed=${isFixed} />`)}
       ${!isFixed && html`<li class="add"><button type="button" class="dashed" aria-label=${`Add a part to ${nameLane(lane)}`} onClick=${add}>
         + Add${spot.lane === laneKey(lane) && lane.parts[spot.place] === selected ? ` behind ${selected}` : ""}</button></li>`}
@@ -98,24 +98,24 @@ function LaneRow({ study, lane, drop, add, ...shared }) {
 }
 
 /** @param {any} properties */
-function Chip({ study, part, name, lane, place, selected, choose, dragged, setDragged, drop, isFixed, spot, setSpot }) {
+function Chip({ study, part, name, instead = "", lane, place, selected, choose, dragged, setDragged, drop, isFixed, spot, setSpot }) {
   const isChosen = selected === name && spot.lane === laneKey(lane) && spot.place === place;
   const isSelected = selected === name;
   const mistakes = part ? study.mistakesAt(part.path).length : 0;
   const begin = (/** @type {DragEvent} */ event) => {
     event.dataTransfer?.setData("text/plain", name);
-    setDragged({ part: name, lane, place });
+    setDragged({ part: instead || name, lane, place });
   };
   const over = (/** @type {DragEvent} */ event) => dragged && lane && !isFixed && event.preventDefault();
   const onDrop = (/** @type {DragEvent} */ event) => {
     event.stopPropagation();
     if (lane) drop(lane, place);
   };
-  const label = part?.title && part.title !== name ? part.title : name;
+  const label = (part?.title && part.title !== name ? part.title : name) || "left out";
   return html`<li class=${`chip kind-${part?.kind ?? "unknown"} ${isSelected ? "selected" : ""} ${mistakes ? "wrong" : ""}`} draggable=${!isFixed}
       onDragStart=${begin} onDragEnd=${() => setDragged(null)} onDragOver=${over} onDrop=${onDrop}>
     <button type="button" class="name" aria-current=${isSelected ? "true" : undefined} onClick=${() => choose(name, lane, place)}>
-      <span class="kind">${part ? nameKind(part.kind) : "by itself"}</span> <span class="part" dir="auto">${label}</span>
+      <span class="kind">${part ? nameKind(part.kind) : "by itself"}${instead && ` instead of ${instead}`}</span> <span class="part" dir="auto">${label}</span>
       ${mistakes > 0 && html` <span class="badge" title="mistakes">${mistakes}</span>`}</button>
     ${isChosen && lane && !isFixed && html`<${MoveButtons} study=${study} lane=${lane} place=${place} name=${name} setSpot=${setSpot} />`}
   </li>`;
