@@ -39,6 +39,7 @@ from starlette.responses import Response
 from starlette.routing import Route
 
 from minihuman.builder import messages
+from minihuman.builder.form import build_form, list_kinds
 from minihuman.builder.study import EditRefusedError, StudyFolder
 from minihuman.runtime.http_guard import is_own_request, read_length
 
@@ -73,6 +74,8 @@ class BuilderApi:
         return [
             self._get("/api/studies", lambda query: self._studies.list_studies()),
             self._get("/api/study", self._read_study),
+            self._get("/api/form", lambda query: build_form(query["table"], query.get("kind", ""))),
+            self._get("/api/kinds", lambda query: list_kinds()),
             self._post("/api/edit", messages.EditRequest, self._edit),
             self._post("/api/undo", messages.VersionRequest, self._undo),
             self._post("/api/redo", messages.VersionRequest, self._redo),

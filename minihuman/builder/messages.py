@@ -214,6 +214,7 @@ class FormField(msgspec.Struct, frozen=True):
     choices: list[Choice]
     references: Literal["", "part", "block", "group", "world", "key", "action", "file", "session"]  # what it names
     table: str  # of type table or tables: the form of these, as in `GET form?table=`
+    common: bool  # required, or used in a shipped study of this kind: shown before the rest
 
 
 class Form(msgspec.Struct, frozen=True):
