@@ -5,7 +5,7 @@ import { html, useEffect, useState } from "./vendor/preact.js";
 import { Dialog } from "./dialog.js";
 import { buildEntryEdits, nameLane } from "./lanes.js";
 import { listKinds } from "./requests.js";
-import { makeName, nameKind, stripMarks } from "./words.js";
+import { describeKind, makeName, nameKind } from "./words.js";
 import { WorldPicker, buildWorldEdits, nameWorld } from "./worlds.js";
 import { describeWorld } from "./requests.js";
 
@@ -38,7 +38,7 @@ export function AddPart({ study, lane, place, close, select }) {
     <h3>New</h3>
     <ul class="choices">${(kinds?.parts ?? []).map((kind) => html`<li key=${kind.kind}>
       <button type="button" class=${`choice kind-${kind.kind}`} onClick=${() => (kind.kind === "play" ? setWorld(kind) : make(kind))}>
-        <strong>${nameKind(kind.kind)}</strong><span>${stripMarks(kind.summary)}</span></button></li>`)}</ul>
+        <strong>${nameKind(kind.kind)}</strong><span>${describeKind(kind)}</span></button></li>`)}</ul>
     ${others.length > 0 && html`<h3>That the study has</h3>
       <ul class="choices">${others.map((part) => html`<li key=${part.name}><button type="button" class=${`choice kind-${part.kind}`}
         onClick=${() => enter(part.name, [], part.path[0] === "blocks" ? "block" : "")}>

@@ -6,6 +6,7 @@ import { WorldButton } from "./worlds.js";
 import { formatPath } from "./open_study.js";
 import { formatContent, renderSentence, spellName } from "./words.js";
 import { NestedForm, NestedForms } from "./form.js";
+import { describeWorld } from "./requests.js";
 
 const TYPING_MS = 600; // without a key, after which a text is saved
 
@@ -31,10 +32,10 @@ function listNames(study, kind, choices) {
   return choices;
 }
 
-/** @param {unknown} content @param {string} type @returns {unknown} what a typed text stands for */
-function readTyped(content, type) {
+/** @param {unknown} content @param {string} type @param {string[]} [alternatives] @returns {unknown} what a typed text stands for */
+function readTyped(content, type, alternatives = []) {
   const text = String(content).trim();
-  const isNumeric = type === "integer" || type === "number";
+  const isNumeric = [type, ...alternatives].some((name) => name === "integer" || name === "number");
   if (isNumeric && text !== "" && Number.isFinite(Number(text))) return Number(text);
   return content;
 }
@@ -46,14 +47,14 @@ function TextControl({ field, id, describedBy, content, isFixed, save, isLong = 
   const isNumeric = type === "integer" || type === "number";
   const commit = (/** @type {string} */ text) => {
     clearTimeout(timer.current);
-    if (text !== String(content ?? "")) save(readTyped(text, type));
+    if (text !== String(content ?? "")) save(readTyped(text, type, field.alternatives));
     setTyped(null);
   };
   const onInput = (/** @type {any} */ event) => {
     const text = event.target.value;
     setTyped(text);
     clearTimeout(timer.current);
-    timer.current = setTimeout(() => save(readTyped(text, type)), TYPING_MS);
+    timer.current = setTimeout(() => save(readTyped(text, type, field.alternatives)), TYPING_MS);
   };
   useEffect(() => () => clearTimeout(timer.current), []);
   const shown = typed ?? String(content ?? "");
@@ -94,9 +95,11 @@ function ChoiceControl({ field, id, describedBy, content, isFixed, save, names }
 const spellChoice = (choice) => (choice === "" ? "none" : String(choice).replaceAll("_", " "));
 
 /** @param {ControlProperties} properties */
-function ListControl({ study, field, id, describedBy, content, isFixed, save }) {
+function ListControl({ study, field, path, id, describedBy, content, isFixed, save }) {
   const members = /** @type {unknown[]} */ (content ?? field.default ?? []);
-  const names = listNames(study.document, field.references, field.choices.map((choice) => String(choice.value)));
+  const actions = useActions(field.references === "action" ? study.read([...path.slice(0, -1), "world"]) : undefined);
+  const listed = listNames(study.document, field.references, field.choices.map((choice) => String(choice.value)));
+  const names = actions.length ? actions : listed;
   const type = field.item || "string";
   const add = (/** @type {string} */ text) => text.trim() && save([...members, readTyped(text.trim(), type)]);
   const offered = names.filter((name) => !members.includes(name));
@@ -113,6 +116,15 @@ function ListControl({ study, field, id, describedBy, content, isFixed, save }) 
         <option value="">add …</option>${offered.map((name) => html`<option value=${name}>${name}</option>`)}</select>`
       : html`<${AddText} id=${id} add=${add} />`)}
   </div>`;
+}
+
+/** @param {string | undefined} world @returns {string[]} the actions of a built-in world */
+function useActions(world) {
+  const [actions, setActions] = useState(/** @type {string[]} */ ([]));
+  useEffect(() => {
+    if (world) describeWorld(world).then((facts) => setActions(facts.actions), () => setActions([]));
+  }, [world]);
+  return actions;
 }
 
 /** @param {unknown[]} members @param {number} from @param {number} to */
@@ -225,7 +237,7 @@ export function Field({ study, field, path, content, save, clear }) {
   const usual = describeDefault(field);
   const hint = field.example !== null && field.example !== undefined && content === undefined && !isNested;
   const describedBy = `${id}-about${mistakes.length ? ` ${id}-mistakes` : ""}`;
-  return html`<div class=${`field ${field.type} ${mistakes.length ? "wrong" : ""}`}>
+  return html`<div class=${`field type-${field.type} ${mistakes.length ? "wrong" : ""}`}>
     <div class="label"><label for=${id}>${spellName(field.name)}${field.required && html`<span class="required" title="required"> *</span>`}</label>
       ${field.unit && html`<span class="unit">${UNITS[field.unit] ?? field.unit}</span>`}
       ${clear && content !== undefined && !restriction && html`<button type="button" class="quiet small" aria-label=${`Remove ${spellName(field.name)}`}

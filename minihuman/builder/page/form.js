@@ -7,6 +7,7 @@ import { Field } from "./fields.js";
 import { makeName, spellName, stripMarks } from "./words.js";
 
 const LONGEST_SHORT_FORM = 6; // fields; a form without more shows them all
+const MOST_COMMON = 12; // fields that most studies have; a form with more shows only those that the file has
 
 /** @param {OpenStudy} study @param {string} table @param {string} kind @returns {Form | null} */
 export function useForm(study, table, kind = "") {
@@ -37,11 +38,12 @@ export function TableForm({ study, path, table, kind = "", hidden = [], essentia
   };
   const offered = form.fields.filter((field) => !hidden.includes(field.name));
   const isShort = offered.length <= LONGEST_SHORT_FORM;
+  const isLong = offered.filter((field) => field.common).length > MOST_COMMON;
   const isShown = (/** @type {FormField} */ field) =>
-    isShort || field.required || essential.includes(field.name) || added.includes(field.name) || fields?.[field.name] !== undefined
+    isShort || field.required || essential.includes(field.name) || (field.common && !isLong) || added.includes(field.name) || fields?.[field.name] !== undefined
     || study.mistakesAt([...path, field.name]).length > 0;
   const shown = offered.filter(isShown);
-  const others = offered.filter((field) => !isShown(field));
+  const others = offered.filter((field) => !isShown(field)).toSorted((a, b) => Number(b.common) - Number(a.common));
   return html`<div class="table-form">
     ${shown.map((field) => html`<${Field} key=${field.name} study=${study} field=${field} path=${[...path, field.name]}
       content=${fields?.[field.name]} save=${(/** @type {unknown} */ part) => set(field.name, part)}

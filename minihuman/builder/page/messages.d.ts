@@ -184,6 +184,7 @@ export interface FormField {
   choices: Choice[];
   references: "" | "part" | "block" | "group" | "world" | "key" | "action" | "file" | "session";
   table: string;
+  common: boolean;
 }
 
 /** A value that a field can have. */

@@ -7,7 +7,7 @@ import { TableButtons, TableForm, insertTable } from "./form.js";
 import { makeName, nameKind, spellName, stripMarks } from "./words.js";
 
 const ESSENTIAL = /** @type {Record<string, string[]>} */ ({ // shown though the file lacks them
-  blocks: ["world", "episodes", "max_steps", "instructions", "key_map"],
+  blocks: ["instructions", "key_map", "show_keys", "feedback"],
   pages: ["title", "text"],
   questions: ["title", "form"],
   orders: ["parts", "order"],

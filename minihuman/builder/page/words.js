@@ -7,14 +7,20 @@ export function spellName(name) {
   return words.charAt(0).toUpperCase() + words.slice(1);
 }
 
+/** @param {string} sentence of the schema, in Markdown @returns {string} a whole sentence, without links */
+function completeSentence(sentence) {
+  const plain = sentence.replace(/ ?\((?:see )?\[[^\]]+\]\([^)]*\)\)/g, "").replace(/\[([^\]]+)\]\([^)]*\)/g, "$1").trim();
+  const begun = plain.charAt(0).toUpperCase() + plain.slice(1);
+  return /[.!?]$/.test(begun) || !begun ? begun : `${begun}.`;
+}
+
 /** @param {string} sentence in Markdown: code and links @returns {unknown[]} nodes; a link becomes its text */
 export function renderSentence(sentence) {
-  const plain = sentence.replace(/\[([^\]]+)\]\([^)]*\)/g, "$1");
-  return plain.split("`").map((text, place) => (place % 2 ? html`<code>${text}</code>` : text));
+  return completeSentence(sentence).split("`").map((text, place) => (place % 2 ? html`<code>${text}</code>` : text));
 }
 
 /** @param {string} sentence @returns {string} the sentence without marks */
-export const stripMarks = (sentence) => sentence.replace(/\[([^\]]+)\]\([^)]*\)/g, "$1").replaceAll("`", "");
+export const stripMarks = (sentence) => completeSentence(sentence).replaceAll("`", "");
 
 /** @param {unknown} content @returns {string} a value as a person writes it */
 export function formatContent(content) {
@@ -53,6 +59,22 @@ const KIND_WORDS = /** @type {Record<string, string>} */ ({
   takeover: "With an agent", rating: "Rating", preferences: "Comparison", correction: "Correction",
   keyboard_check: "Keyboard check",
 });
+
+const KIND_ABOUT = /** @type {Record<string, string>} */ ({
+  page: "A text to read: consent, instructions, the last words.",
+  questions: "A questionnaire, or a quiz with right answers that leads back.",
+  play: "Episodes in a world, seen from above or in first person.",
+  order: "Parts that come shuffled or in a Latin square.",
+  trials: "One stimulus after the other: Stroop, go/no-go, n-back.",
+  team: "Two or more people, or people and agents, in one world.",
+  takeover: "An agent plays, and the person may take over.",
+  rating: "An agent plays, and the person says how well.",
+  preferences: "Two films of an agent: which is better?",
+  correction: "The person corrects an agent's steps afterwards.",
+});
+
+/** @param {{ kind: string, summary: string }} kind @returns {string} what a kind of part is, in a sentence */
+export const describeKind = ({ kind, summary }) => KIND_ABOUT[kind] ?? stripMarks(summary);
 
 /** @param {string} kind @returns {string} */
 export const nameKind = (kind) => KIND_WORDS[kind] ?? spellName(kind);

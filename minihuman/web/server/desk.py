@@ -145,7 +145,7 @@ def _state(row: SessionRow, running: set[str]) -> str:
 def find_studies(folder: Path, data: Path) -> list[StudyEntry]:
     """Find a folder's studies: files with a ``[study]`` table, then sessions without a protocol."""
     studies = []
-    for path in sorted({*folder.glob("*.toml"), *folder.glob("*/*.toml")}):
+    for path in sorted({*folder.glob("*.toml"), *folder.glob("[!.]*/*.toml")}):
         key = str(path.relative_to(folder))
         name = path.stem
         problem = ""
