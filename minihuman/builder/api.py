@@ -40,7 +40,9 @@ from starlette.routing import Route
 
 from minihuman.builder import messages
 from minihuman.builder.form import build_form, list_kinds
-from minihuman.builder.study import EditRefusedError, StudyFolder
+from minihuman.builder.media import MAX_MEDIA_BYTES
+from minihuman.builder.refusals import EditRefusedError
+from minihuman.builder.study import StudyFolder
 from minihuman.runtime.http_guard import is_own_request, read_length
 
 Query = dict[str, str]
@@ -76,6 +78,13 @@ class BuilderApi:
             self._get("/api/study", self._read_study),
             self._get("/api/form", lambda query: build_form(query["table"], query.get("kind", ""))),
             self._get("/api/kinds", lambda query: list_kinds()),
+            self._get("/api/check", lambda query: self._studies.open(query["key"]).check()),
+            self._get("/api/media", lambda query: self._studies.open(query["key"]).media().list_files()),
+            self._get("/api/table", lambda query: self._studies.open(query["key"]).media().read_table(query["name"])),
+            Route("/api/media/file", self._send_file, methods=["GET"]),
+            Route("/api/media/file", self._receive_file, methods=["POST"]),
+            self._post("/api/table", messages.TableRequest, self._write_table),
+            self._post("/api/new", messages.NewStudyRequest, self._make, HTTPStatus.CREATED),
             self._post("/api/edit", messages.EditRequest, self._edit),
             self._post("/api/undo", messages.VersionRequest, self._undo),
             self._post("/api/redo", messages.VersionRequest, self._redo),
@@ -96,13 +105,46 @@ class BuilderApi:
     def _redo(self, query: Query, request: messages.VersionRequest) -> msgspec.Struct:
         return self._studies.open(query["key"]).redo(request.version)
 
+    def _make(self, _: Query, request: messages.NewStudyRequest) -> msgspec.Struct:
+        return self._studies.make(request)
+
+    def _write_table(self, query: Query, request: messages.TableRequest) -> msgspec.Struct:
+        return self._studies.open(query["key"]).media().write_table(request)
+
+    async def _send_file(self, request: Request) -> Response:
+        query = request.query_params
+        try:
+            content, kind = await asyncio.to_thread(
+                lambda: self._studies.open(query.get("key", "")).media().read(query.get("name", ""))
+            )
+        except EditRefusedError as error:
+            return _refuse(error.refusal.error, error.refusal.message)
+        return Response(content, media_type=kind)
+
+    async def _receive_file(self, request: Request) -> Response:
+        query = dict(request.query_params)
+        content = await _read_body(request, "application/octet-stream", MAX_MEDIA_BYTES)
+        if isinstance(content, Response):
+            return content
+        replace = query.get("replace") == "1"
+        return await _answer(
+            lambda: self._studies.open(query["key"]).media().write(query["name"], content, replace=replace),
+            HTTPStatus.CREATED,
+        )
+
     def _get(self, path: str, answer: Callable[[Query], msgspec.Struct | None]) -> Route:
         async def respond(request: Request) -> Response:
             return await _answer(partial(answer, dict(request.query_params)))
 
         return Route(path, respond, methods=["GET"])
 
-    def _post(self, path: str, kind: type[Body], answer: Callable[[Query, Body], msgspec.Struct]) -> Route:
+    def _post(
+        self,
+        path: str,
+        kind: type[Body],
+        answer: Callable[[Query, Body], msgspec.Struct],
+        status: HTTPStatus = HTTPStatus.OK,
+    ) -> Route:
         async def respond(request: Request) -> Response:
             content = await _read_body(request, "application/json", MAX_REQUEST_BYTES)
             if isinstance(content, Response):
@@ -111,7 +153,7 @@ class BuilderApi:
                 body = msgspec.json.decode(content, type=kind)
             except (msgspec.DecodeError, UnicodeDecodeError) as error:
                 return _refuse("not_valid", f"this is not a {kind.__name__}: {error}")
-            return await _answer(partial(answer, dict(request.query_params), body))
+            return await _answer(partial(answer, dict(request.query_params), body), status)
 
         return Route(path, respond, methods=["POST"])
 

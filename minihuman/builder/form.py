@@ -121,7 +121,7 @@ def _describe_question_kind(name: str) -> PartKind:
 def _build_new_part(table: str, kind: str) -> dict[str, Any]:
     """Return the fields of a new part of a kind: those of an example, without its name and texts of its study."""
     new = find_example(table, kind) or {"kind": kind}
-    for name in ("name", "group_overrides"):
+    for name in ("name", "group_overrides", "seeds"):
         new.pop(name, None)
     return new
 
@@ -129,7 +129,7 @@ def _build_new_part(table: str, kind: str) -> dict[str, Any]:
 @cache
 def _list_tables() -> dict[str, tuple[str, Schema]]:
     """Return the heading and the schema of each table, by path."""
-    tables = {}
+    tables: dict[str, tuple[str, Schema]] = {}
     for table, definition, is_repeated in walk_tables(build_json_schema()):
         tables[table] = (f"[[{table}]]" if is_repeated else f"[{table}]", definition)
     return tables
@@ -194,7 +194,7 @@ def _name_item(schema: Schema) -> str:
     inner = schema.get("items") or schema.get("additionalProperties") or {}
     if not isinstance(inner, Mapping) or "$ref" in schema:
         return ""
-    first = next(iter(inner.get("anyOf", [inner])), {})
+    first: Schema = next(iter(inner.get("anyOf", [inner])), {})
     if "enum" in first:
         return "string"
     names = {"array": "list", "object": "map"}

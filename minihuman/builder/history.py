@@ -22,7 +22,7 @@ class History:
     """
 
     def __init__(self, path: Path) -> None:
-        self._folder = path.parent / FOLDER / path.name
+        self._folder = path.parent / FOLDER / f"{path.name}.history"
         self._position: int | None = None  # index of the version that this process wrote last
 
     def record(self, old: bytes, new: bytes) -> None:

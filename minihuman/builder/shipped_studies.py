@@ -17,7 +17,7 @@ _ANY = "demo"  # a protocol that is in the folder of all of them
 class ShippedStudy:
     """A protocol that comes with the package."""
 
-    name: str  # "trials/stroop"
+    name: str  # "trials/stroop", "examples/demo"
     path: Path
     summary: str  # the comment at the top of the file
     tree: dict[str, Any]
@@ -31,6 +31,8 @@ def list_shipped_studies() -> tuple[ShippedStudy, ...]:
     for path in sorted(folder.rglob("*.toml")):
         text = path.read_text(encoding="utf-8")
         name = path.relative_to(folder).with_suffix("").as_posix()
+        if "/" not in name:
+            name = f"examples/{name}"
         studies.append(ShippedStudy(name, path, _read_summary(text), tomllib.loads(text)))
     return tuple(studies)
 

@@ -12,28 +12,29 @@ from threading import Lock
 
 from minihuman.admin.protocol_file import MAX_PROTOCOL_BYTES
 from minihuman.builder import description
+from minihuman.builder.check import check_study
 from minihuman.builder.document import NotEditableError, TomlDocument
 from minihuman.builder.durations import estimate_durations
 from minihuman.builder.history import History
-from minihuman.builder.messages import Document, Edit, Mistake, Refusal, Studies, StudyCard
+from minihuman.builder.media import MediaFolder
+from minihuman.builder.messages import (
+    CheckReport,
+    Document,
+    Edit,
+    Mistake,
+    NewStudyRequest,
+    Refusal,
+    Studies,
+    StudyCard,
+)
+from minihuman.builder.new_study import list_templates, make_study
 from minihuman.builder.references import rename
+from minihuman.builder.refusals import EditRefusedError
 from minihuman.builder.restrictions import WAY_OUT, count_enrolled, find_restrictions, find_violation
 from minihuman.builder.toml_spans import Steps
 from minihuman.errors import MinihumanError
 from minihuman.storage.durable_files import replace_durably
 from minihuman.web.server.desk import StudyEntry, find_studies
-
-
-class EditRefusedError(MinihumanError, ValueError):
-    """A request that was not carried out.
-
-    Attributes:
-        refusal: what the page is answered.
-    """
-
-    def __init__(self, refusal: Refusal) -> None:
-        super().__init__(refusal.message)
-        self.refusal = refusal
 
 
 @dataclass(slots=True)
@@ -59,9 +60,9 @@ class StudyFolder:
         self._states: dict[Path, _FileState] = {}
 
     def list_studies(self) -> Studies:
-        """Describe every study of the folder."""
+        """Describe every study of the folder, and the templates."""
         cards = [self._describe(entry) for entry in find_studies(self.folder, self.data)]
-        return Studies(self.folder.resolve().name, cards, [])
+        return Studies(self.folder.resolve().name, cards, list(list_templates()))
 
     def open(self, key: str) -> "OpenStudy":
         """Open a study.
@@ -73,6 +74,17 @@ class StudyFolder:
             if entry.key == key and entry.protocol is not None:
                 return self._open(entry, entry.protocol)
         raise EditRefusedError(Refusal("not_there", f"there is no study {key!r} in this folder; reload the page"))
+
+    def make(self, request: NewStudyRequest) -> Document:
+        """Write a new study from a template, or as a new version of a study of the folder.
+
+        Raises:
+            EditRefusedError: if there is a study of that name already, or nothing to begin from.
+            OSError: if it cannot be written.
+        """
+        source = self.open(request.copy_of).path if request.copy_of else None
+        path = make_study(request, self.folder, source)
+        return self.open(str(path.relative_to(self.folder.resolve() if source else self.folder))).read()
 
     def _open(self, entry: StudyEntry, protocol: Path) -> "OpenStudy":
         path = protocol.resolve()
@@ -126,6 +138,23 @@ class OpenStudy:
             OSError: if the file cannot be read.
         """
         return hashlib.sha256(self.path.read_bytes()).hexdigest()
+
+    def check(self) -> CheckReport:
+        """Check the file as `minihuman check` does, which takes seconds.
+
+        Raises:
+            OSError: if the file cannot be read.
+        """
+        return check_study(self.path)
+
+    def media(self) -> MediaFolder:
+        """Return the files beside the protocol.
+
+        Raises:
+            OSError: if the file cannot be read.
+        """
+        _, tree = description.read_values(self.path.read_bytes())
+        return MediaFolder(self.path.parent, tree)
 
     def read(self) -> Document:
         """Read the file and describe it.

@@ -391,15 +391,20 @@ def desk(
 
     Example: minihuman desk
     """
+    open_desk(folder, data, port=port, browser=browser)
+
+
+def open_desk(folder: Path, data: Path, *, port: int = 0, browser: bool = True, page: str = "") -> None:
+    """Serve the start page with the builder, and open it, or a page below it, in the default browser."""
     import webbrowser
 
     from minihuman.builder.application import PATH, build_application
     from minihuman.web.server.desk import run_desk
 
     def say(url: str) -> None:
-        print(f"open {url}   (Ctrl-C ends it; running sessions go on)", flush=True)
+        print(f"open {url}{page}   (Ctrl-C ends it; running sessions go on)", flush=True)
         if browser:
-            webbrowser.open(url)
+            webbrowser.open(f"{url}{page}")
 
     builder = build_application(folder, data.absolute())
     run_desk(folder, data.absolute(), port=port, say=say, rooms={PATH: builder})
