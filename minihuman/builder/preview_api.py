@@ -31,8 +31,8 @@ from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import Route
 
-from minihuman.admin.protocol_file import find_shipped_protocol, read_protocol
 from minihuman.builder.messages import Refusal
+from minihuman.builder.new_study import read_template
 from minihuman.builder.preview import Kind, PreviewRequest
 from minihuman.builder.preview_process import PreviewProcess
 from minihuman.builder.trial_runs import SimulatedTrial
@@ -40,7 +40,6 @@ from minihuman.errors import MinihumanError, ProtocolError
 from minihuman.experiment.keys import assign_usual_keys
 from minihuman.experiment.plan.dry_run import find_needed_actions
 from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
-from minihuman.portable_names import explain_unportable_name
 from minihuman.runtime.http_guard import is_own_request, read_length
 from minihuman.web.server.desk import REPORTS_FOLDER, StudyEntry, find_studies
 from minihuman.worlds.adapters.world import World
@@ -48,7 +47,8 @@ from minihuman.worlds.catalogue import TEAM_WORLDS, WORLDS, is_first_person
 from minihuman.worlds.contract import View
 
 _LONGEST_BYTES = 10_000  # of a request
-THUMB_PX = (240, 180)
+_LOOKED_AT = 3  # episodes of a template
+THUMB_PX = (320, 180)
 MOVES = ("left", "right", "forward", "turn_left", "turn_right", "move_forward", "up", "down")
 
 
@@ -209,10 +209,7 @@ async def _send_world_info(request: Request) -> Response:
 
 async def _send_template_picture(request: Request) -> Response:
     """Answer with the first picture of the first world in a shipped protocol."""
-    name = request.query_params.get("name", "")
-    if explain_unportable_name(name):
-        return _send_picture(_BLANK)
-    return _send_picture(await asyncio.to_thread(_draw_template, name))
+    return _send_picture(await asyncio.to_thread(_draw_template, request.query_params.get("name", "")))
 
 
 def _send_picture(png: bytes) -> Response:
@@ -252,15 +249,18 @@ def _draw_world(world_id: str, options: str = "{}", seed: int = 1) -> bytes:
         return _BLANK
 
 
+@cache
 def _draw_template(name: str) -> bytes:
-    """Draw the first picture of the first world of a shipped protocol."""
+    """Draw the first picture of a template's first world that shows something; a blank one if none does."""
     try:
-        protocol = read_protocol(find_shipped_protocol(name))
+        protocol = read_template(name)
         plan = expand_protocol(protocol, enrol_participant(protocol, 0))
     except (MinihumanError, OSError):
         return _BLANK
-    for episode in plan.episodes[:1]:
-        return _draw_world(episode.world, json.dumps(episode.options), episode.seed)
+    for episode in plan.episodes[:_LOOKED_AT]:
+        picture = _draw_world(episode.world, json.dumps(episode.options), episode.seed)
+        if picture != _BLANK:
+            return picture
     return _BLANK
 
 

@@ -61,6 +61,20 @@ class Hand:
         self.clicks += 1
         self.keys += len(text) + 2
 
+    def paste(self, element: Any, text: str) -> None:
+        """Paste what a spreadsheet copied."""
+        element.click()
+        element.evaluate(
+            """(element, text) => {
+              const clipboardData = new DataTransfer();
+              clipboardData.setData("text/plain", text);
+              element.dispatchEvent(new ClipboardEvent("paste", { clipboardData, bubbles: true, cancelable: true }));
+            }""",
+            text,
+        )
+        self.clicks += 1
+        self.keys += 2
+
     def button(self, name: str, *, exact: bool = True) -> Any:
         """Find a button by its name."""
         return self.page.get_by_role("button", name=name, exact=exact)

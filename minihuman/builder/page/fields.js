@@ -6,7 +6,7 @@ import { WorldButton } from "./worlds.js";
 import { formatPath } from "./open_study.js";
 import { formatContent, renderSentence, spellName } from "./words.js";
 import { NestedForm, NestedForms } from "./form.js";
-import { describeWorld } from "./requests.js";
+import { describeWorld, listMedia } from "./requests.js";
 
 const TYPING_MS = 600; // without a key, after which a text is saved
 
@@ -99,7 +99,8 @@ function ListControl({ study, field, path, id, describedBy, content, isFixed, sa
   const members = /** @type {unknown[]} */ (content ?? field.default ?? []);
   const actions = useActions(field.references === "action" ? study.read([...path.slice(0, -1), "world"]) : undefined);
   const listed = listNames(study.document, field.references, field.choices.map((choice) => String(choice.value)));
-  const names = actions.length ? actions : listed;
+  const files = useFiles(study, isFile(field));
+  const names = [actions, files].find((offered) => offered.length) ?? listed;
   const type = field.item || "string";
   const add = (/** @type {string} */ text) => text.trim() && save([...members, readTyped(text.trim(), type)]);
   const offered = names.filter((name) => !members.includes(name));
@@ -117,6 +118,27 @@ function ListControl({ study, field, path, id, describedBy, content, isFixed, sa
       : html`<${AddText} id=${id} add=${add} />`)}
   </div>`;
 }
+
+/** @param {OpenStudy} study @param {boolean} isWanted @returns {string[]} the names of the files beside the protocol */
+function useFiles(study, isWanted) {
+  const [files, setFiles] = useState(/** @type {string[]} */ ([]));
+  useEffect(() => {
+    if (isWanted) listMedia(study.key).then((media) => setFiles(media.files.map((file) => file.name)), () => setFiles([]));
+  }, [study.key, isWanted]);
+  return files;
+}
+
+/** A file beside the protocol. @param {ControlProperties} properties */
+function FileControl(properties) {
+  const files = useFiles(properties.study, true);
+  const isTable = properties.path.at(-2) === "stimuli";
+  const offered = files.filter((name) => !isTable || name.endsWith(".csv"));
+  if (!offered.length) return html`<${TextControl} ...${properties} />`;
+  return html`<${ChoiceControl} ...${properties} names=${["", ...offered]} />`;
+}
+
+/** @param {FormField} field */
+const isFile = (field) => field.references === "file" || field.name === "file";
 
 /** @param {string | undefined} world @returns {string[]} the actions of a built-in world */
 function useActions(world) {
@@ -201,6 +223,7 @@ function Control(properties) {
   const { field, study } = properties;
   const names = listNames(study.document, field.references, []);
   if (field.references === "world" && field.type === "string") return html`<${WorldButton} ...${properties} />`;
+  if (field.type === "string" && isFile(field)) return html`<${FileControl} ...${properties} />`;
   if (field.type === "string" && names.length) return html`<${ChoiceControl} ...${properties} names=${["", ...names]} />`;
   switch (field.type) {
     case "boolean": return html`<${SwitchControl} ...${properties} />`;

@@ -22,10 +22,10 @@ export function PreviewPane({ study, part, selected, languages }) {
       <div class="segments" role="group" aria-label="Size of the screen">${Object.keys(SIZES).map((name) => html`
         <button type="button" aria-pressed=${size === name} onClick=${() => setSize(name)}>${spellName(name)}</button>`)}</div>
       <select aria-label="Language of the interface" value=${language} onChange=${(/** @type {any} */ event) => setLanguage(event.target.value)}>
-        <option value="">Study's language</option>${languages.map((code) => html`<option value=${code}>${/** @type {any} */ (LANGUAGES)[code] ?? code}</option>`)}</select>
+        <option value="">Own language</option>${languages.map((code) => html`<option value=${code}>${/** @type {any} */ (LANGUAGES)[code] ?? code}</option>`)}</select>
       ${groups.length > 1 && html`<select aria-label="Group of the participant" value=${group} onChange=${(/** @type {any} */ event) => setGroup(event.target.value)}>
         <option value="">Any group</option>${groups.map((name) => html`<option value=${name}>${name}</option>`)}</select>`}
-      <button type="button" class="small" onClick=${() => setRound(round + 1)}>From the start</button>
+      <button type="button" class="small" onClick=${() => setRound(round + 1)}>Again</button>
     </div>
     <${Frame} preview=${shown.preview} size=${SIZES[size]} name=${size} />
     <p class="preview-note" role="status">${shown.problem || describePreview(shown.preview, selected)}</p>

@@ -5,7 +5,12 @@ import { Dialog } from "./dialog.js";
 import { LANGUAGES } from "./preview.js";
 import { buildAddress, listStudies, makeStudy } from "./requests.js";
 import { nameLane } from "./lanes.js";
-import { countNoun, formatMinutes, nameKind } from "./words.js";
+import { countNoun, formatMinutes, nameKind, stripMarks } from "./words.js";
+
+const GALLERY = [["start", "Begin with"], ["trials", "Trials to copy"], ["example", "Studies to copy"]];
+
+/** @param {string} title */
+const capitalize = (title) => title.charAt(0).toUpperCase() + title.slice(1);
 
 /** @param {{ open: (key: string) => void, languages: string[] }} properties */
 export function StudyCards({ open, languages }) {
@@ -18,8 +23,9 @@ export function StudyCards({ open, languages }) {
   return html`<main class="home"><header><h1>Studies</h1><p class="quiet">in the folder ${studies.folder}</p></header>
     ${studies.studies.length === 0 && html`<p class="empty">There is no study here yet. Begin with one of those below: a copy of it is yours to change.</p>`}
     <ul class="cards">${studies.studies.map((card) => html`<${Card} key=${card.key} card=${card} open=${open} copy=${() => setSource(card)} />`)}</ul>
-    <section class="gallery" aria-label="Begin with"><h2>Begin with</h2>
-      <ul class="cards">${studies.templates.map((template) => html`<${TemplateCard} key=${template.name} template=${template} copy=${() => setSource(template)} />`)}</ul></section>
+    ${GALLERY.map(([group, name]) => html`<section class="gallery" key=${group} aria-label=${name}><h2>${name}</h2>
+      <ul class="cards">${studies.templates.filter((template) => template.group === group).map((template) => html`
+        <${TemplateCard} key=${template.name} template=${template} copy=${() => setSource(template)} />`)}</ul></section>`)}
     ${source && html`<${CopyDialog} source=${source} close=${() => setSource(null)} open=${open} languages=${languages} />`}
   </main>`;
 }
@@ -49,7 +55,7 @@ function Strip({ lane, card }) {
 function TemplateCard({ template, copy }) {
   const address = buildAddress("api/template.png", { name: template.name });
   return html`<li class="card template"><img src=${address} alt="" loading="lazy" width="240" height="135" />
-    <h3 dir="auto">${template.title}</h3><p>${template.summary}</p>
+    <h3 dir="auto">${capitalize(template.title)}</h3><p class="summary" title=${template.summary}>${stripMarks(template.summary)}</p>
     <p class="quiet">${[formatMinutes(template.minutes), /** @type {any} */ (LANGUAGES)[template.language] ?? template.language].filter(Boolean).join(" · ")}</p>
     <div class="buttons"><button type="button" class="main" aria-label=${`Copy ${template.title}`} onClick=${copy}>Copy</button></div></li>`;
 }
@@ -57,7 +63,8 @@ function TemplateCard({ template, copy }) {
 /** @param {{ source: Template | StudyCard, close: () => void, open: (key: string) => void, languages: string[] }} properties */
 function CopyDialog({ source, close, open, languages }) {
   const isStudy = "key" in source;
-  const [name, setName] = useState(isStudy ? `${source.name}-2` : "my-study");
+  const isDraft = !isStudy && source.group === "start"; // which is written anew, in any language
+  const [name, setName] = useState(isStudy ? `${source.name}-2` : source.name.replace(/^.*\//, ""));
   const [language, setLanguage] = useState(source.language || "en");
   const [problem, setProblem] = useState("");
   const make = async (/** @type {Event} */ event) => {
@@ -67,8 +74,8 @@ function CopyDialog({ source, close, open, languages }) {
   };
   return html`<${Dialog} title=${`A copy of ${source.title}`} close=${close}><form onSubmit=${make}>
     <label class="block">Name of your study <input type="text" value=${name} required onInput=${(/** @type {any} */ event) => setName(event.target.value)} /></label>
-    <label class="block">Language <select value=${language} onChange=${(/** @type {any} */ event) => setLanguage(event.target.value)}>
-      ${languages.map((code) => html`<option value=${code}>${/** @type {any} */ (LANGUAGES)[code] ?? code}</option>`)}</select></label>
+    ${isDraft && html`<label class="block">Language <select value=${language} onChange=${(/** @type {any} */ event) => setLanguage(event.target.value)}>
+      ${languages.map((code) => html`<option value=${code}>${/** @type {any} */ (LANGUAGES)[code] ?? code}</option>`)}</select></label>`}
     ${problem && html`<p class="mistake" role="alert">${problem}</p>`}
     <div class="buttons"><button class="main">Make the study</button><button type="button" onClick=${close}>Cancel</button></div></form></${Dialog}>`;
 }

@@ -1,10 +1,10 @@
 // Every text that participants read, on one page, beside the texts of the study that it translates.
-/** @import { Document, StudyCard } from "./messages" */
+/** @import { Document, Edit, StudyCard } from "./messages" */
 /** @import { FieldPath, OpenStudy } from "./open_study.js" */
 import { html, useEffect, useState } from "./vendor/preact.js";
 import { LANGUAGES } from "./preview.js";
 import { formatPath, readAt } from "./open_study.js";
-import { listStudies, makeStudy, readStudy } from "./requests.js";
+import { editStudy, listStudies, makeStudy, readStudy } from "./requests.js";
 import { spellName } from "./words.js";
 
 const TEXT_FIELDS = /** @type {Record<string, string[]>} */ ({
@@ -108,7 +108,10 @@ function NewLanguage({ study, taken, languages, open }) {
     event.target.value = "";
     if (!language) return;
     const name = `${study.document?.name}-${language}`;
-    await makeStudy({ name, copy_of: study.key, language }).then((copy) => open(copy.key), (error) => setProblem(error.message));
+    /** @type {Edit[]} */
+    const edits = [{ op: "set", path: ["study", "language"], value: language }];
+    await makeStudy({ name, copy_of: study.key }).then((copy) => editStudy(copy.key, copy.version, edits))
+      .then((copy) => open(copy.key), (error) => setProblem(error.message));
   };
   return html`<label>Add a language <select onChange=${make}><option value="">choose …</option>
     ${offered.map((code) => html`<option value=${code}>${nameLanguage(code)}</option>`)}</select></label>
