@@ -263,8 +263,8 @@ class OpenStudy:
         """Set a value as it was last written at this path, so that an edit that is taken back leaves no trace."""
         literals = self._state.literals
         if literal := document.literal(path):
-            literals[path, repr(document.find(path))] = literal
-        return document.set(path, value, literals.get((path, repr(value)), ""))
+            literals[path, _identify(document.find(path))] = literal
+        return document.set(path, value, literals.get((path, _identify(value)), ""))
 
     def _require_allowed(self, old: bytes, new: bytes) -> None:
         """Check that a new version changes nothing that enrolment has fixed.
@@ -311,6 +311,13 @@ class OpenStudy:
             trusted=description.is_trusted(tree, self.path.parent),
             read_only=read_only,
         )
+
+
+def _identify(value: object) -> str:
+    """Return a text that is the same for values that mean the same: 2 and 2.0."""
+    if isinstance(value, int) and not isinstance(value, bool):
+        value = float(value)
+    return repr(value)
 
 
 def _decode(content: bytes) -> str:
