@@ -97,8 +97,11 @@ def answer_requests(requests: BinaryIO, answers: BinaryIO) -> None:
                 answer = _Answer(server.show(msgspec.json.decode(line, type=PreviewRequest)))
             except (MinihumanError, OSError) as error:
                 answer = _Answer(error=str(error))
-            answers.write(msgspec.json.encode(answer) + b"\n")
-            answers.flush()
+            try:
+                answers.write(msgspec.json.encode(answer) + b"\n")
+                answers.flush()
+            except BrokenPipeError:  # the desk has ended
+                return
 
 
 if __name__ == "__main__":

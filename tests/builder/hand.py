@@ -1,13 +1,16 @@
 """A hand at the builder's page: it clicks, drags and types, and counts what it does."""
 
 import re
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from tests.web.browser import browsing
+import pytest
+
 from tests.warm_start import start_program
+from tests.web.browser import PATIENCE_MS, browsing
 
 
 @contextmanager
@@ -53,10 +56,17 @@ class Hand:
         self.clicks += 2
 
     def type(self, element: Any, text: str) -> None:
-        """Replace the text of a field, and leave it with Tab."""
-        element.click()
-        element.press("Control+a")
-        element.press_sequentially(text)
+        """Replace the text of a field, and leave it with Tab.
+
+        The driver emulates the focus of each frame that loads, which takes it from the field, unlike a browser that a
+        person uses: so it types again where the text is not there.
+        """
+        for _ in range(5):
+            element.click()
+            element.press("Control+a")
+            element.press_sequentially(text)
+            if element.input_value() == text:
+                break
         element.press("Tab")
         self.clicks += 1
         self.keys += len(text) + 2
@@ -78,6 +88,19 @@ class Hand:
     def button(self, name: str, *, exact: bool = True) -> Any:
         """Find a button by its name."""
         return self.page.get_by_role("button", name=name, exact=exact)
+
+    def wait_for_preview(self, text: str) -> None:
+        """Wait until the preview shows a text; each change replaces its frame."""
+        until_s = time.monotonic() + PATIENCE_MS / 1000
+        while not any(text in self._read_frame(frame) for frame in self.page.frames[1:]):
+            assert time.monotonic() < until_s, f"the preview never shows {text!r}"
+            self.page.wait_for_timeout(50)
+
+    def _read_frame(self, frame: Any) -> str:
+        try:
+            return str(frame.evaluate("document.body.innerText"))
+        except pytest.importorskip("playwright.sync_api").Error:  # it is being replaced
+            return ""
 
     def wait_until_saved(self) -> None:
         """Wait until the server has answered every edit."""

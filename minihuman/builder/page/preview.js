@@ -63,6 +63,24 @@ function usePreview(study, selected, part, wanted) {
   return { preview, problem };
 }
 
+/**
+ * Whether the preview takes part: while the pointer is on it, until a key is pressed in the form. A page that is shown
+ * takes the focus, so that keys reach it, and would take it from the field in which somebody writes.
+ */
+function useLiveness() {
+  const [isLive, setLive] = useState(false);
+  useEffect(() => {
+    const rest = () => setLive(false);
+    addEventListener("keydown", rest, true);
+    addEventListener("focusin", rest, true);
+    return () => {
+      removeEventListener("keydown", rest, true);
+      removeEventListener("focusin", rest, true);
+    };
+  }, []);
+  return { isLive, setLive };
+}
+
 /** @param {{ preview: Preview | null, size: [number, number], name: string }} properties */
 function Frame({ preview, size, name }) {
   const box = useRef(/** @type {any} */ (null));
@@ -75,12 +93,18 @@ function Frame({ preview, size, name }) {
     fit();
     return () => observer.disconnect();
   }, [width, height]);
+  const { isLive, setLive } = useLiveness();
   const [loaded, setLoaded] = useState(""); // the address of the frame that is shown until the next has loaded
   const urls = [...new Set([loaded, preview?.url ?? ""])].filter(Boolean);
   const style = { transform: `scale(${scale})`, marginLeft: `${-(width * scale) / 2}px` };
-  return html`<div class=${`screen ${name}`} ref=${box} style=${{ height: `${Math.ceil(height * scale)}px` }}>
+  const play = () => {
+    setLive(true);
+    requestAnimationFrame(() => box.current?.querySelector("iframe")?.focus());
+  };
+  return html`<div class=${`screen ${name}`} ref=${box} style=${{ height: `${Math.ceil(height * scale)}px` }} onPointerMove=${() => setLive(true)}>
+    ${!isLive && html`<button type="button" class="unseen" onClick=${play}>Play in the preview</button>`}
     ${urls.map((url) => html`<iframe key=${url} src=${url} class=${url === loaded ? "" : "coming"} style=${style} width=${width} height=${height}
-      title=${url === preview?.url ? "Preview of the participant's screen" : "Preview before the change"} onLoad=${() => setLoaded(url)}></iframe>`)}
+      inert=${!isLive || url !== loaded} title=${url === preview?.url ? "Preview of the participant's screen" : "Preview before the change"} onLoad=${() => setLoaded(url)}></iframe>`)}
   </div>`;
 }
 

@@ -285,7 +285,14 @@ class StartPage:
 
     def _page(self, kind: str, **values: object) -> HTMLResponse:
         return HTMLResponse(
-            self._template.render(kind=kind, root=self.path, reports=self._reports_path, urlencode=urlencode, **values)
+            self._template.render(
+                kind=kind,
+                root=self.path,
+                reports=self._reports_path,
+                rooms=tuple(self._rooms),
+                urlencode=urlencode,
+                **values,
+            )
         )
 
     def _show_home(self, _: Request) -> Response:
