@@ -39,10 +39,13 @@ def take_pictures(page: Page, address: str, out: Path) -> None:
     page.wait_for_load_state("networkidle")
     page.screenshot(path=out / "builder-studies.png")
     page.goto(f"{address}#/study/online.toml/parts/practice")
-    frame = page.frame_locator("iframe")
-    frame.get_by_role("button", name="Go on").click()
-    page.get_by_label("Instructions").wait_for()
-    frame.get_by_text("Enter", exact=False).wait_for()
+    page.get_by_label("Instructions", exact=True).wait_for()
+    page.get_by_text("sees it", exact=False).wait_for()
+    page.wait_for_load_state("networkidle")
+    page.locator(".screen").hover()
+    page.frame_locator("iframe").get_by_role("button", name="Go on").click()
+    page.frame_locator("iframe").locator("canvas, #screen").first.wait_for()
+    page.wait_for_timeout(1_000)
     page.screenshot(path=out / "builder-parts.png")
 
 

@@ -72,8 +72,8 @@ def test_the_preview_follows_each_change_and_a_trial_leaves_no_data(lab: Path) -
         hand.type(instructions(hand), "Go to the other room.")
         hand.wait_for_preview("Go to the other room.")
         hand.type(hand.page.get_by_label("Episodes *"), "0")
-        hand.page.get_by_text("The preview waits until the mistake is put right.").wait_for()
-        assert "use 1 or more" in hand.page.locator(".field.wrong .mistakes").inner_text()
+        hand.page.get_by_text("The preview waits until the mistakes are put right.").wait_for()
+        assert "an episode count is 1 to" in hand.page.locator(".field.wrong .mistakes").first.inner_text()
         hand.button("Undo").click()
         hand.wait_for_preview("Go to the other room.")
         with hand.page.context.expect_page() as opened:
