@@ -33,10 +33,10 @@ def _compare(before: Any, after: Any, path: Path) -> Iterator[Difference]:
         yield Difference(path, list(names_before), list(names_after))
 
 
-def _index_by_name(value: Any) -> dict[str, tuple[int, dict[str, Any]]] | None:
+def _index_by_name(content: Any) -> dict[str, tuple[int, dict[str, Any]]] | None:
     """Return the tables of an array with their numbers, by name; None if it is not an array of tables with names."""
-    if value is None:
+    if content is None:
         return {}
-    if not isinstance(value, list) or not all(isinstance(row, dict) and "name" in row for row in value):
+    if not isinstance(content, list) or not all(isinstance(row, dict) and "name" in row for row in content):
         return None
-    return {str(row["name"]): (number, row) for number, row in enumerate(value)}
+    return {str(row["name"]): (number, row) for number, row in enumerate(content)}
