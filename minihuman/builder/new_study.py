@@ -51,6 +51,18 @@ def list_templates() -> tuple[Template, ...]:
     return (*starts, *(_describe_shipped(study) for study in list_shipped_studies()))
 
 
+def read_template(name: str) -> Protocol:
+    """Read the protocol of a template.
+
+    Raises:
+        ProtocolError: if there is no such template.
+    """
+    for study in list_shipped_studies():
+        if study.name == name:
+            return read_protocol(study.path)
+    return _decode_draft(name)
+
+
 def make_study(request: NewStudyRequest, folder: Path, source: Path | None) -> Path:
     """Write a new study into a folder, and return its file.
 
@@ -110,11 +122,14 @@ def _require_new(path: Path) -> None:
         raise EditRefusedError(Refusal("exists", f"there is a study {path.name} already; choose another name"))
 
 
-def _describe_draft(name: str, summary: str) -> Template:
+@cache
+def _decode_draft(name: str) -> Protocol:
     templates = () if name == _PLAIN else (name,)
-    draft = ProtocolDraft("my-study", templates=templates)
-    protocol = decode_protocol(draft.toml().encode())
-    return Template(name, name.replace("-", " "), summary, "en", _find_minutes(protocol), [], "start")
+    return decode_protocol(ProtocolDraft("my-study", templates=templates).toml().encode())
+
+
+def _describe_draft(name: str, summary: str) -> Template:
+    return Template(name, name.replace("-", " "), summary, "en", _find_minutes(_decode_draft(name)), [], "start")
 
 
 def _describe_shipped(study: ShippedStudy) -> Template:
