@@ -44,7 +44,9 @@ def take_pictures(page: Page, address: str, out: Path) -> None:
     page.wait_for_load_state("networkidle")
     page.locator(".screen").hover()
     page.frame_locator("iframe").get_by_role("button", name="Go on").click()
-    page.frame_locator("iframe").locator("canvas, #screen").first.wait_for()
+    page.frame_locator("iframe").get_by_text("Ready?").wait_for()
+    page.wait_for_timeout(500)
+    page.keyboard.press("Enter")
     page.wait_for_timeout(1_000)
     page.screenshot(path=out / "builder-parts.png")
 

@@ -13,6 +13,7 @@ in the query, since they contain slashes. All requests that change something are
     POST api/undo?key=     VersionRequest  -> Document
     POST api/redo?key=     VersionRequest  -> Document
     POST api/new           NewStudyRequest -> Document          201
+    GET  api/differences?key=&with=        -> Differences       of a new version from the old one
     GET  api/media?key=                    -> Media             the files beside the protocol
     GET  api/media/file?key=&name=         -> the bytes
     POST api/media/file?key=&name=  bytes  -> Media             201; an existing file is refused unless &replace=1
@@ -79,6 +80,7 @@ class BuilderApi:
             self._get("/api/form", lambda query: build_form(query["table"], query.get("kind", ""))),
             self._get("/api/kinds", lambda query: list_kinds()),
             self._get("/api/check", lambda query: self._studies.open(query["key"]).check()),
+            self._get("/api/differences", lambda query: self._studies.compare(query["key"], query["with"])),
             self._get("/api/media", lambda query: self._studies.open(query["key"]).media().list_files()),
             self._get("/api/table", lambda query: self._studies.open(query["key"]).media().read_table(query["name"])),
             Route("/api/media/file", self._send_file, methods=["GET"]),

@@ -10,10 +10,10 @@ from typing import Any
 from minihuman.admin.protocol_file import list_named_worlds, read_protocol
 from minihuman.builder.document import NotEditableError, TomlDocument, format_path
 from minihuman.builder.messages import Lane, Mistake, Part, Pay
-from minihuman.builder.references import list_mentions
 from minihuman.builder.toml_spans import Steps
 from minihuman.dataset.selection import check_exclusion_measures
 from minihuman.errors import MinihumanError
+from minihuman.experiment.protocol.aliases import use_current_names
 from minihuman.experiment.protocol.protocol import Protocol, decode_protocol
 from minihuman.experiment.protocol.validation_errors import InvalidFieldsError
 from minihuman.trust import admit_worlds
@@ -138,6 +138,13 @@ def describe_pay(tree: dict[str, Any]) -> Pay | None:
     )
 
 
+def list_old_names(tree: dict[str, Any], document: TomlDocument) -> list[Mistake]:
+    """Return the fields and values under names of earlier versions, which the forms do not show."""
+    renamed = use_current_names(tree).renamed
+    places = [(parse_path(path), message) for path, message in renamed]
+    return [Mistake(list(path), document.line_of(path), message) for path, message in places]
+
+
 def list_lines(document: TomlDocument) -> dict[str, int]:
     """Return the line of every field and table of a file, by its path as errors write it."""
     lines = {}
@@ -148,12 +155,6 @@ def list_lines(document: TomlDocument) -> dict[str, int]:
         position = begin
         lines[format_path(path)] = line
     return lines
-
-
-def is_mentioned(tree: dict[str, Any], path: Steps) -> list[Steps]:
-    """Return the fields that name the part or group at a path."""
-    table, number = str(path[0]), path[1]
-    return list_mentions(tree, table, str(tree[table][number].get("name", "")))
 
 
 def _rows(tree: Mapping[str, Any], table: str) -> list[dict[str, Any]]:

@@ -32,7 +32,6 @@ MEDIA_TYPES = {
 }
 MAX_MEDIA_BYTES = MAX_PICTURE_BYTES
 MAX_FILES = 1000  # that are listed
-_TABLES = (".csv", ".tsv")
 _SEPARATORS = (",", ";", "\t")  # of a table's first line, the more frequent first
 
 
@@ -208,8 +207,3 @@ def _format_table(name: str, columns: Sequence[str], rows: Sequence[Sequence[str
         message = f"{name} would have {len(content)} bytes; a table has {MAX_PROTOCOL_BYTES} at most"
         raise EditRefusedError(Refusal("not_valid", message))
     return content
-
-
-def is_table(name: str) -> bool:
-    """Return whether a file is a table by its name."""
-    return name.lower().endswith(_TABLES)

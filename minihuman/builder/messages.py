@@ -278,6 +278,22 @@ class TableRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     pasted: str = ""  # instead of columns and rows: lines with tabs between the cells, the first line with the names
 
 
+class Difference(msgspec.Struct, frozen=True):
+    """A field in which two protocols differ."""
+
+    path: Path  # in the second; in the first if the second lacks it
+    before: Any  # None if the first lacks it
+    after: Any  # None if the second lacks it
+
+
+class Differences(msgspec.Struct, frozen=True):
+    """What differs between a study and another: a new version and the one from which it was made."""
+
+    key: str
+    other: str
+    differences: list[Difference]
+
+
 class CheckReport(msgspec.Struct, frozen=True):
     """What `minihuman check` says of a version."""
 

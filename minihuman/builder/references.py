@@ -57,14 +57,6 @@ def rename(document: TomlDocument, path: Steps, name: str) -> TomlDocument:
     return document
 
 
-def list_mentions(tree: dict[str, Any], table: str, name: str) -> list[Steps]:
-    """Return the fields of a protocol that name a part or group."""
-    named = TABLES[table]
-    fields = [place for place, mention in _list_matches(tree, _VALUES[named]) if mention == name]
-    tables = [(*place, name) for place, keys in _list_matches(tree, _KEYS[named]) if name in keys]
-    return fields + tables
-
-
 def _rename_prefixes(document: TomlDocument, old: str, name: str) -> TomlDocument:
     """Rename a questionnaire in measures: answer:QUESTIONS.ITEM, and QUESTIONS.ITEM of strata."""
     for place, measure in _list_matches(document.tree, _PREFIXES):

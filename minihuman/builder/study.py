@@ -13,12 +13,14 @@ from threading import Lock
 from minihuman.admin.protocol_file import MAX_PROTOCOL_BYTES
 from minihuman.builder import description
 from minihuman.builder.check import check_study
+from minihuman.builder.differences import list_differences
 from minihuman.builder.document import NotEditableError, TomlDocument
 from minihuman.builder.durations import estimate_durations
 from minihuman.builder.history import History
 from minihuman.builder.media import MediaFolder
 from minihuman.builder.messages import (
     CheckReport,
+    Differences,
     Document,
     Edit,
     Mistake,
@@ -74,6 +76,16 @@ class StudyFolder:
             if entry.key == key and entry.protocol is not None:
                 return self._open(entry, entry.protocol)
         raise EditRefusedError(Refusal("not_there", f"there is no study {key!r} in this folder; reload the page"))
+
+    def compare(self, key: str, other: str) -> Differences:
+        """Return what differs between a study and another one of the folder, such as its earlier version.
+
+        Raises:
+            EditRefusedError: if there is no such file.
+            OSError: if a file cannot be read.
+        """
+        after, before = (description.read_values(self.open(name).path.read_bytes())[1] for name in (key, other))
+        return Differences(key, other, list(list_differences(before, after)))
 
     def make(self, request: NewStudyRequest) -> Document:
         """Write a new study from a template, or as a new version of a study of the folder.
@@ -291,7 +303,7 @@ class OpenStudy:
         except (NotEditableError, EditRefusedError) as error:
             read_only = [Mistake([], getattr(error, "line", 1), str(error))]
         else:
-            read_only = []
+            read_only = description.list_old_names(tree, document)
         protocol, mistakes = description.check_file(self.path, content)
         return Document(
             key=self.entry.key,

@@ -1,6 +1,7 @@
 """A protocol's text under edits: what changes, what stays, and what is refused."""
 
 import random
+import re
 import tomllib
 from collections.abc import Iterator
 from contextlib import suppress
@@ -16,7 +17,7 @@ PROTOCOLS = sorted(
     path
     for folder in ("protocols", "analysis", "docs", "tests/recompute")
     for path in (ROOT / folder).rglob("*.toml")
-    if b"[study]" in path.read_bytes()
+    if re.search(rb"^(\[study\]|study = )", path.read_bytes(), re.MULTILINE)
 )
 
 TEXT = """\

@@ -231,6 +231,20 @@ def test_a_new_version_has_a_name_and_data_of_its_own(page: Page) -> None:
         (old, new) for old, new in zip(TOML.decode().split("\n"), copy["text"].split("\n"), strict=True) if old != new
     ]
     assert changed == [('name = "two-days"', 'name = "two-days-again"'), ('version = "1.0"', 'version = "1.1"')]
+    version = Page(page.file.parent, page.client, copy["key"])
+    version.edit("move", "groups", 2, to=0)
+    version.edit("set", "blocks", 0, "episodes", value=6)
+    version.edit("remove", "blocks", 4)
+    query = {"key": version.key, "with": page.key}
+    differences = page.client.get("/api/differences", params=query).json()["differences"]
+    summary = [(tuple(difference["path"]), difference["before"], difference["after"]) for difference in differences]
+    assert summary[:4] == [
+        (("study", "name"), "two-days", "two-days-again"),
+        (("study", "version"), "1.0", "1.1"),
+        (("groups",), ["hidden", "shown", "control"], ["control", "hidden", "shown"]),
+        (("blocks", 0, "episodes"), 12, 6),
+    ]
+    assert [(path, before["name"], after) for path, before, after in summary[4:]] == [(("blocks", 4), "lava", None)]
     again = page.client.post("/api/new", json={"name": "two-days-again", "copy_of": page.key})
     assert (again.status_code, again.json()["error"]) == (409, "exists")
 
@@ -266,6 +280,19 @@ def test_a_strangers_worlds_are_neither_loaded_nor_run_before_they_are_trusted(
     assert "which you do not trust yet" in page.document["mistakes"][0]["message"]
     report = page.client.get("/api/check", params={"key": page.key}).json()
     assert "which you do not trust yet" in report["mistakes"][0]["message"]
+
+
+def test_names_of_earlier_versions_are_named_and_left_alone(page: Page) -> None:
+    page.file.write_bytes(TOML.replace(b"final_frame_ms = 600", b"hold_ms = 600", 1))
+    (old_name,) = page.read()["read_only"]
+    assert old_name == {
+        "path": ["blocks", 0, "hold_ms"],
+        "line": page.document["lines"]["blocks[0].hold_ms"],
+        "message": "is now called 'final_frame_ms'",
+    }
+    assert page.document["mistakes"] == []
+    page.edit("set", "blocks", 0, "episodes", value=8)
+    assert b"hold_ms = 600" in page.file.read_bytes()
 
 
 def test_check_says_what_the_command_says(page: Page) -> None:
