@@ -68,19 +68,19 @@ class TomlDocument:
 
     def find(self, path: Steps) -> Any:
         """Return the value at a path; `MISSING` if there is none."""
-        value: Any = self.tree
+        content: Any = self.tree
         for step in path:
-            if isinstance(value, dict) and step in value:
-                value = value[str(step)]
-            elif isinstance(value, list) and isinstance(step, int) and 0 <= step < len(value):
-                value = value[step]
+            if isinstance(content, dict) and step in content:
+                content = content[str(step)]
+            elif isinstance(content, list) and isinstance(step, int) and 0 <= step < len(content):
+                content = content[step]
             else:
                 return MISSING
-        return value
+        return content
 
-    def line_of(self, path: Steps) -> int:
+    def find_line(self, path: Steps) -> int:
         """Return the line of a path, or of the nearest table around it."""
-        return self.spans.line_of(self.spans.position_of(path))
+        return self.spans.find_line(self.spans.position_of(path))
 
     def literal(self, path: Steps) -> str:
         """Return how the value at a path is written; "" if it is a table with a header, or missing."""
@@ -89,12 +89,12 @@ class TomlDocument:
             return ""
         return self.text[span.begin : span.end]
 
-    def set(self, path: Steps, value: Any, literal: str = "") -> "TomlDocument":
+    def set(self, path: Steps, content: Any, literal: str = "") -> "TomlDocument":
         """Give a field a value; a field that is missing is added.
 
         Args:
             path: the field.
-            value: the value, which may be a table or a list.
+            content: the value, which may be a table or a list.
             literal: how to write the value, if it is written in one place.
 
         Raises:
@@ -102,18 +102,20 @@ class TomlDocument:
         """
         current = self.find(path)
         if current is MISSING:
-            return self._add(path, value)
-        if is_same_value(current, value):
+            return self._add(path, content)
+        if is_same_value(current, content):
             return self
-        if isinstance(value, Mapping) and isinstance(current, dict):
-            return self._set_members(path, current, value)
-        if isinstance(value, list) and isinstance(current, list):
-            return self._set_elements(path, current, value)
+        if isinstance(content, Mapping) and isinstance(current, dict):
+            return self._set_members(path, current, content)
+        if isinstance(content, list) and isinstance(current, list):
+            return self._set_elements(path, current, content)
         span = self.spans.values.get(path)
         if span is None:
-            return self.remove(path)._add(path, value)
+            return self.remove(path)._add(path, content)
         return self._rewrite(
-            [(span.begin, span.end, literal or self._format(path, value))], path, lambda tree: _put(tree, path, value)
+            [(span.begin, span.end, literal or self._format(path, content))],
+            path,
+            lambda tree: _put(tree, path, content),
         )
 
     def remove(self, path: Steps) -> "TomlDocument":
@@ -133,12 +135,12 @@ class TomlDocument:
             ranges += [(*self._keep_last_line_open(pair.begin, pair.end), "") for pair in dotted]
         return self._rewrite(ranges, path, lambda tree: self._delete(tree, path))
 
-    def insert(self, path: Steps, value: Any, literal: str = "") -> "TomlDocument":
+    def insert(self, path: Steps, content: Any, literal: str = "") -> "TomlDocument":
         """Insert an element into a list so that it gets the number with which the path ends.
 
         Args:
             path: the list, and the element's number in it.
-            value: the element.
+            content: the element.
             literal: the element's text, if it is one that was taken from the file.
 
         Raises:
@@ -147,16 +149,16 @@ class TomlDocument:
         array, number = path[:-1], path[-1]
         current = self.find(array)
         if current is MISSING and number == 0:
-            return self._add(array, [value])
+            return self._add(array, [content])
         if not isinstance(current, list) or not isinstance(number, int) or not 0 <= number <= len(current):
             raise self._refuse(f"there is no place {number!r} in {format_path(array)}", path)
         if array in self.spans.values:
-            ranges = self._insert_inline(array, number, literal or self._format(path, value))
-        elif not isinstance(value, Mapping):
-            raise self._refuse(f"{value!r} is not a table, as the elements of {format_path(array)} are", path)
+            ranges = self._insert_inline(array, number, literal or self._format(path, content))
+        elif not isinstance(content, Mapping):
+            raise self._refuse(f"{content!r} is not a table, as the elements of {format_path(array)} are", path)
         else:
-            ranges = [self._insert_block(array, number, literal or self._format_section(array, value, True))]
-        return self._rewrite(ranges, path, lambda tree: _get(tree, array).insert(number, deepcopy(value)))
+            ranges = [self._insert_block(array, number, literal or self._format_section(array, content, True))]
+        return self._rewrite(ranges, path, lambda tree: _get(tree, array).insert(number, deepcopy(content)))
 
     def move(self, path: Steps, to: int) -> "TomlDocument":
         """Move an element of a list so that it gets another number; comments above a table's header go with it.
@@ -190,58 +192,58 @@ class TomlDocument:
         text = self.text[slice(*self._find_element(path))]
         return self.insert((*path[:-1], number + 1), self.find(path), text)
 
-    def _set_members(self, path: Steps, current: Mapping[str, Any], value: Mapping[str, Any]) -> "TomlDocument":
+    def _set_members(self, path: Steps, current: Mapping[str, Any], content: Mapping[str, Any]) -> "TomlDocument":
         document = self
-        for key, member in value.items():
+        for key, member in content.items():
             document = document.set((*path, key), member)
         for key in current:
-            if key not in value:
+            if key not in content:
                 document = document.remove((*path, key))
         return document
 
-    def _set_elements(self, path: Steps, current: Sequence[Any], value: Sequence[Any]) -> "TomlDocument":
+    def _set_elements(self, path: Steps, current: Sequence[Any], content: Sequence[Any]) -> "TomlDocument":
         """Change the elements between those that the old and the new list have in common at both ends."""
-        shorter = min(len(current), len(value))
-        same = (is_same_value(old, new) for old, new in zip(current, value, strict=False))
+        shorter = min(len(current), len(content))
+        same = (is_same_value(old, new) for old, new in zip(current, content, strict=False))
         before = next((place for place, is_same in enumerate(same) if not is_same), shorter)
-        same = (is_same_value(old, new) for old, new in zip(reversed(current), reversed(value), strict=False))
+        same = (is_same_value(old, new) for old, new in zip(reversed(current), reversed(content), strict=False))
         after = next((place for place, is_same in enumerate(same) if not is_same), shorter)
         after = min(after, shorter - before)
         document = self
         for place in range(before, shorter - after):
-            document = document.set((*path, place), value[place])
-        for place in range(shorter - after, len(value) - after):
-            document = document.insert((*path, place), value[place])
+            document = document.set((*path, place), content[place])
+        for place in range(shorter - after, len(content) - after):
+            document = document.insert((*path, place), content[place])
         for place in reversed(range(shorter - after, len(current) - after)):
             document = document.remove((*path, place))
         return document
 
-    def _add(self, path: Steps, value: Any) -> "TomlDocument":
+    def _add(self, path: Steps, content: Any) -> "TomlDocument":
         """Add a field, with the table that contains it if that is missing."""
         parent, key = path[:-1], path[-1]
         table = self.find(parent)
         if table is MISSING:
-            return self._add(parent, [value] if key == 0 else {str(key): value})
+            return self._add(parent, [content] if key == 0 else {str(key): content})
         if isinstance(table, list):
-            return self.insert(path, value)
+            return self.insert(path, content)
         if not isinstance(table, dict) or not isinstance(key, str):
             raise self._refuse(f"{format_path(parent)} is not a table, so it has no {key!r}", path)
         if parent in self.spans.values:
-            ranges = self._insert_inline(parent, len(table), f"{format_key(key)} = {self._format(path, value)}")
+            ranges = self._insert_inline(parent, len(table), f"{format_key(key)} = {self._format(path, content)}")
         else:
-            ranges = [self._insert_field(parent, key, value)]
-        return self._rewrite(ranges, path, lambda tree: _put(tree, path, value))
+            ranges = [self._insert_field(parent, key, content)]
+        return self._rewrite(ranges, path, lambda tree: _put(tree, path, content))
 
-    def _insert_field(self, parent: Steps, key: str, value: Any) -> Replacement:
+    def _insert_field(self, parent: Steps, key: str, content: Any) -> Replacement:
         """Return the replacement that adds a field to a table that is not inline."""
         sections = [section for section in self.spans.sections if section.path == parent]
         pairs = self._list_dotted_pairs(parent)
         is_implicit = not sections and not pairs  # only tables below it have headers
-        is_table = isinstance(value, Mapping) or _is_list_of_tables(value)
-        if is_table and (parent == () or is_implicit or _needs_header(value)):
-            return self._append_block(parent, self._format_member((*parent, key), value))
+        is_table = isinstance(content, Mapping) or _is_list_of_tables(content)
+        if is_table and (parent == () or is_implicit or _needs_header(content)):
+            return self._append_block(parent, self._format_member((*parent, key), content))
         if is_implicit:
-            header = self._format_section(parent, {key: value}, False)
+            header = self._format_section(parent, {key: content}, False)
             below = next(section for section in self.spans.sections if is_below(section.path, parent))
             begin, _ = find_core(self.spans, (below, below))
             return begin, begin, f"{header}{self.newline}{self.newline}"
@@ -253,7 +255,7 @@ class TomlDocument:
             names = ".".join(format_key(str(step)) for step in (*parent, key)[len(section.path) :])
         position = own[-1].end if own else section.header_end
         indent = re.match(r"[ \t]*", self.text[own[-1].begin :]) if own else None
-        line = f"{indent[0] if indent else ''}{names} = {self._format((*parent, key), value)}"
+        line = f"{indent[0] if indent else ''}{names} = {self._format((*parent, key), content)}"
         return position, position, self._fit_line(position, line)
 
     def _fit_line(self, position: int, line: str) -> str:
@@ -262,9 +264,9 @@ class TomlDocument:
             return f"{self.newline}{line}"
         return f"{line}{self.newline}"
 
-    def _format(self, path: Steps, value: Any) -> str:
+    def _format(self, path: Steps, content: Any) -> str:
         try:
-            return format_literal(value, self.literal(path), self.newline)
+            return format_literal(content, self.literal(path), self.newline)
         except ValueError as error:
             raise self._refuse(str(error), path) from None
 
@@ -274,22 +276,22 @@ class TomlDocument:
         header = f"[[{name}]]" if is_element else f"[{name}]"
         lines = [header]
         tables = []
-        for key, value in table.items():
-            if _needs_header(value):
-                tables.append(self._format_member((*path, key), value))
+        for key, content in table.items():
+            if _needs_header(content):
+                tables.append(self._format_member((*path, key), content))
             else:
-                lines.append(f"{format_key(key)} = {self._format((*path, key), value)}")
+                lines.append(f"{format_key(key)} = {self._format((*path, key), content)}")
         return (self.newline * 2).join([self.newline.join(lines), *tables])
 
-    def _format_member(self, path: Steps, value: Any) -> str:
+    def _format_member(self, path: Steps, content: Any) -> str:
         """Return the lines of a value that has headers: a table, or a list of tables."""
-        if isinstance(value, list):
-            return (self.newline * 2).join(self._format_section(path, element, True) for element in value)
-        if value and all(isinstance(member, Mapping) for member in value.values()):
+        if isinstance(content, list):
+            return (self.newline * 2).join(self._format_section(path, element, True) for element in content)
+        if content and all(isinstance(member, Mapping) for member in content.values()):
             return (self.newline * 2).join(
-                self._format_section((*path, key), member, False) for key, member in value.items()
+                self._format_section((*path, key), member, False) for key, member in content.items()
             )
-        return self._format_section(path, value, False)
+        return self._format_section(path, content, False)
 
     def _insert_block(self, array: Steps, number: int, block: str) -> Replacement:
         """Return the replacement that puts an element with a header in its place in an array of tables."""
@@ -425,7 +427,7 @@ class TomlDocument:
         return document
 
     def _refuse(self, problem: str, path: Steps) -> NotEditableError:
-        line = self.line_of(path)
+        line = self.find_line(path)
         return NotEditableError(f"line {line}: {problem}; edit the file", path, line)
 
 
@@ -448,20 +450,20 @@ def is_same_value(first: Any, second: Any) -> bool:
     return bool(first == second) or (first != first and second != second)  # not-a-numbers are the same
 
 
-def _is_list_of_tables(value: Any) -> bool:
-    return isinstance(value, list) and bool(value) and all(isinstance(element, Mapping) for element in value)
+def _is_list_of_tables(content: Any) -> bool:
+    return isinstance(content, list) and bool(content) and all(isinstance(element, Mapping) for element in content)
 
 
-def _needs_header(value: Any) -> bool:
+def _needs_header(content: Any) -> bool:
     """Return whether a value is written with a header: lists of tables, tables of tables, and long ones."""
-    if _is_list_of_tables(value):
+    if _is_list_of_tables(content):
         return True
-    if not isinstance(value, Mapping) or not value:
+    if not isinstance(content, Mapping) or not content:
         return False
-    if all(isinstance(member, Mapping) for member in value.values()):
+    if all(isinstance(member, Mapping) for member in content.values()):
         return True
     try:
-        return len(format_literal(value)) > LONGEST_LINE
+        return len(format_literal(content)) > LONGEST_LINE
     except ValueError:
         return False
 
@@ -472,8 +474,8 @@ def _get(tree: Any, path: Steps) -> Any:
     return tree
 
 
-def _put(tree: dict[str, Any], path: Steps, value: Any) -> None:
-    _get(tree, path[:-1])[path[-1]] = deepcopy(value)
+def _put(tree: dict[str, Any], path: Steps, content: Any) -> None:
+    _get(tree, path[:-1])[path[-1]] = deepcopy(content)
 
 
 def _move(elements: list[Any], number: int, to: int) -> None:

@@ -74,8 +74,8 @@ def find_violation(study_dir: Path, old: dict[str, Any], new: dict[str, Any], to
         steps = tuple(pattern.split("."))
         before = _collect(old, steps)
         after = _collect(new, steps)
-        for name, value in before.items():
-            if name not in after or not is_same_value(value, after[name]):
+        for name, content in before.items():
+            if name not in after or not is_same_value(content, after[name]):
                 return _place(old, steps, name), f"{format_path(steps)} cannot be changed, as {reason}"
         if "*" not in steps and after.keys() > before.keys():
             return steps, f"{format_path(steps)} cannot be added, as {reason}"
@@ -85,12 +85,12 @@ def find_violation(study_dir: Path, old: dict[str, Any], new: dict[str, Any], to
 def _collect(tree: dict[str, Any], pattern: Steps) -> dict[str, Any]:
     """Return the values of a pattern by the name of the part that has them, so that a part may move."""
     values = {}
-    for path, value in list_values(tree, tuple(map(str, pattern))):
+    for path, content in list_values(tree, tuple(map(str, pattern))):
         owner = tree
         for step in path[:2]:
             owner = owner[step]  # type: ignore[index] # the path leads through tables and lists
         name = owner.get("name", path[1]) if "*" in pattern else ""
-        values[str(name)] = value
+        values[str(name)] = content
     return values
 
 

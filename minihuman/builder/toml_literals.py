@@ -20,47 +20,47 @@ def format_key(key: str) -> str:
     return _format_basic(key)
 
 
-def format_literal(value: Any, old: str = "", newline: str = "\n") -> str:
+def format_literal(content: Any, old: str = "", newline: str = "\n") -> str:
     """Format a value as TOML.
 
     Args:
-        value: the value; a table becomes an inline table.
+        content: the value; a table becomes an inline table.
         old: the literal that it replaces: its quotes stay, and a number with a point stays one.
         newline: how lines end in the file.
 
     Raises:
         ValueError: if TOML has no such value.
     """
-    match value:
+    match content:
         case bool():
-            return str(value).lower()
+            return str(content).lower()
         case int():
-            return _format_integer(value, old)
+            return _format_integer(content, old)
         case float():
-            return _format_float(value)
+            return _format_float(content)
         case str():
-            return _format_string(value, old, newline)
+            return _format_string(content, old, newline)
         case datetime() | date() | time():
-            return value.isoformat()
+            return content.isoformat()
         case Mapping():
-            members = ", ".join(f"{format_key(key)} = {_format_inline(member)}" for key, member in value.items())
+            members = ", ".join(f"{format_key(key)} = {_format_inline(member)}" for key, member in content.items())
             return f"{{ {members} }}" if members else "{}"
         case Sequence():
-            return _format_list(value, newline)
-    raise ValueError(f"{value!r} is not a value that TOML has")
+            return _format_list(content, newline)
+    raise ValueError(f"{content!r} is not a value that TOML has")
 
 
-def _format_inline(value: Any) -> str:
+def _format_inline(content: Any) -> str:
     """Format a value inside an inline table, which has no line breaks of its own."""
-    match value:
+    match content:
         case str():
-            return _format_basic(value)
+            return _format_basic(content)
         case Mapping():
-            return format_literal(value)
+            return format_literal(content)
         case Sequence():
-            return f"[{', '.join(map(_format_inline, value))}]"
+            return f"[{', '.join(map(_format_inline, content))}]"
         case _:
-            return format_literal(value)
+            return format_literal(content)
 
 
 def _format_list(elements: Sequence[Any], newline: str) -> str:
@@ -72,18 +72,18 @@ def _format_list(elements: Sequence[Any], newline: str) -> str:
     return f"[{newline}" + "".join(f"    {literal},{newline}" for literal in literals) + "]"
 
 
-def _format_integer(value: int, old: str) -> str:
-    if not -_MAX_INTEGER - 1 <= value <= _MAX_INTEGER:
-        raise ValueError(f"{value} is not an integer of 64 bits, which are those that TOML has")
+def _format_integer(content: int, old: str) -> str:
+    if not -_MAX_INTEGER - 1 <= content <= _MAX_INTEGER:
+        raise ValueError(f"{content} is not an integer of 64 bits, which are those that TOML has")
     if is_float_literal(old):
-        return _format_float(float(value))
-    return str(value)
+        return _format_float(float(content))
+    return str(content)
 
 
-def _format_float(value: float) -> str:
-    if math.isnan(value):
+def _format_float(content: float) -> str:
+    if math.isnan(content):
         return "nan"
-    return repr(value).replace("e+", "e")
+    return repr(content).replace("e+", "e")
 
 
 def is_float_literal(literal: str) -> bool:

@@ -145,7 +145,7 @@ def _state(row: SessionRow, running: set[str]) -> str:
 def find_studies(folder: Path, data: Path) -> list[StudyEntry]:
     """Find a folder's studies: files with a ``[study]`` table, then sessions without a protocol."""
     studies = []
-    for path in sorted({*folder.glob("*.toml"), *folder.glob("*/*.toml")}):
+    for path in sorted({*folder.glob("*.toml"), *folder.glob("[!.]*/*.toml")}):
         key = str(path.relative_to(folder))
         name = path.stem
         problem = ""
@@ -266,7 +266,7 @@ class StartPage:
             ]
         )
         reports = Router([Route("/{path:path}", self._report)])
-        return Starlette(
+        application = Starlette(
             routes=[
                 Mount(self._reports_path, HeaderMiddleware(reports, build_headers(policy=_REPORT_POLICY))),
                 *(Mount(f"{self.path}{path}", room) for path, room in self._rooms.items()),
@@ -274,6 +274,8 @@ class StartPage:
             ],
             middleware=[Middleware(TrustedHostMiddleware, allowed_hosts=[HOST])],
         )
+        application.state.reports_path = self._reports_path  # rooms link to reports
+        return application
 
     def close(self) -> None:
         """Stop all running commands except sessions."""
@@ -283,7 +285,14 @@ class StartPage:
 
     def _page(self, kind: str, **values: object) -> HTMLResponse:
         return HTMLResponse(
-            self._template.render(kind=kind, root=self.path, reports=self._reports_path, urlencode=urlencode, **values)
+            self._template.render(
+                kind=kind,
+                root=self.path,
+                reports=self._reports_path,
+                rooms=tuple(self._rooms),
+                urlencode=urlencode,
+                **values,
+            )
         )
 
     def _show_home(self, _: Request) -> Response:
