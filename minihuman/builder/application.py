@@ -8,8 +8,8 @@ from starlette.responses import Response
 from starlette.routing import Route, Router
 from starlette.types import ASGIApp
 
-from minihuman.builder.api import BuilderApi
 from minihuman.builder.preview_api import PreviewApi
+from minihuman.builder.study_api import BuilderApi
 from minihuman.web.http_security import build_headers
 from minihuman.web.server.page_routes import HeaderMiddleware
 
@@ -29,9 +29,13 @@ _TYPES = {
 }
 
 
-def build_application(folder: Path, data: Path) -> ASGIApp:
-    """Build the builder for a folder of protocols; ``data`` is the folder of the studies' data."""
-    routes = [*BuilderApi(folder, data).routes(), *PreviewApi(folder, data).routes(), *_build_page_routes()]
+def build_application(folder: Path, data_folder: Path) -> ASGIApp:
+    """Build the builder for a folder of protocols; ``data_folder`` is the folder of the studies' data."""
+    routes = [
+        *BuilderApi(folder, data_folder).routes(),
+        *PreviewApi(folder, data_folder).routes(),
+        *_build_page_routes(),
+    ]
     return HeaderMiddleware(Router(routes), build_headers(policy=_POLICY))
 
 

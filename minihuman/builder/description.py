@@ -65,7 +65,7 @@ def list_mistakes(error: MinihumanError, source: str, content: bytes) -> list[Mi
     else:
         lines = getattr(error, "mistakes", ()) or (str(error),)
         places = [_place_message(line, source, tree) for line in lines]
-    return [Mistake(list(path), document.line_of(path), message) for path, message in places]
+    return [Mistake(list(path), document.find_line(path), message) for path, message in places]
 
 
 def _place_message(line: str, source: str, tree: Mapping[str, Any]) -> tuple[Steps, str]:
@@ -98,7 +98,7 @@ def list_parts(tree: dict[str, Any], document: TomlDocument | None) -> list[Part
             path: Steps = (table, number)
             name = str(row.get("name", ""))
             kind = str(row.get("kind", usual_kind)) if table in _OWN_KINDS else usual_kind
-            line = document.line_of(path) if document else 1
+            line = document.find_line(path) if document else 1
             uses = [lane.group for lane in lanes if name in lane.parts or name in lane.replaced.values()]
             uses += [str(order.get("name")) for order in _rows(tree, "orders") if name in str(order.get("parts"))]
             title = row.get("title", "")
@@ -142,7 +142,7 @@ def list_old_names(tree: dict[str, Any], document: TomlDocument) -> list[Mistake
     """Return the fields and values under names of earlier versions, which the forms do not show."""
     renamed = use_current_names(tree).renamed
     places = [(parse_path(path), message) for path, message in renamed]
-    return [Mistake(list(path), document.line_of(path), message) for path, message in places]
+    return [Mistake(list(path), document.find_line(path), message) for path, message in places]
 
 
 def list_lines(document: TomlDocument) -> dict[str, int]:

@@ -4,15 +4,15 @@ from collections.abc import Iterator
 from typing import Any
 
 from minihuman.builder.document import is_same_value
-from minihuman.builder.messages import Difference, Path
+from minihuman.builder.messages import FieldDifference, Path
 
 
-def list_differences(before: dict[str, Any], after: dict[str, Any]) -> Iterator[Difference]:
+def list_differences(before: dict[str, Any], after: dict[str, Any]) -> Iterator[FieldDifference]:
     """Yield the fields in which two protocols differ; a field that one of them lacks is None there."""
     yield from _compare(before, after, [])
 
 
-def _compare(before: Any, after: Any, path: Path) -> Iterator[Difference]:
+def _compare(before: Any, after: Any, path: Path) -> Iterator[FieldDifference]:
     if is_same_value(before, after):
         return
     if isinstance(before, dict) and isinstance(after, dict):
@@ -22,7 +22,7 @@ def _compare(before: Any, after: Any, path: Path) -> Iterator[Difference]:
     names_before = _index_by_name(before)
     names_after = _index_by_name(after)
     if names_before is None or names_after is None:
-        yield Difference(path, before, after)
+        yield FieldDifference(path, before, after)
         return
     for name in dict.fromkeys([*names_before, *names_after]):
         number_before, table_before = names_before.get(name, (0, None))
@@ -30,7 +30,7 @@ def _compare(before: Any, after: Any, path: Path) -> Iterator[Difference]:
         yield from _compare(table_before, table_after, [*path, number])
     common = [name for name in names_before if name in names_after]
     if common != [name for name in names_after if name in names_before]:
-        yield Difference(path, list(names_before), list(names_after))
+        yield FieldDifference(path, list(names_before), list(names_after))
 
 
 def _index_by_name(content: Any) -> dict[str, tuple[int, dict[str, Any]]] | None:

@@ -78,9 +78,9 @@ class TomlDocument:
                 return MISSING
         return content
 
-    def line_of(self, path: Steps) -> int:
+    def find_line(self, path: Steps) -> int:
         """Return the line of a path, or of the nearest table around it."""
-        return self.spans.line_of(self.spans.position_of(path))
+        return self.spans.find_line(self.spans.position_of(path))
 
     def literal(self, path: Steps) -> str:
         """Return how the value at a path is written; "" if it is a table with a header, or missing."""
@@ -94,7 +94,7 @@ class TomlDocument:
 
         Args:
             path: the field.
-            value: the value, which may be a table or a list.
+            content: the value, which may be a table or a list.
             literal: how to write the value, if it is written in one place.
 
         Raises:
@@ -113,7 +113,9 @@ class TomlDocument:
         if span is None:
             return self.remove(path)._add(path, content)
         return self._rewrite(
-            [(span.begin, span.end, literal or self._format(path, content))], path, lambda tree: _put(tree, path, content)
+            [(span.begin, span.end, literal or self._format(path, content))],
+            path,
+            lambda tree: _put(tree, path, content),
         )
 
     def remove(self, path: Steps) -> "TomlDocument":
@@ -138,7 +140,7 @@ class TomlDocument:
 
         Args:
             path: the list, and the element's number in it.
-            value: the element.
+            content: the element.
             literal: the element's text, if it is one that was taken from the file.
 
         Raises:
@@ -153,7 +155,7 @@ class TomlDocument:
         if array in self.spans.values:
             ranges = self._insert_inline(array, number, literal or self._format(path, content))
         elif not isinstance(content, Mapping):
-            raise self._refuse(f"{value!r} is not a table, as the elements of {format_path(array)} are", path)
+            raise self._refuse(f"{content!r} is not a table, as the elements of {format_path(array)} are", path)
         else:
             ranges = [self._insert_block(array, number, literal or self._format_section(array, content, True))]
         return self._rewrite(ranges, path, lambda tree: _get(tree, array).insert(number, deepcopy(content)))
@@ -227,7 +229,7 @@ class TomlDocument:
         if not isinstance(table, dict) or not isinstance(key, str):
             raise self._refuse(f"{format_path(parent)} is not a table, so it has no {key!r}", path)
         if parent in self.spans.values:
-            ranges = self._insert_inline(parent, len(table), f"{format_key(key)} = {self._format(path, value)}")
+            ranges = self._insert_inline(parent, len(table), f"{format_key(key)} = {self._format(path, content)}")
         else:
             ranges = [self._insert_field(parent, key, content)]
         return self._rewrite(ranges, path, lambda tree: _put(tree, path, content))
@@ -253,7 +255,7 @@ class TomlDocument:
             names = ".".join(format_key(str(step)) for step in (*parent, key)[len(section.path) :])
         position = own[-1].end if own else section.header_end
         indent = re.match(r"[ \t]*", self.text[own[-1].begin :]) if own else None
-        line = f"{indent[0] if indent else ''}{names} = {self._format((*parent, key), value)}"
+        line = f"{indent[0] if indent else ''}{names} = {self._format((*parent, key), content)}"
         return position, position, self._fit_line(position, line)
 
     def _fit_line(self, position: int, line: str) -> str:
@@ -278,7 +280,7 @@ class TomlDocument:
             if _needs_header(content):
                 tables.append(self._format_member((*path, key), content))
             else:
-                lines.append(f"{format_key(key)} = {self._format((*path, key), value)}")
+                lines.append(f"{format_key(key)} = {self._format((*path, key), content)}")
         return (self.newline * 2).join([self.newline.join(lines), *tables])
 
     def _format_member(self, path: Steps, content: Any) -> str:
@@ -425,7 +427,7 @@ class TomlDocument:
         return document
 
     def _refuse(self, problem: str, path: Steps) -> NotEditableError:
-        line = self.line_of(path)
+        line = self.find_line(path)
         return NotEditableError(f"line {line}: {problem}; edit the file", path, line)
 
 

@@ -111,9 +111,9 @@ def _estimate_questions(questionnaire: QuestionnaireSpec, language: str) -> Seco
     if questionnaire.form in SHIPPED_FORMS:
         items = load_form(questionnaire.form, language).items
     total = _NOTHING
-    for item in items:
-        n_answers = max(1, len(item.statements or ()))
-        total = total.plus(_estimate_reading(item.ask)).plus(Seconds(*_QUESTION_S).times(n_answers))
+    for question in items:
+        n_answers = max(1, len(question.statements or ()))
+        total = total.plus(_estimate_reading(question.ask)).plus(Seconds(*_QUESTION_S).times(n_answers))
     return total
 
 

@@ -11,7 +11,7 @@ import msgspec
 
 from minihuman.activities.play.plan import PlayPlan
 from minihuman.activities.questions.question import find_question_kind
-from minihuman.builder.messages import Choice, Form, FormField, Kinds, PartKind
+from minihuman.builder.messages import Choice, FieldForm, FormField, Kinds, PartKind
 from minihuman.builder.shipped_studies import find_example, list_used_fields
 from minihuman.errors import ProtocolError
 from minihuman.experiment.keys import BUTTON_NAMES
@@ -68,7 +68,7 @@ _OPTIONAL_TABLES = ("agent", "team", "timeline")  # of blocks: only some kinds h
 _NOT_PARTS = frozenset({"page", "questions", "keyboard_check", "debrief"})  # kinds with tables of their own, or none
 
 
-def build_form(table: str, kind: str = "") -> Form:
+def build_form(table: str, kind: str = "") -> FieldForm:
     """Build the form of a table.
 
     Args:
@@ -87,7 +87,7 @@ def build_form(table: str, kind: str = "") -> Form:
         for name, field in definition["properties"].items()
         if not _is_useless(table, name, kind)
     ]
-    return Form(table, heading, _first_paragraph(definition), fields)
+    return FieldForm(table, heading, _first_paragraph(definition), fields)
 
 
 def list_kinds() -> Kinds:
@@ -226,21 +226,21 @@ def _list_choices(path: str, options: list[Schema]) -> list[Choice]:
     return [Choice(value, str(value)) for value in values]
 
 
-def _build_settings_form(table: str, kind: str) -> Form:
+def _build_settings_form(table: str, kind: str) -> FieldForm:
     """Build the form of the settings of a kind of question, which has a struct of its own."""
     try:
         settings = find_question_kind(kind).settings
     except ProtocolError:
         settings = None
     if settings is None:
-        return Form(table, f"[{table}]", "", [])
+        return FieldForm(table, f"[{table}]", "", [])
     schema = msgspec.json.schema(settings)
     definition = schema["$defs"][settings.__name__]
     fields = [
         _build_field(f"{table}.{name}", field, name in definition.get("required", ()), True)
         for name, field in definition["properties"].items()
     ]
-    return Form(table, f"[{table}]", _first_paragraph(definition), fields)
+    return FieldForm(table, f"[{table}]", _first_paragraph(definition), fields)
 
 
 def _first_paragraph(definition: Schema) -> str:

@@ -9,12 +9,12 @@ from pathlib import Path
 from minihuman.storage.durable_files import replace_durably
 from minihuman.storage.system import current_system
 
-FOLDER = ".minihuman-history"  # with a folder for each file
+HISTORY_FOLDER = ".minihuman-history"  # with a folder for each file
 LONGEST = 500  # versions of a file
 _SUFFIX = ".version"  # no protocol, so that no list of studies shows it
 
 
-class History:
+class FileHistory:
     """The versions of one file, and which of them the file is.
 
     Args:
@@ -22,7 +22,7 @@ class History:
     """
 
     def __init__(self, path: Path) -> None:
-        self._folder = path.parent / FOLDER / f"{path.name}.history"
+        self._folder = path.parent / HISTORY_FOLDER / f"{path.name}.history"
         self._position: int | None = None  # index of the version that this process wrote last
 
     def record(self, old: bytes, new: bytes) -> None:

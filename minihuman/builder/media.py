@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from minihuman.admin.protocol_file import MAX_PICTURE_BYTES, MAX_PROTOCOL_BYTES
-from minihuman.builder.messages import Media, MediaFile, Refusal, Table, TableRequest
-from minihuman.builder.refusals import EditRefusedError
+from minihuman.builder.edit_errors import EditRefusedError
+from minihuman.builder.messages import EditRefusal, Media, MediaFile, StimulusTable, TableRequest
 from minihuman.storage.durable_files import replace_durably
 from minihuman.storage.outside_names import OutsideNameError, require_name
 
@@ -77,13 +77,13 @@ class MediaFolder:
         path = self._name_new(name)
         if path.exists() and not replace and path.read_bytes() != content:
             raise EditRefusedError(
-                Refusal("exists", f"there is another {name} already; replace it, or rename the file")
+                EditRefusal("exists", f"there is another {name} already; replace it, or rename the file")
             )
         with replace_durably(path, mode=0o644) as file:
             file.write(content)
         return self.list_files()
 
-    def read_table(self, name: str) -> Table:
+    def read_table(self, name: str) -> StimulusTable:
         """Read a table of stimuli.
 
         Raises:
@@ -92,9 +92,9 @@ class MediaFolder:
         content, _ = self.read(name)
         rows, _ = _parse_table(content, name)
         columns, *others = rows or [[]]
-        return Table(name, hashlib.sha256(content).hexdigest(), columns, [row for row in others if row])
+        return StimulusTable(name, hashlib.sha256(content).hexdigest(), columns, [row for row in others if row])
 
-    def write_table(self, request: TableRequest) -> Table:
+    def write_table(self, request: TableRequest) -> StimulusTable:
         """Write a table of stimuli, and read it again.
 
         Raises:
@@ -108,7 +108,7 @@ class MediaFolder:
             message = (
                 f"{request.name} was changed elsewhere in the meantime; look at it as it is now, and edit it again"
             )
-            raise EditRefusedError(Refusal("conflict", message))
+            raise EditRefusedError(EditRefusal("conflict", message))
         separator = "\t" if path.suffix == ".tsv" else ","
         if old:
             _, separator = _parse_table(old, request.name)
@@ -135,7 +135,7 @@ class MediaFolder:
         except (OSError, ValueError):
             is_inside = False
         if not is_inside:
-            raise EditRefusedError(Refusal("not_there", f"there is no file {name!r} beside the protocol"))
+            raise EditRefusedError(EditRefusal("not_there", f"there is no file {name!r} beside the protocol"))
         return path
 
     def _name_new(self, name: str) -> Path:
@@ -146,10 +146,12 @@ class MediaFolder:
         try:
             require_name(name, "the file")
         except OutsideNameError as error:
-            raise EditRefusedError(Refusal("not_valid", str(error))) from error
+            raise EditRefusedError(EditRefusal("not_valid", str(error))) from error
         if path.suffix.lower() not in MEDIA_TYPES:
             kinds = ", ".join(MEDIA_TYPES)
-            raise EditRefusedError(Refusal("not_valid", f"{name!r} is none of the kinds of file of a study: {kinds}"))
+            raise EditRefusedError(
+                EditRefusal("not_valid", f"{name!r} is none of the kinds of file of a study: {kinds}")
+            )
         return self._folder / name
 
 
@@ -178,7 +180,7 @@ def _parse_table(content: bytes, name: str) -> tuple[list[list[str]], str]:
         return list(csv.reader(io.StringIO(text, newline=""), delimiter=separator, strict=True)), separator
     except (UnicodeDecodeError, csv.Error, TypeError) as error:
         message = f"{name} is not a table ({error}); save it as 'CSV UTF-8'"
-        raise EditRefusedError(Refusal("not_valid", message)) from error
+        raise EditRefusedError(EditRefusal("not_valid", message)) from error
 
 
 def _parse_pasted(text: str) -> list[list[str]]:
@@ -186,24 +188,24 @@ def _parse_pasted(text: str) -> list[list[str]]:
     separator = max(("\t", ",", ";"), key=text.partition("\n")[0].count)
     rows = [row for row in csv.reader(io.StringIO(text, newline=""), delimiter=separator) if any(map(str.strip, row))]
     if not rows:
-        raise EditRefusedError(Refusal("not_valid", "nothing was pasted; copy the cells with the columns' names"))
+        raise EditRefusedError(EditRefusal("not_valid", "nothing was pasted; copy the cells with the columns' names"))
     return [[cell.strip() for cell in row] for row in rows]
 
 
 def _format_table(name: str, columns: Sequence[str], rows: Sequence[Sequence[str]], separator: str) -> bytes:
     if not all(columns) or len(set(columns)) < len(columns) or not columns:
         raise EditRefusedError(
-            Refusal("not_valid", f"the columns of {name} are {', '.join(columns)}; give each a name")
+            EditRefusal("not_valid", f"the columns of {name} are {', '.join(columns)}; give each a name")
         )
     for number, row in enumerate(rows, 1):
         if len(row) > len(columns):
             message = f"row {number} of {name} has {len(row)} cells for {len(columns)} columns; remove the others"
-            raise EditRefusedError(Refusal("not_valid", message))
+            raise EditRefusedError(EditRefusal("not_valid", message))
     padded = [[*row, *[""] * (len(columns) - len(row))] for row in rows]
     text = io.StringIO(newline="")
     csv.writer(text, delimiter=separator, lineterminator="\n").writerows([columns, *padded])
     content = text.getvalue().encode()
     if len(content) > MAX_PROTOCOL_BYTES:
         message = f"{name} would have {len(content)} bytes; a table has {MAX_PROTOCOL_BYTES} at most"
-        raise EditRefusedError(Refusal("not_valid", message))
+        raise EditRefusedError(EditRefusal("not_valid", message))
     return content

@@ -129,7 +129,7 @@ class VersionRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 RefusalReason = Literal["conflict", "restricted", "not_editable", "not_valid", "not_there", "exists", "not_trusted"]
 
 
-class Refusal(msgspec.Struct, frozen=True):
+class EditRefusal(msgspec.Struct, frozen=True):
     """Why a request was not carried out. The file is as before."""
 
     error: RefusalReason
@@ -183,7 +183,7 @@ class NewStudyRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     name: str  # any text; the study's name is made of it
     template: str = ""  # of `Template`
-    copy_of: str = ""  # or the key of a study, whose new version this is
+    source_key: str = ""  # or the key of a study, whose new version this is
     language: str = "en"
 
 
@@ -217,7 +217,7 @@ class FormField(msgspec.Struct, frozen=True):
     common: bool  # required, or used in a shipped study of this kind: shown before the rest
 
 
-class Form(msgspec.Struct, frozen=True):
+class FieldForm(msgspec.Struct, frozen=True):
     """The form of a table."""
 
     table: str  # "blocks", "blocks.stimuli", "questions.items", "questions.items.likert"
@@ -259,7 +259,7 @@ class Media(msgspec.Struct, frozen=True):
     files: list[MediaFile]
 
 
-class Table(msgspec.Struct, frozen=True):
+class StimulusTable(msgspec.Struct, frozen=True):
     """A table of stimuli: a CSV file beside the protocol."""
 
     name: str
@@ -278,7 +278,7 @@ class TableRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     pasted: str = ""  # instead of columns and rows: lines with tabs between the cells, the first line with the names
 
 
-class Difference(msgspec.Struct, frozen=True):
+class FieldDifference(msgspec.Struct, frozen=True):
     """A field in which two protocols differ."""
 
     path: Path  # in the second; in the first if the second lacks it
@@ -291,7 +291,7 @@ class Differences(msgspec.Struct, frozen=True):
 
     key: str
     other: str
-    differences: list[Difference]
+    differences: list[FieldDifference]
 
 
 class CheckReport(msgspec.Struct, frozen=True):

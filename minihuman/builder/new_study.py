@@ -14,8 +14,8 @@ from minihuman.admin.protocol_file import (
 )
 from minihuman.builder.document import TomlDocument
 from minihuman.builder.durations import estimate_durations
-from minihuman.builder.messages import NewStudyRequest, Refusal, Template
-from minihuman.builder.refusals import EditRefusedError
+from minihuman.builder.edit_errors import EditRefusedError
+from minihuman.builder.messages import EditRefusal, NewStudyRequest, Template
 from minihuman.builder.shipped_studies import ShippedStudy, list_shipped_studies
 from minihuman.errors import MinihumanError
 from minihuman.experiment.protocol.protocol import Protocol, build_json_schema, decode_protocol
@@ -78,28 +78,28 @@ def make_study(request: NewStudyRequest, folder: Path, source: Path | None) -> P
     try:
         name = make_study_name(request.name)
         if source is not None:
-            return _copy(source, name, source.parent, is_version=True)
+            return _copy(source, name, source.parent, is_new_version=True)
         for study in list_shipped_studies():
             if study.name == request.template:
-                return _copy(study.path, name, folder, is_version=False)
+                return _copy(study.path, name, folder, is_new_version=False)
         templates = () if request.template in ("", _PLAIN) else (request.template,)
         _require_new(folder / f"{name}.toml")
         return write_draft(ProtocolDraft(name, templates=templates, language=request.language), folder)
     except EditRefusedError:
         raise
     except MinihumanError as error:
-        raise EditRefusedError(Refusal("not_valid", str(error))) from error
+        raise EditRefusedError(EditRefusal("not_valid", str(error))) from error
 
 
-def _copy(source: Path, name: str, folder: Path, *, is_version: bool) -> Path:
+def _copy(source: Path, name: str, folder: Path, *, is_new_version: bool) -> Path:
     """Copy a protocol under another name, with the files that it names; a study with files gets a folder of its own."""
     document = TomlDocument.parse(source.read_bytes().decode()).set(("study", "name"), name)
-    files = {} if is_version else _read_files(source)  # a new version uses the same ones
+    files = {} if is_new_version else _read_files(source)  # a new version uses the same ones
     if files:
         folder = folder / name
     path = folder / f"{name}.toml"
     _require_new(path)
-    if is_version:
+    if is_new_version:
         version = _LAST_NUMBER.sub(lambda number: str(int(number[0]) + 1), str(document.find(("study", "version"))))
         document = document.set(("study", "version"), version)
     for file_name, content in files.items():
@@ -119,7 +119,7 @@ def _read_files(source: Path) -> dict[str, bytes]:
 
 def _require_new(path: Path) -> None:
     if path.exists():
-        raise EditRefusedError(Refusal("exists", f"there is a study {path.name} already; choose another name"))
+        raise EditRefusedError(EditRefusal("exists", f"there is a study {path.name} already; choose another name"))
 
 
 @cache

@@ -1,14 +1,14 @@
 """The builder's previews and trials, as routes below the builder's path; `api` has those of the file.
 
     POST api/preview?key=   ShowRequest -> Preview   a session of the file as it is now
-    POST api/simulate?key=              -> TrialRun  201; twenty simulated participants and their report
-    GET  api/simulate?number=           -> TrialRun
+    POST api/simulate?key=              -> SimulationRun  201; twenty simulated participants and their report
+    GET  api/simulate?number=           -> SimulationRun
     GET  api/world?id=                  -> WorldInfo
     GET  api/world.png?id=                           a picture of a built-in world
     GET  api/template.png?name=                      a picture of a shipped protocol's first world
     GET  api/page                       -> PageInfo  where the desk's other pages are
 
-Requests that change something are refused unless they come from a page of the desk. A refusal is a `Refusal` of
+Requests that change something are refused unless they come from a page of the desk. A refusal is a `EditRefusal` of
 `messages`.
 """
 
@@ -31,10 +31,10 @@ from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import Route
 
-from minihuman.builder.messages import Refusal
+from minihuman.builder.messages import EditRefusal
 from minihuman.builder.new_study import read_template
-from minihuman.builder.preview import Kind, PreviewRequest
 from minihuman.builder.preview_process import PreviewProcess
+from minihuman.builder.preview_server import Kind, PreviewRequest
 from minihuman.builder.trial_runs import SimulatedTrial
 from minihuman.errors import MinihumanError, ProtocolError
 from minihuman.experiment.keys import assign_usual_keys
@@ -82,14 +82,14 @@ class WorldInfo(msgspec.Struct, frozen=True):
         id: the world's id.
         actions: the names of all its actions.
         usual_actions: the actions that a participant usually needs.
-        usual_keys: the keys that its actions usually have, physical key -> action.
+        default_keys: the keys that its actions usually have, physical key -> action.
         max_steps: the length of an episode; 0 if the world has no limit of its own.
     """
 
     id: str
     actions: list[str]
     usual_actions: list[str]
-    usual_keys: dict[str, str]
+    default_keys: dict[str, str]
     max_steps: int
 
 
@@ -98,12 +98,12 @@ class PreviewApi:
 
     Args:
         folder: the folder of the protocols.
-        data: the folder of the studies' data.
+        data_folder: the folder of the studies' data.
     """
 
-    def __init__(self, folder: Path, data: Path) -> None:
+    def __init__(self, folder: Path, data_folder: Path) -> None:
         self._folder = folder
-        self._data = data
+        self._data = data_folder
         self._temporary = tempfile.TemporaryDirectory(prefix="minihuman-trials-", ignore_cleanup_errors=True)
         self._previews = PreviewProcess()
         self._trials: list[SimulatedTrial] = []
@@ -132,13 +132,13 @@ class PreviewApi:
         async def respond(request: Request) -> Response:
             length = read_length(request.headers.get("content-length", "0"), _LONGEST_BYTES)
             if not is_own_request(request.headers) or length is None:
-                refusal = Refusal("not_trusted", "the request is not of the desk's own page; reload the page")
+                refusal = EditRefusal("not_trusted", "the request is not of the desk's own page; reload the page")
                 return _encode(refusal, HTTPStatus.FORBIDDEN)
             body = await request.body()
             try:
                 return _encode(await asyncio.to_thread(answer, request, body), HTTPStatus.OK)
             except (MinihumanError, msgspec.DecodeError) as error:
-                return _encode(Refusal("not_valid", str(error)), HTTPStatus.BAD_REQUEST)
+                return _encode(EditRefusal("not_valid", str(error)), HTTPStatus.BAD_REQUEST)
 
         return respond
 
@@ -161,7 +161,9 @@ class PreviewApi:
     async def _describe_trial(self, request: Request) -> Response:
         number = request.query_params.get("number", "")
         if not number.isdecimal() or int(number) >= len(self._trials):
-            return _encode(Refusal("not_there", "there is no such simulation; start it again"), HTTPStatus.NOT_FOUND)
+            return _encode(
+                EditRefusal("not_there", "there is no such simulation; start it again"), HTTPStatus.NOT_FOUND
+            )
         return _encode(self._trials[int(number)].describe(), HTTPStatus.OK)
 
     async def _describe_page(self, request: Request) -> Response:
@@ -200,11 +202,11 @@ async def _send_world_info(request: Request) -> Response:
     world_id = request.query_params.get("id", "")
     if world_id not in _list_world_ids():
         message = f"{world_id!r} is not a built-in world; its actions are in its own documentation"
-        return _encode(Refusal("not_there", message), HTTPStatus.NOT_FOUND)
+        return _encode(EditRefusal("not_there", message), HTTPStatus.NOT_FOUND)
     try:
         return _encode(await asyncio.to_thread(_describe_world, world_id), HTTPStatus.OK)
     except (MinihumanError, TypeError, ValueError) as error:  # a world that cannot be made without options
-        return _encode(Refusal("not_valid", str(error)), HTTPStatus.BAD_REQUEST)
+        return _encode(EditRefusal("not_valid", str(error)), HTTPStatus.BAD_REQUEST)
 
 
 async def _send_template_picture(request: Request) -> Response:

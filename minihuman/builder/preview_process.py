@@ -13,7 +13,7 @@ from typing import BinaryIO
 
 import msgspec
 
-from minihuman.builder.preview import Preview, PreviewRequest, PreviewServer
+from minihuman.builder.preview_server import Preview, PreviewRequest, PreviewServer
 from minihuman.errors import MinihumanError, ProtocolError
 
 _STOP_S = 5.0

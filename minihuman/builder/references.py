@@ -61,9 +61,9 @@ def _rename_prefixes(document: TomlDocument, old: str, name: str) -> TomlDocumen
     """Rename a questionnaire in measures: answer:QUESTIONS.ITEM, and QUESTIONS.ITEM of strata."""
     for place, measure in _list_matches(document.tree, _PREFIXES):
         kind, colon, question = str(measure).rpartition(":")
-        questions, point, item = question.partition(".")
+        questions, point, rest = question.partition(".")
         if questions == old and (point or place == ("allocation", "stratify_by")):
-            document = document.set(place, f"{kind}{colon}{name}{point}{item}")
+            document = document.set(place, f"{kind}{colon}{name}{point}{rest}")
     return document
 
 

@@ -4,13 +4,13 @@ import re
 
 from minihuman.builder.toml_spans import Section, Spans, Steps, is_below
 
-Run = tuple[Section, Section]  # the first and the last section of a block without others in between
+BlockRun = tuple[Section, Section]  # the first and the last section of a block without others in between
 
 _COMMENT_LINE = re.compile(r"[ \t]*#[^\n]*\n?")
 _BLANK_LINES = re.compile(r"\r?\n?(?:[ \t]*\r?\n)*")
 
 
-def list_runs(spans: Spans, path: Steps) -> list[Run]:
+def list_runs(spans: Spans, path: Steps) -> list[BlockRun]:
     """Return each uninterrupted run of a table and the tables below it, in the order of the text."""
     runs: list[list[Section]] = []
     follows = False
@@ -24,7 +24,7 @@ def list_runs(spans: Spans, path: Steps) -> list[Run]:
     return [(run[0], run[-1]) for run in runs]
 
 
-def find_core(spans: Spans, run: Run) -> tuple[int, int]:
+def find_core(spans: Spans, run: BlockRun) -> tuple[int, int]:
     """Return the span of a block with the comments directly above and below it, without the last line break.
 
     A comment that touches the next header belongs to that.
@@ -44,7 +44,7 @@ def find_core(spans: Spans, run: Run) -> tuple[int, int]:
     return begin, begin + len(spans.text[begin:end].rstrip("\r\n"))
 
 
-def cut_block(spans: Spans, run: Run) -> tuple[int, int]:
+def cut_block(spans: Spans, run: BlockRun) -> tuple[int, int]:
     """Return the span of a block with the blank lines behind it, or with those before it at the end of the text."""
     begin, end = find_core(spans, run)
     gap = _BLANK_LINES.match(spans.text, end)

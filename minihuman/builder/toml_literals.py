@@ -24,7 +24,7 @@ def format_literal(content: Any, old: str = "", newline: str = "\n") -> str:
     """Format a value as TOML.
 
     Args:
-        value: the value; a table becomes an inline table.
+        content: the value; a table becomes an inline table.
         old: the literal that it replaces: its quotes stay, and a number with a point stays one.
         newline: how lines end in the file.
 
@@ -47,7 +47,7 @@ def format_literal(content: Any, old: str = "", newline: str = "\n") -> str:
             return f"{{ {members} }}" if members else "{}"
         case Sequence():
             return _format_list(content, newline)
-    raise ValueError(f"{value!r} is not a value that TOML has")
+    raise ValueError(f"{content!r} is not a value that TOML has")
 
 
 def _format_inline(content: Any) -> str:
@@ -58,7 +58,7 @@ def _format_inline(content: Any) -> str:
         case Mapping():
             return format_literal(content)
         case Sequence():
-            return f"[{', '.join(map(_format_inline, value))}]"
+            return f"[{', '.join(map(_format_inline, content))}]"
         case _:
             return format_literal(content)
 
@@ -74,7 +74,7 @@ def _format_list(elements: Sequence[Any], newline: str) -> str:
 
 def _format_integer(content: int, old: str) -> str:
     if not -_MAX_INTEGER - 1 <= content <= _MAX_INTEGER:
-        raise ValueError(f"{value} is not an integer of 64 bits, which are those that TOML has")
+        raise ValueError(f"{content} is not an integer of 64 bits, which are those that TOML has")
     if is_float_literal(old):
         return _format_float(float(content))
     return str(content)

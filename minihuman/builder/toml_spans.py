@@ -73,7 +73,7 @@ class Spans:
     sections: list[Section]
     values: dict[Steps, Value]
 
-    def line_of(self, position: int) -> int:
+    def find_line(self, position: int) -> int:
         """Return the number of the line that contains a position, from 1."""
         return self.text.count("\n", 0, position) + 1
 

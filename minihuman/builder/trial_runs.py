@@ -13,7 +13,7 @@ _SHOWN_LINES = 12
 State = Literal["running", "done", "failed"]
 
 
-class TrialRun(msgspec.Struct, frozen=True):
+class SimulationRun(msgspec.Struct, frozen=True):
     """The state of a simulation.
 
     Attributes:
@@ -62,14 +62,14 @@ class SimulatedTrial:
         self._thread = threading.Thread(target=self._run, name="minihuman-simulation", daemon=True)
         self._thread.start()
 
-    def describe(self) -> TrialRun:
+    def describe(self) -> SimulationRun:
         """Describe the state of the run."""
         lines = self._output.read_text(encoding="utf-8", errors="replace").split("\n")
         n_sessions = sum(line.endswith(".mcap") for line in lines)
         report = ""
         if self._state == "done":
             report = f"{self._report_name}/report.html"
-        return TrialRun(
+        return SimulationRun(
             self.number,
             self._state,
             ("simulating participants", "writing the report")[self._step],

@@ -394,7 +394,7 @@ def desk(
     open_desk(folder, data, port=port, browser=browser)
 
 
-def open_desk(folder: Path, data: Path, *, port: int = 0, browser: bool = True, page: str = "") -> None:
+def open_desk(folder: Path, data_folder: Path, *, port: int = 0, browser: bool = True, page: str = "") -> None:
     """Serve the start page with the builder, and open it, or a page below it, in the default browser."""
     import webbrowser
 
@@ -406,5 +406,5 @@ def open_desk(folder: Path, data: Path, *, port: int = 0, browser: bool = True, 
         if browser:
             webbrowser.open(f"{url}{page}")
 
-    builder = build_application(folder, data.absolute())
-    run_desk(folder, data.absolute(), port=port, say=say, rooms={PATH: builder})
+    builder = build_application(folder, data_folder.absolute())
+    run_desk(folder, data_folder.absolute(), port=port, say=say, rooms={PATH: builder})

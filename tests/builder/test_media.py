@@ -7,7 +7,7 @@ import pytest
 from starlette.applications import Starlette
 from starlette.testclient import TestClient
 
-from minihuman.builder.api import BuilderApi
+from minihuman.builder.study_api import BuilderApi
 
 BYTES = {"content-type": "application/octet-stream"}
 KEY = "colours/colours.toml"

@@ -9,8 +9,8 @@ from urllib.request import urlopen
 import pytest
 
 from minihuman.admin.protocol_file import read_protocol
-from minihuman.builder.preview import PreviewRequest, PreviewServer, plan_preview
 from minihuman.builder.preview_process import PreviewProcess
+from minihuman.builder.preview_server import PreviewRequest, PreviewServer, plan_preview
 from minihuman.errors import ProtocolError
 from minihuman.experiment.plan.expansion import expand_protocol
 from tests.machine import needs

@@ -11,9 +11,9 @@ from typing import Any
 import pytest
 
 from minihuman.builder.document import NotEditableError, TomlDocument, is_same_value
+from minihuman.builder.edit_errors import EditRefusedError
 from minihuman.builder.messages import Edit
-from minihuman.builder.refusals import EditRefusedError
-from minihuman.builder.study import OpenStudy, StudyFolder
+from minihuman.builder.study_folder import OpenStudy, StudyFolder
 from minihuman.errors import ProtocolError
 from minihuman.experiment.protocol.protocol import decode_protocol
 from tests.builder.test_document import PROTOCOLS, walk

@@ -11,7 +11,7 @@ from starlette.applications import Starlette
 from starlette.testclient import TestClient
 
 from minihuman.admin.enrolment_log import take_slot
-from minihuman.builder.api import BuilderApi
+from minihuman.builder.study_api import BuilderApi
 from minihuman.experiment.protocol.protocol import decode_protocol
 from tests.builder.test_document import ROOT
 
@@ -218,7 +218,7 @@ def test_after_the_first_enrolment_allocation_order_and_measures_stay(page: Page
 
 def test_a_new_version_has_a_name_and_data_of_its_own(page: Page) -> None:
     take_slot(decode_protocol(TOML), page.data / "two-days")
-    answer = page.client.post("/api/new", json={"name": "Two days, again", "copy_of": page.key})
+    answer = page.client.post("/api/new", json={"name": "Two days, again", "source_key": page.key})
     assert answer.status_code == 201
     copy = answer.json()
     assert (copy["name"], copy["key"], copy["tree"]["study"]["version"]) == (
@@ -245,7 +245,7 @@ def test_a_new_version_has_a_name_and_data_of_its_own(page: Page) -> None:
         (("blocks", 0, "episodes"), 12, 6),
     ]
     assert [(path, before["name"], after) for path, before, after in summary[4:]] == [(("blocks", 4), "lava", None)]
-    again = page.client.post("/api/new", json={"name": "two-days-again", "copy_of": page.key})
+    again = page.client.post("/api/new", json={"name": "two-days-again", "source_key": page.key})
     assert (again.status_code, again.json()["error"]) == (409, "exists")
 
 

@@ -1,5 +1,5 @@
 // Forms made of the schema: the fields of a table that the file has, and a search for those that it could have.
-/** @import { Edit, Form, FormField } from "./messages" */
+/** @import { Edit, FieldForm, FormField } from "./messages" */
 /** @import { FieldPath, OpenStudy } from "./open_study.js" */
 /** @import { ControlProperties } from "./fields.js" */
 import { html, useEffect, useMemo, useState } from "./vendor/preact.js";
@@ -9,9 +9,9 @@ import { makeName, spellName, stripMarks } from "./words.js";
 const LONGEST_SHORT_FORM = 6; // fields; a form without more shows them all
 const MOST_COMMON = 12; // fields that most studies have; a form with more shows only those that the file has
 
-/** @param {OpenStudy} study @param {string} table @param {string} kind @returns {Form | null} */
+/** @param {OpenStudy} study @param {string} table @param {string} kind @returns {FieldForm | null} */
 export function useForm(study, table, kind = "") {
-  const [form, setForm] = useState(/** @type {Form | null} */ (null));
+  const [form, setForm] = useState(/** @type {FieldForm | null} */ (null));
   useEffect(() => {
     let isWanted = true;
     study.form(table, kind).then((answer) => isWanted && setForm(answer), () => isWanted && setForm(null));

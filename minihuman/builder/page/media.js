@@ -1,5 +1,5 @@
 // The files beside a protocol: pictures and sounds to see and hear, and tables of stimuli to paste and edit.
-/** @import { Media, MediaFile, Table } from "./messages" */
+/** @import { Media, MediaFile, StimulusTable } from "./messages" */
 /** @import { OpenStudy } from "./open_study.js" */
 import { html, useEffect, useState } from "./vendor/preact.js";
 import { RefusedError, listMedia, mediaAddress, readTable, sendFile, writeTable } from "./requests.js";
@@ -72,11 +72,11 @@ const formatBytes = (bytes) => (bytes < 10_000 ? `${bytes} bytes` : `${Math.roun
 
 /** @param {{ study: OpenStudy, name: string }} properties */
 function TableEditor({ study, name }) {
-  const [table, setTable] = useState(/** @type {Table | null} */ (null));
+  const [table, setTable] = useState(/** @type {StimulusTable | null} */ (null));
   const [problem, setProblem] = useState("");
   useEffect(() => { readTable(study.key, name).then(setTable, (error) => setProblem(error.message)); }, [name]);
   if (!table) return html`<p class="quiet" role="status">${problem || "Opening the table …"}</p>`;
-  const save = (/** @type {Partial<Table> & { pasted?: string }} */ change) => {
+  const save = (/** @type {Partial<StimulusTable> & { pasted?: string }} */ change) => {
     const request = { name, version: table.version, columns: table.columns, rows: table.rows, ...change };
     return writeTable(study.key, request).then((answer) => { setTable(answer); setProblem(""); }, (error) => setProblem(error.message));
   };
@@ -97,7 +97,7 @@ function TableEditor({ study, name }) {
   </section>`;
 }
 
-/** @param {{ table: Table, save: (change: Partial<Table>) => void }} properties */
+/** @param {{ table: StimulusTable, save: (change: Partial<StimulusTable>) => void }} properties */
 function Cells({ table, save }) {
   const setName = (/** @type {number} */ place, /** @type {string} */ text) => save({ columns: table.columns.with(place, text) });
   const setCell = (/** @type {number} */ row, /** @type {number} */ place, /** @type {string} */ text) =>

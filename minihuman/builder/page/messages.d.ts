@@ -1,8 +1,8 @@
 // What the builder's page and its server send each other. Generated: edit minihuman/builder/messages.py, then run
-// `python -m minihuman.builder.page_types`.
+// `python -m minihuman.builder.message_types`.
 
 export type FromPage = EditRequest | VersionRequest | NewStudyRequest | TableRequest | ShowRequest;
-export type ToPage = Studies | Document | Form | Kinds | CheckReport | Media | Table | Refusal | Preview | PageInfo | WorldInfo | TrialRun;
+export type ToPage = Studies | Document | FieldForm | Kinds | CheckReport | Media | StimulusTable | Differences | EditRefusal | Preview | PageInfo | WorldInfo | SimulationRun;
 
 /** Edits of the version of a file that the page shows. */
 export interface EditRequest {
@@ -27,7 +27,7 @@ export interface VersionRequest {
 export interface NewStudyRequest {
   name: string;
   template?: string;
-  copy_of?: string;
+  source_key?: string;
   language?: string;
 }
 
@@ -163,7 +163,7 @@ export interface Pay {
 }
 
 /** The form of a table. */
-export interface Form {
+export interface FieldForm {
   table: string;
   heading: string;
   summary: string;
@@ -231,15 +231,29 @@ export interface MediaFile {
 }
 
 /** A table of stimuli: a CSV file beside the protocol. */
-export interface Table {
+export interface StimulusTable {
   name: string;
   version: string;
   columns: string[];
   rows: string[][];
 }
 
+/** What differs between a study and another: a new version and the one from which it was made. */
+export interface Differences {
+  key: string;
+  other: string;
+  differences: FieldDifference[];
+}
+
+/** A field in which two protocols differ. */
+export interface FieldDifference {
+  path: (string | number)[];
+  before: unknown;
+  after: unknown;
+}
+
 /** Why a request was not carried out. The file is as before. */
-export interface Refusal {
+export interface EditRefusal {
   error: "conflict" | "restricted" | "not_editable" | "not_valid" | "not_there" | "exists" | "not_trusted";
   message: string;
   path: (string | number)[];
@@ -268,12 +282,12 @@ export interface WorldInfo {
   id: string;
   actions: string[];
   usual_actions: string[];
-  usual_keys: Record<string, string>;
+  default_keys: Record<string, string>;
   max_steps: number;
 }
 
 /** The state of a simulation. */
-export interface TrialRun {
+export interface SimulationRun {
   number: number;
   state: "running" | "done" | "failed";
   step: string;

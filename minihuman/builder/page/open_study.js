@@ -31,7 +31,7 @@ export class OpenStudy {
     this.wasEditedElsewhere = false;
     this._queue = Promise.resolve();
     this._timer = 0;
-    /** @type {Map<string, Promise<import("./messages").Form>>} */
+    /** @type {Map<string, Promise<import("./messages").FieldForm>>} */
     this._forms = new Map();
   }
 

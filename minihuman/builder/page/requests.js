@@ -1,10 +1,10 @@
 // Requests to the builder's server, and what it refuses. Knows no element.
-/** @import { Document, Form, Kinds, Media, PageInfo, Preview, Refusal, ShowRequest, Studies, Table, TrialRun } from "./messages" */
+/** @import { Document, FieldForm, Kinds, Media, PageInfo, Preview, EditRefusal, ShowRequest, Studies, StimulusTable, SimulationRun } from "./messages" */
 /** @import { CheckReport, Edit, NewStudyRequest, TableRequest, WorldInfo } from "./messages" */
 
 /** A request that the server refused. */
 export class RefusedError extends Error {
-  /** @param {Refusal} refusal @param {number} status */
+  /** @param {EditRefusal} refusal @param {number} status */
   constructor(refusal, status) {
     super(refusal.message);
     this.refusal = refusal;
@@ -45,7 +45,7 @@ export const listKinds = () => get("api/kinds");
 export const describePage = () => get("api/page");
 /** @param {string} key @param {string} [version] @returns {Promise<Document | null>} */
 export const readStudy = (key, version = "") => get("api/study", version ? { key, version } : { key });
-/** @param {string} table @param {string} kind @returns {Promise<Form>} */
+/** @param {string} table @param {string} kind @returns {Promise<FieldForm>} */
 export const readForm = (table, kind) => get("api/form", kind ? { table, kind } : { table });
 /** @param {string} key @returns {Promise<CheckReport>} */
 export const checkStudy = (key) => get("api/check", { key });
@@ -59,15 +59,15 @@ export const makeStudy = (request) => post("api/new", {}, request);
 export const listMedia = (key) => get("api/media", { key });
 /** @param {string} key @param {string} name */
 export const mediaAddress = (key, name) => buildAddress("api/media/file", { key, name });
-/** @param {string} key @param {string} name @returns {Promise<Table>} */
+/** @param {string} key @param {string} name @returns {Promise<StimulusTable>} */
 export const readTable = (key, name) => get("api/table", { key, name });
-/** @param {string} key @param {TableRequest} table @returns {Promise<Table>} */
+/** @param {string} key @param {TableRequest} table @returns {Promise<StimulusTable>} */
 export const writeTable = (key, table) => post("api/table", { key }, table);
 /** @param {string} key @param {ShowRequest} request @returns {Promise<Preview>} */
 export const showPreview = (key, request) => post("api/preview", { key }, request);
-/** @param {string} key @returns {Promise<TrialRun>} */
+/** @param {string} key @returns {Promise<SimulationRun>} */
 export const simulateStudy = (key) => post("api/simulate", { key }, {});
-/** @param {number} number @returns {Promise<TrialRun>} */
+/** @param {number} number @returns {Promise<SimulationRun>} */
 export const readSimulation = (number) => get("api/simulate", { number: String(number) });
 /** @param {string} id @returns {Promise<WorldInfo>} */
 export const describeWorld = (id) => get("api/world", { id });

@@ -69,7 +69,7 @@ function CopyDialog({ source, close, open, languages }) {
   const [problem, setProblem] = useState("");
   const make = async (/** @type {Event} */ event) => {
     event.preventDefault();
-    const from = isStudy ? { copy_of: source.key } : { template: source.name };
+    const from = isStudy ? { source_key: source.key } : { template: source.name };
     await makeStudy({ name, language, ...from }).then((study) => open(study.key), (error) => setProblem(error.message));
   };
   return html`<${Dialog} title=${`A copy of ${source.title}`} close=${close}><form onSubmit=${make}>

@@ -110,7 +110,7 @@ function NewLanguage({ study, taken, languages, open }) {
     const name = `${study.document?.name}-${language}`;
     /** @type {Edit[]} */
     const edits = [{ op: "set", path: ["study", "language"], value: language }];
-    await makeStudy({ name, copy_of: study.key }).then((copy) => editStudy(copy.key, copy.version, edits))
+    await makeStudy({ name, source_key: study.key }).then((copy) => editStudy(copy.key, copy.version, edits))
       .then((copy) => open(copy.key), (error) => setProblem(error.message));
   };
   return html`<label>Add a language <select onChange=${make}><option value="">choose …</option>

@@ -1,5 +1,5 @@
 // Trials: the study or a part of it in a tab of its own, and twenty simulated people with their report.
-/** @import { PageInfo, TrialRun } from "./messages" */
+/** @import { PageInfo, SimulationRun } from "./messages" */
 /** @import { OpenStudy } from "./open_study.js" */
 import { html, useEffect, useState } from "./vendor/preact.js";
 import { Dialog } from "./dialog.js";
@@ -32,12 +32,12 @@ export function TrialTab({ studyKey, part, session }) {
 
 /** @param {{ study: OpenStudy, close: () => void }} properties */
 export function Simulation({ study, close }) {
-  const [run, setRun] = useState(/** @type {TrialRun | null} */ (null));
+  const [run, setRun] = useState(/** @type {SimulationRun | null} */ (null));
   const [place, setPlace] = useState(/** @type {PageInfo | null} */ (null));
   const [problem, setProblem] = useState("");
   useEffect(() => {
     let isOpen = true;
-    const look = async (/** @type {TrialRun} */ state) => {
+    const look = async (/** @type {SimulationRun} */ state) => {
       if (!isOpen) return;
       setRun(state);
       if (state.state !== "running") return;
@@ -58,7 +58,7 @@ export function Simulation({ study, close }) {
     <p class="quiet">Their sessions lie in a folder of their own, are marked as simulated, and are erased with the desk.</p></${Dialog}>`;
 }
 
-/** @param {TrialRun} run */
+/** @param {SimulationRun} run */
 function describeRun(run) {
   if (run.state === "done") return "The report is ready: it is the report that your data will have.";
   if (run.state === "failed") return `It stopped while ${run.step}:`;

@@ -50,7 +50,7 @@ export function buildWorldEdits(block, path, world, facts) {
   if (!facts || !block?.actions) return edits;
   if (!block.actions.every((/** @type {string} */ action) => facts.actions.includes(action))) {
     edits.push({ op: "set", path: [...table, "actions"], value: facts.usual_actions });
-    if (block.fixed_keys) edits.push({ op: "set", path: [...table, "fixed_keys"], value: facts.usual_keys });
+    if (block.fixed_keys) edits.push({ op: "set", path: [...table, "fixed_keys"], value: facts.default_keys });
   }
   if (facts.max_steps && block.max_steps !== facts.max_steps) {
     edits.push({ op: "set", path: [...table, "max_steps"], value: facts.max_steps });

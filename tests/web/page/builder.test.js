@@ -70,7 +70,7 @@ test("a part that is dropped before another stands there", () => {
 });
 
 test("another world changes the actions that it lacks, and its length", () => {
-  const facts = { id: "w", actions: ["up", "down"], usual_actions: ["up", "down"], usual_keys: {}, max_steps: 50 };
+  const facts = { id: "w", actions: ["up", "down"], usual_actions: ["up", "down"], default_keys: {}, max_steps: 50 };
   const block = { world: "v", actions: ["left"], max_steps: 100 };
   assert.deepEqual(buildWorldEdits(block, ["blocks", 0, "world"], "w", facts), [
     { op: "set", path: ["blocks", 0, "world"], value: "w" },

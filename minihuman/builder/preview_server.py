@@ -143,8 +143,8 @@ def change_language(protocol: Protocol, language: str) -> Protocol:
 class _PreviewArrivals(Arrivals):
     """Admits every visitor to one planned session, without enrolment."""
 
-    def __init__(self, protocol: Protocol, data: Path, plan: SessionPlan) -> None:
-        super().__init__(protocol, data)
+    def __init__(self, protocol: Protocol, data_folder: Path, plan: SessionPlan) -> None:
+        super().__init__(protocol, data_folder)
         self._plan = plan
 
     def arrive(self, arrival: Arrival) -> Admission:
@@ -170,12 +170,12 @@ def _admit_desk(protocol: Protocol, desk: str) -> Protocol:
 class _RunningPreview:
     server: uvicorn.Server
     thread: threading.Thread
-    data: Path
+    data_folder: Path
 
     def close(self) -> None:
         self.server.should_exit = True
         self.thread.join(_STOP_S)
-        shutil.rmtree(self.data, ignore_errors=True)
+        shutil.rmtree(self.data_folder, ignore_errors=True)
 
 
 @dataclass
@@ -193,14 +193,14 @@ class PreviewServer:
         protocol = change_language(read_protocol(Path(request.protocol)), request.language)
         require_browser_support(protocol)
         plan, names = plan_preview(protocol, request)
-        data = Path(tempfile.mkdtemp(prefix="minihuman-preview-"))
+        data_folder = Path(tempfile.mkdtemp(prefix="minihuman-preview-"))
         allowed = _admit_desk(protocol, request.desk)
-        server = WebServer(_PreviewArrivals(allowed, data, plan), data)
-        url = self._serve(request.kind, server, data)
+        server = WebServer(_PreviewArrivals(allowed, data_folder, plan), data_folder)
+        url = self._serve(request.kind, server, data_folder)
         part = plan.parts[0]
         return Preview(url, names, part.name, part.kind, plan.participant.id, plan.participant.group)
 
-    def _serve(self, kind: Kind, web_server: WebServer, data: Path) -> str:
+    def _serve(self, kind: Kind, web_server: WebServer, data_folder: Path) -> str:
         """Serve an application on a free port, and close the oldest preview of its kind; return the address."""
         listening_socket = open_listening_socket(0)
         config = uvicorn.Config(
@@ -219,7 +219,7 @@ class PreviewServer:
         )
         thread.start()
         running = self._running[kind]
-        running.append(_RunningPreview(server, thread, data))
+        running.append(_RunningPreview(server, thread, data_folder))
         if len(running) > MAX_PREVIEWS:
             threading.Thread(target=running.popleft().close, daemon=True).start()
         return f"http://{HOST}:{listening_socket.getsockname()[1]}/"

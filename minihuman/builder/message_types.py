@@ -1,18 +1,18 @@
 """The types of the builder's page, generated from the structs that it exchanges with its server.
 
-python -m minihuman.builder.page_types     # writes page/messages.d.ts, which is committed
+python -m minihuman.builder.message_types     # writes page/messages.d.ts, which is committed
 """
 
 from pathlib import Path
 from typing import Any
 
-from minihuman.builder import messages, preview, preview_api, trial_runs
+from minihuman.builder import messages, preview_api, preview_server, trial_runs
 from minihuman.web.page_types import write_types
 
 PATH = Path(__file__).with_name("page") / "messages.d.ts"
 _HEAD = """\
 // What the builder's page and its server send each other. Generated: edit minihuman/builder/messages.py, then run
-// `python -m minihuman.builder.page_types`.
+// `python -m minihuman.builder.message_types`.
 """
 _FROM_PAGE = (
     messages.EditRequest
@@ -24,16 +24,17 @@ _FROM_PAGE = (
 _TO_PAGE = (
     messages.Studies
     | messages.Document
-    | messages.Form
+    | messages.FieldForm
     | messages.Kinds
     | messages.CheckReport
     | messages.Media
-    | messages.Table
-    | messages.Refusal
-    | preview.Preview
+    | messages.StimulusTable
+    | messages.Differences
+    | messages.EditRefusal
+    | preview_server.Preview
     | preview_api.PageInfo
     | preview_api.WorldInfo
-    | trial_runs.TrialRun
+    | trial_runs.SimulationRun
 )
 _ALIASES: dict[str, Any] = {"FromPage": _FROM_PAGE, "ToPage": _TO_PAGE}
 

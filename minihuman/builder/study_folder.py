@@ -12,26 +12,26 @@ from threading import Lock
 
 from minihuman.admin.protocol_file import MAX_PROTOCOL_BYTES
 from minihuman.builder import description
-from minihuman.builder.check import check_study
+from minihuman.builder.check_report import check_study
 from minihuman.builder.differences import list_differences
 from minihuman.builder.document import NotEditableError, TomlDocument
 from minihuman.builder.durations import estimate_durations
-from minihuman.builder.history import History
+from minihuman.builder.edit_errors import EditRefusedError
+from minihuman.builder.history import FileHistory
 from minihuman.builder.media import MediaFolder
 from minihuman.builder.messages import (
     CheckReport,
     Differences,
     Document,
     Edit,
+    EditRefusal,
     Mistake,
     NewStudyRequest,
-    Refusal,
     Studies,
     StudyCard,
 )
 from minihuman.builder.new_study import list_templates, make_study
 from minihuman.builder.references import rename
-from minihuman.builder.refusals import EditRefusedError
 from minihuman.builder.restrictions import WAY_OUT, count_enrolled, find_restrictions, find_violation
 from minihuman.builder.toml_spans import Steps
 from minihuman.errors import MinihumanError
@@ -43,7 +43,7 @@ from minihuman.web.server.desk import StudyEntry, find_studies
 class _FileState:
     """What this process keeps of a file between requests."""
 
-    history: History
+    history: FileHistory
     lock: Lock = field(default_factory=Lock)
     literals: dict[tuple[Steps, str], str] = field(default_factory=dict)  # how values were written that edits replaced
 
@@ -53,17 +53,17 @@ class StudyFolder:
 
     Args:
         folder: the folder of the protocols.
-        data: the folder of the studies' data.
+        data_folder: the folder of the studies' data.
     """
 
-    def __init__(self, folder: Path, data: Path) -> None:
+    def __init__(self, folder: Path, data_folder: Path) -> None:
         self.folder = folder
-        self.data = data
+        self.data = data_folder
         self._states: dict[Path, _FileState] = {}
 
     def list_studies(self) -> Studies:
         """Describe every study of the folder, and the templates."""
-        cards = [self._describe(entry) for entry in find_studies(self.folder, self.data)]
+        cards = [self._describe(study_entry) for study_entry in find_studies(self.folder, self.data)]
         return Studies(self.folder.resolve().name, cards, list(list_templates()))
 
     def open(self, key: str) -> "OpenStudy":
@@ -72,10 +72,10 @@ class StudyFolder:
         Raises:
             EditRefusedError: if there is no such file.
         """
-        for entry in find_studies(self.folder, self.data):
-            if entry.key == key and entry.protocol is not None:
-                return self._open(entry, entry.protocol)
-        raise EditRefusedError(Refusal("not_there", f"there is no study {key!r} in this folder; reload the page"))
+        for study_entry in find_studies(self.folder, self.data):
+            if study_entry.key == key and study_entry.protocol is not None:
+                return self._open(study_entry, study_entry.protocol)
+        raise EditRefusedError(EditRefusal("not_there", f"there is no study {key!r} in this folder; reload the page"))
 
     def compare(self, key: str, other: str) -> Differences:
         """Return what differs between a study and another one of the folder, such as its earlier version.
@@ -94,38 +94,38 @@ class StudyFolder:
             EditRefusedError: if there is a study of that name already, or nothing to begin from.
             OSError: if it cannot be written.
         """
-        source = self.open(request.copy_of).path if request.copy_of else None
+        source = self.open(request.source_key).path if request.source_key else None
         path = make_study(request, self.folder, source)
         return self.open(str(path.relative_to(self.folder.resolve() if source else self.folder))).read()
 
-    def _open(self, entry: StudyEntry, protocol: Path) -> "OpenStudy":
+    def _open(self, study_entry: StudyEntry, protocol: Path) -> "OpenStudy":
         path = protocol.resolve()
-        state = self._states.setdefault(path, _FileState(History(path)))
-        return OpenStudy(entry, path, state)
+        state = self._states.setdefault(path, _FileState(FileHistory(path)))
+        return OpenStudy(study_entry, path, state)
 
-    def _describe(self, entry: StudyEntry) -> StudyCard:
+    def _describe(self, study_entry: StudyEntry) -> StudyCard:
         document = None
-        if entry.protocol is not None:
-            document = self._open(entry, entry.protocol).read()
+        if study_entry.protocol is not None:
+            document = self._open(study_entry, study_entry.protocol).read()
         tree = document.tree if document else {}
         study = tree.get("study", {})
         about = tree.get("about", {})
         minutes = [(duration.least_min, duration.most_min) for duration in (document.durations if document else ())]
         return StudyCard(
-            key=entry.key,
-            name=entry.name,
-            title=str(about.get("title", "")) or entry.name,
+            key=study_entry.key,
+            name=study_entry.name,
+            title=str(about.get("title", "")) or study_entry.name,
             language=str(study.get("language", "en")),
             groups=list(dict.fromkeys(lane.group for lane in (document.lanes if document else ()))),
             parts=document.parts if document else [],
             lanes=document.lanes if document else [],
             minutes=max(minutes, key=lambda pair: pair[1], default=None),
             participants=study.get("participants", 100),
-            enrolled=_try_to_count(entry),
-            sessions=_count_sessions(entry),
+            enrolled=_try_to_count(study_entry),
+            sessions=_count_sessions(study_entry),
             mistakes=len(document.mistakes) if document else 0,
-            problem=entry.problem,
-            has_protocol=entry.protocol is not None,
+            problem=study_entry.problem,
+            has_protocol=study_entry.protocol is not None,
         )
 
 
@@ -133,13 +133,13 @@ class OpenStudy:
     """A protocol file that is open in the builder.
 
     Args:
-        entry: the study.
+        study_entry: the study.
         path: its file, after following links.
         state: what is kept of the file between requests.
     """
 
-    def __init__(self, entry: StudyEntry, path: Path, state: _FileState) -> None:
-        self.entry = entry
+    def __init__(self, study_entry: StudyEntry, path: Path, state: _FileState) -> None:
+        self.study_entry = study_entry
         self.path = path
         self._state = state
 
@@ -214,7 +214,7 @@ class OpenStudy:
             old = self.path.read_bytes()
             if hashlib.sha256(old).hexdigest() != version:
                 message = "the file was changed elsewhere in the meantime; look at it as it is now, and edit it again"
-                raise EditRefusedError(Refusal("conflict", message, document=self._describe(old)))
+                raise EditRefusedError(EditRefusal("conflict", message, document=self._describe(old)))
             new = change(old)
             if new != old:
                 with replace_durably(self.path, mode=self.path.stat().st_mode & 0o777) as file:
@@ -225,7 +225,7 @@ class OpenStudy:
         history = self._state.history
         if not history.can_step(old, by):
             which = "an earlier" if by < 0 else "a later"
-            raise EditRefusedError(Refusal("not_there", f"there is not {which} version of this file"))
+            raise EditRefusedError(EditRefusal("not_there", f"there is not {which} version of this file"))
         new = history.peek(old, by)
         self._require_allowed(old, new)
         return history.step(old, by)
@@ -237,11 +237,11 @@ class OpenStudy:
             for edit in edits:
                 text = self._apply_edit(text, edit)
         except NotEditableError as error:
-            raise EditRefusedError(Refusal("not_editable", str(error), list(error.path), error.line)) from error
+            raise EditRefusedError(EditRefusal("not_editable", str(error), list(error.path), error.line)) from error
         new = text.encode()
         if len(new) > MAX_PROTOCOL_BYTES:
             message = f"the file would have {len(new)} bytes; a protocol has {MAX_PROTOCOL_BYTES} at most"
-            raise EditRefusedError(Refusal("not_valid", message))
+            raise EditRefusedError(EditRefusal("not_valid", message))
         return new
 
     def _apply_edit(self, text: str, edit: Edit) -> str:
@@ -288,10 +288,10 @@ class OpenStudy:
         _, after = description.read_values(new)
         if not before:
             return
-        violation = find_violation(self.entry.folder, before, after, new)
+        violation = find_violation(self.study_entry.folder, before, after, new)
         if violation is not None:
             path, problem = violation
-            raise EditRefusedError(Refusal("restricted", f"{problem}; {WAY_OUT}", list(path)))
+            raise EditRefusedError(EditRefusal("restricted", f"{problem}; {WAY_OUT}", list(path)))
 
     def _describe(self, content: bytes) -> Document:
         text, tree = description.read_values(content)
@@ -306,8 +306,8 @@ class OpenStudy:
             read_only = description.list_old_names(tree, document)
         protocol, mistakes = description.check_file(self.path, content)
         return Document(
-            key=self.entry.key,
-            name=self.entry.name,
+            key=self.study_entry.key,
+            name=self.study_entry.name,
             version=hashlib.sha256(content).hexdigest(),
             text=text,
             tree=tree,
@@ -315,7 +315,7 @@ class OpenStudy:
             parts=description.list_parts(tree, document),
             lanes=description.list_lanes(tree),
             mistakes=mistakes,
-            restrictions=find_restrictions(self.entry.folder, tree),
+            restrictions=find_restrictions(self.study_entry.folder, tree),
             durations=estimate_durations(protocol) if protocol else [],
             pay=description.describe_pay(tree),
             can_undo=self._state.history.can_step(content, -1),
@@ -342,18 +342,18 @@ def _decode(content: bytes) -> str:
         return content.decode()
     except UnicodeDecodeError as error:
         message = f"byte {error.start} is not valid UTF-8; save the file as UTF-8"
-        raise EditRefusedError(Refusal("not_editable", message)) from None
+        raise EditRefusedError(EditRefusal("not_editable", message)) from None
 
 
-def _try_to_count(entry: StudyEntry) -> int:
+def _try_to_count(study_entry: StudyEntry) -> int:
     try:
-        return count_enrolled(entry.folder)
+        return count_enrolled(study_entry.folder)
     except (MinihumanError, OSError):  # the study's own page says why
         return 0
 
 
-def _count_sessions(entry: StudyEntry) -> dict[str, int]:
+def _count_sessions(study_entry: StudyEntry) -> dict[str, int]:
     try:
-        return dict(entry.counts())
+        return dict(study_entry.counts())
     except (MinihumanError, OSError):
         return {}

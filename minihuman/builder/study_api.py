@@ -6,7 +6,7 @@ in the query, since they contain slashes. All requests that change something are
 
     GET  api/studies                       -> Studies           cards and templates
     GET  api/study?key=                    -> Document          404 if there is no such file
-    GET  api/form?table=blocks[&kind=]     -> Form              of any table: study, blocks.stimuli, questions.items
+    GET  api/form?table=blocks[&kind=]     -> FieldForm         of any table: study, blocks.stimuli, questions.items
     GET  api/kinds                         -> Kinds             what can be added
     GET  api/check?key=                    -> CheckReport       takes seconds: creates the worlds, checks every text
     POST api/edit?key=     EditRequest     -> Document          the file has been written
@@ -17,11 +17,11 @@ in the query, since they contain slashes. All requests that change something are
     GET  api/media?key=                    -> Media             the files beside the protocol
     GET  api/media/file?key=&name=         -> the bytes
     POST api/media/file?key=&name=  bytes  -> Media             201; an existing file is refused unless &replace=1
-    GET  api/table?key=&name=              -> Table             a CSV file beside the protocol
-    POST api/table?key=    TableRequest    -> Table
+    GET  api/table?key=&name=              -> StimulusTable             a CSV file beside the protocol
+    POST api/table?key=    TableRequest    -> StimulusTable
 
-A request that is refused changes nothing and answers with a `Refusal`: 400 (not_valid, not_editable), 403 (restricted,
-not_trusted, another page), 404 (not_there), 409 (conflict, with the document as it is now; exists).
+A request that is refused changes nothing and answers with an `EditRefusal`: 400 (not_valid, not_editable), 403
+(restricted, not_trusted, another page), 404 (not_there), 409 (conflict, with the document as it is now; exists).
 
 The page asks ``GET api/study`` again when it becomes visible, and every second while it is: an answer with another
 ``version`` means that the file was edited elsewhere. With ``&version=`` the answer is 204 while that is the version.
@@ -40,10 +40,10 @@ from starlette.responses import Response
 from starlette.routing import Route
 
 from minihuman.builder import messages
+from minihuman.builder.edit_errors import EditRefusedError
 from minihuman.builder.form import build_form, list_kinds
 from minihuman.builder.media import MAX_MEDIA_BYTES
-from minihuman.builder.refusals import EditRefusedError
-from minihuman.builder.study import StudyFolder
+from minihuman.builder.study_folder import StudyFolder
 from minihuman.runtime.http_guard import is_own_request, read_length
 
 Query = dict[str, str]
@@ -66,11 +66,11 @@ class BuilderApi:
 
     Args:
         folder: the folder of the protocols.
-        data: the folder of the studies' data.
+        data_folder: the folder of the studies' data.
     """
 
-    def __init__(self, folder: Path, data: Path) -> None:
-        self._studies = StudyFolder(folder, data)
+    def __init__(self, folder: Path, data_folder: Path) -> None:
+        self._studies = StudyFolder(folder, data_folder)
 
     def routes(self) -> list[Route]:
         """Return the routes, to be mounted below the builder's path."""
@@ -171,7 +171,7 @@ async def _read_body(request: Request, content_type: str, longest: int) -> bytes
 
 
 def _refuse(error: messages.RefusalReason, message: str) -> Response:
-    content = msgspec.json.encode(messages.Refusal(error, message))
+    content = msgspec.json.encode(messages.EditRefusal(error, message))
     return Response(content, _STATUS[error], media_type="application/json")
 
 

@@ -1,6 +1,6 @@
 """The error of a request that the builder does not carry out."""
 
-from minihuman.builder.messages import Refusal
+from minihuman.builder.messages import EditRefusal
 from minihuman.errors import MinihumanError
 
 
@@ -11,6 +11,6 @@ class EditRefusedError(MinihumanError, ValueError):
         refusal: what the page is answered.
     """
 
-    def __init__(self, refusal: Refusal) -> None:
+    def __init__(self, refusal: EditRefusal) -> None:
         super().__init__(refusal.message)
         self.refusal = refusal
