@@ -182,7 +182,7 @@ class PreviewApi:
         for study in find_studies(self._folder, self._data):
             if study.key == key and study.protocol is not None:
                 return study
-        raise ProtocolError(f"there is no protocol {key!r} in the desk's folder any more; reload the list of studies")
+        raise ProtocolError(f"there is no protocol {key!r} in the folder any more; reload the list of studies")
 
 
 def _encode(content: msgspec.Struct, status: HTTPStatus) -> Response:

@@ -88,6 +88,7 @@ def test_two_groups_three_worlds_a_quiz_that_loops_and_a_questionnaire_after_eac
     assert len(logs) == 2
 
 
+@pytest.mark.nightly
 def test_a_stroop_task_whose_words_are_pasted_from_a_spreadsheet(tmp_path: Path) -> None:
     with at_the_page(tmp_path) as (hand, _):
         page = hand.page

@@ -40,6 +40,22 @@ function readTyped(content, type, alternatives = []) {
   return content;
 }
 
+/**
+ * What a typed text stands for where another value was: a list stays a list, a number a number.
+ * @param {string} text @param {unknown} before @param {string} type @returns {unknown} the value before, if the text is none of its kind
+ */
+export function readLike(text, before, type) {
+  if (typeof before === "number") return readTyped(text, "number");
+  if (typeof before === "boolean") return text.trim() === "true";
+  if (typeof before !== "object" || before === null) return readTyped(text, type);
+  try {
+    const parsed = JSON.parse(text);
+    return Array.isArray(parsed) === Array.isArray(before) && typeof parsed === "object" ? parsed : before;
+  } catch {
+    return before;
+  }
+}
+
 /** @param {ControlProperties & { isLong?: boolean, type?: string }} properties */
 function TextControl({ field, id, describedBy, content, isFixed, save, isLong = false, type = field.type }) {
   const [typed, setTyped] = useState(/** @type {string | null} */ (null));
@@ -101,7 +117,7 @@ function ListControl({ study, field, path, id, describedBy, content, isFixed, sa
   const listed = listNames(study.document, field.references, field.choices.map((choice) => String(choice.value)));
   const files = useFiles(study, isFile(field));
   const names = [actions, files].find((offered) => offered.length) ?? listed;
-  const type = field.item || "string";
+  const type = field.item || (members.every((member) => typeof member === "number") && members.length ? "number" : "string");
   const add = (/** @type {string} */ text) => text.trim() && save([...members, readTyped(text.trim(), type)]);
   const offered = names.filter((name) => !members.includes(name));
   return html`<div class="list" role="group" aria-describedby=${describedBy}>
@@ -183,7 +199,7 @@ function PairControl(properties) {
 function MapControl({ field, id, content, isFixed, save }) {
   const pairs = Object.entries(content ?? {});
   const [name, setName] = useState("");
-  const set = (/** @type {string} */ key, /** @type {string} */ text) => save({ ...content, [key]: readTyped(text, field.item) });
+  const set = (/** @type {string} */ key, /** @type {string} */ text) => save({ ...content, [key]: readLike(text, content?.[key], field.item) });
   const remove = (/** @type {string} */ key) => save(Object.fromEntries(pairs.filter(([other]) => other !== key)));
   const commit = () => {
     if (name.trim()) set(name.trim(), "");
@@ -218,10 +234,18 @@ function AnyControl(properties) {
     ${problem && html`<p class="mistake" role="alert">${problem}</p>`}`;
 }
 
-/** @param {ControlProperties} properties @returns {import("./vendor/preact.js").VNode} */
+const LISTS = ["list", "pair", "tables", "any"];
+const TABLES = ["table", "map", "any"];
+
+/** @param {unknown} content */
+const isTable = (content) => typeof content === "object" && content !== null && !Array.isArray(content);
+
+/** A control for what the file has, which may be another of a field's types. @param {ControlProperties} properties @returns {import("./vendor/preact.js").VNode} */
 function Control(properties) {
-  const { field, study } = properties;
+  const { field, study, content } = properties;
   const names = listNames(study.document, field.references, []);
+  if (Array.isArray(content) && !LISTS.includes(field.type)) return html`<${ListControl} ...${properties} />`;
+  if (isTable(content) && !TABLES.includes(field.type)) return html`<${MapControl} ...${properties} />`;
   if (field.references === "world" && field.type === "string") return html`<${WorldButton} ...${properties} />`;
   if (field.type === "string" && isFile(field)) return html`<${FileControl} ...${properties} />`;
   if (field.type === "string" && names.length) return html`<${ChoiceControl} ...${properties} names=${["", ...names]} />`;

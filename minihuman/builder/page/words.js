@@ -3,7 +3,8 @@ import { html } from "./vendor/preact.js";
 
 /** @param {string} name a field's name, such as "max_steps" @returns {string} "Max steps" */
 export function spellName(name) {
-  const words = name.replaceAll("_", " ").replace(/ (ms|s|px|min)$/, "");
+  const stripped = name.replaceAll("_", " ").replace(/ (ms|s|px|min)$/, "");
+  const words = stripped === "feedback" && stripped !== name ? "feedback time" : stripped; // the text has this name
   return words.charAt(0).toUpperCase() + words.slice(1);
 }
 

@@ -32,7 +32,7 @@ export function WorldButton({ study, path, id, describedBy, content, isFixed }) 
   };
   return html`<div class="world-button">
     ${content && html`<img src=${worldPicture(content)} alt="" width="96" height="72" />`}
-    <button type="button" id=${id} aria-describedby=${describedBy} disabled=${isFixed} onClick=${() => setOpen(true)}>
+    <button type="button" id=${id} aria-describedby=${describedBy} aria-label=${`World: ${content ? nameWorld(content) : "none"}, choose another`} disabled=${isFixed} onClick=${() => setOpen(true)}>
       ${content ? nameWorld(content) : "Choose a world"}</button>
     ${isOpen && html`<${WorldPicker} chosen=${content} choose=${choose} close=${() => setOpen(false)} />`}
   </div>`;

@@ -1,6 +1,7 @@
 // The builder's page without a browser: the edits that its buttons make, and what becomes of them in a conflict.
 import assert from "node:assert/strict";
 import { test } from "node:test";
+import { readLike } from "../../../minihuman/builder/page/fields.js";
 import { buildEntryEdits, moveName } from "../../../minihuman/builder/page/lanes.js";
 import { OpenStudy, formatPath } from "../../../minihuman/builder/page/open_study.js";
 import { findSession } from "../../../minihuman/builder/page/preview.js";
@@ -146,4 +147,12 @@ test("a part is previewed in the first session that has it, also by an order", (
   const tree = { sessions: [{ parts: ["how"] }, { parts: ["main"] }], orders: [{ name: "main", parts: ["one", ["two", "ask"]] }] };
   const study = makeDocument({ tree });
   assert.deepEqual(["how", "two", "ask", "lost"].map((name) => findSession(study, name)), [1, 2, 2, 1]);
+});
+
+test("a list that is edited as a text stays a list, and keeps what it was where the text is none", () => {
+  assert.deepEqual(readLike('["red", "blue"]', ["red"], "any"), ["red", "blue"]);
+  assert.deepEqual(readLike("red", ["red"], "any"), ["red"]);
+  assert.equal(readLike("0.5", 2, "any"), 0.5);
+  assert.equal(readLike("true", false, "any"), true);
+  assert.equal(readLike("circle", undefined, "string"), "circle");
 });
