@@ -256,7 +256,7 @@ def read_protocol(path: Path, *, trust: Permission = False) -> Protocol:
     for line in list_old_names(protocol, str(path)):
         warnings.warn(line, FutureWarning, stacklevel=2)
     folder = path.resolve().parent
-    refused = admit_worlds(_find_worlds(msgspec.to_builtins(protocol)), folder, trust)
+    refused = admit_worlds(list_named_worlds(msgspec.to_builtins(protocol)), folder, trust)
     if refused:
         raise ProtocolError(
             f"{path} runs Python or reads files from {refused}, which you do not trust yet; read its code, then add "
@@ -270,7 +270,7 @@ def read_protocol(path: Path, *, trust: Permission = False) -> Protocol:
     return msgspec.structs.replace(protocol, files=named)
 
 
-def _find_worlds(value: object) -> Iterator[NamedWorld]:
+def list_named_worlds(value: object) -> Iterator[NamedWorld]:
     """Yield every world that a protocol's table names, including the overrides of groups."""
     if isinstance(value, Mapping):
         world = value.get("world")
@@ -285,7 +285,7 @@ def _find_worlds(value: object) -> Iterator[NamedWorld]:
         value = tuple(value.values())
     if isinstance(value, list | tuple):
         for part in value:
-            yield from _find_worlds(part)
+            yield from list_named_worlds(part)
 
 
 def _find_pictures(protocol: Protocol) -> dict[str, str]:

@@ -5,6 +5,7 @@ into a Click command. This module imports nothing large.
 """
 
 import inspect
+import os
 import shutil
 import sys
 from collections.abc import Callable, Iterable, Iterator
@@ -124,6 +125,11 @@ def ask_reason(reason: str) -> str:
     if reason or not sys.stdin.isatty():
         return reason
     return str(click.prompt("Reason"))
+
+
+def has_display() -> bool:
+    """Return whether this session has a screen on which a browser can open."""
+    return sys.platform in ("win32", "darwin") or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
 def ask_trust(trust: bool) -> Permission:

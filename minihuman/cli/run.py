@@ -386,18 +386,25 @@ def desk(
 ) -> None:
     """Run studies from a start page in a browser on this machine.
 
-    The page lists the studies of a folder: start the next participant, resume a session, see who is due, check, watch,
-    verify, report. Each button starts a command of minihuman and shows what it prints.
+    The page lists the studies of a folder: build and edit them, start the next participant, resume a session, see who
+    is due, check, watch, verify, report. Each button starts a command of minihuman and shows what it prints.
 
     Example: minihuman desk
     """
+    open_desk(folder, data, port=port, browser=browser)
+
+
+def open_desk(folder: Path, data_folder: Path, *, port: int = 0, browser: bool = True, page: str = "") -> None:
+    """Serve the start page with the builder, and open it, or a page below it, in the default browser."""
     import webbrowser
 
+    from minihuman.builder.application import PATH, build_application
     from minihuman.web.server.desk import run_desk
 
     def say(url: str) -> None:
-        print(f"open {url}   (Ctrl-C ends it; running sessions go on)", flush=True)
+        print(f"open {url}{page}   (Ctrl-C ends it; running sessions go on)", flush=True)
         if browser:
-            webbrowser.open(url)
+            webbrowser.open(f"{url}{page}")
 
-    run_desk(folder, data.absolute(), port=port, say=say)
+    builder = build_application(folder, data_folder.absolute())
+    run_desk(folder, data_folder.absolute(), port=port, say=say, rooms={PATH: builder})

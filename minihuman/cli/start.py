@@ -13,6 +13,7 @@ from minihuman.cli.options import (
     ProtocolFile,
     TrustOption,
     ask_trust,
+    has_display,
     print_result,
     show_progress,
 )
@@ -65,31 +66,30 @@ def new(
 ) -> None:
     """Write a ready-to-run protocol after a few questions.
 
+    Without any option, and where there is a display, the builder opens instead, on which a study is made by hand.
+
     Example: minihuman new my-study --template two-days,three-groups --language he
     """
-    import json
-
-    from minihuman.admin.protocol_file import SCHEMA_FILE, ProtocolDraft, make_study_name
+    from minihuman.admin.protocol_file import ProtocolDraft, make_study_name
+    from minihuman.builder.new_study import write_draft
     from minihuman.errors import ProtocolError
-    from minihuman.experiment.protocol.protocol import build_json_schema
-    from minihuman.storage.durable_files import write_atomically
-    from minihuman.trust import Trust, list_foreign_modules
 
     chosen = tuple(name.strip() for name in template.split(",") if name.strip())
     study = make_study_name(name or "my-study")
     usual = ProtocolDraft(study, world, episodes, participants, templates=chosen, language=language)
+    if not yes and not name and usual == ProtocolDraft() and sys.stdin.isatty() and has_display():
+        from minihuman.cli.run import open_desk
+
+        folder.mkdir(parents=True, exist_ok=True)
+        open_desk(folder, Path("sessions"), page="builder/")
+        return
     draft = usual
     if not yes:
         draft = _ask_draft(usual)
     path = folder / f"{draft.name}.toml"
     if path.exists():
         raise ProtocolError(f"{path} already exists; choose another name with --name, or another folder")
-    text = draft.toml()
-    folder.mkdir(parents=True, exist_ok=True)
-    ours = not any(folder.iterdir())  # a folder with files in it may hold a stranger's Python
-    write_atomically(json.dumps(build_json_schema(), indent=1) + "\n", folder / SCHEMA_FILE)
-    write_atomically(text, path)
-    Trust(frozenset({folder.resolve()} if ours else ()), list_foreign_modules(draft.worlds)).record()
+    write_draft(draft, folder)
     if draft.has("two-groups"):
         start = f"serve {path} --links {draft.participants}"
     elif {"browser", "team"} & {*chosen}:

@@ -62,14 +62,15 @@ class _Field:
 class _Writer:
     """Writes types as TypeScript, together with the types that they refer to."""
 
-    def __init__(self) -> None:
+    def __init__(self, aliases: dict[str, Any], sent_by_page: Any) -> None:
+        self._aliases = aliases
         self._interfaces: dict[type, str] = {}  # by type, in the order in which they were found
-        self._sent_by_page = _list_structs(FROM_PAGE)
+        self._sent_by_page = _list_structs(sent_by_page)
 
     def write(self) -> str:
-        """Return the TypeScript text of all types."""
-        aliases = [f"export type {name} = {self._write_alias(form)};\n" for name, form in ALIASES.items()]
-        return _HEAD + "\n" + "".join(aliases) + "".join("\n" + text for text in self._interfaces.values())
+        """Return the TypeScript text of all types, without a head."""
+        aliases = [f"export type {name} = {self._write_alias(form)};\n" for name, form in self._aliases.items()]
+        return "".join(aliases) + "".join("\n" + text for text in self._interfaces.values())
 
     def _write_alias(self, form: Any) -> str:
         if form is AnswerWidget:
@@ -80,7 +81,7 @@ class _Writer:
 
     def _write_type(self, annotation: Any) -> str:
         """Return a type as it is used in a declaration: by its name, if it has one."""
-        for name, form in ALIASES.items():
+        for name, form in self._aliases.items():
             if annotation == form:
                 return name
         return self._write_structure(annotation)
@@ -195,9 +196,19 @@ def _list_structs(annotation: Any) -> set[type]:
     return structs
 
 
+def write_types(aliases: dict[str, Any], sent_by_page: Any) -> str:
+    """Return types as TypeScript, with all that they refer to.
+
+    Args:
+        aliases: the types by name; each is declared under its name.
+        sent_by_page: what a page sends, as a union; its fields with a default are optional.
+    """
+    return _Writer(aliases, sent_by_page).write()
+
+
 def write_page_types() -> str:
     """Return the text of `page/messages.d.ts`."""
-    return _Writer().write()
+    return _HEAD + "\n" + write_types(ALIASES, FROM_PAGE)
 
 
 if __name__ == "__main__":

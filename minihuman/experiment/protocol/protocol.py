@@ -251,7 +251,7 @@ def build_json_schema() -> dict[str, Any]:
     schema = msgspec.json.schema(Protocol)
     for name in INTERNAL_FIELDS:
         schema["$defs"]["Protocol"]["properties"].pop(name, None)
-    for table, definition, _ in _walk_tables(schema):
+    for table, definition, _ in walk_tables(schema):
         for name, (meaning, example) in _read_fields().get(table, {}).items():
             definition["properties"][name] |= {
                 "description": meaning,
@@ -268,7 +268,7 @@ def list_protocol_tables() -> dict[str, tuple[str, list[ProtocolField]]]:
     """
     schema = msgspec.json.schema(Protocol)
     tables = {}
-    for table, definition, is_repeated in _walk_tables(schema):
+    for table, definition, is_repeated in walk_tables(schema):
         heading = f"[[{table}]]" if is_repeated else f"[{table}]"
         tables[table] = (heading, _list_fields(table, definition, schema))
     return tables
@@ -291,7 +291,7 @@ def _read_fields() -> dict[str, dict[str, tuple[str, str]]]:
     return tomllib.loads(text.replace("{question_kinds}", kinds))
 
 
-def _walk_tables(schema: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any], bool]]:
+def walk_tables(schema: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any], bool]]:
     """Yield each table's path, its definition, and whether the file can contain it several times."""
     waiting = [("", "Protocol", False)]
     while waiting:

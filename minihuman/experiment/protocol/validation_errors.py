@@ -93,6 +93,14 @@ def _plain(key: str) -> str:
 
 
 FieldError = tuple[str, str]  # path, what is wrong there and the way out
+
+
+class InvalidFieldsError(ProtocolError):
+    """The fields of a protocol file that are not valid."""
+
+    field_errors: tuple[FieldError, ...] = ()
+
+
 Bound = tuple[str, float, float]  # a field, its least and its greatest value
 INTERNAL_FIELDS = frozenset({"toml", "files"})  # of Protocol, which the file itself does not have
 _SHOWN = 60  # characters of a value
@@ -149,9 +157,13 @@ def build_protocol_error(
     errors: Iterable[FieldError], *, source: str, text: str, tree: dict[str, Any]
 ) -> ProtocolError | None:
     """Build one exception from all errors, in order of line; return None if there are no errors."""
-    placed = format_field_errors(errors, source=source, text=text, tree=tree)
+    field_errors = list(errors)
+    placed = format_field_errors(field_errors, source=source, text=text, tree=tree)
     if placed:
-        return ProtocolError.of(placed, source)
+        error = InvalidFieldsError.of(placed, source)
+        assert isinstance(error, InvalidFieldsError)
+        error.field_errors = tuple(field_errors)
+        return error
     return None
 
 

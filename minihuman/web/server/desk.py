@@ -19,6 +19,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from functools import partial
 from pathlib import Path
+from types import MappingProxyType
 from typing import TypeVar
 from urllib.parse import parse_qsl, urlencode
 
@@ -31,6 +32,7 @@ from starlette.middleware.trustedhost import TrustedHostMiddleware
 from starlette.requests import Request
 from starlette.responses import FileResponse, HTMLResponse, RedirectResponse, Response
 from starlette.routing import Mount, Route, Router
+from starlette.types import ASGIApp
 
 from minihuman.admin.due import DueSession, list_due_sessions
 from minihuman.admin.session_index import SessionRow, read_session_index
@@ -143,7 +145,7 @@ def _state(row: SessionRow, running: set[str]) -> str:
 def find_studies(folder: Path, data: Path) -> list[StudyEntry]:
     """Find a folder's studies: files with a ``[study]`` table, then sessions without a protocol."""
     studies = []
-    for path in sorted({*folder.glob("*.toml"), *folder.glob("*/*.toml")}):
+    for path in sorted({*folder.glob("*.toml"), *folder.glob("[!.]*/*.toml")}):
         key = str(path.relative_to(folder))
         name = path.stem
         problem = ""
@@ -220,12 +222,16 @@ class StartPage:
         folder: the folder of the protocols.
         data: the folder of the studies' data.
         temporary: the folder for the commands' output.
+        rooms: further applications of the page, each by its path below the page's own.
     """
 
-    def __init__(self, folder: Path, data: Path, temporary: Path) -> None:
+    def __init__(
+        self, folder: Path, data: Path, temporary: Path, rooms: Mapping[str, ASGIApp] = MappingProxyType({})
+    ) -> None:
         self._folder = folder
         self._data = data
         self._temporary = temporary
+        self._rooms = rooms
         self._token = secrets.token_urlsafe(16)
         self._report_token = secrets.token_urlsafe(16)  # a report may run scripts, so its address starts no command
         self._processes: list[CommandProcess] = []
@@ -260,13 +266,16 @@ class StartPage:
             ]
         )
         reports = Router([Route("/{path:path}", self._report)])
-        return Starlette(
+        application = Starlette(
             routes=[
                 Mount(self._reports_path, HeaderMiddleware(reports, build_headers(policy=_REPORT_POLICY))),
+                *(Mount(f"{self.path}{path}", room) for path, room in self._rooms.items()),
                 Mount(self.path.rstrip("/"), HeaderMiddleware(pages, build_headers(policy=_POLICY))),
             ],
             middleware=[Middleware(TrustedHostMiddleware, allowed_hosts=[HOST])],
         )
+        application.state.reports_path = self._reports_path  # rooms link to reports
+        return application
 
     def close(self) -> None:
         """Stop all running commands except sessions."""
@@ -276,7 +285,14 @@ class StartPage:
 
     def _page(self, kind: str, **values: object) -> HTMLResponse:
         return HTMLResponse(
-            self._template.render(kind=kind, root=self.path, reports=self._reports_path, urlencode=urlencode, **values)
+            self._template.render(
+                kind=kind,
+                root=self.path,
+                reports=self._reports_path,
+                rooms=tuple(self._rooms),
+                urlencode=urlencode,
+                **values,
+            )
         )
 
     def _show_home(self, _: Request) -> Response:
@@ -394,8 +410,22 @@ def _require_own_form(request: Request) -> None:
         raise HTTPException(415, "this is no form")
 
 
-def run_desk(folder: Path, data: Path, *, port: int, say: Callable[[str], None]) -> None:
+def run_desk(
+    folder: Path,
+    data: Path,
+    *,
+    port: int,
+    say: Callable[[str], None],
+    rooms: Mapping[str, ASGIApp] = MappingProxyType({}),
+) -> None:
     """Serve the start page until SIGTERM or Ctrl-C, after passing its address to ``say``.
+
+    Args:
+        folder: the folder of the protocols.
+        data: the folder of the studies' data.
+        port: the port; 0 selects a free one.
+        say: receives the page's address.
+        rooms: further applications of the page, as `StartPage` has them.
 
     Raises:
         LogError: if the folder does not exist.
@@ -404,7 +434,7 @@ def run_desk(folder: Path, data: Path, *, port: int, say: Callable[[str], None])
     require_folder(folder, instead="the folder of the protocols")
     with (
         tempfile.TemporaryDirectory(prefix="minihuman-", ignore_cleanup_errors=True) as temporary,
-        closing(StartPage(folder, data, Path(temporary))) as desk,
+        closing(StartPage(folder, data, Path(temporary), rooms)) as desk,
         closing(open_listening_socket(port)) as listening_socket,
         suppress(KeyboardInterrupt),
     ):

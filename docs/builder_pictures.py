@@ -1,0 +1,68 @@
+"""Take the pictures of the builder for docs/made-by-hand.md.
+
+    python docs/builder_pictures.py docs/images
+
+It needs Chromium and Playwright, as the tests of the page do.
+"""
+
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from playwright.sync_api import Page, sync_playwright
+
+ROOT = Path(__file__).resolve().parents[1]
+SIZE = {"width": 1440, "height": 900}
+
+
+@contextmanager
+def serve_desk(folder: Path) -> Iterator[str]:
+    """Serve the desk of a folder; yields the address of the builder."""
+    words = ["desk", str(folder), f"--data={folder / 'sessions'}", "--no-browser"]
+    with subprocess.Popen([sys.executable, "-m", "minihuman", *words], stdout=subprocess.PIPE, text=True) as desk:
+        assert desk.stdout is not None
+        address = re.search(r"http://\S+", desk.stdout.readline())
+        assert address is not None
+        yield f"{address[0]}builder/"
+        desk.terminate()
+
+
+def take_pictures(page: Page, address: str, out: Path) -> None:
+    """Take each view that the page of the docs shows."""
+    page.goto(address)
+    page.get_by_role("heading", name="Begin with").wait_for()
+    page.wait_for_load_state("networkidle")
+    page.screenshot(path=out / "builder-studies.png")
+    page.goto(f"{address}#/study/online.toml/parts/practice")
+    page.get_by_label("Instructions", exact=True).wait_for()
+    page.get_by_text("sees it", exact=False).wait_for()
+    page.wait_for_load_state("networkidle")
+    page.locator(".screen").hover()
+    page.frame_locator("iframe").get_by_role("button", name="Go on").click()
+    page.frame_locator("iframe").get_by_text("Ready?").wait_for()
+    page.wait_for_timeout(500)
+    page.keyboard.press("Enter")
+    page.wait_for_timeout(1_000)
+    page.screenshot(path=out / "builder-parts.png")
+
+
+def main(out: Path) -> None:
+    """Take the pictures into a folder."""
+    with tempfile.TemporaryDirectory() as temporary, sync_playwright() as playwright:
+        folder = Path(temporary) / "studies"
+        folder.mkdir()
+        for name in ("online.toml", "two-days.toml", "demo.toml"):
+            shutil.copy(ROOT / "protocols" / name, folder)
+        browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=["--no-sandbox"])
+        with serve_desk(folder) as address:
+            take_pictures(browser.new_page(viewport=SIZE), address, out)
+        browser.close()
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))

@@ -1,0 +1,176 @@
+"""A protocol's file as the builder's page shows it: its parts, the order of each group, and its mistakes with lines."""
+
+import re
+import tomllib
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from minihuman.admin.protocol_file import list_named_worlds, read_protocol
+from minihuman.builder.document import NotEditableError, TomlDocument, format_path
+from minihuman.builder.messages import Lane, Mistake, Part, Pay
+from minihuman.builder.toml_spans import Steps
+from minihuman.dataset.selection import check_exclusion_measures
+from minihuman.errors import MinihumanError
+from minihuman.experiment.protocol.aliases import use_current_names
+from minihuman.experiment.protocol.protocol import Protocol, decode_protocol
+from minihuman.experiment.protocol.validation_errors import InvalidFieldsError
+from minihuman.trust import admit_worlds
+
+_PART_KINDS = {"blocks": "play", "pages": "page", "questions": "questions", "activities": "activity", "orders": "order"}
+_OWN_KINDS = ("blocks", "activities")  # tables with a field that says the kind
+_STEP = re.compile(r"\.?([^.\[\]]+)|\[(\d+)\]")
+_PLACE = re.compile(r"(?::(?P<line>\d+))?:\s*(?P<path>\$[\w.\[\]-]*)?:?\s*")
+_BLOCK = re.compile(r"block '(?P<name>[^']*)'")
+
+
+def read_values(content: bytes) -> tuple[str, dict[str, Any]]:
+    """Return a file's text and its values; no values if it is not valid TOML."""
+    text = content.decode("utf-8-sig", "replace")
+    try:
+        return text, tomllib.loads(text)
+    except (tomllib.TOMLDecodeError, RecursionError):
+        return text, {}
+
+
+def is_trusted(tree: dict[str, Any], folder: Path) -> bool:
+    """Return whether the user trusts all Python and files that the worlds of a protocol would load."""
+    return not admit_worlds(list_named_worlds(tree), folder.resolve(), False)
+
+
+def check_file(path: Path, content: bytes) -> tuple[Protocol | None, list[Mistake]]:
+    """Decode a protocol with the files that it names; return None and the mistakes if it is not valid."""
+    source = str(path)
+    try:
+        decode_protocol(content, source)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", FutureWarning)  # of old names, which `check` reports
+            protocol = read_protocol(path)
+        check_exclusion_measures(protocol.exclusions, source)
+    except MinihumanError as error:
+        return None, list_mistakes(error, source, content)
+    return protocol, []
+
+
+def list_mistakes(error: MinihumanError, source: str, content: bytes) -> list[Mistake]:
+    """Return the mistakes that an error names, each at its field."""
+    text, tree = read_values(content)
+    try:
+        document = TomlDocument.parse(text)
+    except NotEditableError as syntax_error:
+        return [Mistake([], syntax_error.line, str(syntax_error))]
+    if isinstance(error, InvalidFieldsError):
+        places = [(parse_path(path), message) for path, message in error.field_errors]
+    else:
+        lines = getattr(error, "mistakes", ()) or (str(error),)
+        places = [_place_message(line, source, tree) for line in lines]
+    return [Mistake(list(path), document.find_line(path), message) for path, message in places]
+
+
+def _place_message(line: str, source: str, tree: Mapping[str, Any]) -> tuple[Steps, str]:
+    """Return the field that a line of `check` names, and what it says of it."""
+    rest = line.removeprefix(source)
+    place = _PLACE.match(rest)
+    if place is None:
+        return (), line
+    message = rest[place.end() :]
+    if place["path"]:
+        return parse_path(place["path"].rstrip(".")), message
+    block = _BLOCK.match(message)
+    for number, row in enumerate(_rows(tree, "blocks")):
+        if block is not None and row.get("name") == block["name"]:
+            return ("blocks", number), message
+    return (), message or line
+
+
+def parse_path(path: str) -> Steps:
+    """Parse a path as errors write it: "$.blocks[1].episodes"."""
+    return tuple(name or int(number) for name, number in _STEP.findall(path.removeprefix("$")))
+
+
+def list_parts(tree: dict[str, Any], document: TomlDocument | None) -> list[Part]:
+    """Return the parts of a protocol in the order of its tables."""
+    lanes = list_lanes(tree)
+    parts = []
+    for table, usual_kind in _PART_KINDS.items():
+        for number, row in enumerate(_rows(tree, table)):
+            path: Steps = (table, number)
+            name = str(row.get("name", ""))
+            kind = str(row.get("kind", usual_kind)) if table in _OWN_KINDS else usual_kind
+            line = document.find_line(path) if document else 1
+            uses = [lane.group for lane in lanes if name in lane.parts or name in lane.replaced.values()]
+            uses += [str(order.get("name")) for order in _rows(tree, "orders") if name in str(order.get("parts"))]
+            title = row.get("title", "")
+            parts.append(Part(name, kind, list(path), str(title), list(dict.fromkeys(uses)), line))
+    return parts
+
+
+def list_lanes(tree: dict[str, Any]) -> list[Lane]:
+    """Return the parts of each group in each session, as the file lists them."""
+    lanes = []
+    for number, group in enumerate(_rows(tree, "groups")):
+        replaced = {str(part): str(other) for part, other in _table(group, "replace_parts").items()}
+        name = str(group.get("name", ""))
+        for session_number, session in enumerate(_rows(tree, "sessions")):
+            parts = _names(session.get("parts"))
+            lanes.append(
+                Lane(name, str(session.get("name", "")), parts, ["sessions", session_number, "parts"], replaced)
+            )
+        if not tree.get("sessions"):
+            field = "parts" if "parts" in group else "blocks"
+            lanes.append(Lane(name, "", _names(group.get(field)), ["groups", number, field], replaced))
+    return lanes
+
+
+def describe_pay(tree: dict[str, Any]) -> Pay | None:
+    """Return what the file says of payment; None if it pays nothing, or the table is not valid."""
+    bonus = _table(tree, "bonus")
+    numbers = {name: bonus.get(name) for name in ("base", "per_point", "most")}
+    if not bonus or not all(isinstance(number, int | float | None) for number in numbers.values()):
+        return None
+    most = numbers["most"]
+    return Pay(
+        str(bonus.get("currency", "")),
+        float(numbers["base"] or 0),
+        float(numbers["per_point"] or 0),
+        None if most is None else float(most),
+    )
+
+
+def list_old_names(tree: dict[str, Any], document: TomlDocument) -> list[Mistake]:
+    """Return the fields and values under names of earlier versions, which the forms do not show."""
+    renamed = use_current_names(tree).renamed
+    places = [(parse_path(path), message) for path, message in renamed]
+    return [Mistake(list(path), document.find_line(path), message) for path, message in places]
+
+
+def list_lines(document: TomlDocument) -> dict[str, int]:
+    """Return the line of every field and table of a file, by its path as errors write it."""
+    lines = {}
+    position = 0
+    line = 1
+    for path, begin in sorted(document.spans.positions().items(), key=lambda place: place[1]):
+        line += document.text.count("\n", position, begin)
+        position = begin
+        lines[format_path(path)] = line
+    return lines
+
+
+def _rows(tree: Mapping[str, Any], table: str) -> list[dict[str, Any]]:
+    """Return the tables of an array; none if the file has something else there."""
+    rows = tree.get(table)
+    if not isinstance(rows, list):
+        return []
+    return [row for row in rows if isinstance(row, dict)]
+
+
+def _table(tree: Mapping[str, Any], name: str) -> dict[str, Any]:
+    table = tree.get(name)
+    return table if isinstance(table, dict) else {}
+
+
+def _names(value: object) -> list[str]:
+    if not isinstance(value, list):
+        return []
+    return [name for name in value if isinstance(name, str)]

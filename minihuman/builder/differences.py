@@ -1,0 +1,42 @@
+"""What differs between two protocols, field by field. Tables with names are compared by name, wherever they stand."""
+
+from collections.abc import Iterator
+from typing import Any
+
+from minihuman.builder.document import is_same_value
+from minihuman.builder.messages import FieldDifference, Path
+
+
+def list_differences(before: dict[str, Any], after: dict[str, Any]) -> Iterator[FieldDifference]:
+    """Yield the fields in which two protocols differ; a field that one of them lacks is None there."""
+    yield from _compare(before, after, [])
+
+
+def _compare(before: Any, after: Any, path: Path) -> Iterator[FieldDifference]:
+    if is_same_value(before, after):
+        return
+    if isinstance(before, dict) and isinstance(after, dict):
+        for key in dict.fromkeys([*before, *after]):
+            yield from _compare(before.get(key), after.get(key), [*path, key])
+        return
+    names_before = _index_by_name(before)
+    names_after = _index_by_name(after)
+    if names_before is None or names_after is None:
+        yield FieldDifference(path, before, after)
+        return
+    for name in dict.fromkeys([*names_before, *names_after]):
+        number_before, table_before = names_before.get(name, (0, None))
+        number, table_after = names_after.get(name, (number_before, None))
+        yield from _compare(table_before, table_after, [*path, number])
+    common = [name for name in names_before if name in names_after]
+    if common != [name for name in names_after if name in names_before]:
+        yield FieldDifference(path, list(names_before), list(names_after))
+
+
+def _index_by_name(content: Any) -> dict[str, tuple[int, dict[str, Any]]] | None:
+    """Return the tables of an array with their numbers, by name; None if it is not an array of tables with names."""
+    if content is None:
+        return {}
+    if not isinstance(content, list) or not all(isinstance(row, dict) and "name" in row for row in content):
+        return None
+    return {str(row["name"]): (number, row) for number, row in enumerate(content)}

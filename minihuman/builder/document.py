@@ -1,0 +1,487 @@
+"""A protocol file as text that is edited in place: an edit changes the span of its value alone, and is verified.
+
+Comments, spacing, order and the way in which numbers and texts are written stay as they are. Each edit returns a new
+text whose values are compared with what the edit means; a text that cannot be edited so is refused and stays as it is.
+The module knows TOML, not protocols: what may be edited and what it means is decided in `study`.
+"""
+
+import re
+import tomllib
+from collections.abc import Callable, Mapping, Sequence
+from copy import deepcopy
+from dataclasses import dataclass
+from typing import Any
+
+from minihuman.builder.toml_blocks import cut_block, find_core, list_runs
+from minihuman.builder.toml_literals import LONGEST_LINE, format_key, format_literal
+from minihuman.builder.toml_spans import Pair, Spans, Steps, is_below, list_members, scan_toml
+from minihuman.errors import MinihumanError
+
+_MISSING = object()
+_REST_OF_LINE = re.compile(r"[ \t]*,?[ \t]*(?:#[^\n]*)?")
+_SPACE_AND_COMMA = re.compile(r"\s*,[ \t]*")
+
+Replacement = tuple[int, int, str]  # from, to, new text
+
+
+class NotEditableError(MinihumanError, ValueError):
+    """A text cannot be edited in the way that was requested.
+
+    Attributes:
+        path: the field.
+        line: where it is.
+    """
+
+    def __init__(self, message: str, path: Steps = (), line: int = 1) -> None:
+        super().__init__(message)
+        self.path = path
+        self.line = line
+
+
+@dataclass(frozen=True, slots=True)
+class TomlDocument:
+    """A TOML text with its values and their spans."""
+
+    text: str
+    tree: dict[str, Any]
+    spans: Spans
+
+    @classmethod
+    def parse(cls, text: str) -> "TomlDocument":
+        """Parse a text.
+
+        Raises:
+            NotEditableError: if it is not valid TOML.
+        """
+        try:
+            tree = tomllib.loads(text.removeprefix("\ufeff"))
+        except (tomllib.TOMLDecodeError, RecursionError) as error:
+            raise NotEditableError(f"this is not valid TOML: {error}", (), _read_line(str(error))) from None
+        return cls(text, tree, scan_toml(text))
+
+    @property
+    def newline(self) -> str:
+        """Return how lines end."""
+        if "\r\n" in self.text:
+            return "\r\n"
+        return "\n"
+
+    def find(self, path: Steps) -> Any:
+        """Return the value at a path; `MISSING` if there is none."""
+        content: Any = self.tree
+        for step in path:
+            if isinstance(content, dict) and step in content:
+                content = content[str(step)]
+            elif isinstance(content, list) and isinstance(step, int) and 0 <= step < len(content):
+                content = content[step]
+            else:
+                return MISSING
+        return content
+
+    def find_line(self, path: Steps) -> int:
+        """Return the line of a path, or of the nearest table around it."""
+        return self.spans.find_line(self.spans.position_of(path))
+
+    def literal(self, path: Steps) -> str:
+        """Return how the value at a path is written; "" if it is a table with a header, or missing."""
+        span = self.spans.values.get(path)
+        if span is None:
+            return ""
+        return self.text[span.begin : span.end]
+
+    def set(self, path: Steps, content: Any, literal: str = "") -> "TomlDocument":
+        """Give a field a value; a field that is missing is added.
+
+        Args:
+            path: the field.
+            content: the value, which may be a table or a list.
+            literal: how to write the value, if it is written in one place.
+
+        Raises:
+            NotEditableError: if that is not possible.
+        """
+        current = self.find(path)
+        if current is MISSING:
+            return self._add(path, content)
+        if is_same_value(current, content):
+            return self
+        if isinstance(content, Mapping) and isinstance(current, dict):
+            return self._set_members(path, current, content)
+        if isinstance(content, list) and isinstance(current, list):
+            return self._set_elements(path, current, content)
+        span = self.spans.values.get(path)
+        if span is None:
+            return self.remove(path)._add(path, content)
+        return self._rewrite(
+            [(span.begin, span.end, literal or self._format(path, content))],
+            path,
+            lambda tree: _put(tree, path, content),
+        )
+
+    def remove(self, path: Steps) -> "TomlDocument":
+        """Remove a field, a table, or an element of a list.
+
+        Raises:
+            NotEditableError: if there is nothing at the path, or it cannot be removed alone.
+        """
+        self._require(path)
+        if path in self.spans.values and (pair := self._find_pair(path)) is not None:
+            ranges = [(*pair, "")]
+        elif path in self.spans.values:
+            ranges = [self._cut_member(path)]
+        else:
+            ranges = [(*cut_block(self.spans, run), "") for run in list_runs(self.spans, path)]
+            dotted = self._list_dotted_pairs(path)
+            ranges += [(*self._keep_last_line_open(pair.begin, pair.end), "") for pair in dotted]
+        return self._rewrite(ranges, path, lambda tree: self._delete(tree, path))
+
+    def insert(self, path: Steps, content: Any, literal: str = "") -> "TomlDocument":
+        """Insert an element into a list so that it gets the number with which the path ends.
+
+        Args:
+            path: the list, and the element's number in it.
+            content: the element.
+            literal: the element's text, if it is one that was taken from the file.
+
+        Raises:
+            NotEditableError: if there is no list at the path, or the number is beyond its end.
+        """
+        array, number = path[:-1], path[-1]
+        current = self.find(array)
+        if current is MISSING and number == 0:
+            return self._add(array, [content])
+        if not isinstance(current, list) or not isinstance(number, int) or not 0 <= number <= len(current):
+            raise self._refuse(f"there is no place {number!r} in {format_path(array)}", path)
+        if array in self.spans.values:
+            ranges = self._insert_inline(array, number, literal or self._format(path, content))
+        elif not isinstance(content, Mapping):
+            raise self._refuse(f"{content!r} is not a table, as the elements of {format_path(array)} are", path)
+        else:
+            ranges = [self._insert_block(array, number, literal or self._format_section(array, content, True))]
+        return self._rewrite(ranges, path, lambda tree: _get(tree, array).insert(number, deepcopy(content)))
+
+    def move(self, path: Steps, to: int) -> "TomlDocument":
+        """Move an element of a list so that it gets another number; comments above a table's header go with it.
+
+        Raises:
+            NotEditableError: if there is no such element, or its lines are in several places.
+        """
+        self._require(path)
+        array, number = path[:-1], path[-1]
+        elements = self.find(array)
+        if not isinstance(elements, list) or not isinstance(number, int) or not 0 <= to < len(elements):
+            raise self._refuse(f"there is no place {to} in {format_path(array)}", path)
+        places = [self._find_element((*array, place)) for place in range(len(elements))]
+        order = list(range(len(elements)))
+        order.insert(to, order.pop(number))
+        ranges = [
+            (begin, end, self.text[slice(*places[source])]) for (begin, end), source in zip(places, order, strict=True)
+        ]
+        return self._rewrite(ranges, path, lambda tree: _move(_get(tree, array), number, to))
+
+    def duplicate(self, path: Steps) -> "TomlDocument":
+        """Insert a copy of an element of a list behind it, written as the element is.
+
+        Raises:
+            NotEditableError: if there is no such element, or its lines are in several places.
+        """
+        self._require(path)
+        number = path[-1]
+        if not isinstance(number, int):
+            raise self._refuse(f"{format_path(path)} is not an element of a list", path)
+        text = self.text[slice(*self._find_element(path))]
+        return self.insert((*path[:-1], number + 1), self.find(path), text)
+
+    def _set_members(self, path: Steps, current: Mapping[str, Any], content: Mapping[str, Any]) -> "TomlDocument":
+        document = self
+        for key, member in content.items():
+            document = document.set((*path, key), member)
+        for key in current:
+            if key not in content:
+                document = document.remove((*path, key))
+        return document
+
+    def _set_elements(self, path: Steps, current: Sequence[Any], content: Sequence[Any]) -> "TomlDocument":
+        """Change the elements between those that the old and the new list have in common at both ends."""
+        shorter = min(len(current), len(content))
+        same = (is_same_value(old, new) for old, new in zip(current, content, strict=False))
+        before = next((place for place, is_same in enumerate(same) if not is_same), shorter)
+        same = (is_same_value(old, new) for old, new in zip(reversed(current), reversed(content), strict=False))
+        after = next((place for place, is_same in enumerate(same) if not is_same), shorter)
+        after = min(after, shorter - before)
+        document = self
+        for place in range(before, shorter - after):
+            document = document.set((*path, place), content[place])
+        for place in range(shorter - after, len(content) - after):
+            document = document.insert((*path, place), content[place])
+        for place in reversed(range(shorter - after, len(current) - after)):
+            document = document.remove((*path, place))
+        return document
+
+    def _add(self, path: Steps, content: Any) -> "TomlDocument":
+        """Add a field, with the table that contains it if that is missing."""
+        parent, key = path[:-1], path[-1]
+        table = self.find(parent)
+        if table is MISSING:
+            return self._add(parent, [content] if key == 0 else {str(key): content})
+        if isinstance(table, list):
+            return self.insert(path, content)
+        if not isinstance(table, dict) or not isinstance(key, str):
+            raise self._refuse(f"{format_path(parent)} is not a table, so it has no {key!r}", path)
+        if parent in self.spans.values:
+            ranges = self._insert_inline(parent, len(table), f"{format_key(key)} = {self._format(path, content)}")
+        else:
+            ranges = [self._insert_field(parent, key, content)]
+        return self._rewrite(ranges, path, lambda tree: _put(tree, path, content))
+
+    def _insert_field(self, parent: Steps, key: str, content: Any) -> Replacement:
+        """Return the replacement that adds a field to a table that is not inline."""
+        sections = [section for section in self.spans.sections if section.path == parent]
+        pairs = self._list_dotted_pairs(parent)
+        is_implicit = not sections and not pairs  # only tables below it have headers
+        is_table = isinstance(content, Mapping) or _is_list_of_tables(content)
+        if is_table and (parent == () or is_implicit or _needs_header(content)):
+            return self._append_block(parent, self._format_member((*parent, key), content))
+        if is_implicit:
+            header = self._format_section(parent, {key: content}, False)
+            below = next(section for section in self.spans.sections if is_below(section.path, parent))
+            begin, _ = find_core(self.spans, (below, below))
+            return begin, begin, f"{header}{self.newline}{self.newline}"
+        names = format_key(key)
+        section = (sections or [self.spans.sections[pairs[-1].section]])[0]
+        own = section.pairs
+        if not sections:
+            own = pairs
+            names = ".".join(format_key(str(step)) for step in (*parent, key)[len(section.path) :])
+        position = own[-1].end if own else section.header_end
+        indent = re.match(r"[ \t]*", self.text[own[-1].begin :]) if own else None
+        line = f"{indent[0] if indent else ''}{names} = {self._format((*parent, key), content)}"
+        return position, position, self._fit_line(position, line)
+
+    def _fit_line(self, position: int, line: str) -> str:
+        """Return a line with the line break that it needs at a position where a line begins, or the text ends."""
+        if position and self.text[position - 1] != "\n":
+            return f"{self.newline}{line}"
+        return f"{line}{self.newline}"
+
+    def _format(self, path: Steps, content: Any) -> str:
+        try:
+            return format_literal(content, self.literal(path), self.newline)
+        except ValueError as error:
+            raise self._refuse(str(error), path) from None
+
+    def _format_section(self, path: Steps, table: Mapping[str, Any], is_element: bool) -> str:
+        """Return a table with its header as lines, without a line break at the end."""
+        name = ".".join(format_key(step) for step in path if isinstance(step, str))
+        header = f"[[{name}]]" if is_element else f"[{name}]"
+        lines = [header]
+        tables = []
+        for key, content in table.items():
+            if _needs_header(content):
+                tables.append(self._format_member((*path, key), content))
+            else:
+                lines.append(f"{format_key(key)} = {self._format((*path, key), content)}")
+        return (self.newline * 2).join([self.newline.join(lines), *tables])
+
+    def _format_member(self, path: Steps, content: Any) -> str:
+        """Return the lines of a value that has headers: a table, or a list of tables."""
+        if isinstance(content, list):
+            return (self.newline * 2).join(self._format_section(path, element, True) for element in content)
+        if content and all(isinstance(member, Mapping) for member in content.values()):
+            return (self.newline * 2).join(
+                self._format_section((*path, key), member, False) for key, member in content.items()
+            )
+        return self._format_section(path, content, False)
+
+    def _insert_block(self, array: Steps, number: int, block: str) -> Replacement:
+        """Return the replacement that puts an element with a header in its place in an array of tables."""
+        gap = self.newline * 2
+        if number < len(self.find(array)):
+            begin, _ = find_core(self.spans, list_runs(self.spans, (*array, number))[0])
+            return begin, begin, f"{block}{gap}"
+        run = list_runs(self.spans, (*array, number - 1))[-1]
+        _, end = find_core(self.spans, run)
+        _, gap_end = cut_block(self.spans, run)
+        if gap_end > end:  # other tables follow
+            gap = self.text[end:gap_end]
+        return end, end, f"{gap}{block}"
+
+    def _append_block(self, parent: Steps, block: str) -> Replacement:
+        """Return the replacement that puts a table with a header behind those of the table that contains it."""
+        gap = self.newline * 2
+        if not parent:
+            end = len(self.text.rstrip())
+            return end, end, f"{gap if end else ''}{block}"
+        run = list_runs(self.spans, parent)[-1]
+        _, end = find_core(self.spans, run)
+        _, gap_end = cut_block(self.spans, run)
+        if gap_end > end:
+            gap = self.text[end:gap_end]
+        return end, end, f"{gap}{block}"
+
+    def _insert_inline(self, container: Steps, number: int, literal: str) -> list[Replacement]:
+        """Return the replacements that put a member into an inline table, or an element into a list."""
+        members = list(list_members(self.spans, container))
+        span = self.spans.values[container]
+        if not members:
+            padding = " " if span.form == "table" else ""
+            return [(span.begin + 1, span.begin + 1, f"{padding}{literal}{padding}")]
+        if number < len(members):
+            begin = members[number][1].member_begin
+            separator = f",{self.newline}{self._indent(begin)}" if self._begins_line(begin) else ", "
+            return [(begin, begin, f"{literal}{separator}")]
+        last = members[-1][1]
+        if not self._begins_line(last.member_begin):
+            return [(last.end, last.end, f", {literal}")]
+        rest = _REST_OF_LINE.match(self.text, last.end)
+        assert rest is not None
+        comma = "," if "," not in rest[0].partition("#")[0] else ""
+        line = f"{self.newline}{self._indent(last.member_begin)}{literal}{'' if comma else ','}"
+        return [(last.end, rest.end(), f"{comma}{rest[0]}{line}")]
+
+    def _begins_line(self, position: int) -> bool:
+        line_begin = self.text.rfind("\n", 0, position) + 1
+        return not self.text[line_begin:position].strip()
+
+    def _indent(self, position: int) -> str:
+        return self.text[self.text.rfind("\n", 0, position) + 1 : position]
+
+    def _find_pair(self, path: Steps) -> tuple[int, int] | None:
+        """Return the lines of a field that is a statement; None if it is inside another value."""
+        for section in self.spans.sections:
+            for pair in section.pairs:
+                if pair.path == path:
+                    return self._keep_last_line_open(pair.begin, pair.end)
+        return None
+
+    def _list_dotted_pairs(self, path: Steps) -> list[Pair]:
+        """Return the statements with dotted keys that belong to a table, below the headers of tables around it."""
+        sections = (section for section in self.spans.sections if not is_below(section.path, path))
+        return [pair for section in sections for pair in section.pairs if is_below(pair.path, path)]
+
+    def _keep_last_line_open(self, begin: int, end: int) -> tuple[int, int]:
+        """Return lines, with the line break before them where the text's last line has none."""
+        if end == len(self.text) and not self.text.endswith("\n"):
+            return len(self.text[:begin].removesuffix("\n").removesuffix("\r")), end
+        return begin, end
+
+    def _cut_member(self, path: Steps) -> Replacement:
+        """Return the replacement that removes a member of an inline table, or an element of a list, with its comma."""
+        container = next(path[:length] for length in range(len(path) - 1, 0, -1) if path[:length] in self.spans.values)
+        members = [span for _, span in list_members(self.spans, container)]
+        span = self.spans.values[path]
+        place = members.index(span)
+        rest = _REST_OF_LINE.match(self.text, span.end)
+        assert rest is not None
+        line_begin = self.text.rfind("\n", 0, span.member_begin) + 1
+        if self._begins_line(span.member_begin) and self.text[rest.end() : rest.end() + 2].strip(" \t\r") == "\n":
+            return line_begin, self.text.index("\n", rest.end()) + 1, ""
+        if place + 1 < len(members):
+            return span.member_begin, members[place + 1].member_begin, ""
+        if place:
+            return members[place - 1].end, span.end, ""
+        comma = _SPACE_AND_COMMA.match(self.text, span.end)
+        return span.member_begin, comma.end() if comma else span.end, ""
+
+    def _find_element(self, path: Steps) -> tuple[int, int]:
+        """Return the span of an element of a list.
+
+        Raises:
+            NotEditableError: if other tables are between its own.
+        """
+        if path in self.spans.values:
+            span = self.spans.values[path]
+            return span.begin, span.end
+        runs = list_runs(self.spans, path)
+        if len(runs) != 1:
+            raise self._refuse(f"the lines of {format_path(path)} are in {len(runs)} places; put them together", path)
+        return find_core(self.spans, runs[0])
+
+    def _delete(self, tree: dict[str, Any], path: Steps) -> None:
+        """Delete a path from a tree, with the tables above it that are left empty and are written nowhere."""
+        del _get(tree, path[:-1])[path[-1]]
+        parent = path[:-1]
+        is_written = parent in self.spans.values or any(section.path == parent for section in self.spans.sections)
+        if parent and not is_written and not _get(tree, parent):
+            self._delete(tree, parent)
+
+    def _require(self, path: Steps) -> None:
+        if not path or self.find(path) is MISSING:
+            raise self._refuse(f"there is no {format_path(path)} in the file", path)
+
+    def _rewrite(
+        self, replacements: Sequence[Replacement], path: Steps, change: Callable[[dict[str, Any]], object]
+    ) -> "TomlDocument":
+        """Return the text with replacements, after comparing its values with those that the change should lead to."""
+        text = self.text
+        for begin, end, new_text in sorted(replacements, reverse=True):
+            text = f"{text[:begin]}{new_text}{text[end:]}"
+        expected = deepcopy(self.tree)
+        change(expected)
+        try:
+            document = TomlDocument.parse(text)
+        except NotEditableError:
+            document = None
+        if document is None or not is_same_value(document.tree, expected):
+            raise self._refuse(f"{format_path(path)} is written in a way that the builder leaves alone", path)
+        return document
+
+    def _refuse(self, problem: str, path: Steps) -> NotEditableError:
+        line = self.find_line(path)
+        return NotEditableError(f"line {line}: {problem}; edit the file", path, line)
+
+
+MISSING = _MISSING
+
+
+def format_path(path: Steps) -> str:
+    """Format a path as `check` writes it: blocks[1].episodes."""
+    return "".join(f"[{step}]" if isinstance(step, int) else f".{step}" for step in path).lstrip(".")
+
+
+def is_same_value(first: Any, second: Any) -> bool:
+    """Return whether two values mean the same in a protocol: 2 and 2.0 do, 1 and true do not."""
+    if isinstance(first, Mapping) and isinstance(second, Mapping):
+        return first.keys() == second.keys() and all(is_same_value(first[key], second[key]) for key in first)
+    if isinstance(first, list | tuple) and isinstance(second, list | tuple):
+        return len(first) == len(second) and all(map(is_same_value, first, second))
+    if isinstance(first, bool) or isinstance(second, bool):
+        return first is second
+    return bool(first == second) or (first != first and second != second)  # not-a-numbers are the same
+
+
+def _is_list_of_tables(content: Any) -> bool:
+    return isinstance(content, list) and bool(content) and all(isinstance(element, Mapping) for element in content)
+
+
+def _needs_header(content: Any) -> bool:
+    """Return whether a value is written with a header: lists of tables, tables of tables, and long ones."""
+    if _is_list_of_tables(content):
+        return True
+    if not isinstance(content, Mapping) or not content:
+        return False
+    if all(isinstance(member, Mapping) for member in content.values()):
+        return True
+    try:
+        return len(format_literal(content)) > LONGEST_LINE
+    except ValueError:
+        return False
+
+
+def _get(tree: Any, path: Steps) -> Any:
+    for step in path:
+        tree = tree[step]
+    return tree
+
+
+def _put(tree: dict[str, Any], path: Steps, content: Any) -> None:
+    _get(tree, path[:-1])[path[-1]] = deepcopy(content)
+
+
+def _move(elements: list[Any], number: int, to: int) -> None:
+    elements.insert(to, elements.pop(number))
+
+
+def _read_line(message: str) -> int:
+    match = re.search(r"line (\d+)", message)
+    return int(match[1]) if match else 1

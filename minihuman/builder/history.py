@@ -1,0 +1,108 @@
+"""The history of a protocol file: every version that the builder replaced or wrote, in a folder beside the file.
+
+The history survives the program and the browser. It is no second truth: a version that another program wrote is added
+when the builder next writes the file, and deleting the folder loses nothing but undo.
+"""
+
+from pathlib import Path
+
+from minihuman.storage.durable_files import replace_durably
+from minihuman.storage.system import current_system
+
+HISTORY_FOLDER = ".minihuman-history"  # with a folder for each file
+LONGEST = 500  # versions of a file
+_SUFFIX = ".version"  # no protocol, so that no list of studies shows it
+
+
+class FileHistory:
+    """The versions of one file, and which of them the file is.
+
+    Args:
+        path: the file.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._folder = path.parent / HISTORY_FOLDER / f"{path.name}.history"
+        self._position: int | None = None  # index of the version that this process wrote last
+
+    def record(self, old: bytes, new: bytes) -> None:
+        """Add a version behind the present one; versions that had been undone are dropped.
+
+        Raises:
+            OSError: if the history cannot be written.
+        """
+        position = self._find_or_add(old)
+        versions = self._cut(self._list(), position + 1)
+        versions.append(self._write(versions, new))
+        if len(versions) > LONGEST:
+            current_system().disk.unlink(versions.pop(0))
+        self._position = len(versions) - 1
+
+    def can_step(self, content: bytes, by: int) -> bool:
+        """Return whether there is a version before (-1) or after (+1) the present content of the file."""
+        versions = self._list()
+        position = self._locate(versions, content)
+        if position is None:  # another program has changed the file since
+            return by < 0 and bool(versions)
+        return 0 <= position + by < len(versions)
+
+    def peek(self, content: bytes, by: int) -> bytes:
+        """Return the version before (-1) or after (+1) the present content, and change nothing.
+
+        Raises:
+            IndexError: if there is none.
+            OSError: if the history cannot be read.
+        """
+        if not self.can_step(content, by):
+            raise IndexError("there is no such version")
+        versions = self._list()
+        position = self._locate(versions, content)
+        if position is None:
+            position = len(versions) if self._position is None else self._position + 1
+        return versions[position + by].read_bytes()
+
+    def step(self, content: bytes, by: int) -> bytes:
+        """Return the version before (-1) or after (+1) the present content, which the file is about to become.
+
+        There must be one, as `can_step` says.
+
+        Raises:
+            OSError: if the history cannot be read or written.
+        """
+        self._position = self._find_or_add(content) + by  # added, so that what another program wrote is not lost
+        return self._list()[self._position].read_bytes()
+
+    def _find_or_add(self, content: bytes) -> int:
+        """Return the index of the version that the file is, after adding it if another program has written it."""
+        versions = self._list()
+        position = self._locate(versions, content)
+        if position is not None:
+            return position
+        if self._position is not None:
+            versions = self._cut(versions, self._position + 1)
+        versions.append(self._write(versions, content))
+        return len(versions) - 1
+
+    def _cut(self, versions: list[Path], length: int) -> list[Path]:
+        for version in versions[length:]:
+            current_system().disk.unlink(version)
+        return versions[:length]
+
+    def _locate(self, versions: list[Path], content: bytes) -> int | None:
+        """Return the index of the version that the file is: the one of the last step, or the last that is equal."""
+        order = list(reversed(range(len(versions))))
+        if self._position is not None and self._position < len(versions):
+            order.insert(0, self._position)
+        return next((place for place in order if versions[place].read_bytes() == content), None)
+
+    def _list(self) -> list[Path]:
+        if not self._folder.is_dir():
+            return []
+        return sorted(path for path in self._folder.iterdir() if path.suffix == _SUFFIX)
+
+    def _write(self, versions: list[Path], content: bytes) -> Path:
+        number = int(versions[-1].stem) + 1 if versions else 1
+        path = self._folder / f"{number:08}{_SUFFIX}"
+        with replace_durably(path) as file:
+            file.write(content)
+        return path

@@ -1,0 +1,48 @@
+"""The types of the builder's page, generated from the structs that it exchanges with its server.
+
+python -m minihuman.builder.message_types     # writes page/messages.d.ts, which is committed
+"""
+
+from pathlib import Path
+from typing import Any
+
+from minihuman.builder import messages, preview_api, preview_server, trial_runs
+from minihuman.web.page_types import write_types
+
+PATH = Path(__file__).with_name("page") / "messages.d.ts"
+_HEAD = """\
+// What the builder's page and its server send each other. Generated: edit minihuman/builder/messages.py, then run
+// `python -m minihuman.builder.message_types`.
+"""
+_FROM_PAGE = (
+    messages.EditRequest
+    | messages.VersionRequest
+    | messages.NewStudyRequest
+    | messages.TableRequest
+    | preview_api.ShowRequest
+)
+_TO_PAGE = (
+    messages.Studies
+    | messages.Document
+    | messages.FieldForm
+    | messages.Kinds
+    | messages.CheckReport
+    | messages.Media
+    | messages.StimulusTable
+    | messages.Differences
+    | messages.EditRefusal
+    | preview_server.Preview
+    | preview_api.PageInfo
+    | preview_api.WorldInfo
+    | trial_runs.SimulationRun
+)
+_ALIASES: dict[str, Any] = {"FromPage": _FROM_PAGE, "ToPage": _TO_PAGE}
+
+
+def write_builder_types() -> str:
+    """Return the text of `page/messages.d.ts`."""
+    return _HEAD + "\n" + write_types(_ALIASES, _FROM_PAGE)
+
+
+if __name__ == "__main__":
+    PATH.write_text(write_builder_types(), encoding="utf-8", newline="\n")

@@ -1,0 +1,151 @@
+"""New studies: from a template's answers, from a study that comes with the package, or as a new version of one."""
+
+import json
+import re
+from functools import cache
+from pathlib import Path
+
+from minihuman.admin.protocol_file import (
+    SCHEMA_FILE,
+    TEMPLATES,
+    ProtocolDraft,
+    make_study_name,
+    read_protocol,
+)
+from minihuman.builder.document import TomlDocument
+from minihuman.builder.durations import estimate_durations
+from minihuman.builder.edit_errors import EditRefusedError
+from minihuman.builder.messages import EditRefusal, NewStudyRequest, Template
+from minihuman.builder.shipped_studies import ShippedStudy, list_shipped_studies
+from minihuman.errors import MinihumanError
+from minihuman.experiment.protocol.protocol import Protocol, build_json_schema, decode_protocol
+from minihuman.storage.durable_files import replace_durably, write_atomically
+from minihuman.trust import Trust, list_foreign_modules
+
+_PLAIN = "one-world"
+_LAST_NUMBER = re.compile(r"\d+(?=\D*$)")
+
+
+def write_draft(draft: ProtocolDraft, folder: Path) -> Path:
+    """Write a new study from answers into a folder, with the schema that editors read; return its file.
+
+    Raises:
+        ProtocolError: if the answers do not make a valid study.
+        OSError: if it cannot be written.
+    """
+    text = draft.toml()
+    folder.mkdir(parents=True, exist_ok=True)
+    is_new = not any(folder.iterdir())  # a folder with files in it may hold a stranger's Python
+    path = folder / f"{draft.name}.toml"
+    write_atomically(json.dumps(build_json_schema(), indent=1) + "\n", folder / SCHEMA_FILE)
+    write_atomically(text, path)
+    Trust(frozenset({folder.resolve()} if is_new else ()), list_foreign_modules(draft.worlds)).record()
+    return path
+
+
+@cache
+def list_templates() -> tuple[Template, ...]:
+    """Return the studies that can be copied: those that are written from answers, then those of the package."""
+    plain = [(_PLAIN, "one world, keys to be found out"), *TEMPLATES.items()]
+    starts = [_describe_draft(name, summary) for name, summary in plain]
+    return (*starts, *(_describe_shipped(study) for study in list_shipped_studies()))
+
+
+def read_template(name: str) -> Protocol:
+    """Read the protocol of a template.
+
+    Raises:
+        ProtocolError: if there is no such template.
+    """
+    for study in list_shipped_studies():
+        if study.name == name:
+            return read_protocol(study.path)
+    return _decode_draft(name)
+
+
+def make_study(request: NewStudyRequest, folder: Path, source: Path | None) -> Path:
+    """Write a new study into a folder, and return its file.
+
+    Args:
+        request: the name, and what it begins from.
+        folder: the folder of the protocols.
+        source: the protocol of which this is a new version; None for a template.
+
+    Raises:
+        EditRefusedError: if there is a study of that name already, or no such template.
+        OSError: if it cannot be written.
+    """
+    try:
+        name = make_study_name(request.name)
+        if source is not None:
+            return _copy(source, name, source.parent, is_new_version=True)
+        for study in list_shipped_studies():
+            if study.name == request.template:
+                return _copy(study.path, name, folder, is_new_version=False)
+        templates = () if request.template in ("", _PLAIN) else (request.template,)
+        _require_new(folder / f"{name}.toml")
+        return write_draft(ProtocolDraft(name, templates=templates, language=request.language), folder)
+    except EditRefusedError:
+        raise
+    except MinihumanError as error:
+        raise EditRefusedError(EditRefusal("not_valid", str(error))) from error
+
+
+def _copy(source: Path, name: str, folder: Path, *, is_new_version: bool) -> Path:
+    """Copy a protocol under another name, with the files that it names; a study with files gets a folder of its own."""
+    document = TomlDocument.parse(source.read_bytes().decode()).set(("study", "name"), name)
+    files = {} if is_new_version else _read_files(source)  # a new version uses the same ones
+    if files:
+        folder = folder / name
+    path = folder / f"{name}.toml"
+    _require_new(path)
+    if is_new_version:
+        version = _LAST_NUMBER.sub(lambda number: str(int(number[0]) + 1), str(document.find(("study", "version"))))
+        document = document.set(("study", "version"), version)
+    for file_name, content in files.items():
+        with replace_durably(folder / file_name, mode=0o644) as file:
+            file.write(content)
+    with replace_durably(path, mode=0o644) as file:
+        file.write(document.text.encode())
+    return path
+
+
+def _read_files(source: Path) -> dict[str, bytes]:
+    """Read the files that a protocol names, by name."""
+    protocol = read_protocol(source)
+    folder = source.parent.resolve()
+    return {name: (folder / name).read_bytes() for name in protocol.files}
+
+
+def _require_new(path: Path) -> None:
+    if path.exists():
+        raise EditRefusedError(EditRefusal("exists", f"there is a study {path.name} already; choose another name"))
+
+
+@cache
+def _decode_draft(name: str) -> Protocol:
+    templates = () if name == _PLAIN else (name,)
+    return decode_protocol(ProtocolDraft("my-study", templates=templates).toml().encode())
+
+
+def _describe_draft(name: str, summary: str) -> Template:
+    return Template(name, name.replace("-", " "), summary, "en", _find_minutes(_decode_draft(name)), [], "start")
+
+
+def _describe_shipped(study: ShippedStudy) -> Template:
+    protocol = read_protocol(study.path)
+    title = protocol.about.title or protocol.study.name.replace("-", " ")
+    return Template(
+        study.name,
+        title,
+        study.summary,
+        protocol.study.language,
+        _find_minutes(protocol),
+        list(protocol.files),
+        "trials" if study.name.startswith("trials/") else "example",
+    )
+
+
+def _find_minutes(protocol: Protocol) -> tuple[float, float] | None:
+    minutes = [(duration.least_min, duration.most_min) for duration in estimate_durations(protocol)]
+    return max(minutes, key=lambda pair: pair[1], default=None)

@@ -1,0 +1,137 @@
+// A study as a line of parts: a lane for each group or session. Parts are ordered by dragging and by buttons.
+/** @import { Edit, Lane, Part } from "./messages" */
+/** @import { OpenStudy } from "./open_study.js" */
+import { html, useState } from "./vendor/preact.js";
+import { AddPart } from "./add_part.js";
+import { countNoun, formatMinutes, nameKind } from "./words.js";
+
+/** @typedef {{ part: string, lane: Lane | null, place: number }} Dragged */
+/** @typedef {{ lane: string, place: number }} Spot where the selected part stands; a lane may have a part twice */
+
+/** @param {Lane | null} lane */
+const laneKey = (lane) => (lane ? `${lane.group} ${lane.session}` : "");
+
+/** @param {Lane} lane @param {string[]} names @returns {Edit[]} */
+export const buildLaneEdits = (lane, names) => [{ op: "set", path: lane.path, value: names }];
+
+/**
+ * The edits that put a part into a lane. A group that lists blocks alone lists parts from then on, and so do the others.
+ * @param {OpenStudy} study @param {Lane} lane @param {string[]} names @param {string} kind "block" if it is one @returns {Edit[]}
+ */
+export function buildEntryEdits(study, lane, names, kind) {
+  const listsBlocks = lane.path.at(-1) === "blocks";
+  if (!listsBlocks || kind === "block") return buildLaneEdits(lane, names);
+  /** @type {Edit[]} */
+  const edits = [];
+  for (const other of study.document?.lanes ?? []) {
+    const parts = other.path.join() === lane.path.join() ? names : other.parts;
+    const group = other.path.slice(0, -1);
+    if (study.read([...group, "blocks"])) edits.push({ op: "remove", path: [...group, "blocks"] });
+    edits.push({ op: "set", path: [...group, "parts"], value: parts });
+  }
+  return edits;
+}
+
+/** @param {string[]} names @param {number} from @param {number} to */
+export function moveName(names, from, to) {
+  const moved = [...names];
+  moved.splice(to > from ? to - 1 : to, 0, ...moved.splice(from, 1));
+  return moved;
+}
+
+/** @param {{ study: OpenStudy, selected: string, select: (name: string) => void }} properties */
+export function Lanes({ study, selected, select }) {
+  const [dragged, setDragged] = useState(/** @type {Dragged | null} */ (null));
+  const [adding, setAdding] = useState(/** @type {Lane | null} */ (null));
+  const [spot, setSpot] = useState(/** @type {Spot} */ ({ lane: "", place: -1 }));
+  const lanes = study.document?.lanes ?? [];
+  const parts = study.document?.parts ?? [];
+  const listed = new Set(lanes.flatMap((lane) => [...lane.parts, ...Object.values(lane.replaced)]));
+  const inOrders = new Set(parts.filter((part) => part.kind === "order").flatMap((part) => (study.read([...part.path, "parts"]) ?? []).flat()));
+  const unused = parts.filter((part) => !listed.has(part.name) && !inOrders.has(part.name));
+  const choose = (/** @type {string} */ name, /** @type {Lane | null} */ lane, /** @type {number} */ place) => {
+    const isSame = spot.lane === laneKey(lane) && spot.place === place;
+    setSpot({ lane: laneKey(lane), place });
+    if (name !== selected || isSame) select(name);
+  };
+  const shared = { study, selected, choose, dragged, setDragged, spot, setSpot };
+  const behind = adding && laneKey(adding) === spot.lane && adding.parts[spot.place] === selected ? spot.place + 1 : adding?.parts.length ?? 0;
+  const drop = (/** @type {Lane} */ lane, /** @type {number} */ place) => {
+    if (!dragged) return;
+    const isMove = dragged.lane?.path.join() === lane.path.join();
+    const names = isMove ? moveName(lane.parts, dragged.place, place) : lane.parts.toSpliced(place, 0, dragged.part);
+    const isBlock = parts.some((part) => part.name === dragged.part && part.path[0] === "blocks");
+    study.edit(buildEntryEdits(study, lane, names, isBlock ? "block" : ""));
+    setSpot({ lane: "", place: -1 });
+    setDragged(null);
+  };
+  return html`<section class="line" aria-label="Parts in order">
+    ${lanes.map((lane) => html`<${LaneRow} key=${`${lane.session} ${lane.group}`} lane=${lane} ...${shared} drop=${drop} add=${() => setAdding(lane)} />`)}
+    ${unused.length > 0 && html`<div class="lane unused"><h2>Not in use</h2><ol>${unused.map((part) => html`
+      <${Chip} key=${part.name} part=${part} name=${part.name} lane=${null} place=${0} ...${shared} />`)}</ol></div>`}
+    ${adding && html`<${AddPart} study=${study} lane=${adding} place=${behind} close=${() => setAdding(null)}
+      select=${(/** @type {string} */ name) => choose(name, adding, behind)} />`}
+  </section>`;
+}
+
+/** @param {Lane} lane */
+export const nameLane = (lane) => [lane.session, lane.group].filter(Boolean).join(" · ") || "everyone";
+
+/** @param {any} properties */
+function LaneRow({ study, lane, drop, add, ...shared }) {
+  const { dragged, selected, spot } = shared;
+  const duration = (study.document?.durations ?? []).find((/** @type {any} */ other) => other.group === lane.group && other.session === lane.session);
+  const byName = new Map((study.document?.parts ?? []).map((/** @type {Part} */ part) => [part.name, part]));
+  const isFixed = study.restrictionAt(lane.path) !== "";
+  const allow = (/** @type {DragEvent} */ event) => dragged && !isFixed && event.preventDefault();
+  return html`<div class="lane">
+    <h2>${nameLane(lane)}<small>${duration ? formatMinutes([duration.least_min, duration.most_min]) : countNoun(lane.parts.length, "part")}</small></h2>
+    <ol aria-label=${`Parts of ${nameLane(lane)}`} onDragOver=${allow} onDrop=${() => drop(lane, lane.parts.length)}>
+      ${lane.parts.map((/** @type {string} */ listed, /** @type {number} */ place) => ({ listed, place, name: lane.replaced[listed] ?? listed })).map((/** @type {{ listed: string, place: number, name: string }} */ { listed, place, name }) => html`
+        <${Chip} key=${`${listed} ${place}`} part=${byName.get(name)} name=${name} instead=${name === listed ? "" : listed} lane=${lane} place=${place} study=${study} ...${shared}
+          drop=${drop} isFixed=${isFixed} />`)}
+      ${!isFixed && html`<li class="add"><button type="button" class="dashed" aria-label=${`Add a part to ${nameLane(lane)}`} onClick=${add}>
+        + Add${spot.lane === laneKey(lane) && lane.parts[spot.place] === selected ? ` behind ${selected}` : ""}</button></li>`}
+    </ol>
+    ${isFixed && html`<p class="fixed">Fixed: ${study.restrictionAt(lane.path)}</p>`}
+  </div>`;
+}
+
+/** @param {any} properties */
+function Chip({ study, part, name, instead = "", lane, place, selected, choose, dragged, setDragged, drop, isFixed, spot, setSpot }) {
+  const isChosen = selected === name && spot.lane === laneKey(lane) && spot.place === place;
+  const isSelected = selected === name;
+  const mistakes = part ? study.mistakesAt(part.path).length : 0;
+  const begin = (/** @type {DragEvent} */ event) => {
+    event.dataTransfer?.setData("text/plain", name);
+    setDragged({ part: instead || name, lane, place });
+  };
+  const over = (/** @type {DragEvent} */ event) => dragged && lane && !isFixed && event.preventDefault();
+  const onDrop = (/** @type {DragEvent} */ event) => {
+    event.stopPropagation();
+    if (lane) drop(lane, place);
+  };
+  const label = (part?.title && part.title !== name ? part.title : name) || "left out";
+  return html`<li class=${`chip kind-${part?.kind ?? "unknown"} ${isSelected ? "selected" : ""} ${mistakes ? "wrong" : ""}`} draggable=${!isFixed}
+      onDragStart=${begin} onDragEnd=${() => setDragged(null)} onDragOver=${over} onDrop=${onDrop}>
+    <button type="button" class="name" aria-current=${isSelected ? "true" : undefined} onClick=${() => choose(name, lane, place)}>
+      <span class="kind">${part ? nameKind(part.kind) : "by itself"}${instead && ` instead of ${instead}`}</span> <span class="part" dir="auto">${label}</span>
+      ${mistakes > 0 && html` <span class="badge" title="mistakes">${mistakes}</span>`}</button>
+    ${isChosen && lane && !isFixed && html`<${MoveButtons} study=${study} lane=${lane} place=${place} name=${name} setSpot=${setSpot} />`}
+  </li>`;
+}
+
+/** @param {{ study: OpenStudy, lane: Lane, place: number, name: string, setSpot: (spot: Spot) => void }} properties */
+function MoveButtons({ study, lane, place, name, setSpot }) {
+  const move = (/** @type {number} */ to) => {
+    study.edit(buildLaneEdits(lane, moveName(lane.parts, place, to > place ? to + 1 : to)));
+    setSpot({ lane: laneKey(lane), place: to });
+  };
+  const where = nameLane(lane);
+  return html`<span class="moves">
+    <button type="button" class="icon" disabled=${place === 0} aria-label=${`Move ${name} earlier in ${where}`} onClick=${() => move(place - 1)}>←</button>
+    <button type="button" class="icon" disabled=${place === lane.parts.length - 1} aria-label=${`Move ${name} later in ${where}`} onClick=${() => move(place + 1)}>→</button>
+    <button type="button" class="icon" aria-label=${`Take ${name} out of ${where}`}
+      onClick=${() => study.edit(buildLaneEdits(lane, lane.parts.toSpliced(place, 1)))}>×</button>
+  </span>`;
+}

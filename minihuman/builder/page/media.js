@@ -1,0 +1,113 @@
+// The files beside a protocol: pictures and sounds to see and hear, and tables of stimuli to paste and edit.
+/** @import { Media, MediaFile, StimulusTable } from "./messages" */
+/** @import { OpenStudy } from "./open_study.js" */
+import { html, useEffect, useState } from "./vendor/preact.js";
+import { RefusedError, listMedia, mediaAddress, readTable, sendFile, writeTable } from "./requests.js";
+import { formatPath } from "./open_study.js";
+import { countNoun, makeName } from "./words.js";
+
+/** @param {{ study: OpenStudy }} properties */
+export function MediaView({ study }) {
+  const [media, setMedia] = useState(/** @type {Media | null} */ (null));
+  const [problem, setProblem] = useState("");
+  const [table, setTable] = useState("");
+  const [isOver, setOver] = useState(false);
+  const refresh = () => listMedia(study.key).then(setMedia, (error) => setProblem(error.message));
+  useEffect(() => { refresh(); }, [study.document?.version]);
+  const files = media?.files ?? [];
+  const send = async (/** @type {Iterable<File>} */ chosen) => {
+    setProblem("");
+    for (const file of chosen) {
+      await sendInto(study.key, file).then(setMedia, (error) => setProblem(error.message));
+    }
+  };
+  const onDrop = (/** @type {DragEvent} */ event) => {
+    event.preventDefault();
+    setOver(false);
+    send(event.dataTransfer?.files ?? []);
+  };
+  const newTable = async () => {
+    const name = `${makeName("stimuli", files.map((file) => file.name.replace(/\.csv$/, "")))}.csv`;
+    const fresh = { name, columns: ["text", "correct"], rows: [["GO", "press"], ["STOP", ""]] };
+    await writeTable(study.key, fresh).then(() => { refresh(); setTable(name); }, (error) => setProblem(error.message));
+  };
+  return html`<section class="media" aria-label="Tables and media">
+    <label class=${`drop ${isOver ? "over" : ""}`} onDragOver=${(/** @type {DragEvent} */ event) => { event.preventDefault(); setOver(true); }}
+      onDragLeave=${() => setOver(false)} onDrop=${onDrop}>Drop pictures, sounds and tables here, or <span class="link">choose files</span>
+      <input type="file" multiple class="unseen" onChange=${(/** @type {any} */ event) => send(event.target.files)} /></label>
+    <button type="button" onClick=${newTable}>New table of stimuli</button>
+    ${problem && html`<p class="mistake" role="alert">${problem}</p>`}
+    <ul class="files">${files.map((file) => html`<${FileCard} key=${file.name} study=${study} file=${file} isOpen=${table === file.name}
+      open=${() => setTable(table === file.name ? "" : file.name)} />`)}</ul>
+    ${files.length === 0 && html`<p class="quiet">There are no files beside this study yet.</p>`}
+    ${table && html`<${TableEditor} key=${table} study=${study} name=${table} />`}
+  </section>`;
+}
+
+/** @param {string} key @param {File} file @returns {Promise<Media>} */
+async function sendInto(key, file) {
+  try {
+    return await sendFile(key, file);
+  } catch (error) {
+    const exists = error instanceof RefusedError && error.refusal.error === "exists";
+    if (!exists || !confirm(`${file.name} is there already. Replace it?`)) throw error;
+    return sendFile(key, file, true);
+  }
+}
+
+/** @param {{ study: OpenStudy, file: MediaFile, isOpen: boolean, open: () => void }} properties */
+function FileCard({ study, file, isOpen, open }) {
+  const address = mediaAddress(study.key, file.name);
+  const use = file.used_at.map((path) => formatPath(path)).join(", ");
+  return html`<li class="file">
+    ${file.media_type.startsWith("image/") && html`<img src=${address} alt="" loading="lazy" />`}
+    ${file.media_type.startsWith("audio/") && html`<audio controls src=${address} aria-label=${file.name}></audio>`}
+    <strong>${file.name}</strong><span class="quiet">${formatBytes(file.bytes)}${use ? `; used at ${use}` : "; not used"}</span>
+    ${file.name.endsWith(".csv") && html`<button type="button" class="small" aria-expanded=${isOpen} onClick=${open}>Edit the table</button>`}
+  </li>`;
+}
+
+/** @param {number} bytes */
+const formatBytes = (bytes) => (bytes < 10_000 ? `${bytes} bytes` : `${Math.round(bytes / 1000)} kB`);
+
+/** @param {{ study: OpenStudy, name: string }} properties */
+function TableEditor({ study, name }) {
+  const [table, setTable] = useState(/** @type {StimulusTable | null} */ (null));
+  const [problem, setProblem] = useState("");
+  useEffect(() => { readTable(study.key, name).then(setTable, (error) => setProblem(error.message)); }, [name]);
+  if (!table) return html`<p class="quiet" role="status">${problem || "Opening the table …"}</p>`;
+  const save = (/** @type {Partial<StimulusTable> & { pasted?: string }} */ change) => {
+    const request = { name, version: table.version, columns: table.columns, rows: table.rows, ...change };
+    return writeTable(study.key, request).then((answer) => { setTable(answer); setProblem(""); }, (error) => setProblem(error.message));
+  };
+  const paste = (/** @type {ClipboardEvent} */ event) => {
+    const text = event.clipboardData?.getData("text/plain") ?? "";
+    if (!/[\t\n]/.test(text.trim())) return;
+    event.preventDefault();
+    save({ columns: [], rows: [], pasted: text });
+  };
+  return html`<section class="table-editor" aria-label=${`Table ${name}`} onPaste=${paste}>
+    <h3>${name} <small>${countNoun(table.rows.length, "row")}</small></h3>
+    <p class="quiet">Copy the cells of a spreadsheet, names of columns first, click into the table and paste. A column that is no option of the
+      world is a label of the trial and a column of the data.</p>
+    ${problem && html`<p class="mistake" role="alert">${problem}</p>`}
+    <${Cells} table=${table} save=${save} />
+    <div class="buttons"><button type="button" class="small" onClick=${() => save({ rows: [...table.rows, table.columns.map(() => "")] })}>Add a row</button>
+      <button type="button" class="small" onClick=${() => save({ columns: [...table.columns, makeName("label", table.columns)], rows: table.rows.map((row) => [...row, ""]) })}>Add a column</button></div>
+  </section>`;
+}
+
+/** @param {{ table: StimulusTable, save: (change: Partial<StimulusTable>) => void }} properties */
+function Cells({ table, save }) {
+  const setName = (/** @type {number} */ place, /** @type {string} */ text) => save({ columns: table.columns.with(place, text) });
+  const setCell = (/** @type {number} */ row, /** @type {number} */ place, /** @type {string} */ text) =>
+    save({ rows: table.rows.with(row, table.rows[row].with(place, text)) });
+  return html`<div class="cells" tabindex="0"><table><thead><tr><th scope="col"><span class="unseen">row</span></th>${table.columns.map((column, place) => html`<th scope="col">
+      <input type="text" aria-label=${`Name of column ${place + 1}`} value=${column} onChange=${(/** @type {any} */ event) => setName(place, event.target.value)} /></th>`)}
+      <th><span class="unseen">remove</span></th></tr></thead>
+    <tbody>${table.rows.map((row, number) => html`<tr key=${number}><th scope="row">${number + 1}</th>
+      ${row.map((cell, place) => html`<td><input type="text" dir="auto" aria-label=${`${table.columns[place]}, row ${number + 1}`} value=${cell}
+        onChange=${(/** @type {any} */ event) => setCell(number, place, event.target.value)} /></td>`)}
+      <td><button type="button" class="icon" aria-label=${`Remove row ${number + 1}`} onClick=${() => save({ rows: table.rows.toSpliced(number, 1) })}>×</button></td></tr>`)}</tbody>
+  </table></div>`;
+}

@@ -1,0 +1,86 @@
+// A part's form: its name, its settings, and for questionnaires the questions one below the other.
+/** @import { Part, PartKind } from "./messages" */
+/** @import { OpenStudy } from "./open_study.js" */
+import { html, useState } from "./vendor/preact.js";
+import { useKinds } from "./add_part.js";
+import { TableButtons, TableForm, insertTable } from "./form.js";
+import { makeName, nameKind, spellName, stripMarks } from "./words.js";
+
+const ESSENTIAL = /** @type {Record<string, string[]>} */ ({ // shown though the file lacks them
+  blocks: ["instructions", "key_map", "show_keys", "feedback"],
+  pages: ["title", "text"],
+  questions: ["title", "form"],
+  orders: ["parts", "order"],
+  activities: ["settings"],
+});
+
+/** @param {{ study: OpenStudy, part: Part, deselect: () => void }} properties */
+export function PartForm({ study, part, deselect }) {
+  const [table, place] = /** @type {[string, number]} */ (part.path);
+  const kind = table === "blocks" || table === "activities" ? part.kind : "";
+  const hidden = ["name", "kind", ...(table === "questions" ? ["items"] : [])];
+  return html`<article class="part-form" aria-label=${`Part ${part.name}`}>
+    <header><p class="kind">${nameKind(part.kind)}<small>line ${part.line} of the file</small></p>
+      <${NameField} key=${part.name} study=${study} part=${part} />
+      <${PartButtons} study=${study} part=${part} table=${table} place=${place} deselect=${deselect} /></header>
+    ${table === "questions" && html`<${Questions} study=${study} path=${[...part.path, "items"]} />`}
+    <${TableForm} study=${study} path=${part.path} table=${table} kind=${kind} hidden=${hidden} essential=${ESSENTIAL[table] ?? []} />
+  </article>`;
+}
+
+/** @param {{ study: OpenStudy, part: Part }} properties */
+function NameField({ study, part }) {
+  const rename = (/** @type {any} */ event) => {
+    const name = event.target.value.trim();
+    if (name && name !== part.name) study.edit([{ op: "rename", path: part.path, value: name }]);
+  };
+  const isFixed = study.restrictionAt([...part.path, "name"]) !== "";
+  return html`<label class="name-field">Name <input type="text" value=${part.name} disabled=${isFixed} onChange=${rename} /></label>`;
+}
+
+/** @param {{ study: OpenStudy, part: Part, table: string, place: number, deselect: () => void }} properties */
+function PartButtons({ study, part, table, place, deselect }) {
+  const names = (study.document?.parts ?? []).map((other) => other.name);
+  const copy = () => study.edit([{ op: "duplicate", path: part.path, value: { name: makeName(part.name, names) } }]);
+  const remove = () => {
+    const lanes = (study.document?.lanes ?? []).filter((lane) => lane.parts.includes(part.name));
+    const paths = new Map(lanes.map((lane) => [lane.path.join(), lane]));
+    const edits = [...paths.values()].map((lane) => /** @type {const} */ ({
+      op: "set", path: lane.path, value: lane.parts.filter((name) => name !== part.name) }));
+    study.edit([...edits, { op: "remove", path: [table, place] }]);
+    deselect();
+  };
+  return html`<div class="buttons"><button type="button" class="small" onClick=${copy}>Copy</button>
+    <button type="button" class="small danger" onClick=${remove}>Remove from the study</button></div>`;
+}
+
+/** @param {{ study: OpenStudy, path: (string | number)[] }} properties */
+function Questions({ study, path }) {
+  const kinds = useKinds();
+  const [open, setOpen] = useState(-1);
+  const items = /** @type {any[]} */ (study.read(path) ?? []);
+  const add = (/** @type {PartKind} */ kind) => {
+    const name = makeName(kind.kind, items.map((item) => item.name));
+    insertTable(study, path, items.length, { ...kind.new, name });
+    setOpen(items.length);
+  };
+  return html`<section class="questions" aria-label="Questions"><h3>Questions</h3>
+    <ol>${items.map((item, place) => html`<${Question} key=${place} study=${study} path=${path} place=${place} item=${item} count=${items.length}
+      isOpen=${open === place} toggle=${() => setOpen(open === place ? -1 : place)} />`)}</ol>
+    <div class="add-question"><span>Add a question:</span>${(kinds?.questions ?? []).map((kind) => html`
+      <button type="button" class="small" key=${kind.kind} title=${stripMarks(kind.summary)} onClick=${() => add(kind)}>${spellName(kind.kind)}</button>`)}</div>
+  </section>`;
+}
+
+/** @param {any} properties */
+function Question({ study, path, place, item, count, isOpen, toggle }) {
+  const mistakes = study.mistakesAt([...path, place]).length;
+  return html`<li class=${mistakes ? "wrong" : ""}>
+    <button type="button" class="question" aria-expanded=${isOpen} onClick=${toggle}>
+      <span class="kind">${spellName(item.kind ?? "question")}</span> <span dir="auto">${item.ask || item.name}</span>
+      ${mistakes > 0 && html` <span class="badge">${mistakes}</span>`}</button>
+    ${isOpen && html`<div class="question-form">
+      <${TableForm} study=${study} path=${[...path, place]} table="questions.items" kind=${item.kind} hidden=${["kind"]} essential=${["name", "ask"]} />
+      <${TableButtons} study=${study} path=${path} place=${place} count=${count} name=${item.name} /></div>`}
+  </li>`;
+}

@@ -1,0 +1,87 @@
+"""Where a protocol names parts, groups and sessions, so that a new name reaches every mention."""
+
+from collections.abc import Iterator
+from typing import Any, Literal
+
+from minihuman.builder.document import TomlDocument
+from minihuman.builder.toml_spans import Steps
+
+Named = Literal["part", "group"]
+
+TABLES: dict[str, Named] = {  # arrays of tables with names
+    "blocks": "part",
+    "pages": "part",
+    "questions": "part",
+    "activities": "part",
+    "orders": "part",
+    "groups": "group",
+}
+_VALUES: dict[Named, tuple[str, ...]] = {  # fields whose value is a name; * is any key or number
+    "part": (
+        *("groups.*.blocks.*", "groups.*.parts.*", "groups.*.replace_parts.*", "sessions.*.parts.*"),
+        *("orders.*.parts.*", "orders.*.parts.*.*", "activities.*.settings.source", "questions.*.return_to"),
+        *("questions.*.group_overrides.*.return_to", "analysis.block", "analysis.conditions.*"),
+        *("allocation.design.settings.block", "allocation.stopping.settings.block"),
+    ),
+    "group": (),
+}
+_KEYS: dict[Named, tuple[str, ...]] = {  # tables whose keys are names
+    "part": ("groups.*.replace_parts", "design.contrasts.*.weights"),
+    "group": (
+        *("blocks.*.group_overrides", "pages.*.group_overrides", "questions.*.group_overrides"),
+        "design.contrasts.*.weights",
+    ),
+}
+_PREFIXES = ("exclusions.*.measure", "allocation.stratify_by", "analysis.covariates.*", "analysis.secondary_measures.*")
+
+
+def rename(document: TomlDocument, path: Steps, name: str) -> TomlDocument:
+    """Give a part or group a new name, in its table and wherever the file mentions it.
+
+    Raises:
+        NotEditableError: if a mention cannot be edited.
+    """
+    old = document.find((*path, "name"))
+    document = document.set((*path, "name"), name)
+    named = TABLES.get(str(path[0]))
+    if named is None or len(path) != 2 or not isinstance(old, str):
+        return document
+    for place, mention in _list_matches(document.tree, _VALUES[named]):
+        if mention == old:
+            document = document.set(place, name)
+    for place, table in _list_matches(document.tree, _KEYS[named]):
+        if isinstance(table, dict) and old in table:
+            document = document.set((*place, name), table[old]).remove((*place, old))
+    if named == "part":
+        document = _rename_prefixes(document, old, name)
+    return document
+
+
+def _rename_prefixes(document: TomlDocument, old: str, name: str) -> TomlDocument:
+    """Rename a questionnaire in measures: answer:QUESTIONS.ITEM, and QUESTIONS.ITEM of strata."""
+    for place, measure in _list_matches(document.tree, _PREFIXES):
+        kind, colon, question = str(measure).rpartition(":")
+        questions, point, rest = question.partition(".")
+        if questions == old and (point or place == ("allocation", "stratify_by")):
+            document = document.set(place, f"{kind}{colon}{name}{point}{rest}")
+    return document
+
+
+def _list_matches(tree: Any, patterns: tuple[str, ...]) -> Iterator[tuple[Steps, Any]]:
+    for pattern in patterns:
+        yield from list_values(tree, tuple(pattern.split(".")))
+
+
+def list_values(tree: Any, pattern: tuple[str, ...], path: Steps = ()) -> Iterator[tuple[Steps, Any]]:
+    """Yield the values of a tree whose paths fit a pattern, in which * is any key or number."""
+    if not pattern:
+        yield path, tree
+        return
+    step, rest = pattern[0], pattern[1:]
+    if isinstance(tree, dict):
+        keys: list[Any] = list(tree) if step == "*" else [step] * (step in tree)
+        for key in keys:
+            yield from list_values(tree[key], rest, (*path, key))
+    elif isinstance(tree, list) and step == "*":
+        for number, element in enumerate(tree):
+            yield from list_values(element, rest, (*path, number))

@@ -1,0 +1,77 @@
+"""The protocols that come with the package: templates to copy, and examples of what a study's tables contain."""
+
+import tomllib
+from collections.abc import Iterator
+from copy import deepcopy
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from minihuman.admin.protocol_file import find_shipped_protocol
+
+_ANY = "demo"  # a protocol that is in the folder of all of them
+
+
+@dataclass(frozen=True, slots=True)
+class ShippedStudy:
+    """A protocol that comes with the package."""
+
+    name: str  # "trials/stroop", "examples/demo"
+    path: Path
+    summary: str  # the comment at the top of the file
+    tree: dict[str, Any]
+
+
+@cache
+def list_shipped_studies() -> tuple[ShippedStudy, ...]:
+    """Return the protocols that come with the package, by name."""
+    folder = find_shipped_protocol(_ANY).parent
+    studies = []
+    for path in sorted(folder.rglob("*.toml")):
+        text = path.read_text(encoding="utf-8")
+        name = path.relative_to(folder).with_suffix("").as_posix()
+        if "/" not in name:
+            name = f"examples/{name}"
+        studies.append(ShippedStudy(name, path, _read_summary(text), tomllib.loads(text)))
+    return tuple(studies)
+
+
+@cache
+def list_used_fields(table: str, kind: str = "") -> frozenset[str]:
+    """Return the fields of a table ("blocks.stimuli") that any shipped protocol uses, in tables of a kind if given."""
+    fields: set[str] = set()
+    for row in _list_rows(table):
+        if not kind or row.get("kind", "play") == kind:
+            fields |= row.keys()
+    return frozenset(fields)
+
+
+def find_example(table: str, kind: str) -> dict[str, Any] | None:
+    """Return a copy of the smallest table of a kind in any shipped protocol, without files; None if there is none."""
+    rows = [row for row in _list_rows(table) if row.get("kind", "play") == kind and "file" not in str(row)]
+    if not rows:
+        return None
+    return deepcopy(min(rows, key=lambda row: len(str(row))))
+
+
+def _list_rows(table: str) -> Iterator[dict[str, Any]]:
+    for study in list_shipped_studies():
+        rows: list[Any] = [study.tree]
+        for step in table.split("."):
+            tables = [row[step] for row in rows if isinstance(row, dict) and step in row]
+            rows = []
+            for found in tables:
+                rows += found if isinstance(found, list) else [found]
+        yield from (row for row in rows if isinstance(row, dict))
+
+
+def _read_summary(text: str) -> str:
+    """Return the comment at the top of a file as one paragraph."""
+    lines = []
+    for line in text.splitlines():
+        if not line.startswith("#"):
+            break
+        if not line.startswith("#:"):
+            lines.append(line.lstrip("# ").rstrip())
+    return " ".join(lines)

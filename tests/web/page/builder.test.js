@@ -1,0 +1,158 @@
+// The builder's page without a browser: the edits that its buttons make, and what becomes of them in a conflict.
+import assert from "node:assert/strict";
+import { test } from "node:test";
+import { readLike } from "../../../minihuman/builder/page/fields.js";
+import { buildEntryEdits, moveName } from "../../../minihuman/builder/page/lanes.js";
+import { OpenStudy, formatPath } from "../../../minihuman/builder/page/open_study.js";
+import { findSession } from "../../../minihuman/builder/page/preview.js";
+import { findTranslations, listTexts } from "../../../minihuman/builder/page/texts.js";
+import { formatMinutes, makeName, renderSentence, spellName } from "../../../minihuman/builder/page/words.js";
+import { buildWorldEdits } from "../../../minihuman/builder/page/worlds.js";
+
+const TREE = {
+  study: { name: "walk", consent: "May we?" },
+  groups: [{ name: "a", blocks: ["one", "two"] }, { name: "b", blocks: ["two"] }],
+  pages: [{ name: "how", text: "Walk." }],
+  blocks: [{ name: "one", instructions: "Go.", feedback: { goal: "Well done" } }, { name: "two" }],
+  questions: [{ name: "ask", items: [{ name: "age", kind: "number", ask: "How old?" }] }],
+};
+
+/** A study as the server sends it. @param {Record<string, unknown>} fields */
+const makeDocument = (fields = {}) => /** @type {any} */ ({
+  key: "walk.toml", name: "walk", version: "1", text: "", tree: TREE, lines: {}, mistakes: [], durations: [], pay: null,
+  parts: [
+    { name: "how", kind: "page", path: ["pages", 0], title: "", used_in: [], line: 1 },
+    { name: "one", kind: "play", path: ["blocks", 0], title: "", used_in: [], line: 2 },
+    { name: "two", kind: "play", path: ["blocks", 1], title: "", used_in: [], line: 3 },
+  ],
+  lanes: [
+    { group: "a", session: "", parts: ["one", "two"], path: ["groups", 0, "blocks"], replaced: {} },
+    { group: "b", session: "", parts: ["two"], path: ["groups", 1, "blocks"], replaced: {} },
+  ],
+  restrictions: { enrolled: 0, fields: [], message: "" }, can_undo: false, can_redo: false, trusted: true, read_only: [],
+  ...fields,
+});
+
+/** @param {any} content @returns {OpenStudy} */
+function open(content = makeDocument()) {
+  const study = new OpenStudy("walk.toml", () => {});
+  study.document = content;
+  return study;
+}
+
+/** Answer each request with the next answer. @param {{ status: number, content: unknown }[]} answers @returns {any[]} what was sent */
+function serve(answers) {
+  /** @type {any[]} */
+  const sent = [];
+  globalThis.fetch = /** @type {any} */ (async (/** @type {string} */ _, /** @type {any} */ request) => {
+    sent.push(JSON.parse(request.body));
+    const { status, content } = /** @type {any} */ (answers.shift());
+    return { ok: status < 400, status, json: async () => content };
+  });
+  return sent;
+}
+
+test("a page that enters a study whose groups list blocks makes every group list its parts", () => {
+  const study = open();
+  const [lane] = makeDocument().lanes;
+  assert.deepEqual(buildEntryEdits(study, lane, ["one", "two", "how"], ""), [
+    { op: "remove", path: ["groups", 0, "blocks"] },
+    { op: "set", path: ["groups", 0, "parts"], value: ["one", "two", "how"] },
+    { op: "remove", path: ["groups", 1, "blocks"] },
+    { op: "set", path: ["groups", 1, "parts"], value: ["two"] },
+  ]);
+  assert.deepEqual(buildEntryEdits(study, lane, ["two", "one"], "block"), [{ op: "set", path: ["groups", 0, "blocks"], value: ["two", "one"] }]);
+});
+
+test("a part that is dropped before another stands there", () => {
+  assert.deepEqual(moveName(["a", "b", "c"], 0, 3), ["b", "c", "a"]);
+  assert.deepEqual(moveName(["a", "b", "c"], 2, 0), ["c", "a", "b"]);
+  assert.deepEqual(moveName(["a", "b", "c"], 0, 2), ["b", "a", "c"]);
+});
+
+test("another world changes the actions that it lacks, and its length", () => {
+  const facts = { id: "w", actions: ["up", "down"], usual_actions: ["up", "down"], default_keys: {}, max_steps: 50 };
+  const block = { world: "v", actions: ["left"], max_steps: 100 };
+  assert.deepEqual(buildWorldEdits(block, ["blocks", 0, "world"], "w", facts), [
+    { op: "set", path: ["blocks", 0, "world"], value: "w" },
+    { op: "set", path: ["blocks", 0, "actions"], value: ["up", "down"] },
+    { op: "set", path: ["blocks", 0, "max_steps"], value: 50 },
+  ]);
+  assert.equal(buildWorldEdits({ ...block, actions: ["up"], max_steps: 50 }, ["blocks", 0, "world"], "w", facts).length, 1);
+});
+
+test("every text that participants read is listed with its place in the file", () => {
+  const texts = listTexts(TREE).map(({ path, text }) => `${formatPath(path)} ${text}`);
+  assert.deepEqual(texts, [
+    "study.consent May we?", "pages[0].text Walk.", "blocks[0].instructions Go.", "blocks[0].feedback.goal Well done",
+    "questions[0].items[0].ask How old?",
+  ]);
+});
+
+test("a translation is a study with the same parts", () => {
+  const parts = makeDocument().parts;
+  const card = /** @type {any} */ ({ key: "walk-de.toml", parts: parts.toReversed(), has_protocol: true, problem: "" });
+  assert.deepEqual(findTranslations([card, { ...card, parts: [] }, { ...card, key: "walk.toml" }], makeDocument()), [card]);
+});
+
+test("edits are sent one after the other, each on the version that the one before it left", async () => {
+  const sent = serve([{ status: 200, content: makeDocument({ version: "2" }) }, { status: 200, content: makeDocument({ version: "3" }) }]);
+  const study = open();
+  assert.deepEqual(await Promise.all([study.edit([]), study.edit([])]), [true, true]);
+  assert.deepEqual(sent.map(({ version }) => version), ["1", "2"]);
+  assert.equal(study.document?.version, "3");
+  assert.equal(study.unsaved, 0);
+});
+
+test("in a conflict the file is shown as it is, and the edit is kept to be made again", async () => {
+  const conflict = { error: "conflict", message: "the file was changed", path: [], line: 0, document: makeDocument({ version: "9" }) };
+  const sent = serve([{ status: 409, content: conflict }, { status: 200, content: makeDocument({ version: "10" }) }]);
+  const study = open();
+  const edits = /** @type {any} */ ([{ op: "set", path: ["study", "seed"], value: 3 }]);
+  assert.equal(await study.edit(edits), false);
+  assert.equal(study.document?.version, "9");
+  assert.deepEqual(study.failure, { message: "the file was changed", edits, isConflict: true });
+  assert.equal(await study.retry(), true);
+  assert.deepEqual(sent[1], { version: "9", edits });
+  assert.equal(study.failure, null);
+});
+
+test("an edit that the desk does not answer is not lost", async () => {
+  globalThis.fetch = async () => { throw new TypeError("no connection"); };
+  const study = open();
+  assert.equal(await study.edit(/** @type {any} */ ([{ op: "set", path: ["study", "seed"], value: 3 }])), false);
+  assert.match(study.failure?.message ?? "", /does not answer/);
+  assert.equal(study.failure?.edits.length, 1);
+  assert.equal(study.document?.version, "1");
+});
+
+test("mistakes and restrictions are those of a field and what is below it", () => {
+  const mistake = { path: ["blocks", 0, "episodes"], line: 4, message: "is 0" };
+  const restrictions = { enrolled: 2, fields: [{ path: ["groups"], reason: "two have enrolled" }], message: "" };
+  const study = open(makeDocument({ mistakes: [mistake], restrictions }));
+  assert.deepEqual(study.mistakesAt(["blocks", 0]), [mistake]);
+  assert.deepEqual(study.mistakesAt(["blocks", 1]), []);
+  assert.equal(study.restrictionAt(["groups", 0, "blocks"]), "two have enrolled");
+  assert.equal(study.restrictionAt(["blocks", 0]), "");
+});
+
+test("names and sentences are written as people read them", () => {
+  assert.equal(spellName("response_deadline_ms"), "Response deadline");
+  assert.equal(makeName("Four Rooms", ["four-rooms"]), "four-rooms-2");
+  assert.equal(formatMinutes([4.2, 9.6]), "4–10 min");
+  assert.equal(renderSentence("see [docs](x.md) and `name`").length, 3);
+});
+
+test("a part is previewed in the first session that has it, also by an order", () => {
+  const tree = { sessions: [{ parts: ["how"] }, { parts: ["main"] }], orders: [{ name: "main", parts: ["one", ["two", "ask"]] }] };
+  const study = makeDocument({ tree });
+  assert.deepEqual(["how", "two", "ask", "lost"].map((name) => findSession(study, name)), [1, 2, 2, 1]);
+});
+
+test("a list that is edited as a text stays a list, and keeps what it was where the text is none", () => {
+  assert.deepEqual(readLike('["red", "blue"]', ["red"], "any"), ["red", "blue"]);
+  assert.deepEqual(readLike("red", ["red"], "any"), ["red"]);
+  assert.equal(readLike("0.5", 2, "any"), 0.5);
+  assert.equal(readLike("true", false, "any"), true);
+  assert.equal(readLike("circle", undefined, "string"), "circle");
+});
