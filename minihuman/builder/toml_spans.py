@@ -1,8 +1,8 @@
 """Where each table, key and value of a TOML text stands: spans of characters by path.
 
-`tomllib` says what a text means, but not where. Of the libraries that keep a text's form, none gives spans: tomlkit
-writes a document of its own (1.50 becomes 1.5, and comments move), and tree-sitter's grammar would add two compiled
-packages for what 250 lines do. The scanner reads only what `tomllib` has accepted, so it decides nothing of validity.
+`tomllib` says what a text means, but not where. docs/decisions/toml-spans.md has why no library is used: tomlkit writes
+1.50 as 1.5 and misplaces new fields, and tree-sitter's grammar would add two compiled packages for what 240 lines do.
+The scanner reads only what `tomllib` has accepted, so it decides nothing of validity.
 """
 
 import re
