@@ -6,7 +6,7 @@ from pathlib import Path
 from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import Route, Router
-from starlette.types import ASGIApp
+from starlette.types import Receive, Scope, Send
 
 from minihuman.builder.preview_api import PreviewApi
 from minihuman.builder.study_api import BuilderApi
@@ -29,14 +29,26 @@ _TYPES = {
 }
 
 
-def build_application(folder: Path, data_folder: Path) -> ASGIApp:
-    """Build the builder for a folder of protocols; ``data_folder`` is the folder of the studies' data."""
-    routes = [
-        *BuilderApi(folder, data_folder).routes(),
-        *PreviewApi(folder, data_folder).routes(),
-        *_build_page_routes(),
-    ]
-    return HeaderMiddleware(Router(routes), build_headers(policy=_POLICY))
+class BuilderApplication:
+    """The builder of a folder of protocols, as an ASGI application that is closed with the desk.
+
+    Args:
+        folder: the folder of the protocols.
+        data_folder: the folder of the studies' data.
+    """
+
+    def __init__(self, folder: Path, data_folder: Path) -> None:
+        self._previews = PreviewApi(folder, data_folder)
+        routes = [*BuilderApi(folder, data_folder).routes(), *self._previews.routes(), *_build_page_routes()]
+        self._app = HeaderMiddleware(Router(routes), build_headers(policy=_POLICY))
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer a request."""
+        await self._app(scope, receive, send)
+
+    def close(self) -> None:
+        """End previews and simulations."""
+        self._previews.close()
 
 
 def _build_page_routes() -> Iterator[Route]:

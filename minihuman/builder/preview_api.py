@@ -13,7 +13,6 @@ Requests that change something are refused unless they come from a page of the d
 """
 
 import asyncio
-import atexit
 import io
 import json
 import tempfile
@@ -107,7 +106,6 @@ class PreviewApi:
         self._temporary = tempfile.TemporaryDirectory(prefix="minihuman-trials-", ignore_cleanup_errors=True)
         self._previews = PreviewProcess()
         self._trials: list[SimulatedTrial] = []
-        atexit.register(self.close)
 
     def routes(self) -> list[Route]:
         """Return the routes, to be mounted below the builder's path."""

@@ -397,8 +397,10 @@ def desk(
 def open_desk(folder: Path, data_folder: Path, *, port: int = 0, browser: bool = True, page: str = "") -> None:
     """Serve the start page with the builder, and open it, or a page below it, in the default browser."""
     import webbrowser
+    from contextlib import closing
 
-    from minihuman.builder.application import PATH, build_application
+    from minihuman.builder.application import PATH, BuilderApplication
+    from minihuman.operating_system import exit_when_terminated
     from minihuman.web.server.desk import run_desk
 
     def say(url: str) -> None:
@@ -406,5 +408,6 @@ def open_desk(folder: Path, data_folder: Path, *, port: int = 0, browser: bool =
         if browser:
             webbrowser.open(f"{url}{page}")
 
-    builder = build_application(folder, data_folder.absolute())
-    run_desk(folder, data_folder.absolute(), port=port, say=say, rooms={PATH: builder})
+    exit_when_terminated()
+    with closing(BuilderApplication(folder, data_folder.absolute())) as builder:
+        run_desk(folder, data_folder.absolute(), port=port, say=say, rooms={PATH: builder})
