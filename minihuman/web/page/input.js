@@ -51,9 +51,12 @@ export class Keyboard {
   /** @param {string} code */
   #nameOf(code) { return this.codes[code] ?? `code_${code.replace(/[^A-Za-z0-9]/g, "").slice(0, 24)}`; }
 
+  /** A keyboard on a screen has no places of keys, but its Enter is one. @param {KeyboardEvent} event */
+  #nameIn({ code, key }) { return this.#nameOf(code === "" && key === "Enter" ? key : code); }
+
   /** @param {KeyboardEvent} event */
   #press(event) {
-    const key = this.#nameOf(event.code);
+    const key = this.#nameIn(event);
     if (!this.listener.isActive()) { this.#passedOver.add(key); return; }
     const isTyping = this.listener.isTyping();
     const field = this.listener.nativeField();
@@ -114,7 +117,7 @@ export class Keyboard {
 
   /** @param {KeyboardEvent} event */
   #release(event) {
-    const key = this.#nameOf(event.code);
+    const key = this.#nameIn(event);
     if (this.#passedOver.delete(key) || !this.listener.isActive()) return;
     // Only its release is seen: it was down when the focus came.
     if (!this.#down.has(key) && !this.#pressed.has(key)) this.press(key, "", event.timeStamp, event.isTrusted, "held_before_focus");
