@@ -66,7 +66,7 @@ class Page {
     },
     release: (key, stamp, isTrusted, cause) => this.#send(
       { t: "key", key, down: false, stamp, trusted: isTrusted && undefined, cause: cause === "finger" ? undefined : cause }),
-  });
+  }, navigator.userAgent);
   #touch = new TouchKeys(
     /** @type {HTMLElement} */ (document.getElementById("touch")), this.#keyboard,
     () => { this.#player.view.fit(); this.#films.fit(); });
@@ -335,7 +335,10 @@ class Page {
   /** @param {boolean} focused @param {number} ms */
   #focus(focused, ms) {
     if (focused === this.#focused || !this.#isListening) return;
-    if (focused && this.#focused === false) this.#focusedMs = ms;
+    if (focused && this.#focused === false) {
+      this.#focusedMs = ms;
+      this.#keyboard.come(ms);
+    }
     this.#focused = focused;
     if (!focused) {
       this.#keyboard.releaseAll();
