@@ -5,14 +5,15 @@ import subprocess
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 from Xlib import XK, X
 from Xlib.display import Display
 from Xlib.error import BadDrawable, BadWindow
-from Xlib.ext import xtest
-from Xlib.protocol import event
+from Xlib.ext import xinput, xtest
+from Xlib.protocol import event, rq
 
 from minihuman.experiment.keys import KEY_NAMES
 from tests.machine import need
@@ -87,6 +88,22 @@ def xvfb(screen_px: Size = SCREEN_PX) -> Iterator[str]:
         stop(server)
 
 
+class _FakeDeviceKey(rq.Request):
+    """XTEST's FakeInput with an event of a device, as XTestFakeDeviceKeyEvent makes it."""
+
+    _request = rq.Struct(
+        rq.Card8("opcode"),
+        rq.Opcode(2),
+        rq.RequestLength(),
+        rq.Card8("event_type"),
+        rq.Card8("detail"),
+        rq.Pad(2),
+        rq.Card32("time"),
+        rq.Pad(23),
+        rq.Card8("device"),
+    )
+
+
 class Typist:
     """Presses keys on a display, as a keyboard would, and looks at it."""
 
@@ -118,6 +135,23 @@ class Typist:
         self._display.sync()
         self.sent.append((key, kind == X.KeyPress))
 
+    def fake_second(self, key: str, *, down: bool) -> None:
+        """Press or release a key of the second keyboard, the X server's own; XTEST's is the first."""
+        _FakeDeviceKey(
+            display=self._display.display,
+            opcode=self._display.display.get_extension_major(xtest.extname),
+            event_type=self._display.query_extension("XInputExtension").first_event + (1 if down else 2),
+            detail=self.keycode(key),
+            time=0,
+            device=self._second_keyboard,
+        )
+        self._display.sync()
+
+    @cached_property
+    def _second_keyboard(self) -> int:
+        devices = self._display.xinput_query_device(xinput.AllDevices).devices
+        return next(int(device.deviceid) for device in devices if device.name == "Xvfb keyboard")
+
     def point(self, title: str, x: float, y: float) -> None:
         """Move the mouse to (x, y), 0..1 of a window."""
         window = self._window(title)
@@ -127,9 +161,9 @@ class Typist:
         )
         self._display.sync()
 
-    def button(self, down: bool) -> None:
-        """Press or release the mouse's main button."""
-        xtest.fake_input(self._display, X.ButtonPress if down else X.ButtonRelease, 1)
+    def button(self, down: bool, number: int = 1) -> None:
+        """Press or release a button of the mouse, the main one if it is not named; 4 and 5 are the wheel's."""
+        xtest.fake_input(self._display, X.ButtonPress if down else X.ButtonRelease, number)
         self._display.sync()
 
     def tap_place(self, key: str) -> None:

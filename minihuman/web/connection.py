@@ -238,6 +238,10 @@ class Connection(PageSession):
         """Record that the page is alive."""
         self.presence.hear(monotonic_s())
 
+    def record_act(self) -> None:
+        """Record that the participant typed something that has not settled yet."""
+        self.presence.record_act(monotonic_s())
+
     def bid_farewell(self, *, is_left: bool) -> None:
         """Record that the page was closed, or that the participant left it for another page."""
         self.presence.bid_farewell(monotonic_s(), is_left=is_left)

@@ -78,6 +78,9 @@ class VirtualConnection(PageSession):
     def hear(self) -> None:
         """Take no note: no seat waits for this page."""
 
+    def record_act(self) -> None:
+        """Take no note: nothing is typed here."""
+
     def bid_farewell(self, *, is_left: bool) -> None:
         """Take no note: no seat waits for this page."""
 
