@@ -72,6 +72,14 @@ _KEYSYMS = {
 }
 
 
+_MAPPING_S = 0.2  # until every program has the new symbols of keys
+
+
+def _symbol_of(code_point: int) -> int:
+    """The keysym of a code point: itself in Latin-1, else the Unicode one."""
+    return code_point if code_point < 0x100 else 0x01000000 | code_point
+
+
 @contextmanager
 def xvfb(screen_px: Size = SCREEN_PX) -> Iterator[str]:
     """Run an X server on a free display; yields its name, ":12"."""
@@ -151,6 +159,39 @@ class Typist:
     def _second_keyboard(self) -> int:
         devices = self._display.xinput_query_device(xinput.AllDevices).devices
         return next(int(device.deviceid) for device in devices if device.name == "Xvfb keyboard")
+
+    def write(self, text: str) -> str:
+        """Type as much of a text as there are keys that the keyboard does not use; return the rest.
+
+        Each letter gets such a key, as by xdotool. A program looks a key up as it takes its press, so let it do so
+        before the rest is written.
+        """
+        rest = text[len(self._spare_keycodes) :]
+        text = text[: len(self._spare_keycodes)]
+        keycodes = dict(zip(dict.fromkeys(text), self._spare_keycodes, strict=False))
+        first = self._display.display.info.min_keycode
+        mapping = self._display.get_keyboard_mapping(first, self._display.display.info.max_keycode - first + 1)
+        for letter, keycode in keycodes.items():
+            mapping[keycode - first] = [_symbol_of(ord(letter))] * len(mapping[0])
+        self._display.change_keyboard_mapping(
+            first, mapping
+        )  # at once: at each change a window manager binds its keys anew
+        self._display.sync()
+        time.sleep(_MAPPING_S)
+        for letter in text:
+            for kind in (X.KeyPress, X.KeyRelease):
+                xtest.fake_input(self._display, kind, keycodes[letter])
+                self._display.sync()
+            time.sleep(_DEBOUNCE_S)
+        return rest
+
+    @cached_property
+    def _spare_keycodes(self) -> list[int]:
+        """The numbers of keys that have no symbol, the highest first."""
+        first = self._display.display.info.min_keycode
+        count = self._display.display.info.max_keycode - first + 1
+        mapping = self._display.get_keyboard_mapping(first, count)
+        return [first + place for place in reversed(range(count)) if not any(mapping[place])]
 
     def point(self, title: str, x: float, y: float) -> None:
         """Move the mouse to (x, y), 0..1 of a window."""

@@ -99,6 +99,44 @@ class Hand:
         xtest.fake_input(self._display, X.MotionNotify, x=x, y=y)
         self._display.sync()
 
+    def write(self, text: str) -> None:
+        """Type any text, lines with Enter."""
+        for number, line in enumerate(text.split("\n")):
+            if number:
+                self.tap("enter")
+            if all(letter == " " or (letter.isascii() and letter.isalnum() and letter.islower()) for letter in line):
+                self.tap_fast(*("space" if letter == " " else letter for letter in line))
+                continue
+            while line:
+                line = self.typist.write(line)
+                self.look(4 * LOOK_S)
+
+    @property
+    def study_height(self) -> int:
+        return int(self._study.get_geometry().height)
+
+    def point_at(self, x: int, y: int) -> None:
+        """Move the pointer to a place in the study's window."""
+        corner = self._study.translate_coords(self._display.screen().root, 0, 0)
+        xtest.fake_input(self._display, X.MotionNotify, x=x - corner.x, y=y - corner.y)
+        self._display.sync()
+
+    def click_at(self, x: int, y: int, *, times: int = 1) -> None:
+        self.point_at(x, y)
+        for _ in range(times):
+            self.typist.button(True)
+            self.typist.button(False)
+        self.look()
+
+    def drag(self, begin: tuple[int, int], end: tuple[int, int]) -> None:
+        self.point_at(*begin)
+        self.typist.button(True)
+        self.look()
+        self.point_at(*end)
+        self.look()
+        self.typist.button(False)
+        self.look()
+
     def click(self, button: int = 1) -> None:
         self.point()
         for down in (True, False):
@@ -147,6 +185,17 @@ class Hand:
     def close(self) -> None:
         self._other.destroy()
         self.typist.close()
+
+
+@contextmanager
+def using_hand(desk: Desktop, part_of_title: str, look: Callable[[float], None]) -> Iterator[Hand]:
+    hand = Hand(desk, part_of_title, look)
+    try:
+        hand.leave()
+        hand.come()
+        yield hand
+    finally:
+        hand.close()
 
 
 Act = Callable[[Hand], None]

@@ -4,8 +4,7 @@ The X server makes the acts (XTEST), under a window manager; what the logs say o
 """
 
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -26,7 +25,7 @@ from tests.web.firefox import firefox_at
 from tests.web.protocols import study
 from tests.web.serving import serving
 from tests.window_host import HostedWindow, hosted
-from tests.windows.physical_acts import ALL, SAMPLE, Act, Hand
+from tests.windows.physical_acts import ALL, SAMPLE, Act, Hand, using_hand
 
 pytestmark = [pytest.mark.program, needs("openbox", "xvfb")]
 MS = 1_000_000
@@ -128,17 +127,6 @@ def read_logged(folder: Path, hand: Hand, page_ms: float, session_ns: int) -> Lo
     events = list(read_events(log))
     zero_ns = round(page_ms * MS) - session_ns - (time.time_ns() - time.monotonic_ns())
     return Logged(events, find_late_ms(events, hand.injected, zero_ns))
-
-
-@contextmanager
-def using_hand(desk: Desktop, part_of_title: str, look: Callable[[float], None]) -> Iterator[Hand]:
-    hand = Hand(desk, part_of_title, look)
-    try:
-        hand.leave()
-        hand.come()
-        yield hand
-    finally:
-        hand.close()
 
 
 def list_rows(events: Sequence[Event]) -> list[Row]:
