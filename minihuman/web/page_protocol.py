@@ -87,8 +87,12 @@ class PageSession(abc.ABC):
         """Record that the page was closed, or that the participant left it for another page."""
 
     @abc.abstractmethod
-    def spend(self, n_bytes: int, *, is_text: bool = False) -> bool:
-        """Count the size of a message against the session's budget; return False if the session accepts no more."""
+    def spend(self, n_bytes: int, *, number: int, is_text: bool = False) -> bool:
+        """Count the size of a message against the session's budget; return False if the session accepts no more.
+
+        A message that is received once more counts nothing: over a bad line an honest page repeats much of what it
+        sent, and nothing of that is written.
+        """
 
     @abc.abstractmethod
     def forget(self) -> None:
@@ -151,9 +155,8 @@ class PageProtocol:
         message = decode_page_message(text)
         self._ends_with_round_trip = False
         match message:
-            case messages.NumberedMessage() if self._session.spend(len(text), is_text=isinstance(message.what, _TEXTS)):
-                self._session.take(message, more=more)
-                self._ends_with_round_trip = isinstance(message.what, messages.RoundTripMessage)
+            case messages.NumberedMessage():
+                self._receive_numbered(message, len(text), more=more)
             case messages.Ping():
                 return self._receive_ping(message, more=more)
             case messages.PageAck():
@@ -166,6 +169,13 @@ class PageProtocol:
                     "a second hello arrived, but a page must send one per connection; reload the page"
                 )
         return None
+
+    def _receive_numbered(self, message: messages.NumberedMessage, n_bytes: int, *, more: bool) -> None:
+        """Give the session a numbered message, if its budget admits it."""
+        is_text = isinstance(message.what, _TEXTS)
+        if self._session.spend(n_bytes, number=message.n, is_text=is_text):
+            self._session.take(message, more=more)
+            self._ends_with_round_trip = isinstance(message.what, messages.RoundTripMessage)
 
     def _receive_ping(self, ping: messages.Ping, *, more: bool) -> str | None:
         """Return the answer to a ping; None if it goes with the answer to what follows in the same text."""

@@ -48,7 +48,7 @@ class EchoSession(PageSession):
     def bid_farewell(self, *, is_left: bool) -> None:
         self.farewells.append(is_left)
 
-    def spend(self, n_bytes: int, *, is_text: bool = False) -> bool:
+    def spend(self, n_bytes: int, *, number: int, is_text: bool = False) -> bool:
         return True
 
     def forget(self) -> None:

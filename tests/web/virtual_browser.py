@@ -84,7 +84,7 @@ class VirtualConnection(PageSession):
     def bid_farewell(self, *, is_left: bool) -> None:
         """Take no note: no seat waits for this page."""
 
-    def spend(self, n_bytes: int, *, is_text: bool = False) -> bool:
+    def spend(self, n_bytes: int, *, number: int, is_text: bool = False) -> bool:
         return True
 
     def forget(self) -> None:
