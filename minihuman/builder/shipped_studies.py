@@ -8,8 +8,13 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from minihuman.admin.protocol_file import find_shipped_protocol
+import msgspec
 
+from minihuman.admin.protocol_file import find_shipped_protocol, list_named_worlds
+from minihuman.experiment.protocol.model import BlockSpec
+from minihuman.trust import KNOWN_PACKAGES
+
+_USUAL_KIND = next(field.default for field in msgspec.structs.fields(BlockSpec) if field.name == "kind")
 _ANY = "demo"  # a protocol that is in the folder of all of them
 
 
@@ -25,15 +30,21 @@ class ShippedStudy:
 
 @cache
 def list_shipped_studies() -> tuple[ShippedStudy, ...]:
-    """Return the protocols that come with the package, by name."""
+    """Return the protocols that come with the package, by name.
+
+    Those whose worlds are Python files beside them are left out: only who has read such a file may trust it.
+    """
     folder = find_shipped_protocol(_ANY).parent
     studies = []
     for path in sorted(folder.rglob("*.toml")):
         text = path.read_text(encoding="utf-8")
+        tree = tomllib.loads(text)
+        if _runs_own_code(tree):
+            continue
         name = path.relative_to(folder).with_suffix("").as_posix()
         if "/" not in name:
             name = f"examples/{name}"
-        studies.append(ShippedStudy(name, path, _read_summary(text), tomllib.loads(text)))
+        studies.append(ShippedStudy(name, path, _read_summary(text), tree))
     return tuple(studies)
 
 
@@ -42,17 +53,23 @@ def list_used_fields(table: str, kind: str = "") -> frozenset[str]:
     """Return the fields of a table ("blocks.stimuli") that any shipped protocol uses, in tables of a kind if given."""
     fields: set[str] = set()
     for row in _list_rows(table):
-        if not kind or row.get("kind", "play") == kind:
+        if not kind or row.get("kind", _USUAL_KIND) == kind:
             fields |= row.keys()
     return frozenset(fields)
 
 
 def find_example(table: str, kind: str) -> dict[str, Any] | None:
     """Return a copy of the smallest table of a kind in any shipped protocol, without files; None if there is none."""
-    rows = [row for row in _list_rows(table) if row.get("kind", "play") == kind and "file" not in str(row)]
+    rows = [row for row in _list_rows(table) if row.get("kind", _USUAL_KIND) == kind and "file" not in str(row)]
     if not rows:
         return None
     return deepcopy(min(rows, key=lambda row: len(str(row))))
+
+
+def _runs_own_code(tree: dict[str, Any]) -> bool:
+    """Return whether a protocol names a world of a module that is none of the known packages."""
+    modules = (world.rpartition(":")[0] for world, _ in list_named_worlds(tree))
+    return any(module and module.partition(".")[0] not in KNOWN_PACKAGES for module in modules)
 
 
 def _list_rows(table: str) -> Iterator[dict[str, Any]]:
