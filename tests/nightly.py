@@ -32,7 +32,8 @@ def deselect_nightly(config: pytest.Config, items: list[pytest.Item]) -> int:
     addressed = any("::" in argument for argument in config.args)
     if config.option.markexpr or addressed or os.environ.get(FULL_COUNTS) == "1":
         return 0
-    _check_parameters(items)
+    if not config.option.keyword:  # with -k, some parameters of a test may be left out already
+        _check_parameters(items)
     nightly = [item for item in items if is_only_nightly(item)]
     if nightly:
         config.hook.pytest_deselected(items=nightly)
