@@ -8,7 +8,9 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from minihuman.admin.protocol_file import find_shipped_protocol
+from minihuman.admin.protocol_file import find_shipped_protocol, list_named_worlds, read_protocol
+from minihuman.experiment.protocol.protocol import Protocol, decode_protocol
+from minihuman.trust import list_foreign_modules
 
 _ANY = "demo"  # a protocol that is in the folder of all of them
 
@@ -21,6 +23,27 @@ class ShippedStudy:
     path: Path
     summary: str  # the comment at the top of the file
     tree: dict[str, Any]
+    modules: tuple[Path, ...]  # the Python files beside it that have its worlds
+
+    def read(self) -> Protocol:
+        """Read the protocol; one with Python of its own is only decoded, because nobody has trusted this Python yet.
+
+        Raises:
+            ProtocolError: if it is not valid.
+        """
+        if self.modules:
+            return decode_protocol(self.path.read_bytes(), str(self.path))
+        return read_protocol(self.path)
+
+    def read_files(self) -> dict[str, bytes]:
+        """Read the files that are copied with the protocol, by name.
+
+        Raises:
+            ProtocolError: if the protocol is not valid.
+            OSError: if a file cannot be read.
+        """
+        named = {name: (self.path.parent / name).read_bytes() for name in self.read().files}
+        return named | {path.name: path.read_bytes() for path in self.modules}
 
 
 @cache
@@ -33,8 +56,16 @@ def list_shipped_studies() -> tuple[ShippedStudy, ...]:
         name = path.relative_to(folder).with_suffix("").as_posix()
         if "/" not in name:
             name = f"examples/{name}"
-        studies.append(ShippedStudy(name, path, _read_summary(text), tomllib.loads(text)))
+        tree = tomllib.loads(text)
+        studies.append(ShippedStudy(name, path, _read_summary(text), tree, _find_modules(tree, path.parent)))
     return tuple(studies)
+
+
+def _find_modules(tree: dict[str, Any], folder: Path) -> tuple[Path, ...]:
+    """Return the Python files of a folder that have a protocol's worlds."""
+    modules = list_foreign_modules(world for world, _ in list_named_worlds(tree))
+    paths = (folder / f"{module}.py" for module in sorted(modules))
+    return tuple(path for path in paths if path.is_file())
 
 
 @cache

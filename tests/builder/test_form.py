@@ -1,11 +1,19 @@
 """The forms of a protocol's tables: every field with its sentence, type, unit and choices, and what can be added."""
 
+import io
+import tomllib
+from pathlib import Path
+
+import numpy as np
 import pytest
+from PIL import Image
 
 from minihuman.builder.form import build_form, list_kinds
-from minihuman.builder.messages import FormField
-from minihuman.builder.new_study import list_templates
+from minihuman.builder.messages import FormField, NewStudyRequest
+from minihuman.builder.new_study import list_templates, make_study
+from minihuman.builder.pictures import BLANK_PNG, draw_template
 from minihuman.experiment.protocol.protocol import list_protocol_tables
+from minihuman.trust import CONFIG_VARIABLE, Trust
 
 
 def find_field(table: str, name: str, kind: str = "") -> FormField:
@@ -76,3 +84,38 @@ def test_templates_are_at_least_sixteen_studies_with_their_minutes() -> None:
     assert stroop.minutes is not None
     assert 1 < stroop.minutes[0] < stroop.minutes[1] < 10
     assert "Stroop, 1935" in stroop.summary
+
+
+def test_a_template_with_python_of_its_own_is_copied_with_it_and_trusted_in_its_new_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(CONFIG_VARIABLE, str(tmp_path / "configuration"))
+    name = "navigation/radial-arm-maze"
+    template = next(template for template in list_templates() if template.name == name)
+    assert template.files == ["radial_arm_maze.py"]
+    assert template.minutes is not None
+    path = make_study(NewStudyRequest(name="maze", template=name), tmp_path, None)
+    assert path == tmp_path / "maze" / "maze.toml"
+    assert (path.parent / "radial_arm_maze.py").is_file()
+    assert tomllib.loads(path.read_text())["study"]["name"] == "maze"
+    assert Trust.read().holds(path)
+
+
+def test_a_folder_with_other_files_is_not_trusted_for_a_template_that_is_copied_into_it(tmp_path: Path) -> None:
+    (tmp_path / "maze").mkdir()
+    (tmp_path / "maze" / "of_a_stranger.py").touch()
+    path = make_study(NewStudyRequest(name="maze", template="navigation/radial-arm-maze"), tmp_path, None)
+    assert not Trust.read().holds(path)
+
+
+@pytest.mark.parametrize("name", ["trials/flanker", "trials/go-no-go", "examples/demo"])
+def test_the_picture_of_a_template_shows_a_world_or_a_stimulus(name: str) -> None:
+    with Image.open(io.BytesIO(draw_template(name))) as picture:
+        pixels = np.asarray(picture.convert("RGB"))
+    n_drawn = (pixels != pixels[0, 0]).any(axis=-1).sum()
+    assert n_drawn > 200  # a fixation cross has fewer
+
+
+@pytest.mark.nightly
+def test_a_template_with_python_of_its_own_is_drawn_without_trust() -> None:
+    assert draw_template("navigation/radial-arm-maze") != BLANK_PNG
