@@ -8,12 +8,29 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from minihuman.builder.document import TomlDocument
 from minihuman.builder.form import build_form, list_kinds
 from minihuman.builder.messages import FormField, NewStudyRequest
 from minihuman.builder.new_study import list_templates, make_study
-from minihuman.builder.pictures import BLANK_PNG, draw_template
-from minihuman.experiment.protocol.protocol import list_protocol_tables
+from minihuman.builder.card_pictures import BLANK_PNG, draw_template
+from minihuman.experiment.protocol.protocol import decode_protocol, list_protocol_tables
 from minihuman.trust import CONFIG_VARIABLE, Trust
+
+CONSENTED = """
+[study]
+name = "rooms"
+version = "1"
+seed = 4
+[[groups]]
+name = "all"
+parts = ["consent", "walk"]
+[[blocks]]
+name = "walk"
+world = "minihuman/MiniGrid-Empty-5x5-v0"
+episodes = 2
+actions = ["left", "right", "forward"]
+max_steps = 20
+"""
 
 
 def find_field(table: str, name: str, kind: str = "") -> FormField:
@@ -73,6 +90,15 @@ def test_kinds_of_parts_and_questions_are_those_that_are_installed() -> None:
     assert not {"keyboard_check", "debrief"} & tables.keys()
     assert {"choice", "likert", "slider", "text"} <= {kind.kind for kind in kinds.questions}
     assert "minihuman/MiniGrid-FourRooms-v0" in {world.value for world in kinds.worlds}
+
+
+def test_a_consent_page_to_begin_with_is_valid_and_asks_for_agreement() -> None:
+    (consent,) = (kind for kind in list_kinds().parts if kind.kind == "consent")
+    document = TomlDocument.parse(CONSENTED).insert(("pages", 0), {**consent.new, "name": "consent"})
+    (page,) = decode_protocol(document.text.encode()).pages
+    assert page.asks_consent
+    for topic in ("Purpose", "Storage", "Your rights", "Contact"):
+        assert f"{topic}: " in page.text
 
 
 def test_templates_are_at_least_sixteen_studies_with_their_minutes() -> None:

@@ -1,6 +1,6 @@
 """Pictures for cards: of a built-in world, and of what participants of a template see.
 
-    python -m minihuman.builder.pictures TEMPLATE     # writes a PNG to standard output
+    python -m minihuman.builder.card_pictures TEMPLATE     # writes a PNG to standard output
 
 A template with Python of its own is drawn in a process of its own, so that no other protocol meets its modules.
 """
@@ -91,7 +91,7 @@ def _draw_elsewhere(name: str, environment: dict[str, str]) -> bytes:
     search_path = os.pathsep.join(filter(None, (environment["PYTHONPATH"], os.environ.get("PYTHONPATH", ""))))
     try:
         process = subprocess.run(
-            [sys.executable, "-m", "minihuman.builder.pictures", name],
+            [sys.executable, "-m", "minihuman.builder.card_pictures", name],
             env={**os.environ, **environment, "PYTHONPATH": search_path},
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
