@@ -25,8 +25,8 @@ from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import Route
 
-from minihuman.builder.messages import EditRefusal
 from minihuman.builder.card_pictures import BLANK_PNG, draw_template, draw_world
+from minihuman.builder.messages import EditRefusal
 from minihuman.builder.preview_process import PreviewProcess
 from minihuman.builder.preview_server import Kind, PreviewRequest
 from minihuman.builder.trial_runs import SimulatedTrial

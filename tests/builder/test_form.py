@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from minihuman.builder.card_pictures import BLANK_PNG, draw_template
 from minihuman.builder.document import TomlDocument
 from minihuman.builder.form import build_form, list_kinds
 from minihuman.builder.messages import FormField, NewStudyRequest
 from minihuman.builder.new_study import list_templates, make_study
-from minihuman.builder.card_pictures import BLANK_PNG, draw_template
 from minihuman.experiment.protocol.protocol import decode_protocol, list_protocol_tables
 from minihuman.trust import CONFIG_VARIABLE, Trust
 
