@@ -383,13 +383,9 @@ def export(
     from minihuman.exporters.recorded_exports import write_recorded_export
 
     write = partial(export_study, format_name, stored_frames=stored_frames, with_messages=with_messages, engine=engine)
+    command = f"export {format_name}"
     result, notes = write_recorded_export(
-        write,
-        f"export {format_name}",
-        Path(study),
-        Path(out),
-        selection or Selection(),
-        progress=lambda log: on_progress(str(log)),
+        write, command, Path(study), Path(out), selection or Selection(), progress=lambda log: on_progress(str(log))
     )
     return ExportSummary(Path(out), result.episodes, result.steps, notes)
 
@@ -410,7 +406,7 @@ def publish(
         study: a study's folder.
         archive: osf, zenodo, hugging-face or openneuro.
         out: the path of a folder that does not exist yet.
-        selection: the rule for which sessions and episodes are included.
+        selection: which sessions and episodes are included.
         on_progress: called with the path of each log.
 
     Raises:
@@ -420,10 +416,9 @@ def publish(
     from minihuman.dataset.selection import Selection
     from minihuman.exporters.publishing import write_publication
 
-    def progress(log: Path) -> None:
-        on_progress(str(log))
-
-    result, notes = write_publication(Path(study), archive, Path(out), selection or Selection(), progress=progress)
+    result, notes = write_publication(
+        Path(study), archive, Path(out), selection or Selection(), progress=lambda log: on_progress(str(log))
+    )
     return ExportSummary(Path(out), result.episodes, result.steps, notes)
 
 

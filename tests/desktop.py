@@ -29,7 +29,9 @@ def desktop() -> Iterator["Desktop"]:
         xvfb() as name,
         running([program], env={**os.environ, "DISPLAY": name}, stderr=subprocess.DEVNULL) as manager,
     ):
-        yield Desktop(name)
+        desk = Desktop(name)
+        yield desk
+        desk.close()
         stop(manager)
 
 
@@ -41,6 +43,9 @@ class Desktop:
         self._display = Display(name)
         self._root = self._display.screen().root
         self._wait_for(lambda: self._root.get_full_property(self._atom("_NET_SUPPORTING_WM_CHECK"), X.AnyPropertyType))
+
+    def close(self) -> None:
+        self._display.close()
 
     def picture(self) -> NDArray[np.uint8]:
         """The whole screen, uint8[H, W, 3]."""
@@ -86,7 +91,18 @@ class Desktop:
         self._display.sync()
 
     def _tell(self, title: str, message: str, *data: int) -> None:
-        window = self._window(title)
+        self._tell_of(self._window(title), message, *data)
+
+    def minimise_window(self, number: int) -> None:
+        """Minimise the window that has this number with the X server."""
+        self._tell_of(self._display.create_resource_object("window", number), "WM_CHANGE_STATE", _ICONIC)
+
+    def restore_window(self, number: int) -> None:
+        window = self._display.create_resource_object("window", number)
+        window.map()
+        self._tell_of(window, "_NET_ACTIVE_WINDOW", 2, X.CurrentTime)
+
+    def _tell_of(self, window, message: str, *data: int) -> None:
         values = (32, [*data, *(0 for _ in range(5 - len(data)))])
         told = event.ClientMessage(window=window, client_type=self._atom(message), data=values)
         self._root.send_event(told, event_mask=X.SubstructureRedirectMask | X.SubstructureNotifyMask)

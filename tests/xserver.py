@@ -5,14 +5,15 @@ import subprocess
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 from Xlib import XK, X
 from Xlib.display import Display
 from Xlib.error import BadDrawable, BadWindow
-from Xlib.ext import xtest
-from Xlib.protocol import event
+from Xlib.ext import xinput, xtest
+from Xlib.protocol import event, rq
 
 from minihuman.experiment.keys import KEY_NAMES
 from tests.machine import need
@@ -71,6 +72,14 @@ _KEYSYMS = {
 }
 
 
+_MAPPING_S = 0.2  # until every program has the new symbols of keys
+
+
+def _symbol_of(code_point: int) -> int:
+    """The keysym of a code point: itself in Latin-1, else the Unicode one."""
+    return code_point if code_point < 0x100 else 0x01000000 | code_point
+
+
 @contextmanager
 def xvfb(screen_px: Size = SCREEN_PX) -> Iterator[str]:
     """Run an X server on a free display; yields its name, ":12"."""
@@ -85,6 +94,22 @@ def xvfb(screen_px: Size = SCREEN_PX) -> Iterator[str]:
         assert number, "Xvfb ended before it had a display"
         yield f":{number}"
         stop(server)
+
+
+class _FakeDeviceKey(rq.Request):
+    """XTEST's FakeInput with an event of a device, as XTestFakeDeviceKeyEvent makes it."""
+
+    _request = rq.Struct(
+        rq.Card8("opcode"),
+        rq.Opcode(2),
+        rq.RequestLength(),
+        rq.Card8("event_type"),
+        rq.Card8("detail"),
+        rq.Pad(2),
+        rq.Card32("time"),
+        rq.Pad(23),
+        rq.Card8("device"),
+    )
 
 
 class Typist:
@@ -118,6 +143,56 @@ class Typist:
         self._display.sync()
         self.sent.append((key, kind == X.KeyPress))
 
+    def fake_second(self, key: str, *, down: bool) -> None:
+        """Press or release a key of the second keyboard, the X server's own; XTEST's is the first."""
+        _FakeDeviceKey(
+            display=self._display.display,
+            opcode=self._display.display.get_extension_major(xtest.extname),
+            event_type=self._display.query_extension("XInputExtension").first_event + (1 if down else 2),
+            detail=self.keycode(key),
+            time=0,
+            device=self._second_keyboard,
+        )
+        self._display.sync()
+
+    @cached_property
+    def _second_keyboard(self) -> int:
+        devices = self._display.xinput_query_device(xinput.AllDevices).devices
+        return next(int(device.deviceid) for device in devices if device.name == "Xvfb keyboard")
+
+    def write(self, text: str) -> str:
+        """Type as much of a text as there are keys that the keyboard does not use; return the rest.
+
+        Each letter gets such a key, as by xdotool. A program looks a key up as it takes its press, so let it do so
+        before the rest is written.
+        """
+        rest = text[len(self._spare_keycodes) :]
+        text = text[: len(self._spare_keycodes)]
+        keycodes = dict(zip(dict.fromkeys(text), self._spare_keycodes, strict=False))
+        first = self._display.display.info.min_keycode
+        mapping = self._display.get_keyboard_mapping(first, self._display.display.info.max_keycode - first + 1)
+        for letter, keycode in keycodes.items():
+            mapping[keycode - first] = [_symbol_of(ord(letter))] * len(mapping[0])
+        self._display.change_keyboard_mapping(
+            first, mapping
+        )  # at once: at each change a window manager binds its keys anew
+        self._display.sync()
+        time.sleep(_MAPPING_S)
+        for letter in text:
+            for kind in (X.KeyPress, X.KeyRelease):
+                xtest.fake_input(self._display, kind, keycodes[letter])
+                self._display.sync()
+            time.sleep(_DEBOUNCE_S)
+        return rest
+
+    @cached_property
+    def _spare_keycodes(self) -> list[int]:
+        """The numbers of keys that have no symbol, the highest first."""
+        first = self._display.display.info.min_keycode
+        count = self._display.display.info.max_keycode - first + 1
+        mapping = self._display.get_keyboard_mapping(first, count)
+        return [first + place for place in reversed(range(count)) if not any(mapping[place])]
+
     def point(self, title: str, x: float, y: float) -> None:
         """Move the mouse to (x, y), 0..1 of a window."""
         window = self._window(title)
@@ -127,9 +202,9 @@ class Typist:
         )
         self._display.sync()
 
-    def button(self, down: bool) -> None:
-        """Press or release the mouse's main button."""
-        xtest.fake_input(self._display, X.ButtonPress if down else X.ButtonRelease, 1)
+    def button(self, down: bool, number: int = 1) -> None:
+        """Press or release a button of the mouse, the main one if it is not named; 4 and 5 are the wheel's."""
+        xtest.fake_input(self._display, X.ButtonPress if down else X.ButtonRelease, number)
         self._display.sync()
 
     def tap_place(self, key: str) -> None:

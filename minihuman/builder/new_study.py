@@ -103,19 +103,16 @@ def _copy_version(source: Path, name: str) -> Path:
 def _copy_shipped(study: ShippedStudy, name: str, folder: Path) -> Path:
     """Copy a protocol of the package under another name; one with files gets a folder of its own.
 
-    The Python of the package is trusted where it is copied into a new folder, as the rest of the package is.
+    Python that is copied with it is not trusted yet: only who has read it may trust it.
     """
     files = study.read_files()
     if files:
         folder = folder / name
     path = folder / f"{name}.toml"
     _require_new(path)
-    is_new = not folder.exists() or not any(folder.iterdir())  # a folder with files may hold a stranger's Python
     for file_name, content in files.items():
         _write(folder / file_name, content)
     _write(path, TomlDocument.parse(study.path.read_bytes().decode()).set(("study", "name"), name).text.encode())
-    if study.modules and is_new:
-        Trust(frozenset({folder.resolve()})).record()
     return path
 
 

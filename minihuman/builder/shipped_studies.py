@@ -8,10 +8,14 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import msgspec
+
 from minihuman.admin.protocol_file import find_shipped_protocol, list_named_worlds, read_protocol
+from minihuman.experiment.protocol.model import BlockSpec
 from minihuman.experiment.protocol.protocol import Protocol, decode_protocol
 from minihuman.trust import list_foreign_modules
 
+_USUAL_KIND = next(field.default for field in msgspec.structs.fields(BlockSpec) if field.name == "kind")
 _ANY = "demo"  # a protocol that is in the folder of all of them
 
 
@@ -26,7 +30,7 @@ class ShippedStudy:
     modules: tuple[Path, ...]  # the Python files beside it that have its worlds
 
     def read(self) -> Protocol:
-        """Read the protocol; one with Python of its own is only decoded, because nobody has trusted this Python yet.
+        """Read the protocol; one with Python of its own is only decoded: only who has read it may trust it.
 
         Raises:
             ProtocolError: if it is not valid.
@@ -53,10 +57,10 @@ def list_shipped_studies() -> tuple[ShippedStudy, ...]:
     studies = []
     for path in sorted(folder.rglob("*.toml")):
         text = path.read_text(encoding="utf-8")
+        tree = tomllib.loads(text)
         name = path.relative_to(folder).with_suffix("").as_posix()
         if "/" not in name:
             name = f"examples/{name}"
-        tree = tomllib.loads(text)
         studies.append(ShippedStudy(name, path, _read_summary(text), tree, _find_modules(tree, path.parent)))
     return tuple(studies)
 
@@ -73,14 +77,14 @@ def list_used_fields(table: str, kind: str = "") -> frozenset[str]:
     """Return the fields of a table ("blocks.stimuli") that any shipped protocol uses, in tables of a kind if given."""
     fields: set[str] = set()
     for row in _list_rows(table):
-        if not kind or row.get("kind", "play") == kind:
+        if not kind or row.get("kind", _USUAL_KIND) == kind:
             fields |= row.keys()
     return frozenset(fields)
 
 
 def find_example(table: str, kind: str) -> dict[str, Any] | None:
     """Return a copy of the smallest table of a kind in any shipped protocol, without files; None if there is none."""
-    rows = [row for row in _list_rows(table) if row.get("kind", "play") == kind and "file" not in str(row)]
+    rows = [row for row in _list_rows(table) if row.get("kind", _USUAL_KIND) == kind and "file" not in str(row)]
     if not rows:
         return None
     return deepcopy(min(rows, key=lambda row: len(str(row))))

@@ -19,5 +19,5 @@ def read_person_facts(source: Path, protocol_toml: bytes) -> dict[str, dict[str,
     rows = read_participants_file(source, read_study_facts(source, protocol_toml).participant_columns).rows
     facts: dict[str, dict[str, PersonValue]] = {}
     for code, row in rows.items():
-        facts[code] = {name_person_column(name): value for name, value in row.items() if value is not None}
+        facts[code] = {name_person_column(name): cell for name, cell in row.items() if cell is not None}
     return facts

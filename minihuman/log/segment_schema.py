@@ -6,7 +6,7 @@ misread. A segment that cannot contain any of that stays at version 2, so that o
 
 from collections.abc import Mapping
 
-from minihuman.experiment.machine.inputs import TEXT_RULES
+from minihuman.experiment.machine.inputs import MESSAGE_RULES, TEXT_RULES
 from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.log.names import PLAIN_SCHEMA_VERSION, SCHEMA_VERSION
 from minihuman.worlds.outcomes import LAST_REWARD
@@ -30,6 +30,12 @@ def has_timelines(plan: SessionPlan) -> bool:
 
 
 def records_whole_texts(plan: SessionPlan, facts: Mapping[str, str]) -> bool:
-    """Return whether answers in words are logged as whole texts, without which a replay would give other answers."""
-    is_new = facts.get("text_rules", "1") == TEXT_RULES
-    return is_new and any(getattr(part.plan, "has_text_fields", False) for part in plan.parts)
+    """Return whether answers or messages are logged as whole texts, without which a replay would give other texts."""
+    return (facts.get("text_rules", "1") == TEXT_RULES and _has_part_with(plan, "has_text_fields")) or (
+        facts.get("message_rules", "1") == MESSAGE_RULES and _has_part_with(plan, "has_text_entry")
+    )
+
+
+def _has_part_with(plan: SessionPlan, name: str) -> bool:
+    """Return whether the plan of a part has a property that is true."""
+    return any(getattr(part.plan, name, False) for part in plan.parts)

@@ -44,7 +44,8 @@ def difference_statement(
     if comparison.reason and math.isnan(comparison.p):
         return f"{opening}was not compared ({comparison.reason})."
     if comparison.reason == ALL_ALIKE and comparison.difference == 0:
-        return f"{opening}is 0, and was not tested ({comparison.reason})."
+        sizes = _count_units(comparison, team_units)
+        return f"{opening}is 0, and was not tested ({comparison.reason}; {sizes})."
     caveat = ""
     if comparison.smallest_p >= _ALPHA:
         caveat = " Groups of these sizes cannot reach p < 0.05, whatever the difference."

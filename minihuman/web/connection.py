@@ -238,15 +238,20 @@ class Connection(PageSession):
         """Record that the page is alive."""
         self.presence.hear(monotonic_s())
 
+    def record_act(self) -> None:
+        """Record that the participant typed something that has not settled yet."""
+        self.presence.record_act(monotonic_s())
+
     def bid_farewell(self, *, is_left: bool) -> None:
         """Record that the page was closed, or that the participant left it for another page."""
         self.presence.bid_farewell(monotonic_s(), is_left=is_left)
 
-    def spend(self, n_bytes: int, *, is_text: bool = False) -> bool:
+    def spend(self, n_bytes: int, *, number: int, is_text: bool = False) -> bool:
         """Count the size of a message against the session's budget; end the session of a page that sends too much.
 
         Args:
             n_bytes: the size of the message.
+            number: its number; one that was received before costs nothing.
             is_text: whether it holds what was typed.
 
         Returns:
@@ -254,6 +259,8 @@ class Connection(PageSession):
         """
         if self.is_over_budget:
             return False
+        if number <= self._streams.incoming.received:
+            return True
         now_ns = self.now_ns()
         if self._budget.spend(n_bytes, now_ns, is_text=is_text):
             return True

@@ -46,6 +46,7 @@ _RULES = (
     "consent_rules",
     "key_rules",
     "text_rules",
+    "message_rules",
     "agent_rules",
     "presence_rules",
 )  # facts that say by what a session was played

@@ -25,7 +25,7 @@ from minihuman.experiment.machine.inputs import (
 from minihuman.experiment.machine.page_alterations import AlterationKind
 from minihuman.web.screen_types import PageType, ScreenValues
 
-MESSAGE_VERSION = 8
+MESSAGE_VERSION = 9
 
 Ns = Annotated[int, Meta(ge=0, le=2**53)]
 Number = Annotated[int, Meta(ge=0, le=2**31)]
@@ -219,6 +219,7 @@ class Ping(msgspec.Struct, tag="ping", tag_field="t", forbid_unknown_fields=True
     """A request for the server's time."""
 
     sent: Ns
+    acted: bool = False  # something was typed since the last one, which settles later
 
 
 class Farewell(msgspec.Struct, tag="bye", tag_field="t", forbid_unknown_fields=True):

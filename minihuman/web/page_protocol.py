@@ -79,12 +79,20 @@ class PageSession(abc.ABC):
         """Record that the page is alive."""
 
     @abc.abstractmethod
+    def record_act(self) -> None:
+        """Record that the participant did something of which no message tells yet."""
+
+    @abc.abstractmethod
     def bid_farewell(self, *, is_left: bool) -> None:
         """Record that the page was closed, or that the participant left it for another page."""
 
     @abc.abstractmethod
-    def spend(self, n_bytes: int, *, is_text: bool = False) -> bool:
-        """Count the size of a message against the session's budget; return False if the session accepts no more."""
+    def spend(self, n_bytes: int, *, number: int, is_text: bool = False) -> bool:
+        """Count the size of a message against the session's budget; return False if the session accepts no more.
+
+        A message that is received once more counts nothing: over a bad line an honest page repeats much of what it
+        sent, and nothing of that is written.
+        """
 
     @abc.abstractmethod
     def forget(self) -> None:
@@ -147,14 +155,10 @@ class PageProtocol:
         message = decode_page_message(text)
         self._ends_with_round_trip = False
         match message:
-            case messages.NumberedMessage() if self._session.spend(len(text), is_text=isinstance(message.what, _TEXTS)):
-                self._session.take(message, more=more)
-                self._ends_with_round_trip = isinstance(message.what, messages.RoundTripMessage)
-            case messages.Ping() if more:
-                self._session.ping = message.sent, self._session.now_ns()
+            case messages.NumberedMessage():
+                self._receive_numbered(message, len(text), more=more)
             case messages.Ping():
-                received_ns = self._session.now_ns()
-                return encode_unnumbered(messages.Pong(message.sent, received_ns, self._session.now_ns()))
+                return self._receive_ping(message, more=more)
             case messages.PageAck():
                 self._acknowledge(message.n)
             case messages.Farewell():
@@ -165,6 +169,23 @@ class PageProtocol:
                     "a second hello arrived, but a page must send one per connection; reload the page"
                 )
         return None
+
+    def _receive_numbered(self, message: messages.NumberedMessage, n_bytes: int, *, more: bool) -> None:
+        """Give the session a numbered message, if its budget admits it."""
+        is_text = isinstance(message.what, _TEXTS)
+        if self._session.spend(n_bytes, number=message.n, is_text=is_text):
+            self._session.take(message, more=more)
+            self._ends_with_round_trip = isinstance(message.what, messages.RoundTripMessage)
+
+    def _receive_ping(self, ping: messages.Ping, *, more: bool) -> str | None:
+        """Return the answer to a ping; None if it goes with the answer to what follows in the same text."""
+        if ping.acted:
+            self._session.record_act()
+        received_ns = self._session.now_ns()
+        if more:
+            self._session.ping = ping.sent, received_ns
+            return None
+        return encode_unnumbered(messages.Pong(ping.sent, received_ns, self._session.now_ns()))
 
     def _acknowledge(self, number: int) -> None:
         """Discard messages that the page has, and note whether it was too far behind to look ahead for."""

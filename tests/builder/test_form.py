@@ -14,7 +14,7 @@ from minihuman.builder.form import build_form, list_kinds
 from minihuman.builder.messages import FormField, NewStudyRequest
 from minihuman.builder.new_study import list_templates, make_study
 from minihuman.experiment.protocol.protocol import decode_protocol, list_protocol_tables
-from minihuman.trust import CONFIG_VARIABLE, Trust
+from minihuman.trust import Trust
 
 CONSENTED = """
 [study]
@@ -112,10 +112,7 @@ def test_templates_are_at_least_sixteen_studies_with_their_minutes() -> None:
     assert "Stroop, 1935" in stroop.summary
 
 
-def test_a_template_with_python_of_its_own_is_copied_with_it_and_trusted_in_its_new_folder(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv(CONFIG_VARIABLE, str(tmp_path / "configuration"))
+def test_a_template_with_python_of_its_own_is_copied_with_it_and_left_to_the_user_to_trust(tmp_path: Path) -> None:
     name = "navigation/radial-arm-maze"
     template = next(template for template in list_templates() if template.name == name)
     assert template.files == ["radial_arm_maze.py"]
@@ -124,13 +121,6 @@ def test_a_template_with_python_of_its_own_is_copied_with_it_and_trusted_in_its_
     assert path == tmp_path / "maze" / "maze.toml"
     assert (path.parent / "radial_arm_maze.py").is_file()
     assert tomllib.loads(path.read_text())["study"]["name"] == "maze"
-    assert Trust.read().holds(path)
-
-
-def test_a_folder_with_other_files_is_not_trusted_for_a_template_that_is_copied_into_it(tmp_path: Path) -> None:
-    (tmp_path / "maze").mkdir()
-    (tmp_path / "maze" / "of_a_stranger.py").touch()
-    path = make_study(NewStudyRequest(name="maze", template="navigation/radial-arm-maze"), tmp_path, None)
     assert not Trust.read().holds(path)
 
 

@@ -14,7 +14,6 @@ from tests.machine import needs
 from tests.web.browser import browsing
 from tests.web.test_accessible import serious
 
-expect = pytest.importorskip("playwright.sync_api").expect
 pytestmark = [needs("chromium"), pytest.mark.program]
 PROTOCOLS = Path(__file__).parents[2] / "protocols"
 PART = "#/study/online.toml/parts/practice"
@@ -25,6 +24,11 @@ VIEWS = (
     *(f"#/study/online.toml/{view}" for view in ("texts", "media", "settings", "file", "data")),
 )
 TABLET_PX = (800, 1100)
+
+
+def expect(subject: Any) -> Any:
+    """Return what Playwright expects of a part of a page, imported when a test asks."""
+    return pytest.importorskip("playwright.sync_api").expect(subject)
 
 
 @pytest.fixture

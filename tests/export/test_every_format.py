@@ -10,7 +10,6 @@ from pathlib import Path
 
 import duckdb
 import pandas as pd
-import polars
 import pyarrow.parquet
 import pytest
 
@@ -139,6 +138,8 @@ def test_no_cell_of_a_csv_runs_in_a_spreadsheet(exported):
 def test_parquet_keeps_every_cell_in_four_programs(exported, reference, name):
     path = exported("parquet") / f"{name}.parquet"
     compare(name, pyarrow.parquet.read_table(path).to_pydict(), reference)
+    import polars
+
     compare(name, polars.read_parquet(path).to_dict(as_series=False), reference)
     compare(name, duckdb.sql(f"SELECT * FROM '{path}'").to_arrow_table().to_pydict(), reference)
     compare(name, as_python(pd.read_parquet(path, dtype_backend="pyarrow")), reference)

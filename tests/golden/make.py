@@ -39,6 +39,7 @@ from minihuman.runtime.simulated_window import SimulatedWindow
 from minihuman.simulation.participant import KeyPress, SimulatedTeacher, make_participant
 from minihuman.worlds.adapters.world import World
 from tests.golden.guests import again
+from tests.golden.talk import make_chat
 from tests.golden.typed import make_fields, make_typed
 from tests.seats.test_failing_agents import AGENTS, STUDY
 
@@ -527,3 +528,4 @@ if __name__ == "__main__":
     make_typed(Path(sys.argv[1]))
     make_fields(Path(sys.argv[1]))
     make_timelines(Path(sys.argv[1]))
+    make_chat(Path(sys.argv[1]))

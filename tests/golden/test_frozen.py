@@ -63,6 +63,8 @@ HELD = {
     "v1/taught/sub-01": ("goal timeout goal goal", [5, 12, 9, 6], "complete"),
     "v1/resumed/sub-01": ("goal abandoned goal goal", [5, 2, 5, 5], "complete"),
     "v2/adaptive/sub-01": ("goal goal goal goal failure goal goal goal", [1] * 8, "complete"),
+    "v2/chat/sub-01": ("timeout", [3], "complete"),
+    "v2/chat/sub-02": ("timeout", [3], "complete"),
     "v2/team/sub-01": ("timeout timeout", [20, 20], "complete"),
     "v2/typed/sub-01": ("", [], "complete"),
     "v2/unruled/sub-01": ("failure goal failure failure", [2, 4, 1, 7], "complete"),

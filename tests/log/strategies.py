@@ -352,6 +352,9 @@ EVENTS_BY_TYPE: dict[type[events.Event], st.SearchStrategy[events.Event]] = {
         team_events.SeatTaken, TIMES, COUNTS, COUNTS, COUNTS, st.sampled_from(get_args(team_events.SeatHolder))
     ),
     message_events.MessageTyped: st.builds(message_events.MessageTyped, TIMES, TEXTS),
+    message_events.MessageEdited: st.builds(
+        message_events.MessageEdited, TIMES, TEXTS, st.lists(TEXTS, max_size=3).map(tuple), COUNTS, COUNTS
+    ),
     message_events.MessageShown: st.builds(
         message_events.MessageShown,
         *(TIMES, COUNTS, COUNTS, COUNTS, TEXTS),

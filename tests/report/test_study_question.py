@@ -72,5 +72,6 @@ def test_where_nobody_differs_the_answer_says_so_instead_of_a_p() -> None:
     rows = pd.DataFrame({"group": [*"aaaaabbbbb"], "success": 1.0})
     (comparison,) = compare_groups(rows, ["success"])
     assert difference_statement(comparison, "room") == (
-        "Success rate, block room: a minus b is 0, and was not tested (nobody in either group differs from the others)."
+        "Success rate, block room: a minus b is 0, and was not tested (nobody in either group differs from the others; "
+        "5 and 5 participants)."
     )

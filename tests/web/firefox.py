@@ -27,6 +27,14 @@ user_pref("network.captive-portal-service.enabled", false);
 user_pref("network.connectivity-service.enabled", false);
 user_pref("services.settings.server", "data:,");
 user_pref("remote.active-protocols", 1);
+user_pref("browser.aboutwelcome.enabled", false);
+user_pref("datareporting.policy.firstRunURL", "");
+user_pref("toolkit.telemetry.reportingpolicy.firstRun", false);
+"""
+# Those that a driven Firefox sets for itself would have every window believe that it has the focus.
+_FOCUS = """
+user_pref("remote.prefs.recommended", false);
+user_pref("focusmanager.testmode", false);
 """
 _FINGERS = """
 user_pref("dom.w3c_touch_events.enabled", 1);
@@ -42,24 +50,31 @@ def firefox_at(
     *,
     phone_px: tuple[int, int] | None = None,
     environment: Mapping[str, str] | None = None,
+    display: str | None = None,
 ) -> Iterator["Page"]:
     """Firefox with an empty profile, at a page.
 
     Args:
         url: the page's address.
         profile: a folder that does not exist yet.
+        display: where it has a window; None: it has none.
         phone_px: a view of this size with two pixels per CSS pixel, and touch as the only pointer.
         environment: its environment variables instead of this process's.
     """
     profile.mkdir()
-    (profile / "user.js").write_text(_QUIET + _FINGERS * (phone_px is not None))
-    command = [need("firefox"), "--headless", "--no-remote", "--profile", str(profile), "--remote-debugging-port", "0"]
+    preferences = _QUIET + _FINGERS * (phone_px is not None) + _FOCUS * (display is not None)
+    (profile / "user.js").write_text(preferences)
+    command = [need("firefox"), "--no-remote", "--profile", str(profile), "--remote-debugging-port", "0"]
     env = {
         **(environment or os.environ),
         "HOME": str(profile),
         "MOZ_HEADLESS_WIDTH": "1366",
         "MOZ_HEADLESS_HEIGHT": "768",
     }
+    if display is None:
+        command.append("--headless")
+    else:
+        env |= {"DISPLAY": display, "GDK_BACKEND": "x11"}
     with running(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, env=env) as process:
         try:
             assert process.stderr is not None

@@ -69,6 +69,28 @@ def test_a_page_that_types_without_end_is_ended_and_told_that_the_study_stopped(
     assert list(compare_replay(list(read_events(log)), World)) == []
 
 
+def test_a_page_on_a_bad_line_may_repeat_what_it_sent_as_often_as_it_reconnects(tmp_path: Path) -> None:
+    async def repeat() -> Connection:
+        arrivals = Arrivals(corridor(""), tmp_path)
+        server = WebServer(arrivals, tmp_path)
+        connection = await server._factory.connect(invited(arrivals), "192.0.2.1")
+        assert isinstance(connection, Connection)
+        agree(connection)
+        at_ns = connection.now_ns() + 10_000
+        for _ in range(1_000):
+            welcome, _, after = connection.greet(Hello(MESSAGE_VERSION, stream="x"))
+            protocol = PageProtocol(connection, welcome, after, 0.0)
+            for number in (3, 4):
+                text = {"t": "n", "n": number, "at": at_ns + number, "what": {"t": "typed", "text": "x" * 2000}}
+                protocol.receive(json.dumps(text), more=False)
+        await server._finish_if_over(connection)
+        return connection
+
+    connection = asyncio.run(repeat())
+    assert not connection.is_over_budget
+    assert not connection.host.over
+
+
 def test_a_person_who_plays_all_of_a_plan_and_types_long_answers_stays_within_the_budget() -> None:
     plan = corridor_plan(consent="May we?")
     budget = SessionBudget(plan)

@@ -21,6 +21,7 @@ class EchoSession(PageSession):
         self.time_ns = 1_000
         self._outgoing: ServerMessages = OutgoingStream()
         self.texts = 0
+        self.acts = 0
         self.farewells: list[bool] = []
 
     @property
@@ -41,10 +42,13 @@ class EchoSession(PageSession):
     def hear(self) -> None:
         self.texts += 1
 
+    def record_act(self) -> None:
+        self.acts += 1
+
     def bid_farewell(self, *, is_left: bool) -> None:
         self.farewells.append(is_left)
 
-    def spend(self, n_bytes: int, *, is_text: bool = False) -> bool:
+    def spend(self, n_bytes: int, *, number: int, is_text: bool = False) -> bool:
         return True
 
     def forget(self) -> None:
@@ -102,6 +106,13 @@ def test_messages_of_one_text_are_known_to_come_together_and_a_ping_among_them_i
     session.time_ns = 1_200
     assert sent(protocol)[-1] == {"t": "pong", "sent": 5, "received": 1_000, "answered": 1_200}
     assert session.ping is None
+
+
+def test_a_ping_says_that_something_was_typed_which_has_not_settled() -> None:
+    session = EchoSession()
+    protocol = protocol_of(session)
+    receive(protocol, '{"t":"ping","sent":5,"acted":true}', tick(1), '{"t":"ping","sent":6}')
+    assert session.acts == 1
 
 
 def test_a_ping_alone_is_answered_at_once() -> None:

@@ -78,10 +78,13 @@ class VirtualConnection(PageSession):
     def hear(self) -> None:
         """Take no note: no seat waits for this page."""
 
+    def record_act(self) -> None:
+        """Take no note: nothing is typed here."""
+
     def bid_farewell(self, *, is_left: bool) -> None:
         """Take no note: no seat waits for this page."""
 
-    def spend(self, n_bytes: int, *, is_text: bool = False) -> bool:
+    def spend(self, n_bytes: int, *, number: int, is_text: bool = False) -> bool:
         return True
 
     def forget(self) -> None:

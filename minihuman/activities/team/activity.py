@@ -6,7 +6,7 @@ leaves the team, its seat and the seeds of its episodes open; `TeamFormed` resol
 """
 
 from dataclasses import replace
-from typing import Any
+from typing import Any, cast
 
 import msgspec
 
@@ -23,7 +23,7 @@ from minihuman.activities.team.events import (
     TeamEnded,
     TeamFormed,
 )
-from minihuman.activities.team.message_events import MessageGiven, MessageShown, MessageTyped
+from minihuman.activities.team.message_events import MessageEdited, MessageGiven, MessageShown, MessageTyped
 from minihuman.activities.team.messages import INTERVAL_NS, TeamMessages
 from minihuman.activities.team.plan import PERSON, TeamPlayPlan
 from minihuman.activities.team.presence import PRESENCE_RULES
@@ -46,7 +46,7 @@ from minihuman.experiment.machine.activity import (
     SessionContext,
 )
 from minihuman.experiment.machine.events import ActivityEvent
-from minihuman.experiment.machine.inputs import ActivityInput, Input, KeyDown, TextInput
+from minihuman.experiment.machine.inputs import ActivityInput, Input, KeyDown, TextChange, TextEdited, TextInput
 from minihuman.experiment.machine.life_signs import SeatState
 from minihuman.experiment.machine.running_episode import RunningEpisode
 from minihuman.experiment.machine.screens import PlayScreen, Screen, TextScreen
@@ -178,8 +178,10 @@ class TeamPlayActivity(PlayActivity):
                 self._note_sighting(happened)
             case MessageGiven() if self.playing and happened.message.seat != self._messages.seat:
                 self._messages.show(happened.message, self.team_episode)
-            case TextInput() if self.playing and self._messages.draft is not None:
-                self._messages.draft.type_text(happened.text)
+            case TextInput() if self.playing:
+                self._messages.type_text(happened.text)
+            case TextEdited() if self.playing:
+                self._messages.edit_text(happened)
             case TeamLost() if self.phase in (Phase.LOBBY, Phase.WAITING, Phase.PLAYING):
                 self._lose_team(happened.reason)
             case ActivityInput():
@@ -195,6 +197,11 @@ class TeamPlayActivity(PlayActivity):
                 return TeamJoined(event.t_ns, Team(event.team, event.index, event.seat, event.seats), event.salt)
             case MessageTyped():
                 return TextInput(event.t_ns, event.text)
+            case MessageEdited():
+                began_ns = event.t_ns - event.waited_ns
+                return TextEdited(
+                    event.t_ns, event.text, cast("tuple[TextChange, ...]", event.changes), event.keys, began_ns
+                )
             case MessageShown():
                 return MessageGiven(event.t_ns, event)
             case SeatsReadied():

@@ -25,13 +25,28 @@ class MessageShown(ActivityEvent):
 
 @dataclass(frozen=True, slots=True)
 class MessageTyped(ActivityEvent):
-    """Letters of a message were typed. Like an answer's `TextTyped` events, they are in no table."""
+    """Letters of a message were typed, in a session whose messages keys edit. They are in no table."""
 
     text: str
 
     @property
     def words_to_others(self) -> str:
         """Return the letters that were typed."""
+        return self.text
+
+
+@dataclass(frozen=True, slots=True)
+class MessageEdited(ActivityEvent):
+    """The text in the field for a message settled after changes: the whole text, code point for code point."""
+
+    text: str
+    changes: tuple[str, ...] = ()  # how, as `TextChange` of the inputs has it
+    keys: int = 0  # pressed in the field for it; which ones is not recorded
+    waited_ns: int = 0  # the changes began so long before t_ns
+
+    @property
+    def words_to_others(self) -> str:
+        """Return the text."""
         return self.text
 
 

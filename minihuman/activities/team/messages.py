@@ -11,14 +11,15 @@ from dataclasses import dataclass, field, replace
 
 from minihuman.activities.questions.free_text.draft import TextDraft
 from minihuman.activities.questions.question import QuestionItemSpec
-from minihuman.activities.team.message_events import MessageShown
+from minihuman.activities.team.message_events import MessageEdited, MessageShown
 from minihuman.activities.team.plan import REPORT_KEY, TeamPlan
 from minihuman.activities.team.screens import PlayMessages, TeamPageFields
 from minihuman.experiment.keys import key_label
 from minihuman.experiment.machine.activity import ENTER_KEYS, SessionContext
 from minihuman.experiment.machine.events import KeyVerdict, Noted
-from minihuman.experiment.machine.inputs import KeyDown
+from minihuman.experiment.machine.inputs import MESSAGE_RULES, KeyDown, TextEdited
 from minihuman.experiment.machine.running_episode import RunningEpisode
+from minihuman.experiment.machine.screens import TextField
 from minihuman.experiment.machine.transitions import Phase
 
 MESSAGE_LETTERS = 200  # at most, in a message
@@ -60,11 +61,11 @@ class TeamMessages:
         verdict = self._judge_key(press)
         self.context.emit_key(press, verdict, Phase.PLAYING)
         if self.draft is not None and verdict != "accepted":
-            self.draft.key(press)
+            self._edit_by_key(self.draft, press)
         elif self.draft is not None:
             self._finish_draft(self.draft, play)
         elif press.key in ENTER_KEYS:
-            self._open_draft()
+            self.draft = self._make_draft()
         elif press.key == self.rules.ping:
             self._mark_cell_ahead(play)
         else:
@@ -86,14 +87,40 @@ class TeamMessages:
             return "accepted"
         return "typing"
 
-    def _open_draft(self) -> None:
-        question = QuestionItemSpec("chat", "text", "", longest=MESSAGE_LETTERS)
+    @staticmethod
+    def _edit_by_key(draft: TextDraft, press: KeyDown) -> None:
+        """Let a key edit a draft that has no field of the window's."""
+        if not draft.has_native_field:
+            draft.key(press)
+
+    def type_text(self, text: str) -> None:
+        """Insert characters into the draft, if there is one without a field of the window's."""
+        if self.draft is not None and not self.draft.has_native_field:
+            self.draft.type_text(text)
+
+    def edit_text(self, edited: TextEdited) -> None:
+        """Accept the whole text of the draft's field and log it unchanged; ignore that of an earlier message."""
+        if self.draft is None or edited.field not in ("", self.draft.question.name):
+            return
+        if not self.draft.put_text(edited.text):
+            return
+        now_ns = self.context.now_ns
+        began_ns = min(edited.began_ns or now_ns, now_ns)
+        self.context.emit(MessageEdited(now_ns, edited.text, edited.changes, edited.keys, now_ns - began_ns))
+
+    def _make_draft(self) -> TextDraft:
+        """Return the empty draft of the next message, whose name no earlier one has."""
+        name = f"message-{len(self.sent) + 1}"
         words = self.context.words
-        self.draft = TextDraft(question, None, rtl=words.rtl, language=words.language)
+        question = QuestionItemSpec(name, "text", "", longest=MESSAGE_LETTERS)
+        draft = TextDraft(question, None, rtl=words.rtl, language=words.language)
+        draft.has_native_field = self.context.facts.get("message_rules", "1") == MESSAGE_RULES
+        draft.limit_note = words["team.too_long"]
+        return draft
 
     def _finish_draft(self, draft: TextDraft, play: RunningEpisode) -> None:
-        """Send the typed text and close the draft; the draft stays open if it is too soon for another message."""
-        if not draft.value or self._send(play, draft.display_text, ()):
+        """Send the text and close the draft; it stays open if the text is too long, or too soon after another."""
+        if not draft.value or (draft.error is None and self._send(play, draft.display_text, ())):
             self.draft = None
 
     def _mark_cell_ahead(self, play: RunningEpisode) -> None:
@@ -141,13 +168,19 @@ class TeamMessages:
             cells.append((x, z, mark.seat == self.seat))
         lines = [message for message in self.messages.values() if not message.cell][-N_LINES:]
         return {
-            "writes": bool(self.rules.chat),
+            "new_entry": self._new_entry,
             "hint": "   ".join(hints),
             "lines": [(self._name_author(message.seat), self._format_text(message)) for message in lines],
             "entry": None if self.draft is None else self.draft.widget(),
             "cells": cells,
             "bounds": play.world.unwrapped.map().bounds if play and marks else (),
         }
+
+    @property
+    def _new_entry(self) -> TextField | None:
+        if not self.rules.chat:
+            return None
+        return self._make_draft().widget()
 
     def list_page_fields(self, play: RunningEpisode | None) -> TeamPageFields:
         """Return the fields that messages add to the page's screen of play."""

@@ -10,7 +10,7 @@ from minihuman.activities.team.events import (
     TeamEnded,
     TeamFormed,
 )
-from minihuman.activities.team.message_events import MessageShown, MessageTyped
+from minihuman.activities.team.message_events import MessageEdited, MessageShown, MessageTyped
 from minihuman.log.codec import EventRow
 from minihuman.log.proto import minihuman_agent_v1_pb2 as agent_v1
 from minihuman.log.topics import Topic
@@ -24,6 +24,7 @@ SEAT_TOPIC = "/team/seat"
 SEEN_TOPIC = "/team/seen"
 TEAM_END_TOPIC = "/team/end"
 TYPED_TOPIC = "/team/typed"
+EDITED_TOPIC = "/team/edited"
 MESSAGE_TOPIC = "/team/message"
 
 TEAM_ROWS = (
@@ -36,5 +37,6 @@ TEAM_ROWS = (
     EventRow(SeatSeen, Topic(SEEN_TOPIC, agent_v1.SeatSeen)),
     EventRow(TeamEnded, Topic(TEAM_END_TOPIC, agent_v1.TeamEnded)),
     EventRow(MessageTyped, Topic(TYPED_TOPIC, agent_v1.MessageTyped)),
+    EventRow(MessageEdited, Topic(EDITED_TOPIC, agent_v1.MessageEdited)),
     EventRow(MessageShown, Topic(MESSAGE_TOPIC, agent_v1.MessageShown)),
 )

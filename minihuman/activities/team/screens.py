@@ -8,7 +8,7 @@ from minihuman.experiment.machine.screens import TextField
 class PlayMessages(TypedDict):
     """The messages and marks of people who play together, for a window to draw."""
 
-    writes: bool
+    new_entry: TextField | None  # the field that Enter opens; None where people do not write
     hint: str
     lines: list[tuple[str, str]]  # author, text
     entry: TextField | None

@@ -14,7 +14,7 @@ from minihuman.admin.enrolment_entries import read_chain_heads
 from minihuman.admin.policies import verify_advice
 from minihuman.admin.verify.contents import LogContents, LogSegment, read_log_contents
 from minihuman.admin.verify.episodes import EpisodeVerification, describe_other_rules, verify_episodes
-from minihuman.admin.verify.picture_verification import verify_pictures
+from minihuman.admin.verify.picture_verification import PictureVerification, verify_pictures
 from minihuman.admin.verify.plan import compare_plan
 from minihuman.admin.verify.world_tape import WorldTape
 from minihuman.dataset.annotations import describe_useless_annotation, read_annotations, split_annotations
@@ -223,11 +223,7 @@ def verify_session(log: Path, *, trust: bool = False, policies: bool = False) ->
     if rules_note:
         yield rules_note, True
     make_world = WorldTape().make_world
-    with raise_as_log_error(log, "played again"):
-        steps = verify_episodes(session, make_world)
-        pictures = None
-        if not steps.difference:
-            pictures = verify_pictures(session)
+    steps, pictures = _replay_session(session, log, make_world)
     yield from _describe_replay(session, steps)
     differences = _find_session_differences(log, make_world)
     for difference in differences[:MAX_DIFFERENCES]:
@@ -245,6 +241,17 @@ def verify_session(log: Path, *, trust: bool = False, policies: bool = False) ->
         yield str(pictures), pictures.verdict != "different"
     if not steps.difference and not differences:
         yield f"{steps.episodes} episodes, {steps.steps} steps, all as logged", True
+
+
+def _replay_session(
+    session: SessionLog, log: Path, make_world: WorldFactory
+) -> tuple[EpisodeVerification, PictureVerification | None]:
+    """Replay a session's episodes, and draw its pictures again if they are as logged."""
+    with raise_as_log_error(log, "played again"):
+        steps = verify_episodes(session, make_world)
+        if steps.difference:
+            return steps, None
+        return steps, verify_pictures(session)
 
 
 def _describe_replay(session: SessionLog, steps: EpisodeVerification) -> Iterator[tuple[str, bool]]:

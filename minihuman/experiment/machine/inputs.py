@@ -5,6 +5,8 @@ from typing import Literal
 
 # the fact "text_rules" of a session: a field's whole text is the answer as it is; before, keys edited and trimmed it
 TEXT_RULES = "2"
+# the fact "message_rules": the same for messages to partners, which keys edited for longer
+MESSAGE_RULES = "2"
 
 PressCause = Literal[
     "finger",  # or what stands for one: a screen reader's click, a simulated participant

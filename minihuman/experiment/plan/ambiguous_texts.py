@@ -70,10 +70,10 @@ def _list_texts(protocol: Protocol) -> Iterator[tuple[str, str]]:
     for block in protocol.blocks:
         yield "block", block.name
     for questionnaire in protocol.questions:
-        for item in questionnaire.items:
-            place = f"{questionnaire.name}.{item.name}"
-            yield from ((place, code) for code in item.codes if isinstance(code, str))
-            yield from ((place, option) for option in item.options)
+        for question in questionnaire.items:
+            place = f"{questionnaire.name}.{question.name}"
+            yield from ((place, code) for code in question.codes if isinstance(code, str))
+            yield from ((place, option) for option in question.options)
     for column in protocol.about.participant_columns:
         yield from ((column.name, level) for level in column.levels)
     yield from _list_labels(protocol)

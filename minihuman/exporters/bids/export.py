@@ -58,7 +58,7 @@ def write_participants(out: Path, source: Path, study_facts: AboutSpec, people: 
     rows = []
     for person in people:
         cells = known.get(person["code"], {})
-        rows.append({**person, **{name_person_column(name): value for name, value in cells.items()}})
+        rows.append({**person, **{name_person_column(name): cell for name, cell in cells.items()}})
     described: dict[str, Any] = {
         "group": {"Description": "The group that the participant was allocated to."},
         "player": {"Description": "Whoever pressed the keys: human, or a simulated player's name."},

@@ -387,6 +387,20 @@ class MessageTyped(_message.Message):
     text: str
     def __init__(self, t_ns: _Optional[int] = ..., text: _Optional[str] = ...) -> None: ...
 
+class MessageEdited(_message.Message):
+    __slots__ = ("t_ns", "text", "changes", "keys", "waited_ns")
+    T_NS_FIELD_NUMBER: _ClassVar[int]
+    TEXT_FIELD_NUMBER: _ClassVar[int]
+    CHANGES_FIELD_NUMBER: _ClassVar[int]
+    KEYS_FIELD_NUMBER: _ClassVar[int]
+    WAITED_NS_FIELD_NUMBER: _ClassVar[int]
+    t_ns: int
+    text: str
+    changes: _containers.RepeatedScalarFieldContainer[str]
+    keys: int
+    waited_ns: int
+    def __init__(self, t_ns: _Optional[int] = ..., text: _Optional[str] = ..., changes: _Optional[_Iterable[str]] = ..., keys: _Optional[int] = ..., waited_ns: _Optional[int] = ...) -> None: ...
+
 class MessageShown(_message.Message):
     __slots__ = ("t_ns", "episode", "step", "seat", "text", "cell", "digest")
     T_NS_FIELD_NUMBER: _ClassVar[int]

@@ -24,7 +24,7 @@ import { IncomingStream } from "./stream.js";
  * @property {(why: string, refusal: Refusal | null) => void} leave
  */
 
-const VERSION = 8;
+const VERSION = 9;
 const MIN_RETRY_MS = 200;
 const MAX_RETRY_MS = 3000;
 const HTTP_AFTER_MS = 3000; // without a welcome
@@ -290,6 +290,7 @@ class Latency {
   /** @type {ReturnType<typeof setTimeout> | undefined} */ #timer;
   least = Infinity; // ns, of all round trips on this socket
   /** @type {(message: import("./messages").PageMessage) => void} */ report = () => {};
+  /** @type {() => boolean} whether something was typed since it was asked last, which no message tells of yet */ takeActed = () => false;
 
   /** @param {Outbox} outbox @param {{ isOpen(): boolean, send(text: string): void, close(): void }} socket */
   constructor(outbox, socket) {
@@ -320,7 +321,7 @@ class Latency {
     this.#nextMs = now + DUE_SHARE * this.#signMs;
     clearTimeout(this.#timer);
     this.#timer = setTimeout(() => this.#ping(), ++this.#pings < 4 ? 60 : ALONE_SHARE * this.#signMs);
-    return JSON.stringify({ t: "ping", sent: this.outbox.now() });
+    return JSON.stringify({ t: "ping", sent: this.outbox.now(), acted: this.takeActed() || undefined });
   }
 
   /** A ping for messages to take along, if it is time for one: its answer comes with their acknowledgement. */

@@ -27,6 +27,7 @@ export const isSessionKey = (key, isLong) =>
 export class NativeField {
   /** @type {Set<TextChange>} */ #changes = new Set();
   #keys = 0;
+  #acted = false;
   #beganMs = 0; // performance time of the first change that is not reported
   /** @type {ReturnType<typeof setTimeout> | undefined} */ #timer;
   /** @type {ReturnType<typeof setInterval> | undefined} */ #looks;
@@ -65,7 +66,17 @@ export class NativeField {
 
   #seen; // the text after the last change
 
-  countKey() { this.#keys += 1; }
+  countKey() {
+    this.#keys += 1;
+    this.#acted = true;
+  }
+
+  /** Whether something was typed since this was asked last: it may settle much later. */
+  takeActed() {
+    const acted = this.#acted;
+    this.#acted = false;
+    return acted;
+  }
 
   /** Take over what the session has, where nothing was changed here. @param {string} text */
   accept(text) {

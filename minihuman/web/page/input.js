@@ -4,6 +4,9 @@ import { isSessionKey } from "./field.js";
 
 const REPEAT_DELAY_MS = 500;
 const REPEAT_PERIOD_MS = 33;
+// Firefox under X11 calls the system's repetition of a key that was down before the focus came a press. It comes by
+// FRESH_MS after the focus, and the next one by DOUBT_MS after it: of a finger's press, none comes so soon.
+const FRESH_MS = 1000, DOUBT_MS = 150;
 const LEFT_TO_BROWSER = new Set(["F5", "F11"]);
 const MODIFIERS = /^(Control|Alt|Meta|OS|Shift)(Left|Right)$|^(CapsLock|NumLock)$/;
 
@@ -29,18 +32,27 @@ export class Keyboard {
   /** @type {Set<string>} */ #down = new Set();
   /** @type {Set<string>} that are down and were not handed on: their releases are not either */ #passedOver = new Set();
   /** @type {Set<string>} that were pressed since the focus came */ #pressed = new Set();
+  /** @type {Map<string, { symbol: string, ms: number, isTrusted: boolean, timer: ReturnType<typeof setTimeout> }>} presses of which is not known yet whether a finger made them, in their order */
+  #doubtful = new Map();
+  #cameMs = performance.now(); // when the focus came
   /** @type {ReturnType<typeof setTimeout> | undefined} */ #timer;
 
-  /** @param {EventTarget} target @param {KeyListener} listener */
-  constructor(target, listener) {
+  /** @param {EventTarget} target @param {KeyListener} listener @param {string} [browser] its user agent */
+  constructor(target, listener, browser = "") {
     this.listener = listener;
+    this.hasDoubts = /X11.*Firefox/.test(browser);
     target.addEventListener("keydown", (event) => this.#press(/** @type {KeyboardEvent} */ (event)), { capture: true });
     target.addEventListener("keyup", (event) => this.#release(/** @type {KeyboardEvent} */ (event)), { capture: true });
   }
 
+  /** The focus comes. @param {number} ms when, by the event's own time */
+  come(ms) { this.#cameMs = ms; }
+
   /** The focus goes: keys that are down come up in another window, which alone is told. */
   releaseAll() {
     clearTimeout(this.#timer);
+    for (const { timer } of this.#doubtful.values()) clearTimeout(timer);
+    this.#doubtful.clear();
     this.#passedOver.clear();
     this.#pressed.clear();
     const keys = [...this.#down];
@@ -51,9 +63,12 @@ export class Keyboard {
   /** @param {string} code */
   #nameOf(code) { return this.codes[code] ?? `code_${code.replace(/[^A-Za-z0-9]/g, "").slice(0, 24)}`; }
 
+  /** A keyboard on a screen has no places of keys, but its Enter is one. @param {KeyboardEvent} event */
+  #nameIn({ code, key }) { return this.#nameOf(code === "" && key === "Enter" ? key : code); }
+
   /** @param {KeyboardEvent} event */
   #press(event) {
-    const key = this.#nameOf(event.code);
+    const key = this.#nameIn(event);
     if (!this.listener.isActive()) { this.#passedOver.add(key); return; }
     const isTyping = this.listener.isTyping();
     const field = this.listener.nativeField();
@@ -72,10 +87,41 @@ export class Keyboard {
       this.#passedOver.add(key);
       return;
     }
+    const doubted = this.#doubtful.get(key);
+    if (doubted) {
+      this.#judge(key, event.timeStamp - doubted.ms < DOUBT_MS ? "held_before_focus" : "finger");
+      return;
+    }
     // A repeat of a key that nobody pressed here: it was down when the focus came.
     if (event.repeat && (this.#down.has(key) || this.#passedOver.has(key))) return;
     const cause = event.repeat ? "held_before_focus" : isShortcut ? "shortcut" : "finger";
-    this.press(key, event.key.length === 1 ? event.key : "", event.timeStamp, event.isTrusted, cause);
+    const symbol = event.key.length === 1 ? event.key : "";
+    const isFresh = this.hasDoubts && event.timeStamp - this.#cameMs < FRESH_MS && !this.#pressed.has(key);
+    if (isFresh && cause === "finger" && !this.#down.has(key)) {
+      const timer = setTimeout(() => this.#judge(key, "finger"), DOUBT_MS);
+      this.#doubtful.set(key, { symbol, ms: event.timeStamp, isTrusted: event.isTrusted, timer });
+    } else {
+      this.#believe();
+      this.press(key, symbol, event.timeStamp, event.isTrusted, cause);
+    }
+  }
+
+  /** It is known what made a press; those before it were a finger's. @param {string} key @param {PressCause} cause */
+  #judge(key, cause) {
+    this.#believe(key);
+    const press = this.#doubtful.get(key);
+    if (!press) return;
+    clearTimeout(press.timer);
+    this.#doubtful.delete(key);
+    this.press(key, press.symbol, press.ms, press.isTrusted, cause);
+  }
+
+  /** Presses before another were a finger's. @param {string} [before] */
+  #believe(before) {
+    for (const key of [...this.#doubtful.keys()]) {
+      if (key === before) return;
+      this.#judge(key, "finger");
+    }
   }
 
   // The browser's alone, and not in the log: with them, what was typed and taken back would be.
@@ -114,8 +160,9 @@ export class Keyboard {
 
   /** @param {KeyboardEvent} event */
   #release(event) {
-    const key = this.#nameOf(event.code);
+    const key = this.#nameIn(event);
     if (this.#passedOver.delete(key) || !this.listener.isActive()) return;
+    this.#judge(key, "finger"); // it came up before it was repeated
     // Only its release is seen: it was down when the focus came.
     if (!this.#down.has(key) && !this.#pressed.has(key)) this.press(key, "", event.timeStamp, event.isTrusted, "held_before_focus");
     const names = event.key === "Meta" ? [...this.#down] : [key]; // a Mac says nothing of keys that come up beside Command

@@ -165,6 +165,7 @@ export interface PageAck {
 export interface Ping {
   t: "ping";
   sent: number;
+  acted?: boolean;
 }
 
 /** The report that the page is being closed, or gives way to another page. */
@@ -444,7 +445,7 @@ export interface PlayValues {
 
 /** The messages and marks of people who play together, for a window to draw. */
 export interface PlayMessages {
-  writes: boolean;
+  new_entry: TextField | null;
   hint: string;
   lines: [string, string][];
   entry: TextField | null;

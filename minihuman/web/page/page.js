@@ -60,7 +60,7 @@ class Page {
     isActive: () => this.#isListening,
     isTyping: () => this.#entry.isActive,
     isChatting: () => this.#entry.isActive && this.#screen?.screen.kind === "play",
-    nativeField: () => this.#entry.native,
+    nativeField: () => this.#entry.claimKeys(),
     isScrollable: () => /^(page|text)$/.test(this.#screen?.screen.kind ?? ""),
     now: () => this.#outbox.now(),
     timeOf: (ms) => this.#outbox.timeOf(ms),
@@ -70,7 +70,7 @@ class Page {
     },
     release: (key, stamp, isTrusted, cause) => this.#send(
       { t: "key", key, down: false, stamp, trusted: isTrusted && undefined, cause: cause === "finger" ? undefined : cause }),
-  });
+  }, navigator.userAgent);
   #touch = new TouchKeys(
     /** @type {HTMLElement} */ (document.getElementById("touch")), this.#keyboard,
     () => { this.#player.view.fit(); this.#films.fit(); });
@@ -120,6 +120,7 @@ class Page {
 
   constructor() {
     this.#connection.latency.report = (what) => this.#send(what);
+    this.#connection.latency.takeActed = () => this.#entry.takeActed();
     this.#keyboard.codes = this.#outbox.keys; // for what is pressed before the welcome, after the page was loaded again
     this.#cancelPointer = listenToPointer(this.#main, {
       isActive: () => !this.#connection.finished,
@@ -313,9 +314,9 @@ class Page {
     const m = this.#screen, messages = m?.screen.kind === "play" && this.#player.play ? m.screen.messages : undefined;
     if (!m || !messages || RESERVED.has(key)) return false;
     if (messages.entry) this.#entry.edit(key);
-    else if (key !== "enter" || isRepeat || !messages.writes) return false;
+    else if (key !== "enter" || isRepeat || !messages.new_entry) return false;
     else {
-      messages.entry = { text: "", caret: 0, long: false, unit: "", native: false, name: "", longest: 0, limit_note: "" };
+      messages.entry = messages.new_entry;
       this.#view.show(m);
     }
     return true;
@@ -339,7 +340,10 @@ class Page {
   /** @param {boolean} focused @param {number} ms */
   #focus(focused, ms) {
     if (focused === this.#focused || !this.#isListening) return;
-    if (focused && this.#focused === false) this.#focusedMs = ms;
+    if (focused && this.#focused === false) {
+      this.#focusedMs = ms;
+      this.#keyboard.come(ms);
+    }
     this.#focused = focused;
     if (!focused) {
       this.#keyboard.releaseAll();

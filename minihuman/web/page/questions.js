@@ -133,11 +133,20 @@ export class TextEntry {
   }
   get isActive() { return this.#screen !== null; }
 
-  /** The field that the browser edits, if it is on the screen and keys go into it. */
-  get native() {
+  /**
+   * The field that the browser edits, if it is on the screen and a key that goes down now goes into it. An open message
+   * takes all keys, wherever a click has put the focus: none of them is the game's.
+   */
+  claimKeys() {
     const native = this.#screen?.item.native ? this.#native : null;
-    return native && document.activeElement === native.element ? native : null;
+    if (!native) return null;
+    if (this.current()?.screen.kind === "play") native.element.focus({ preventScroll: true });
+    return document.activeElement === native.element ? native : null;
   }
+
+  /** Whether something was typed since this was asked last. */
+  takeActed() { return this.#native?.takeActed() ?? false; }
+
   get limitNote() { return this.#screen?.item.native ? this.#native?.note : null; }
 
   /** Report what was typed and has not settled. @returns {boolean} whether there was something */

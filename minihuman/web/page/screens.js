@@ -16,6 +16,9 @@ const RELOAD_MS = 1000;
 /** The field says by itself that a text is too long, and at once. @param {QuestionValues} s */
 const noteOf = ({ note, item }) => (item.form === "TextField" && note === item.limit_note ? "" : note);
 
+/** @param {import("./messages").PlayMessages} messages */
+const linesOf = ({ lines }) => lines.map(([author, text]) => el("p", {}, el("b", { text: author }), ` ${text}`));
+
 export class ScreenView {
   /**
    * @param {HTMLElement} main
@@ -47,8 +50,8 @@ export class ScreenView {
     ],
     blank: (/** @type {BlankValues} */ s) => [s.cross ? el("div", { class: "cross", role: "img", "aria-label": "+" }) : null],
     play: (/** @type {PlayValues} */ s) => [...this.parts.episode.draw(s), s.messages && el("div", { class: "chat" },
-      el("div", { role: "log", class: "lines" }, s.messages.lines.map(([author, text]) => el("p", {}, el("b", { text: author }), ` ${text}`))),
-      s.messages.entry && el("div", { class: "entry" }, this.parts.entry.open(s.messages.entry)),
+      el("div", { role: "log", class: "lines" }, linesOf(s.messages)),
+      s.messages.entry && el("div", { class: "entry" }, this.parts.entry.open(s.messages.entry), this.parts.entry.limitNote),
       el("p", { class: "prompt", id: "ask", text: s.messages.hint }))],
     activity: (/** @type {ActivityValues} */ s, /** @type {ScreenMessage} */ m) =>
       this.#modules.get(s.module)?.draw(s, m, { el, words, prose, films: this.parts.films, sounds: this.parts.sounds }),
@@ -127,6 +130,7 @@ export class ScreenView {
       if (s.kind !== "activity") sounds.keep(new Set(m.sounds.map(({ cue }) => cue)));
       this.main.replaceChildren(...flatten(/** @type {any} */ (this.#draw)[s.kind](s, m)).filter(Boolean));
     }, () => {
+      if (s.kind === "play") this.#updatePlay(s);
       for (const [name, text] of Object.entries({ note: s.kind === "question" ? noteOf(s) : "", progress: "progress" in s ? s.progress : "" })) {
         const element = this.main.querySelector(`:scope > .${name}`);
         if (element && element.textContent !== text) element.textContent = text;
@@ -160,6 +164,15 @@ export class ScreenView {
       };
       flips.report({ screen: m.id, name: m.name, then });
     }
+  }
+
+  /** Draw everything anew but the field for a message, and what is around it. @param {PlayValues} s */
+  #updatePlay(s) {
+    this.parts.episode.reportHeld = null;
+    const chat = this.main.querySelector(":scope > .chat");
+    for (const child of [...this.main.children]) if (child !== chat) child.remove();
+    chat?.before(...flatten(this.parts.episode.draw(s)).filter(Boolean));
+    if (s.messages) chat?.querySelector(".lines")?.replaceChildren(...linesOf(s.messages));
   }
 
   /** Say what is wrong before the server has said anything. @param {import("./unreachable.js").Notice} notice */

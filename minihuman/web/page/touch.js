@@ -59,7 +59,8 @@ export class TouchKeys {
     if (OWN_BUTTONS.has(screen.kind)) return [];
     const played = Object.keys(this.caps).filter((name) => name !== "enter" && name !== "escape");
     const isPlayed = KEYS_OF.has(screen.kind) || (screen.kind === "text" && (screen.keys.length > 0 || !screen.prompt));
-    return [...(isPlayed ? played : ["enter"]), "escape"];
+    const writes = screen.kind === "play" && screen.messages?.new_entry;
+    return [...(isPlayed ? played : ["enter"]), ...(writes ? ["enter"] : []), "escape"];
   }
 
   /** @param {string} name @param {string} label */

@@ -1,6 +1,8 @@
 """Two session machines beside one team table, on a clock of the test's own."""
 
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from minihuman.activities.team.activity import TeamPlayActivity
@@ -40,6 +42,7 @@ class Seat:
         participant: who comes back; None: a new one.
         session: of the participant.
         hour: of the wall clock at which it begins.
+        facts: of the session.
     """
 
     def __init__(
@@ -51,10 +54,11 @@ class Seat:
         participant: str | None = None,
         session: int = 1,
         hour: int = 0,
+        facts: Mapping[str, str] = MappingProxyType({}),
     ) -> None:
         self.plan = plan_next_session(protocol, data, participant=participant, session=session, any_day=True)
         self._started_ns = 1 + hour * 3600 * 1000 * MS
-        self.machine = SessionMachine(self.plan, World, {}, picture_px=None)
+        self.machine = SessionMachine(self.plan, World, facts, picture_px=None)
         self.host = make_agent_host(protocol, self.plan, data, teams=table)
         self._data, self._protocol = data, protocol
         self.events: list[Event] = []
@@ -148,8 +152,10 @@ class Seat:
         return self.machine.part
 
 
-def sit_down(path: Path, data: Path, *, people: int = 2) -> tuple[list[Seat], Clock, TeamTable]:
+def sit_down(
+    path: Path, data: Path, *, people: int = 2, facts: Mapping[str, str] = MappingProxyType({})
+) -> tuple[list[Seat], Clock, TeamTable]:
     """So many people of a study before their first key."""
     protocol, clock = read_protocol(path), Clock()
     table = TeamTable(protocol, data, clock)
-    return [Seat(protocol, data, table) for _ in range(people)], clock, table
+    return [Seat(protocol, data, table, facts=facts) for _ in range(people)], clock, table

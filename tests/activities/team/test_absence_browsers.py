@@ -1,58 +1,87 @@
-"""A partner who closes the browser's page, or goes to another: an agent has the seat, and the one who stays is told."""
+"""A partner in a browser who is gone in one of six ways: an agent has the seat, and the one who stays is told."""
 
+import json
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
+import minihuman
 from minihuman.activities.team.events import JointStepped, SeatSeen, SeatTaken, TeamFormed
 from minihuman.admin.verify.episodes import verify_teams
 from minihuman.admin.verify.log import find_log_differences
+from minihuman.dataset.selection import Selection
+from minihuman.experiment.machine.events import KeyPressed, SessionEnded
 from minihuman.log.read.session_reader import read_events
 from minihuman.worlds.adapters.world import World
+from tests.activities.team.browsers import CODES
 from tests.activities.team.study import PEOPLE, team_study
 from tests.counts import count
 from tests.machine import needs
 from tests.web.browser import Somebody, browsing
-from tests.web.serving import serving
+from tests.web.serving import Line, line, serving
 
 pytestmark = needs("chromium")
-WAIT_S, PERIOD_MS = 1, 100
-GOING: dict[str, Callable[[Somebody], object]] = {
-    "closed": lambda person: person.page.close(),
-    "left": lambda person: person.page.goto("about:blank"),
+WAIT_S, THINKING_S, PERIOD_MS = 1, 2, 100
+MS = 1_000_000
+_LOSE_FOCUS = """() => {
+  document.hasFocus = () => false;
+  dispatchEvent(new Event("blur"));
+}"""
+GOING: dict[str, Callable[[Somebody, Line], object]] = {
+    "closed": lambda person, _: person.page.close(),
+    "left": lambda person, _: person.page.goto("about:blank"),
+    "asleep": lambda _, wire: setattr(wire, "stalled", True),  # nothing comes, and the connection stands
+    "offline": lambda _, wire: wire.cut(),
+    "unfocused": lambda person, _: person.page.evaluate(_LOSE_FOCUS),
+    "idle": lambda person, wire: None,
 }
+STATES = {"closed": ("closed", "left"), "left": ("closed", "left"), "asleep": ("silent",)}
 
 
 @pytest.mark.nightly(by_day=["closed-ticks"])
 @pytest.mark.program
 @pytest.mark.parametrize("pace", ["ticks", "turns"])
-@pytest.mark.parametrize("how", ["closed", "left"])
-def test_an_agent_takes_the_seat_of_a_partner_whose_page_is_gone_and_the_other_is_told(
+@pytest.mark.parametrize("how", GOING)
+def test_an_agent_takes_the_seat_of_a_partner_who_is_gone_and_the_other_is_told(
     tmp_path: Path, how: str, pace: str
 ) -> None:
-    n_runs = count(1, 10)
+    n_runs = count(1, 17)  # 204 of all twelve
     block = f'pace = "real_time"\nstep_period_ms = {PERIOD_MS}' if pace == "ticks" else ""
-    team = f"{PEOPLE}\npartner_wait_s = {WAIT_S}"
+    team = f"{PEOPLE}\npartner_wait_s = {WAIT_S}\nthinking_wait_s = {THINKING_S}"
     protocol = team_study(tmp_path, episodes=3, max_steps=40, block=block, team=team, participants=2 * n_runs)
+    heard: dict[int, list[str]] = {}
     with serving(protocol, tmp_path, links=2 * n_runs) as served, browsing() as sit_down:
         for run in range(n_runs):
             tokens = served.tokens[2 * run : 2 * run + 2]
-            stays, goes = (sit_down(f"http://127.0.0.1:{served.port}/#t={token}") for token in tokens)
-            texts = play_until_one_goes(stays, goes, how, n_before=2 + run % 5)
+            with line(served.port, rtt_ms=0) as wire:
+                stays = sit_down(f"http://127.0.0.1:{served.port}/#t={tokens[0]}")
+                port = wire.port if how in ("asleep", "offline") else served.port
+                goes = sit_down(f"http://127.0.0.1:{port}/#t={tokens[1]}")
+                texts = play_until_one_goes(stays, goes, wire, how, n_before=2 + run % 5)
+                heard[run] = stays.page.evaluate("sessionStorage.getItem('heard')").split()
+                for person in (stays, goes):
+                    person.page.close()
             assert any("A partner is away: a computer program plays for them now" in text for text in texts)
-            stays.page.close()
         served.stop()
     logs = sorted((tmp_path / "duet").rglob("*.mcap*"))
     assert len(logs) == 2 * n_runs
     assert [list(find_log_differences(log, World)) for log in logs] == [[]] * len(logs)
     assert all(good for _, good in verify_teams(tmp_path / "duet"))
-    n_idle = [check_takeover(log, pace) for log in logs]
-    print(f"{how}, {pace}: ticks without the partner before the agent {sorted(number for number in n_idle if number)}")
-    assert sum(number is not None for number in n_idle) == n_runs
+    takeovers = [takeover for log in logs if (takeover := check_takeover(log, how, pace)) is not None]
+    lost = count_lost(logs, [*heard.values()])
+    print(
+        f"{how}, {pace}: {len(takeovers)} takeovers, ticks without the partner before the agent "
+        f"{sorted(n_idle for n_idle, _ in takeovers)}, s after the last sign of life "
+        f"{sorted(round(after_s, 2) for _, after_s in takeovers)}, presses lost {lost}"
+    )
+    assert len(takeovers) == n_runs
+    assert lost == 0
+    assert_tables_agree(tmp_path / "duet", logs)
 
 
-def play_until_one_goes(stays: Somebody, goes: Somebody, how: str, *, n_before: int) -> list[str]:
+def play_until_one_goes(stays: Somebody, goes: Somebody, wire: Line, how: str, *, n_before: int) -> list[str]:
     """Play together, then let one go and the other play on to the end; return what was on the other's screen."""
     people = (stays, goes)
     for person in people:
@@ -61,7 +90,7 @@ def play_until_one_goes(stays: Somebody, goes: Somebody, how: str, *, n_before: 
         for person in people:
             person.press("1" if person.state["playing"] else "enter")
         stays.page.wait_for_timeout(30)
-    GOING[how](goes)
+    GOING[how](goes, wire)
     texts: list[str] = []
     while not stays.state["finished"]:
         is_playing = stays.state["playing"]
@@ -80,24 +109,67 @@ def is_under_way(people: tuple[Somebody, ...], n_steps: int) -> bool:
     return all(state["playing"] and state["step"] >= n_steps for state in states)
 
 
-def check_takeover(log: Path, pace: str) -> int | None:
-    """Check a log's takeover; return in how many ticks the partner idled before, None where the log's person went."""
+def check_takeover(log: Path, how: str, pace: str) -> tuple[int, float] | None:
+    """Check a log's takeover; None where the log's person went.
+
+    Returns:
+        in how many ticks nobody acted for the partner before the agent did, and how many seconds after the last sign
+        of life it did.
+    """
     events = list(read_events(log))
     [formed] = [event for event in events if isinstance(event, TeamFormed)]
     other = 1 - formed.seat
-    gone = [event for event in events if isinstance(event, SeatSeen) and event.seat == other]
-    gone = [event for event in gone if event.state in ("closed", "left")]
-    if not gone:
+    taken = [event for event in events if isinstance(event, SeatTaken) and event.seat == other]
+    if not taken:
         return None
-    since = (gone[0].episode, gone[0].step)
+    assert taken[-1].by == "agent"
     joint = [event for event in events if isinstance(event, JointStepped)]
-    sources = [event.sources[other] for event in joint if (event.episode, event.step) > since]
+    sources = [event.sources[other] for event in joint]
     first = sources.index("agent")
     assert set(sources[first:]) == {"agent"}
-    assert [event.by for event in events if isinstance(event, SeatTaken) and event.seat == other][-1] == "agent"
-    n_idle = sources.count("late")
+    n_idle = first - max(place for place, source in enumerate(sources) if source == "person") - 1
+    sighted = [event for event in events if isinstance(event, SeatSeen) and event.seat == other]
+    sighted = [event for event in sighted if event.state in STATES.get(how, (how,)) and event.t_ns <= joint[first].t_ns]
+    if how == "idle" and pace == "turns":  # who thinks is here
+        return n_idle, THINKING_S
+    since_ns = sighted[-1].t_ns - sighted[-1].for_ms * MS
     if pace == "ticks":
         assert n_idle <= WAIT_S * 1_000 / PERIOD_MS + 1
     else:
         assert n_idle == 0
-    return n_idle
+    return n_idle, (joint[first].t_ns - since_ns) / 1e9
+
+
+def count_lost(logs: list[Path], heard: list[list[str]]) -> int:
+    """Count the presses that the pages of those who stayed heard and the logs lack, but for Enter after the end."""
+    logged = []
+    for log in logs:
+        presses = [event for event in read_events(log) if isinstance(event, KeyPressed) and event.down]
+        logged.append([press.key for press in presses if press.verdict != "repeat"])
+    n_lost = 0
+    for codes in heard:
+        keys = [CODES[code] for code in codes]
+        n_lost += min(count_missing(keys, of_log) for of_log in logged)
+    return n_lost
+
+
+def count_missing(keys: list[str], logged: list[str]) -> int:
+    if keys[: len(logged)] != logged:
+        return len(keys)
+    return sum(key != "enter" for key in keys[len(logged) :])
+
+
+def assert_tables_agree(study: Path, logs: list[Path]) -> None:
+    """The table `teams` says of each complete log's seats who acted in how many steps, as its joint steps have it."""
+    teams = minihuman.open_study(study, Selection(with_=("rules",))).table("teams")
+    for log in logs:
+        events = list(read_events(log))
+        if not any(isinstance(event, SessionEnded) and event.reason == "complete" for event in events):
+            continue
+        joint = [event.sources for event in events if isinstance(event, JointStepped)]
+        of_log = teams[teams["participant"] == log.name.partition("_")[0]]
+        tabled = [Counter[str](), Counter[str]()]
+        for played_by in of_log["played_by"]:
+            for seat, steps in enumerate(json.loads(played_by)):
+                tabled[seat].update(steps)
+        assert tabled == [Counter(sources) for sources in zip(*joint, strict=True)]

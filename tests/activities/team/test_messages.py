@@ -1,13 +1,15 @@
 """What people of a team write and mark: who sees it, which log holds it, and what is left when its author withdraws."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import pytest
 from click.testing import CliRunner
 
-from minihuman.activities.team.message_events import MessageShown
+from minihuman.activities.team.message_events import MessageEdited, MessageShown
 from minihuman.activities.team.messages import MESSAGE_LETTERS
 from minihuman.admin.protocol_file import read_protocol
 from minihuman.admin.verify.episodes import verify_teams
@@ -16,7 +18,7 @@ from minihuman.api import export
 from minihuman.cli.command_line import make_command_line
 from minihuman.errors import ProtocolError
 from minihuman.experiment.machine.events import Noted
-from minihuman.experiment.machine.inputs import TextInput
+from minihuman.experiment.machine.inputs import MESSAGE_RULES, TextEdited, TextInput
 from minihuman.experiment.plan.dry_run import check_worlds
 from minihuman.experiment.replay import compare_replay
 from minihuman.runtime.team_host import TeamTable
@@ -31,8 +33,17 @@ SECRET = "onions first, Zebrafink"
 
 
 def talking(folder: Path, **more: Any) -> tuple[list[Seat], Clock, TeamTable]:
-    """Two people in an episode, in the order of their seats."""
-    seats, clock, table = sit_down(talk_study(folder, **more), folder)
+    """Two people in an episode whose messages keys edit, in the order of their seats."""
+    return begin_talk(folder, MappingProxyType({}), **more)
+
+
+def talking_in_fields(folder: Path, **more: Any) -> tuple[list[Seat], Clock, TeamTable]:
+    """The same with messages that a field of the window edits."""
+    return begin_talk(folder, {"message_rules": MESSAGE_RULES}, **more)
+
+
+def begin_talk(folder: Path, facts: Mapping[str, str], **more: Any) -> tuple[list[Seat], Clock, TeamTable]:
+    seats, clock, table = sit_down(talk_study(folder, **more), folder, facts=facts)
     seats[0].to_play(seats[1])
     for seat in seats:
         if seat.part._messages.draft is not None:  # an Enter that came with the episode's start
@@ -48,6 +59,17 @@ def write(seat: Seat, text: str, *, sends: bool = True) -> None:
     seat.press("enter")
     seat.take(TextInput(seat._now_ns, text))
     seat.press(*["enter"] * sends)
+
+
+def write_in_field(seat: Seat, text: str, *changes: str) -> None:
+    """Open a field, and let its whole text settle."""
+    seat.press("enter")
+    name = entry(seat).name
+    seat.take(TextEdited(seat._now_ns, text, changes, len(text), seat._now_ns - 5, name))  # type: ignore[arg-type]
+
+
+def entry(seat: Seat) -> Any:
+    return seat.machine.screen.page_fields["messages"]["entry"]
 
 
 def lines(seat: Seat) -> list[tuple[str, str]]:
@@ -152,6 +174,70 @@ def test_a_message_has_a_bound_and_a_second_one_waits_in_its_line(tmp_path: Path
     write(one, "   ")
     assert len(one.of(MessageShown)) == 2
     assert list(compare_replay(one.events, World)) == []
+
+
+def test_a_message_in_a_field_is_logged_and_sent_code_point_for_code_point(tmp_path: Path) -> None:
+    (one, two), _, _ = talking_in_fields(tmp_path)
+    text = " \u0645\u06cc\u200c\u062e\u00a0? "
+    write_in_field(one, text, "pasted", "composed")
+    assert entry(one).native
+    one.press("enter")
+    two.wait(1)
+    assert lines(one) == [("You", text)]
+    assert lines(two) == [("Person 1", text)]
+    [edited] = one.of(MessageEdited)
+    assert (edited.text, edited.changes, edited.keys, edited.waited_ns) == (text, ("pasted", "composed"), len(text), 5)
+    end(one, two)
+    assert proven(one, two)
+    assert [good for _, good in verify_teams(tmp_path / "duet")] == [True]
+    assert text not in repr(two.events)
+
+
+def test_a_field_takes_no_keys_and_no_letters_from_elsewhere(tmp_path: Path) -> None:
+    (one, _), _, _ = talking_in_fields(tmp_path)
+    write_in_field(one, "look")
+    one.press("1", "backspace", "left")
+    one.take(TextInput(one._now_ns, "x"))
+    assert entry(one).text == "look"
+    assert one.joint == []
+    assert list(compare_replay(one.events, World)) == []
+
+
+def test_a_message_that_is_too_long_or_too_soon_stays_in_its_field(tmp_path: Path) -> None:
+    (one, _), _, _ = talking_in_fields(tmp_path)
+    long = "x" * (MESSAGE_LETTERS + 1)
+    write_in_field(one, long)
+    assert str(MESSAGE_LETTERS) in entry(one).limit_note
+    one.press("enter")
+    assert one.of(MessageShown) == []
+    assert entry(one).text == long
+    one.take(TextEdited(one._now_ns, "short"))
+    one.press("enter")
+    write_in_field(one, "again")
+    one.press("enter")
+    assert entry(one).text == "again"
+    one.wait(2000)
+    one.press("enter")
+    assert [event.text for event in one.of(MessageShown)] == ["short", "again"]
+    assert list(compare_replay(one.events, World)) == []
+
+
+def test_what_settles_after_its_message_was_sent_is_in_no_later_message(tmp_path: Path) -> None:
+    (one, _), _, _ = talking_in_fields(tmp_path)
+    write_in_field(one, "first")
+    name = entry(one).name
+    one.press("enter", "enter")
+    assert entry(one).name != name
+    one.take(TextEdited(one._now_ns, "first, late", ("typed",), 6, 0, name))
+    assert entry(one).text == ""
+    assert [event.text for event in one.of(MessageEdited)] == ["first"]
+
+
+def test_after_a_kill_a_half_written_message_stands_in_its_field(tmp_path: Path) -> None:
+    (one, _), clock, _ = talking_in_fields(tmp_path)
+    write_in_field(one, "half")
+    one.resume(TeamTable(read_protocol(tmp_path / "duet.toml"), tmp_path, clock))
+    assert (entry(one).text, entry(one).native) == ("half", True)
 
 
 def test_what_is_typed_moves_no_body(tmp_path: Path) -> None:

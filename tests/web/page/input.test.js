@@ -138,3 +138,59 @@ for (const isLong of [false, true]) {
     assert.equal(counted, 0, "a script's keys do not count");
   });
 }
+
+const FIREFOX = "Mozilla/5.0 (X11; Linux x86_64; rv:140.0) Gecko/20100101 Firefox/140.0";
+
+/** A keyboard as Firefox under X11 has it, with the focus since 0 ms. */
+function openFirefox() {
+  target = new EventTarget();
+  const { listener, codes } = keyboard;
+  keyboard = new Keyboard(target, listener, FIREFOX);
+  keyboard.codes = codes;
+  keyboard.come(0);
+}
+
+function sendAt(ms, type, fields = {}) {
+  const event = Object.assign(new Event(type), { code: "KeyA", key: "a", getModifierState: () => false, ...fields });
+  Object.defineProperty(event, "timeStamp", { value: ms });
+  target.dispatchEvent(event);
+}
+
+test("Firefox's press of a key that was down before the focus came is none: it repeats at once", () => {
+  openFirefox();
+  sendAt(300, "keydown");
+  assert.deepEqual(heard, []);
+  sendAt(340, "keydown", { repeat: true });
+  sendAt(380, "keydown", { repeat: true });
+  sendAt(400, "keyup");
+  assert.deepEqual(heard, ["held_before_focus a a", "release a"]);
+});
+
+test("a finger's press soon after the focus counts as soon as the key comes up, waits, or gives way to another", () => {
+  openFirefox();
+  sendAt(300, "keydown");
+  sendAt(320, "keyup");
+  assert.deepEqual(heard, ["press a a", "release a"]);
+  keyboard.releaseAll();
+  keyboard.come(1000);
+  sendAt(1300, "keydown");
+  mock.timers.tick(149);
+  assert.equal(heard.length, 2);
+  mock.timers.tick(1);
+  assert.equal(heard[2], "press a a");
+  sendAt(1400, "keyup");
+  keyboard.releaseAll();
+  keyboard.come(2000);
+  sendAt(2100, "keydown");
+  sendAt(2120, "keydown", { code: "Enter", key: "Enter" });
+  mock.timers.tick(150);
+  assert.deepEqual(heard.slice(-2), ["press a a", "press enter"]);
+});
+
+test("later than a second after the focus, and in other browsers, nothing is doubted", () => {
+  sendAt(300, "keydown");
+  assert.deepEqual(heard, ["press a a"]);
+  openFirefox();
+  sendAt(1001, "keydown");
+  assert.deepEqual(heard, ["press a a", "press a a"]);
+});
