@@ -23,13 +23,15 @@ SIZE = {"width": 1440, "height": 900}
 @contextmanager
 def serve_desk(folder: Path) -> Iterator[str]:
     """Serve the desk of a folder; yields the address of the builder."""
-    words = ["desk", str(folder), f"--data={folder / 'sessions'}", "--no-browser"]
-    with subprocess.Popen([sys.executable, "-m", "minihuman", *words], stdout=subprocess.PIPE, text=True) as desk:
-        assert desk.stdout is not None
-        address = re.search(r"http://\S+", desk.stdout.readline())
-        assert address is not None
-        yield f"{address[0]}builder/"
-        desk.terminate()
+    command = [sys.executable, "-m", "minihuman", "desk", ".", "--data=sessions", "--no-browser"]
+    with subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, text=True) as desk:
+        try:
+            assert desk.stdout is not None
+            address = re.search(r"http://\S+", desk.stdout.readline())
+            assert address is not None
+            yield f"{address[0]}builder/"
+        finally:
+            desk.terminate()
 
 
 def take_pictures(page: Page, address: str, out: Path) -> None:
@@ -51,6 +53,17 @@ def take_pictures(page: Page, address: str, out: Path) -> None:
     page.screenshot(path=out / "builder-parts.png")
 
 
+def take_data_picture(page: Page, address: str, out: Path) -> None:
+    """Take the view of recorded sessions."""
+    page.goto(f"{address}#/study/online.toml/data")
+    page.get_by_role("button", name="Details of sub-02").click()
+    page.locator(".details-box img").wait_for()  # it has no height before it is loaded
+    page.get_by_label("Reason").fill("the phone rang")
+    page.get_by_role("button", name="Episodes and mean reward").click()
+    page.get_by_role("group", name="Result of the query").wait_for()
+    page.screenshot(path=out / "builder-data.png")
+
+
 def main(out: Path) -> None:
     """Take the pictures into a folder."""
     with tempfile.TemporaryDirectory() as temporary, sync_playwright() as playwright:
@@ -60,7 +73,11 @@ def main(out: Path) -> None:
             shutil.copy(ROOT / "protocols" / name, folder)
         browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=["--no-sandbox"])
         with serve_desk(folder) as address:
-            take_pictures(browser.new_page(viewport=SIZE), address, out)
+            page = browser.new_page(viewport=SIZE)
+            take_pictures(page, address, out)
+            simulate = [sys.executable, "-m", "minihuman", "simulate", "online.toml", "--participants=4"]
+            subprocess.run([*simulate, "--data=sessions"], cwd=folder, check=True, stdout=subprocess.DEVNULL)
+            take_data_picture(page, address, out)
         browser.close()
 
 

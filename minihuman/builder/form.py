@@ -11,6 +11,7 @@ import msgspec
 
 from minihuman.activities.play.plan import PlayPlan
 from minihuman.activities.questions.question import find_question_kind
+from minihuman.builder.consent_page import CONSENT_PAGE
 from minihuman.builder.messages import Choice, FieldForm, FormField, Kinds, PartKind
 from minihuman.builder.shipped_studies import find_example, list_used_fields
 from minihuman.errors import ProtocolError
@@ -93,7 +94,8 @@ def build_form(table: str, kind: str = "") -> FieldForm:
 def list_kinds() -> Kinds:
     """Return everything that can be added to a study."""
     parts = [
-        PartKind("page", "pages", "A text to read: consent, instructions, the last words.", {"text": ""}),
+        PartKind("page", "pages", "A text to read: instructions, a pause, the last words.", {"text": ""}),
+        PartKind("consent", "pages", "Purpose, storage, rights and contact, to be agreed to.", dict(CONSENT_PAGE)),
         PartKind(
             "questions", "questions", "A questionnaire, or a quiz with right answers.", {"title": "", "items": []}
         ),

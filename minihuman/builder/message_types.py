@@ -19,6 +19,9 @@ _FROM_PAGE = (
     | messages.VersionRequest
     | messages.NewStudyRequest
     | messages.TableRequest
+    | messages.QueryRequest
+    | messages.AnnotationRequest
+    | messages.ExportRequest
     | preview_api.ShowRequest
 )
 _TO_PAGE = (
@@ -31,6 +34,9 @@ _TO_PAGE = (
     | messages.StimulusTable
     | messages.Differences
     | messages.EditRefusal
+    | messages.RecordedData
+    | messages.QueryAnswer
+    | messages.DataExport
     | preview_server.Preview
     | preview_api.PageInfo
     | preview_api.WorldInfo

@@ -301,3 +301,84 @@ class CheckReport(msgspec.Struct, frozen=True):
     mistakes: list[Mistake]
     notices: list[str]
     plan: list[str]  # of one participant, line by line
+
+
+class SessionNote(msgspec.Struct, frozen=True):
+    """An annotation that is in force."""
+
+    tag: str
+    episode: int | None  # None for the whole session
+    note: str
+
+
+class RecordedSession(msgspec.Struct, frozen=True):
+    """A recorded session of a study."""
+
+    log: str  # the path of its log in the study's folder, which names it in requests
+    participant: str  # the name of the log if it cannot be read
+    group: str
+    session: int
+    state: str  # "ended", "running", "unfinished" or "unreadable"
+    started_at: str
+    episodes_completed: int
+    episodes_planned: int
+    minutes: float
+    notes: list[SessionNote]
+    problem: str  # why it cannot be read; "" if it can
+    replay_command: str
+    annotate_command: str  # without the tag and the reason; "" if the log cannot be read
+
+
+class QueryExample(msgspec.Struct, frozen=True):
+    """A query to begin with."""
+
+    about: str
+    sql: str
+
+
+class RecordedData(msgspec.Struct, frozen=True):
+    """What a study has recorded, and what can be asked of it."""
+
+    folder: str
+    sessions: list[RecordedSession]
+    examples: list[QueryExample]
+    formats: list[str]  # of exports
+
+
+class QueryRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A query of a study's tables."""
+
+    sql: str
+
+
+class QueryAnswer(msgspec.Struct, frozen=True):
+    """The result of a query."""
+
+    columns: list[str]
+    rows: list[list[str]]  # the first ones
+    n_rows: int  # all
+    notes: list[str]  # such as logs that cannot be read
+    command: str
+
+
+class AnnotationRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """An annotation of a session or an episode, or its revocation."""
+
+    log: str
+    tag: str
+    note: str
+    episode: int | None = None
+    take_back: bool = False
+
+
+class ExportRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """An export of a study into a new folder."""
+
+    format: str
+
+
+class DataExport(msgspec.Struct, frozen=True):
+    """A folder into which a study was exported."""
+
+    folder: str
+    command: str

@@ -10,7 +10,6 @@ from minihuman.admin.protocol_file import (
     TEMPLATES,
     ProtocolDraft,
     make_study_name,
-    read_protocol,
 )
 from minihuman.builder.document import TomlDocument
 from minihuman.builder.durations import estimate_durations
@@ -59,7 +58,7 @@ def read_template(name: str) -> Protocol:
     """
     for study in list_shipped_studies():
         if study.name == name:
-            return read_protocol(study.path)
+            return study.read()
     return _decode_draft(name)
 
 
@@ -78,10 +77,10 @@ def make_study(request: NewStudyRequest, folder: Path, source: Path | None) -> P
     try:
         name = make_study_name(request.name)
         if source is not None:
-            return _copy(source, name, source.parent, is_new_version=True)
+            return _copy_version(source, name)
         for study in list_shipped_studies():
             if study.name == request.template:
-                return _copy(study.path, name, folder, is_new_version=False)
+                return _copy_shipped(study, name, folder)
         templates = () if request.template in ("", _PLAIN) else (request.template,)
         _require_new(folder / f"{name}.toml")
         return write_draft(ProtocolDraft(name, templates=templates, language=request.language), folder)
@@ -91,30 +90,35 @@ def make_study(request: NewStudyRequest, folder: Path, source: Path | None) -> P
         raise EditRefusedError(EditRefusal("not_valid", str(error))) from error
 
 
-def _copy(source: Path, name: str, folder: Path, *, is_new_version: bool) -> Path:
-    """Copy a protocol under another name, with the files that it names; a study with files gets a folder of its own."""
+def _copy_version(source: Path, name: str) -> Path:
+    """Copy a protocol under another name into its own folder, whose files the new version uses, too."""
+    path = source.with_name(f"{name}.toml")
+    _require_new(path)
     document = TomlDocument.parse(source.read_bytes().decode()).set(("study", "name"), name)
-    files = {} if is_new_version else _read_files(source)  # a new version uses the same ones
+    version = _LAST_NUMBER.sub(lambda number: str(int(number[0]) + 1), str(document.find(("study", "version"))))
+    _write(path, document.set(("study", "version"), version).text.encode())
+    return path
+
+
+def _copy_shipped(study: ShippedStudy, name: str, folder: Path) -> Path:
+    """Copy a protocol of the package under another name; one with files gets a folder of its own.
+
+    Python that is copied with it is not trusted yet: only who has read it may trust it.
+    """
+    files = study.read_files()
     if files:
         folder = folder / name
     path = folder / f"{name}.toml"
     _require_new(path)
-    if is_new_version:
-        version = _LAST_NUMBER.sub(lambda number: str(int(number[0]) + 1), str(document.find(("study", "version"))))
-        document = document.set(("study", "version"), version)
     for file_name, content in files.items():
-        with replace_durably(folder / file_name, mode=0o644) as file:
-            file.write(content)
-    with replace_durably(path, mode=0o644) as file:
-        file.write(document.text.encode())
+        _write(folder / file_name, content)
+    _write(path, TomlDocument.parse(study.path.read_bytes().decode()).set(("study", "name"), name).text.encode())
     return path
 
 
-def _read_files(source: Path) -> dict[str, bytes]:
-    """Read the files that a protocol names, by name."""
-    protocol = read_protocol(source)
-    folder = source.parent.resolve()
-    return {name: (folder / name).read_bytes() for name in protocol.files}
+def _write(path: Path, content: bytes) -> None:
+    with replace_durably(path, mode=0o644) as file:
+        file.write(content)
 
 
 def _require_new(path: Path) -> None:
@@ -133,7 +137,7 @@ def _describe_draft(name: str, summary: str) -> Template:
 
 
 def _describe_shipped(study: ShippedStudy) -> Template:
-    protocol = read_protocol(study.path)
+    protocol = study.read()
     title = protocol.about.title or protocol.study.name.replace("-", " ")
     return Template(
         study.name,
@@ -141,7 +145,7 @@ def _describe_shipped(study: ShippedStudy) -> Template:
         study.summary,
         protocol.study.language,
         _find_minutes(protocol),
-        list(protocol.files),
+        list(study.read_files()),
         "trials" if study.name.startswith("trials/") else "example",
     )
 

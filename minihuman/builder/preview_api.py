@@ -5,7 +5,7 @@
     GET  api/simulate?number=           -> SimulationRun
     GET  api/world?id=                  -> WorldInfo
     GET  api/world.png?id=                           a picture of a built-in world
-    GET  api/template.png?name=                      a picture of a shipped protocol's first world
+    GET  api/template.png?name=                      a picture of a template
     GET  api/page                       -> PageInfo  where the desk's other pages are
 
 Requests that change something are refused unless they come from a page of the desk. A refusal is a `EditRefusal` of
@@ -13,41 +13,32 @@ Requests that change something are refused unless they come from a page of the d
 """
 
 import asyncio
-import io
-import json
 import tempfile
 from collections.abc import Callable
 from contextlib import closing
 from functools import cache
 from http import HTTPStatus
 from pathlib import Path
-from typing import Any
 
 import msgspec
-import numpy as np
-from PIL import Image
 from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import Route
 
+from minihuman.builder.card_pictures import BLANK_PNG, draw_template, draw_world
 from minihuman.builder.messages import EditRefusal
-from minihuman.builder.new_study import read_template
 from minihuman.builder.preview_process import PreviewProcess
 from minihuman.builder.preview_server import Kind, PreviewRequest
 from minihuman.builder.trial_runs import SimulatedTrial
 from minihuman.errors import MinihumanError, ProtocolError
 from minihuman.experiment.keys import assign_usual_keys
 from minihuman.experiment.plan.dry_run import find_needed_actions
-from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
 from minihuman.runtime.http_guard import is_own_request, read_length
 from minihuman.web.server.desk import REPORTS_FOLDER, StudyEntry, find_studies
 from minihuman.worlds.adapters.world import World
-from minihuman.worlds.catalogue import TEAM_WORLDS, WORLDS, is_first_person
-from minihuman.worlds.contract import View
+from minihuman.worlds.catalogue import TEAM_WORLDS, WORLDS
 
 _LONGEST_BYTES = 10_000  # of a request
-_LOOKED_AT = 3  # episodes of a template
-THUMB_PX = (320, 180)
 MOVES = ("left", "right", "forward", "turn_left", "turn_right", "move_forward", "up", "down")
 
 
@@ -191,8 +182,8 @@ async def _send_world_picture(request: Request) -> Response:
     """Answer with a picture of a built-in world; worlds of other packages are not loaded for it."""
     world_id = request.query_params.get("id", "")
     if world_id not in _list_world_ids():
-        return _send_picture(_BLANK)
-    return _send_picture(await asyncio.to_thread(_draw_world, world_id))
+        return _send_picture(BLANK_PNG)
+    return _send_picture(await asyncio.to_thread(draw_world, world_id))
 
 
 async def _send_world_info(request: Request) -> Response:
@@ -208,8 +199,8 @@ async def _send_world_info(request: Request) -> Response:
 
 
 async def _send_template_picture(request: Request) -> Response:
-    """Answer with the first picture of the first world in a shipped protocol."""
-    return _send_picture(await asyncio.to_thread(_draw_template, request.query_params.get("name", "")))
+    """Answer with a picture of a template."""
+    return _send_picture(await asyncio.to_thread(draw_template, request.query_params.get("name", "")))
 
 
 def _send_picture(png: bytes) -> Response:
@@ -229,45 +220,3 @@ def _describe_world(world_id: str) -> WorldInfo:
         names = list(world.action_names)
         usual = [name for name in names if name in useful] or names
         return WorldInfo(world_id, names, usual, dict(assign_usual_keys(world)), world.step_limit or 0)
-
-
-@cache
-def _draw_world(world_id: str, options: str = "{}", seed: int = 1) -> bytes:
-    """Draw a world's first picture as a PNG; a blank one if it has none.
-
-    Args:
-        world_id: the world.
-        options: its options as JSON.
-        seed: of its layout.
-    """
-    try:
-        with closing(World(world_id, json.loads(options))) as world:
-            world.reset(seed)
-            view: View = "partial" if is_first_person(world_id) else "full"
-            return _encode_png(world.frame(view, THUMB_PX))
-    except (MinihumanError, ValueError, TypeError):
-        return _BLANK
-
-
-@cache
-def _draw_template(name: str) -> bytes:
-    """Draw the first picture of a template's first world that shows something; a blank one if none does."""
-    try:
-        protocol = read_template(name)
-        plan = expand_protocol(protocol, enrol_participant(protocol, 0))
-    except (MinihumanError, OSError):
-        return _BLANK
-    for episode in plan.episodes[:_LOOKED_AT]:
-        picture = _draw_world(episode.world, json.dumps(episode.options), episode.seed)
-        if picture != _BLANK:
-            return picture
-    return _BLANK
-
-
-def _encode_png(pixels: Any) -> bytes:
-    png = io.BytesIO()
-    Image.fromarray(pixels).save(png, "PNG")
-    return png.getvalue()
-
-
-_BLANK = _encode_png(np.full((THUMB_PX[1], THUMB_PX[0], 3), 96, np.uint8))

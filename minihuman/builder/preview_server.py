@@ -17,8 +17,10 @@ from typing import Literal
 
 import msgspec
 import uvicorn
+from starlette.types import ASGIApp
 
 from minihuman.admin.protocol_file import read_protocol
+from minihuman.builder.preview_focus import UnfocusedPage
 from minihuman.errors import ProtocolError
 from minihuman.experiment.plan.allocation import build_allocation_list
 from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
@@ -196,15 +198,18 @@ class PreviewServer:
         data_folder = Path(tempfile.mkdtemp(prefix="minihuman-preview-"))
         allowed = _admit_desk(protocol, request.desk)
         server = WebServer(_PreviewArrivals(allowed, data_folder, plan), data_folder)
-        url = self._serve(request.kind, server, data_folder)
+        app: ASGIApp = server.app()
+        if request.kind == "preview":
+            app = UnfocusedPage(app)
+        url = self._serve(request.kind, app, data_folder)
         part = plan.parts[0]
         return Preview(url, names, part.name, part.kind, plan.participant.id, plan.participant.group)
 
-    def _serve(self, kind: Kind, web_server: WebServer, data_folder: Path) -> str:
+    def _serve(self, kind: Kind, app: ASGIApp, data_folder: Path) -> str:
         """Serve an application on a free port, and close the oldest preview of its kind; return the address."""
         listening_socket = open_listening_socket(0)
         config = uvicorn.Config(
-            web_server.app(),
+            app,
             http=TimedHttpProtocol,
             ws="websockets-sansio",
             ws_max_size=MAX_MESSAGE_BYTES,

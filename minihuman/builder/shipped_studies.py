@@ -10,9 +10,10 @@ from typing import Any
 
 import msgspec
 
-from minihuman.admin.protocol_file import find_shipped_protocol, list_named_worlds
+from minihuman.admin.protocol_file import find_shipped_protocol, list_named_worlds, read_protocol
 from minihuman.experiment.protocol.model import BlockSpec
-from minihuman.trust import KNOWN_PACKAGES
+from minihuman.experiment.protocol.protocol import Protocol, decode_protocol
+from minihuman.trust import list_foreign_modules
 
 _USUAL_KIND = next(field.default for field in msgspec.structs.fields(BlockSpec) if field.name == "kind")
 _ANY = "demo"  # a protocol that is in the folder of all of them
@@ -26,26 +27,49 @@ class ShippedStudy:
     path: Path
     summary: str  # the comment at the top of the file
     tree: dict[str, Any]
+    modules: tuple[Path, ...]  # the Python files beside it that have its worlds
+
+    def read(self) -> Protocol:
+        """Read the protocol; one with Python of its own is only decoded: only who has read it may trust it.
+
+        Raises:
+            ProtocolError: if it is not valid.
+        """
+        if self.modules:
+            return decode_protocol(self.path.read_bytes(), str(self.path))
+        return read_protocol(self.path)
+
+    def read_files(self) -> dict[str, bytes]:
+        """Read the files that are copied with the protocol, by name.
+
+        Raises:
+            ProtocolError: if the protocol is not valid.
+            OSError: if a file cannot be read.
+        """
+        named = {name: (self.path.parent / name).read_bytes() for name in self.read().files}
+        return named | {path.name: path.read_bytes() for path in self.modules}
 
 
 @cache
 def list_shipped_studies() -> tuple[ShippedStudy, ...]:
-    """Return the protocols that come with the package, by name.
-
-    Those whose worlds are Python files beside them are left out: only who has read such a file may trust it.
-    """
+    """Return the protocols that come with the package, by name."""
     folder = find_shipped_protocol(_ANY).parent
     studies = []
     for path in sorted(folder.rglob("*.toml")):
         text = path.read_text(encoding="utf-8")
         tree = tomllib.loads(text)
-        if _runs_own_code(tree):
-            continue
         name = path.relative_to(folder).with_suffix("").as_posix()
         if "/" not in name:
             name = f"examples/{name}"
-        studies.append(ShippedStudy(name, path, _read_summary(text), tree))
+        studies.append(ShippedStudy(name, path, _read_summary(text), tree, _find_modules(tree, path.parent)))
     return tuple(studies)
+
+
+def _find_modules(tree: dict[str, Any], folder: Path) -> tuple[Path, ...]:
+    """Return the Python files of a folder that have a protocol's worlds."""
+    modules = list_foreign_modules(world for world, _ in list_named_worlds(tree))
+    paths = (folder / f"{module}.py" for module in sorted(modules))
+    return tuple(path for path in paths if path.is_file())
 
 
 @cache
@@ -64,12 +88,6 @@ def find_example(table: str, kind: str) -> dict[str, Any] | None:
     if not rows:
         return None
     return deepcopy(min(rows, key=lambda row: len(str(row))))
-
-
-def _runs_own_code(tree: dict[str, Any]) -> bool:
-    """Return whether a protocol names a world of a module that is none of the known packages."""
-    modules = (world.rpartition(":")[0] for world, _ in list_named_worlds(tree))
-    return any(module and module.partition(".")[0] not in KNOWN_PACKAGES for module in modules)
 
 
 def _list_rows(table: str) -> Iterator[dict[str, Any]]:

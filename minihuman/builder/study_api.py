@@ -19,6 +19,11 @@ in the query, since they contain slashes. All requests that change something are
     POST api/media/file?key=&name=  bytes  -> Media             201; an existing file is refused unless &replace=1
     GET  api/table?key=&name=              -> StimulusTable             a CSV file beside the protocol
     POST api/table?key=    TableRequest    -> StimulusTable
+    GET  api/data?key=                     -> RecordedData      the sessions, and what can be asked of them
+    GET  api/data/paths.png?key=&log=      -> the bytes         a figure of a session's paths
+    POST api/data/query?key=  QueryRequest -> QueryAnswer       of the tables; it changes nothing
+    POST api/data/annotate?key=  AnnotationRequest -> RecordedData
+    POST api/data/export?key=  ExportRequest -> DataExport      201; into a new folder beside the data
 
 A request that is refused changes nothing and answers with an `EditRefusal`: 400 (not_valid, not_editable), 403
 (restricted, not_trusted, another page), 404 (not_there), 409 (conflict, with the document as it is now; exists).
@@ -83,6 +88,11 @@ class BuilderApi:
             self._get("/api/differences", lambda query: self._studies.compare(query["key"], query["with"])),
             self._get("/api/media", lambda query: self._studies.open(query["key"]).media().list_files()),
             self._get("/api/table", lambda query: self._studies.open(query["key"]).media().read_table(query["name"])),
+            self._get("/api/data", lambda query: self._studies.open_data(query["key"]).describe()),
+            self._post("/api/data/query", messages.QueryRequest, self._query),
+            self._post("/api/data/annotate", messages.AnnotationRequest, self._annotate),
+            self._post("/api/data/export", messages.ExportRequest, self._export, HTTPStatus.CREATED),
+            Route("/api/data/paths.png", self._send_paths, methods=["GET"]),
             Route("/api/media/file", self._send_file, methods=["GET"]),
             Route("/api/media/file", self._receive_file, methods=["POST"]),
             self._post("/api/table", messages.TableRequest, self._write_table),
@@ -113,15 +123,24 @@ class BuilderApi:
     def _write_table(self, query: Query, request: messages.TableRequest) -> msgspec.Struct:
         return self._studies.open(query["key"]).media().write_table(request)
 
+    def _query(self, query: Query, request: messages.QueryRequest) -> msgspec.Struct:
+        return self._studies.open_data(query["key"]).query(request.sql)
+
+    def _annotate(self, query: Query, request: messages.AnnotationRequest) -> msgspec.Struct:
+        return self._studies.open_data(query["key"]).annotate(request)
+
+    def _export(self, query: Query, request: messages.ExportRequest) -> msgspec.Struct:
+        return self._studies.open_data(query["key"]).export(request.format)
+
     async def _send_file(self, request: Request) -> Response:
         query = request.query_params
-        try:
-            content, kind = await asyncio.to_thread(
-                lambda: self._studies.open(query.get("key", "")).media().read(query.get("name", ""))
-            )
-        except EditRefusedError as error:
-            return _refuse(error.refusal.error, error.refusal.message)
-        return Response(content, media_type=kind)
+        return await _send_bytes(lambda: self._studies.open(query.get("key", "")).media().read(query.get("name", "")))
+
+    async def _send_paths(self, request: Request) -> Response:
+        query = request.query_params
+        return await _send_bytes(
+            lambda: (self._studies.open_data(query.get("key", "")).draw_paths(query.get("log", "")), "image/png")
+        )
 
     async def _receive_file(self, request: Request) -> Response:
         query = dict(request.query_params)
@@ -173,6 +192,15 @@ async def _read_body(request: Request, content_type: str, longest: int) -> bytes
 def _refuse(error: messages.RefusalReason, message: str) -> Response:
     content = msgspec.json.encode(messages.EditRefusal(error, message))
     return Response(content, _STATUS[error], media_type="application/json")
+
+
+async def _send_bytes(read: Callable[[], tuple[bytes, str]]) -> Response:
+    """Answer with the content and the media type that a function reads in another thread, or with its refusal."""
+    try:
+        content, kind = await asyncio.to_thread(read)
+    except EditRefusedError as error:
+        return _refuse(error.refusal.error, error.refusal.message)
+    return Response(content, media_type=kind)
 
 
 async def _answer(build: Callable[[], msgspec.Struct | None], status: HTTPStatus = HTTPStatus.OK) -> Response:

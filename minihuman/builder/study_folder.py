@@ -31,6 +31,7 @@ from minihuman.builder.messages import (
     StudyCard,
 )
 from minihuman.builder.new_study import list_templates, make_study
+from minihuman.builder.recorded_data import RecordedStudy
 from minihuman.builder.references import rename
 from minihuman.builder.restrictions import WAY_OUT, count_enrolled, find_restrictions, find_violation
 from minihuman.builder.toml_spans import Steps
@@ -76,6 +77,14 @@ class StudyFolder:
             if study_entry.key == key and study_entry.protocol is not None:
                 return self._open(study_entry, study_entry.protocol)
         raise EditRefusedError(EditRefusal("not_there", f"there is no study {key!r} in this folder; reload the page"))
+
+    def open_data(self, key: str) -> RecordedStudy:
+        """Open the recorded sessions of a study.
+
+        Raises:
+            EditRefusedError: if there is no such study.
+        """
+        return RecordedStudy(self.open(key).study_entry)
 
     def compare(self, key: str, other: str) -> Differences:
         """Return what differs between a study and another one of the folder, such as its earlier version.

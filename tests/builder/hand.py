@@ -12,8 +12,6 @@ import pytest
 from tests.warm_start import start_program
 from tests.web.browser import PATIENCE_MS, browsing
 
-_PUT = "(field, text) => { field.value = text; field.dispatchEvent(new Event('input', { bubbles: true })); }"
-
 
 @contextmanager
 def open_desk(folder: Path) -> Iterator[str]:
@@ -58,16 +56,11 @@ class Hand:
         self.clicks += 2
 
     def type(self, element: Any, text: str) -> None:
-        """Replace the text of a field, and leave it with Tab.
-
-        The driver emulates the focus of each frame that loads, which takes it from the field, unlike a browser that a
-        person uses: where keys were lost so, the text is put into the field, as a paste does.
-        """
+        """Replace the text of a field, and leave it with Tab; no key may go elsewhere, such as into the preview."""
         element.click()
         element.press("Control+a")
         element.press_sequentially(text)
-        if element.input_value() != text:
-            element.evaluate(_PUT, text)
+        assert element.input_value() == text
         element.press("Tab")
         self.clicks += 1
         self.keys += len(text) + 2

@@ -1,11 +1,36 @@
 """The forms of a protocol's tables: every field with its sentence, type, unit and choices, and what can be added."""
 
-import pytest
+import io
+import tomllib
+from pathlib import Path
 
+import numpy as np
+import pytest
+from PIL import Image
+
+from minihuman.builder.card_pictures import BLANK_PNG, draw_template
+from minihuman.builder.document import TomlDocument
 from minihuman.builder.form import build_form, list_kinds
-from minihuman.builder.messages import FormField
-from minihuman.builder.new_study import list_templates
-from minihuman.experiment.protocol.protocol import list_protocol_tables
+from minihuman.builder.messages import FormField, NewStudyRequest
+from minihuman.builder.new_study import list_templates, make_study
+from minihuman.experiment.protocol.protocol import decode_protocol, list_protocol_tables
+from minihuman.trust import Trust
+
+CONSENTED = """
+[study]
+name = "rooms"
+version = "1"
+seed = 4
+[[groups]]
+name = "all"
+parts = ["consent", "walk"]
+[[blocks]]
+name = "walk"
+world = "minihuman/MiniGrid-Empty-5x5-v0"
+episodes = 2
+actions = ["left", "right", "forward"]
+max_steps = 20
+"""
 
 
 def find_field(table: str, name: str, kind: str = "") -> FormField:
@@ -67,6 +92,15 @@ def test_kinds_of_parts_and_questions_are_those_that_are_installed() -> None:
     assert "minihuman/MiniGrid-FourRooms-v0" in {world.value for world in kinds.worlds}
 
 
+def test_a_consent_page_to_begin_with_is_valid_and_asks_for_agreement() -> None:
+    (consent,) = (kind for kind in list_kinds().parts if kind.kind == "consent")
+    document = TomlDocument.parse(CONSENTED).insert(("pages", 0), {**consent.new, "name": "consent"})
+    (page,) = decode_protocol(document.text.encode()).pages
+    assert page.asks_consent
+    for topic in ("Purpose", "Storage", "Your rights", "Contact"):
+        assert f"{topic}: " in page.text
+
+
 def test_templates_are_at_least_sixteen_studies_with_their_minutes() -> None:
     templates = {template.name: template for template in list_templates()}
     assert len(templates) == len(list_templates()) >= 16
@@ -76,3 +110,28 @@ def test_templates_are_at_least_sixteen_studies_with_their_minutes() -> None:
     assert stroop.minutes is not None
     assert 1 < stroop.minutes[0] < stroop.minutes[1] < 10
     assert "Stroop, 1935" in stroop.summary
+
+
+def test_a_template_with_python_of_its_own_is_copied_with_it_and_left_to_the_user_to_trust(tmp_path: Path) -> None:
+    name = "navigation/radial-arm-maze"
+    template = next(template for template in list_templates() if template.name == name)
+    assert template.files == ["radial_arm_maze.py"]
+    assert template.minutes is not None
+    path = make_study(NewStudyRequest(name="maze", template=name), tmp_path, None)
+    assert path == tmp_path / "maze" / "maze.toml"
+    assert (path.parent / "radial_arm_maze.py").is_file()
+    assert tomllib.loads(path.read_text())["study"]["name"] == "maze"
+    assert not Trust.read().holds(path)
+
+
+@pytest.mark.parametrize("name", ["trials/flanker", "trials/go-no-go", "examples/demo"])
+def test_the_picture_of_a_template_shows_a_world_or_a_stimulus(name: str) -> None:
+    with Image.open(io.BytesIO(draw_template(name))) as picture:
+        pixels = np.asarray(picture.convert("RGB"))
+    n_drawn = (pixels != pixels[0, 0]).any(axis=-1).sum()
+    assert n_drawn > 200  # a fixation cross has fewer
+
+
+@pytest.mark.nightly
+def test_a_template_with_python_of_its_own_is_drawn_without_trust() -> None:
+    assert draw_template("navigation/radial-arm-maze") != BLANK_PNG

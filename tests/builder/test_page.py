@@ -6,7 +6,10 @@ from typing import Any
 
 import pytest
 
+from minihuman.experiment.protocol.protocol import decode_protocol
+from minihuman.runtime.simulated_session import simulate
 from tests.builder.hand import Hand, at_the_page, open_desk
+from tests.builder.test_data import TOML as ROOMS
 from tests.machine import needs
 from tests.web.browser import browsing
 from tests.web.test_accessible import serious
@@ -18,7 +21,7 @@ VIEWS = (
     "",
     "#/study/online.toml",
     PART,
-    *(f"#/study/online.toml/{view}" for view in ("texts", "media", "settings", "file")),
+    *(f"#/study/online.toml/{view}" for view in ("texts", "media", "settings", "file", "data")),
 )
 TABLET_PX = (800, 1100)
 
@@ -48,6 +51,8 @@ def instructions(hand: Hand) -> Any:
 
 def test_no_view_has_a_serious_finding_or_is_wider_than_a_tablet(lab: Path) -> None:
     found: dict[str, list[str]] = {}
+    (lab / "rooms.toml").write_text(ROOMS)
+    list(simulate(decode_protocol(ROOMS.encode()), lab / "sessions", participants=1, seed=1, player="random"))
     too_wide = []
     with at_the_page(lab, size=TABLET_PX) as (hand, address):
         for colours in ("light", "dark"):
@@ -60,6 +65,11 @@ def test_no_view_has_a_serious_finding_or_is_wider_than_a_tablet(lab: Path) -> N
                 found[f"{colours} {view}"] = serious(hand.page)
                 if hand.page.evaluate("document.documentElement.scrollWidth > innerWidth"):
                     too_wide.append(view)
+        show(hand, address + "#/study/rooms.toml/data")
+        hand.button("Details of sub-01, session 1").click()
+        hand.button("How episodes ended, by block").click()
+        hand.page.get_by_role("group", name="Result of the query").wait_for()
+        found["data"] = serious(hand.page)
         show(hand, address + PART)
         hand.button("Add a part to map-first").click()
         hand.page.locator("dialog .kind-play").click()

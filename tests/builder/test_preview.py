@@ -11,15 +11,13 @@ import pytest
 from minihuman.admin.protocol_file import read_protocol
 from minihuman.builder.preview_process import PreviewProcess
 from minihuman.builder.preview_server import PreviewRequest, PreviewServer, plan_preview
+from minihuman.builder.shipped_studies import ShippedStudy, list_shipped_studies
 from minihuman.errors import ProtocolError
 from minihuman.experiment.plan.expansion import expand_protocol
 from tests.machine import needs
 from tests.web.browser import browsing
 from tests.web.serving import serving
 
-ROOT = Path(__file__).parents[2]
-# without those whose worlds are Python files beside them, which nobody here trusts
-PROTOCOLS = sorted(path for path in (ROOT / "protocols").rglob("*.toml") if path.parent.name != "navigation")
 DESK = "127.0.0.1:9"
 QUIZ = """
 [study]
@@ -57,9 +55,10 @@ def quiz(tmp_path: Path) -> Path:
     return path
 
 
-@pytest.mark.parametrize("path", PROTOCOLS, ids=lambda path: path.stem)
-def test_a_part_is_planned_as_in_the_session_of_a_participant_of_its_group(path: Path) -> None:
-    protocol = read_protocol(path)
+@pytest.mark.parametrize("study", list_shipped_studies(), ids=lambda study: study.path.stem)
+def test_a_part_is_planned_as_in_the_session_of_a_participant_of_its_group(study: ShippedStudy) -> None:
+    protocol = study.read()
+    path = study.path
     for group in protocol.groups:
         whole, names = plan_preview(protocol, PreviewRequest(str(path), DESK, group=group.name))
         participant = whole.participant
@@ -95,8 +94,13 @@ def test_the_desk_alone_may_frame_a_preview_and_nothing_of_it_is_kept(
         assert len({preview.url for preview in previews}) == 2  # each has an origin of its own
         with urlopen(previews[0].url) as answer:
             policy = answer.headers["content-security-policy"]
+            page = answer.read().decode()
         assert f"frame-ancestors {DESK}" in policy
         assert previews[1].kind == "questions"
+        assert page.index("preview_focus.js") < page.index("page.js")  # the form keeps the focus
+        trial = server.show(PreviewRequest(str(quiz), DESK, kind="trial"))
+        with urlopen(trial.url) as answer:
+            assert "preview_focus.js" not in answer.read().decode()
     assert [path for path in tmp_path.rglob("*") if "preview" in path.name] == []
 
 

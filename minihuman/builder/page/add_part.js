@@ -21,16 +21,17 @@ export function AddPart({ study, lane, place, close, select }) {
   const kinds = useKinds();
   const [world, setWorld] = useState(/** @type {PartKind | null} */ (null)); // whose world is to be chosen
   const parts = study.document?.parts ?? [];
-  const enter = async (/** @type {string} */ name, /** @type {Edit[]} */ before, /** @type {string} */ kind) => {
+  const enter = async (/** @type {string} */ name, /** @type {Edit[]} */ before, /** @type {string} */ kind, to = place) => {
     close();
-    if (await study.edit([...before, ...buildEntryEdits(study, lane, lane.parts.toSpliced(place, 0, name), kind)])) select(name);
+    if (await study.edit([...before, ...buildEntryEdits(study, lane, lane.parts.toSpliced(to, 0, name), kind)])) select(name);
   };
   const make = async (/** @type {PartKind} */ kind, /** @type {string} */ chosen = "") => {
     const name = makeName(chosen ? nameWorld(chosen).replace(/^Mini(Grid|World)-/, "") : kind.kind, parts.map((part) => part.name));
     let fields = /** @type {any} */ ({ ...kind.new, name });
     if (chosen) fields = await fitToWorld(fields, chosen);
     const count = (study.read([kind.table]) ?? []).length;
-    enter(name, [{ op: "insert", path: [kind.table, count], value: fields }], kind.table === "blocks" ? "block" : "");
+    const to = fields.asks_consent ? 0 : place; // nothing comes before the agreement
+    enter(name, [{ op: "insert", path: [kind.table, count], value: fields }], kind.table === "blocks" ? "block" : "", to);
   };
   if (world) return html`<${WorldPicker} choose=${(/** @type {string} */ id) => make(world, id)} close=${close} />`;
   const others = parts.filter((part) => part.path[0] !== "blocks" || !lane.parts.includes(part.name)); // a block is played once

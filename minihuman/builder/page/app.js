@@ -1,6 +1,7 @@
 // The builder: which view is shown, by the address behind the #, and what every view of a study has around it.
 /** @import { Document, Mistake } from "./messages" */
 import { html, render, useEffect, useState } from "./vendor/preact.js";
+import { DataView } from "./data.js";
 import { Lanes } from "./lanes.js";
 import { MediaView } from "./media.js";
 import { OpenStudy, formatPath } from "./open_study.js";
@@ -13,7 +14,7 @@ import { TrialTab, TryButtons } from "./trial.js";
 import { useKinds } from "./add_part.js";
 import { countNoun } from "./words.js";
 
-const VIEWS = { parts: "Parts", texts: "Texts", media: "Tables and media", settings: "Settings", file: "File" };
+const VIEWS = { parts: "Parts", texts: "Texts", media: "Tables and media", data: "Data", settings: "Settings", file: "File" };
 const THEMES = ["auto", "light", "dark"];
 
 /** @returns {string[]} the parts of the address behind the # */
@@ -81,6 +82,7 @@ function StudyPage({ studyKey, view, selected, languages }) {
       ${view === "parts" && html`<${PartsView} study=${study} selected=${selected} languages=${languages} />`}
       ${view === "texts" && html`<${Texts} study=${study} languages=${languages} open=${(/** @type {string} */ key) => go(key, "texts")} />`}
       ${view === "media" && html`<${MediaView} study=${study} />`}
+      ${view === "data" && html`<${DataView} study=${study} />`}
       ${view === "settings" && html`<${Settings} study=${study} />`}
       ${view === "file" && html`<${SourceView} study=${study} />`}</main>`;
 }

@@ -1,8 +1,8 @@
 // What the builder's page and its server send each other. Generated: edit minihuman/builder/messages.py, then run
 // `python -m minihuman.builder.message_types`.
 
-export type FromPage = EditRequest | VersionRequest | NewStudyRequest | TableRequest | ShowRequest;
-export type ToPage = Studies | Document | FieldForm | Kinds | CheckReport | Media | StimulusTable | Differences | EditRefusal | Preview | PageInfo | WorldInfo | SimulationRun;
+export type FromPage = EditRequest | VersionRequest | NewStudyRequest | TableRequest | QueryRequest | AnnotationRequest | ExportRequest | ShowRequest;
+export type ToPage = Studies | Document | FieldForm | Kinds | CheckReport | Media | StimulusTable | Differences | EditRefusal | RecordedData | QueryAnswer | DataExport | Preview | PageInfo | WorldInfo | SimulationRun;
 
 /** Edits of the version of a file that the page shows. */
 export interface EditRequest {
@@ -38,6 +38,25 @@ export interface TableRequest {
   columns?: string[];
   rows?: string[][];
   pasted?: string;
+}
+
+/** A query of a study's tables. */
+export interface QueryRequest {
+  sql: string;
+}
+
+/** An annotation of a session or an episode, or its revocation. */
+export interface AnnotationRequest {
+  log: string;
+  tag: string;
+  note: string;
+  episode?: number | null;
+  take_back?: boolean;
+}
+
+/** An export of a study into a new folder. */
+export interface ExportRequest {
+  format: string;
 }
 
 /** The session that the page asks for; the fields are those of `PreviewRequest`. */
@@ -259,6 +278,59 @@ export interface EditRefusal {
   path: (string | number)[];
   line: number;
   document: Document | null;
+}
+
+/** What a study has recorded, and what can be asked of it. */
+export interface RecordedData {
+  folder: string;
+  sessions: RecordedSession[];
+  examples: QueryExample[];
+  formats: string[];
+}
+
+/** A recorded session of a study. */
+export interface RecordedSession {
+  log: string;
+  participant: string;
+  group: string;
+  session: number;
+  state: string;
+  started_at: string;
+  episodes_completed: number;
+  episodes_planned: number;
+  minutes: number;
+  notes: SessionNote[];
+  problem: string;
+  replay_command: string;
+  annotate_command: string;
+}
+
+/** An annotation that is in force. */
+export interface SessionNote {
+  tag: string;
+  episode: number | null;
+  note: string;
+}
+
+/** A query to begin with. */
+export interface QueryExample {
+  about: string;
+  sql: string;
+}
+
+/** The result of a query. */
+export interface QueryAnswer {
+  columns: string[];
+  rows: string[][];
+  n_rows: number;
+  notes: string[];
+  command: string;
+}
+
+/** A folder into which a study was exported. */
+export interface DataExport {
+  folder: string;
+  command: string;
 }
 
 /** A session that is served. */

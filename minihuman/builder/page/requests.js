@@ -1,5 +1,6 @@
 // Requests to the builder's server, and what it refuses. Knows no element.
 /** @import { Document, FieldForm, Kinds, Media, PageInfo, Preview, EditRefusal, ShowRequest, Studies, StimulusTable, SimulationRun } from "./messages" */
+/** @import { AnnotationRequest, DataExport, QueryAnswer, RecordedData } from "./messages" */
 /** @import { CheckReport, Edit, NewStudyRequest, TableRequest, WorldInfo } from "./messages" */
 
 /** A request that the server refused. */
@@ -71,6 +72,17 @@ export const simulateStudy = (key) => post("api/simulate", { key }, {});
 export const readSimulation = (number) => get("api/simulate", { number: String(number) });
 /** @param {string} id @returns {Promise<WorldInfo>} */
 export const describeWorld = (id) => get("api/world", { id });
+
+/** @param {string} key @returns {Promise<RecordedData>} */
+export const readData = (key) => get("api/data", { key });
+/** @param {string} key @param {string} log */
+export const pathsAddress = (key, log) => buildAddress("api/data/paths.png", { key, log });
+/** @param {string} key @param {string} sql @returns {Promise<QueryAnswer>} */
+export const queryData = (key, sql) => post("api/data/query", { key }, { sql });
+/** @param {string} key @param {AnnotationRequest} request @returns {Promise<RecordedData>} */
+export const annotateSession = (key, request) => post("api/data/annotate", { key }, request);
+/** @param {string} key @param {string} format @returns {Promise<DataExport>} */
+export const exportStudy = (key, format) => post("api/data/export", { key }, { format });
 
 /**
  * Send a file into the study's folder.

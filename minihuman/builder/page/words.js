@@ -62,7 +62,8 @@ const KIND_WORDS = /** @type {Record<string, string>} */ ({
 });
 
 const KIND_ABOUT = /** @type {Record<string, string>} */ ({
-  page: "A text to read: consent, instructions, the last words.",
+  page: "A text to read: instructions, a pause, the last words.",
+  consent: "A text to agree to, with purpose, storage, rights and contact to fill in.",
   questions: "A questionnaire, or a quiz with right answers that leads back.",
   play: "Episodes in a world, seen from above or in first person.",
   order: "Parts that come shuffled or in a Latin square.",

@@ -91,7 +91,7 @@ class StudyEntry:
     def counts(self) -> Mapping[str, int]:
         """Count the study's sessions by state."""
         running = self.running()
-        return Counter(_state(row, running) for row in self.sessions())
+        return Counter(describe_state(row, running) for row in self.sessions())
 
     def command(self, action: str, form: Mapping[str, str]) -> list[str]:
         """Return the arguments of the command that a button starts.
@@ -130,7 +130,7 @@ class StudyEntry:
         return words
 
 
-def _state(row: SessionRow, running: set[str]) -> str:
+def describe_state(row: SessionRow, running: set[str]) -> str:
     """Return one word for the state of a session."""
     summary = row.summary
     if summary is None:

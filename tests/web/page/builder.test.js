@@ -1,6 +1,7 @@
 // The builder's page without a browser: the edits that its buttons make, and what becomes of them in a conflict.
 import assert from "node:assert/strict";
 import { test } from "node:test";
+import { quoteWord } from "../../../minihuman/builder/page/data.js";
 import { readLike } from "../../../minihuman/builder/page/fields.js";
 import { buildEntryEdits, moveName } from "../../../minihuman/builder/page/lanes.js";
 import { OpenStudy, formatPath } from "../../../minihuman/builder/page/open_study.js";
@@ -155,4 +156,10 @@ test("a list that is edited as a text stays a list, and keeps what it was where 
   assert.equal(readLike("0.5", 2, "any"), 0.5);
   assert.equal(readLike("true", false, "any"), true);
   assert.equal(readLike("circle", undefined, "string"), "circle");
+});
+
+test("a word of a command is quoted where a shell would read it otherwise", () => {
+  assert.equal(quoteWord("--tag=exclude"), "--tag=exclude");
+  assert.equal(quoteWord("--note=the phone rang"), "'--note=the phone rang'");
+  assert.equal(quoteWord("it's; rm -r ."), `'it'"'"'s; rm -r .'`);
 });

@@ -1,0 +1,143 @@
+// What the study has recorded: sessions with their paths, queries, exports; each with the command that does the same.
+/** @import { DataExport, QueryAnswer, RecordedData, RecordedSession, SessionNote } from "./messages" */
+/** @import { OpenStudy } from "./open_study.js" */
+import { html, useEffect, useState } from "./vendor/preact.js";
+import { annotateSession, exportStudy, pathsAddress, queryData, readData } from "./requests.js";
+import { countNoun } from "./words.js";
+
+const EXCLUDE = "exclude"; // the tag that every output obeys
+const N_COLUMNS = 8; // of the table of sessions
+
+/** @param {string} word @returns {string} the word as a shell reads it */
+export const quoteWord = (word) => (/^[\w@%+=:,./-]+$/.test(word) ? word : `'${word.replaceAll("'", "'\"'\"'")}'`);
+
+/** @param {{ study: OpenStudy }} properties */
+export function DataView({ study }) {
+  const [recorded, setRecorded] = useState(/** @type {RecordedData | null} */ (null));
+  const [problem, setProblem] = useState("");
+  const [open, setOpen] = useState(""); // the log whose details are shown
+  const refresh = () => readData(study.key).then(setRecorded, (error) => setProblem(error.message));
+  useEffect(() => { refresh(); }, [study.key]);
+  if (!recorded) return html`<p role="status">${problem || "Reading the sessions …"}</p>`;
+  if (recorded.sessions.length === 0) {
+    return html`<section class="recorded" aria-label="Data"><h2>Sessions</h2><p class="quiet">Nothing is recorded yet. <b>Run it</b> starts sessions; those of
+      <b>Try the study</b> and <b>Simulate 20 people</b> are no data.</p><button type="button" class="small" onClick=${refresh}>Look again</button></section>`;
+  }
+  return html`<section class="recorded" aria-label="Sessions"><header><h2>Sessions <small>${recorded.sessions.length}, in ${recorded.folder}</small></h2>
+      <button type="button" class="small" onClick=${refresh}>Look again</button></header>
+      <div class="listing" tabindex="0" role="group" aria-label="Table of sessions"><table><thead><tr>${["participant", "group", "session", "state", "started", "episodes", "minutes", "notes"].map((name) => html`
+        <th scope="col">${name}</th>`)}</tr></thead>
+      <tbody>${recorded.sessions.map((session) => html`<${SessionRows} key=${session.log} study=${study} session=${session} isOpen=${open === session.log}
+        toggle=${() => setOpen(open === session.log ? "" : session.log)} update=${setRecorded} />`)}</tbody></table></div></section>
+    <${Query} study=${study} recorded=${recorded} />
+    <${Export} study=${study} recorded=${recorded} />`;
+}
+
+/** @param {SessionNote} note */
+const formatNote = ({ tag, episode, note }) => `${tag}${episode === null ? "" : ` (episode ${episode})`}${note ? `: ${note}` : ""}`;
+
+/** @param {{ study: OpenStudy, session: RecordedSession, isOpen: boolean, toggle: () => void, update: (answer: RecordedData) => void }} properties */
+function SessionRows({ study, session, isOpen, toggle, update }) {
+  const name = `${session.participant}, session ${session.session}`;
+  if (session.problem) return html`<tr><th scope="row">${session.participant}</th><td colspan=${N_COLUMNS - 1} class="mistake">cannot be read: ${session.problem}</td></tr>`;
+  return html`<tr><th scope="row"><button type="button" class="link" aria-expanded=${isOpen} aria-label=${`Details of ${name}`} onClick=${toggle}>${session.participant}</button></th>
+      <td>${session.group}</td><td>${session.session}</td><td>${session.state}</td><td>${session.started_at.slice(0, 16).replace("T", " ")}</td>
+      <td>${session.episodes_completed} of ${session.episodes_planned}</td><td>${session.minutes.toFixed(1)}</td>
+      <td>${session.notes.map((note) => html`<div dir="auto">${formatNote(note)}</div>`)}</td></tr>
+    ${isOpen && html`<tr class="details"><td colspan=${N_COLUMNS}><${Details} study=${study} session=${session} name=${name} update=${update} /></td></tr>`}`;
+}
+
+/** @param {{ study: OpenStudy, session: RecordedSession, name: string, update: (answer: RecordedData) => void }} properties */
+function Details({ study, session, name, update }) {
+  const [isDrawn, setDrawn] = useState(true);
+  return html`<div class="details-box"><figure>${isDrawn
+      ? html`<img src=${pathsAddress(study.key, session.log)} alt=${`Paths of ${name}`} onError=${() => setDrawn(false)} />`
+      : html`<p class="quiet">This session has no paths to draw.</p>`}</figure>
+    <div><${Command} about="Replay it" line=${session.replay_command} />
+      <${Annotate} study=${study} session=${session} name=${name} update=${update} /></div></div>`;
+}
+
+/** @param {{ about: string, line: string }} properties */
+function Command({ about, line }) {
+  return html`<p class="command"><span>${about}:</span> <code>${line}</code>
+    <button type="button" class="small" onClick=${() => navigator.clipboard.writeText(line)}>Copy the command</button></p>`;
+}
+
+/** @param {{ study: OpenStudy, session: RecordedSession, name: string, update: (answer: RecordedData) => void }} properties */
+function Annotate({ study, session, name, update }) {
+  const [tag, setTag] = useState(EXCLUDE);
+  const [episode, setEpisode] = useState("");
+  const [note, setNote] = useState("");
+  const [problem, setProblem] = useState("");
+  const take = (/** @type {(text: string) => void} */ set) => (/** @type {any} */ event) => set(event.target.value);
+  const send = (/** @type {any} */ request) => annotateSession(study.key, { log: session.log, ...request }).then(
+    (answer) => { setNote(""); setProblem(""); update(answer); }, (error) => setProblem(error.message));
+  const submit = (/** @type {Event} */ event) => {
+    event.preventDefault();
+    send({ tag, note, episode: episode === "" ? null : Number(episode) });
+  };
+  const words = [...(episode === "" ? [] : [`--episode=${episode}`]), `--tag=${tag}`, `--note=${note || "REASON"}`];
+  return html`<form class="annotate" aria-label=${`Annotate ${name}`} onSubmit=${submit}><h3>Exclude or annotate</h3>
+    <p class="quiet">What is tagged <code>exclude</code> stays in the log and leaves tables, figures and reports.</p>
+    <div class="row"><label>Tag <input type="text" required pattern="[a-z][a-z0-9_\\-]*" value=${tag} onInput=${take(setTag)} /></label>
+      <label>Episode <input type="number" min="1" placeholder="all" value=${episode} onInput=${take(setEpisode)} /></label>
+      <label class="wide">Reason <input type="text" required dir="auto" value=${note} onInput=${take(setNote)} /></label>
+      <button class="main">${tag === EXCLUDE ? "Exclude" : "Annotate"}</button></div>
+    ${problem && html`<p class="mistake" role="alert">${problem}</p>`}
+    <${Command} about="The same as" line=${`${session.annotate_command} ${words.map(quoteWord).join(" ")}`} />
+    ${session.notes.map((other) => html`<p><span dir="auto">${formatNote(other)}</span> <button type="button" class="small"
+      onClick=${() => send({ tag: other.tag, episode: other.episode, note: note || "taken back", take_back: true })}>Take it back</button></p>`)}</form>`;
+}
+
+/** @param {{ study: OpenStudy, recorded: RecordedData }} properties */
+function Query({ study, recorded }) {
+  const [sql, setSql] = useState(recorded.examples[0].sql);
+  const [answer, setAnswer] = useState(/** @type {QueryAnswer | null} */ (null));
+  const [problem, setProblem] = useState("");
+  const [isRunning, setRunning] = useState(false);
+  const run = (/** @type {string} */ text) => {
+    setSql(text);
+    setProblem("");
+    setRunning(true);
+    queryData(study.key, text).then(setAnswer, (error) => { setAnswer(null); setProblem(error.message); }).finally(() => setRunning(false));
+  };
+  const submit = (/** @type {Event} */ event) => { event.preventDefault(); run(sql); };
+  return html`<section class="recorded" aria-label="Query"><h2>Query</h2>
+    <p class="quiet">The tables are those of an export: episodes, participants, blocks, steps and others. A query reads and changes nothing.</p>
+    <div class="buttons">${recorded.examples.map((example) => html`<button type="button" class="small" onClick=${() => run(example.sql)}>${example.about}</button>`)}</div>
+    <form onSubmit=${submit}><label class="block">SQL <textarea rows="4" spellcheck="false" value=${sql} onInput=${(/** @type {any} */ event) => setSql(event.target.value)}></textarea></label>
+      <button class="main" disabled=${isRunning}>${isRunning ? "Reading …" : "Run the query"}</button></form>
+    ${problem && html`<p class="mistake" role="alert">${problem}</p>`}
+    ${answer && html`<${Result} answer=${answer} />`}</section>`;
+}
+
+/** @param {{ answer: QueryAnswer }} properties */
+function Result({ answer }) {
+  const hidden = answer.n_rows - answer.rows.length;
+  return html`<div class="listing" tabindex="0" role="group" aria-label="Result of the query"><table><thead><tr>${answer.columns.map((column) => html`<th scope="col">${column}</th>`)}</tr></thead>
+      <tbody>${answer.rows.map((row) => html`<tr>${row.map((cell) => html`<td dir="auto">${cell}</td>`)}</tr>`)}</tbody></table></div>
+    <p class="quiet" role="status">${countNoun(answer.n_rows, "row")}${hidden > 0 ? `, the first ${answer.rows.length} shown` : ""}</p>
+    ${answer.notes.map((note) => html`<p class="quiet">${note}</p>`)}
+    <${Command} about="The same as" line=${answer.command} />`;
+}
+
+/** @param {{ study: OpenStudy, recorded: RecordedData }} properties */
+function Export({ study, recorded }) {
+  const [format, setFormat] = useState("csv");
+  const [made, setMade] = useState(/** @type {DataExport | null} */ (null));
+  const [problem, setProblem] = useState("");
+  const [isRunning, setRunning] = useState(false);
+  const submit = (/** @type {Event} */ event) => {
+    event.preventDefault();
+    setMade(null);
+    setProblem("");
+    setRunning(true);
+    exportStudy(study.key, format).then(setMade, (error) => setProblem(error.message)).finally(() => setRunning(false));
+  };
+  return html`<section class="recorded" aria-label="Export"><h2>Export</h2>
+    <form class="row" onSubmit=${submit}><label>Format <select value=${format} onChange=${(/** @type {any} */ event) => setFormat(event.target.value)}>
+        ${recorded.formats.map((name) => html`<option value=${name}>${name}</option>`)}</select></label>
+      <button class="main" disabled=${isRunning}>${isRunning ? "Exporting …" : "Export"}</button></form>
+    ${problem && html`<p class="mistake" role="alert">${problem}</p>`}
+    ${made && html`<p role="status">Written to <code>${made.folder}</code></p><${Command} about="The same as" line=${made.command} />`}</section>`;
+}

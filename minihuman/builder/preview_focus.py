@@ -1,0 +1,49 @@
+"""The participant's page in a preview's frame, where it leaves the focus to the form beside it."""
+
+from http import HTTPStatus
+from pathlib import Path
+
+from starlette.responses import Response
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+_ADDRESS = "/preview_focus.js"
+_SCRIPT_FILE = Path(__file__).with_name("page") / "preview_focus.js"
+_HEAD = b"<head>"
+_SCRIPT = f'<script src="{_ADDRESS}"></script>'.encode()
+
+
+class UnfocusedPage:
+    """Adds a script to the page of an application, before the page's own; everything else is passed on.
+
+    Args:
+        app: the application, with the page at its root.
+    """
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+        self._script = Response(_SCRIPT_FILE.read_bytes(), media_type="text/javascript")
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer a request."""
+        if scope["type"] != "http" or scope["path"] not in ("/", _ADDRESS):
+            await self._app(scope, receive, send)
+        elif scope["path"] == _ADDRESS:
+            await self._script(scope, receive, send)
+        else:
+            await self._answer_page(scope, receive, send)
+
+    async def _answer_page(self, scope: Scope, receive: Receive, send: Send) -> None:
+        messages: list[Message] = []
+
+        async def collect(message: Message) -> None:
+            messages.append(message)
+
+        await self._app(scope, receive, collect)
+        start = messages[0]
+        body = b"".join(message.get("body", b"") for message in messages[1:])
+        if start["status"] == HTTPStatus.OK and body:
+            body = body.replace(_HEAD, _HEAD + _SCRIPT, 1)
+            headers = [(name, content) for name, content in start["headers"] if name.lower() != b"content-length"]
+            start = {**start, "headers": [*headers, (b"content-length", str(len(body)).encode())]}
+        await send(start)
+        await send({"type": "http.response.body", "body": body})

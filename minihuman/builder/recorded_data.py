@@ -1,0 +1,232 @@
+"""What a study has recorded, as the page shows it: sessions with their paths, queries, annotations and exports.
+
+Each answer has the command that does the same. A log is named by its path in the study's folder, and is opened only if
+the session index lists it.
+"""
+
+import io
+import shlex
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from minihuman.admin.session_index import SessionRow
+from minihuman.builder.edit_errors import EditRefusedError
+from minihuman.builder.messages import (
+    AnnotationRequest,
+    DataExport,
+    EditRefusal,
+    QueryAnswer,
+    QueryExample,
+    RecordedData,
+    RecordedSession,
+    RefusalReason,
+    SessionNote,
+)
+from minihuman.dataset.annotations import Annotation, add_annotation, read_annotations
+from minihuman.errors import MinihumanError
+from minihuman.exporters.exporter import list_exporters
+from minihuman.log.read.session_reader import read_log
+from minihuman.storage.system import now_text
+from minihuman.web.server.desk import StudyEntry, describe_state
+
+MOST_ROWS = 200  # of a query's result that the page shows
+EXPORTS_FOLDER = "exports"  # beside the data folder
+EXAMPLES = (
+    QueryExample(
+        "Episodes and mean reward of each participant",
+        'select participant, "group", count(*) as episodes, avg(reward) as mean_reward\n'
+        "from episodes group by all order by all",
+    ),
+    QueryExample(
+        "How episodes ended, by block",
+        "select block, outcome, count(*) as episodes\nfrom episodes group by all order by all",
+    ),
+    QueryExample(
+        "Sessions, and why one is excluded",
+        "select participant, session, started_at, end_reason, episodes, exclusion_reason\n"
+        "from participants order by participant, session",
+    ),
+)
+_DOTS_PER_INCH = 130
+_DRAWING = threading.Lock()  # the settings of figures are those of the whole process
+
+
+class RecordedStudy:
+    """The recorded sessions of a study.
+
+    Args:
+        study_entry: the study.
+    """
+
+    def __init__(self, study_entry: StudyEntry) -> None:
+        self._study_entry = study_entry
+        self._folder = study_entry.folder
+
+    def describe(self) -> RecordedData:
+        """Describe every recorded session, and what can be asked and exported.
+
+        Raises:
+            EditRefusedError: if the folder cannot be read.
+        """
+        with _refusing():
+            running = self._study_entry.running()
+            sessions = [self._describe_session(row, running) for row in self._study_entry.sessions()]
+            return RecordedData(str(self._folder), sessions, list(EXAMPLES), list(list_exporters()))
+
+    def draw_paths(self, log: str) -> bytes:
+        """Draw the paths of a session's episodes as a PNG.
+
+        Raises:
+            EditRefusedError: if there is no such log, or it has nothing to draw.
+        """
+        # here, as matplotlib takes a second that no other view needs
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+        from minihuman.figures.path_figures import session_paths
+        from minihuman.figures.style import figure_style
+
+        with _refusing():
+            session = read_log(self._find_log(log))
+            if not session.episodes:
+                raise _refuse("not_there", f"{log} has no episodes to draw")
+            png = io.BytesIO()
+            with _DRAWING, figure_style():
+                FigureCanvasAgg(session_paths(session)).print_figure(
+                    png, dpi=_DOTS_PER_INCH, format="png", bbox_inches="tight"
+                )
+            return png.getvalue()
+
+    def query(self, sql: str) -> QueryAnswer:
+        """Answer a query of the study's tables, which changes nothing.
+
+        Raises:
+            EditRefusedError: if the tables cannot answer it.
+        """
+        from minihuman.dataset.tables import answer_query, select
+
+        with _refusing(), select(self._folder) as tables:
+            answer = answer_query(tables, sql)
+            rows = [[_format_cell(cell) for cell in row.values()] for row in answer.slice(0, MOST_ROWS).to_pylist()]
+            notes = [*(log.line() for log in tables.account.skipped), *tables.account.notes]
+        return QueryAnswer(
+            list(answer.column_names), rows, answer.num_rows, notes, _write_command("query", str(self._folder), sql)
+        )
+
+    def annotate(self, request: AnnotationRequest) -> RecordedData:
+        """Annotate a session or an episode, such as with the tag "exclude", or take an annotation back.
+
+        Raises:
+            EditRefusedError: if there is no such log or episode, the tag is not valid, or there is no reason.
+        """
+        with _refusing():
+            path = self._find_log(request.log)
+            if not request.note.strip():
+                raise _refuse("not_valid", "an annotation has no reason; write why, for those who read the data later")
+            annotation = Annotation(
+                request.tag, now_text(), request.episode, request.note.strip(), taken_back=request.take_back
+            )
+            add_annotation(read_log(path), annotation)
+        return self.describe()
+
+    def export(self, format_name: str) -> DataExport:
+        """Export the study into a new folder beside the data.
+
+        Raises:
+            EditRefusedError: if the format is unknown, the folder exists, or nothing can be exported.
+        """
+        from minihuman.api import export
+
+        with _refusing():
+            out = self._find_export_folder(format_name)
+            export(format_name, self._folder, out)
+        return DataExport(str(out), _write_command("export", format_name, str(self._folder), f"--out={out}"))
+
+    def _find_export_folder(self, format_name: str) -> Path:
+        """Return a folder that does not exist yet.
+
+        Raises:
+            EditRefusedError: if the format is unknown.
+        """
+        if format_name not in list_exporters():
+            raise _refuse("not_valid", f"there is no format {format_name!r}; choose {', '.join(list_exporters())}")
+        folder = self._folder.parent.parent / EXPORTS_FOLDER
+        out = folder / f"{self._study_entry.name}-{format_name}"
+        number = 2
+        while out.exists():
+            out = folder / f"{self._study_entry.name}-{format_name}-{number}"
+            number += 1
+        return out
+
+    def _find_log(self, log: str) -> Path:
+        for row in self._study_entry.sessions():
+            if row.path.relative_to(self._folder).as_posix() == log:
+                return row.path
+        raise _refuse("not_there", f"the study has no log {log!r} any more; reload the page")
+
+    def _describe_session(self, row: SessionRow, running: set[str]) -> RecordedSession:
+        log = row.path.relative_to(self._folder).as_posix()
+        state = describe_state(row, running)
+        replay = _write_command("replay", str(row.path))
+        if row.summary is None:
+            return RecordedSession(log, row.path.name, "", 0, state, "", 0, 0, 0.0, [], row.problem, replay, "")
+        summary = row.summary
+        notes, problem = _read_notes(row.path)
+        return RecordedSession(
+            log,
+            summary.participant,
+            summary.group,
+            summary.session,
+            state,
+            summary.started_at,
+            summary.episodes_completed,
+            summary.episodes_planned,
+            summary.duration_s / 60,
+            notes,
+            problem,
+            replay,
+            _write_command("annotate", str(row.path)),
+        )
+
+
+def _read_notes(log: Path) -> tuple[list[SessionNote], str]:
+    """Return the annotations of a log that are in force, and why they cannot be read."""
+    try:
+        annotations = read_annotations(log)
+    except MinihumanError as error:
+        return [], str(error)
+    in_force: dict[tuple[int | None, str], SessionNote] = {}
+    for annotation in annotations:
+        place = (annotation.episode, annotation.tag)
+        in_force.pop(place, None)
+        if not annotation.taken_back:
+            in_force[place] = SessionNote(annotation.tag, annotation.episode, annotation.note)
+    return list(in_force.values()), ""
+
+
+def _format_cell(cell: object) -> str:
+    if cell is None:
+        return ""
+    if isinstance(cell, float):
+        return f"{cell:.6g}"
+    return str(cell)
+
+
+def _write_command(*words: str) -> str:
+    return shlex.join(["minihuman", *words])
+
+
+def _refuse(reason: RefusalReason, message: str) -> EditRefusedError:
+    return EditRefusedError(EditRefusal(reason, message))
+
+
+@contextmanager
+def _refusing() -> Iterator[None]:
+    """Refuse with the words of an error of the package."""
+    try:
+        yield
+    except EditRefusedError:
+        raise
+    except MinihumanError as error:
+        raise _refuse("not_valid", str(error)) from error
