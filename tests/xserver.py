@@ -127,6 +127,11 @@ class Typist:
         )
         self._display.sync()
 
+    def move(self, right_px: int, down_px: int) -> None:
+        """Move the mouse from where it is, as a hand does."""
+        xtest.fake_input(self._display, X.MotionNotify, detail=True, x=right_px, y=down_px)
+        self._display.sync()
+
     def button(self, down: bool) -> None:
         """Press or release the mouse's main button."""
         xtest.fake_input(self._display, X.ButtonPress if down else X.ButtonRelease, 1)
