@@ -14,7 +14,7 @@ import msgspec
 from msgspec import Meta
 
 from minihuman.errors import MinihumanError
-from minihuman.experiment.keys import PAD_AXES
+from minihuman.experiment.keys import MOUSE_AXES, PAD_AXES
 from minihuman.experiment.machine.inputs import (
     MAX_FIELD_CHARACTERS,
     KeyReleaseCause,
@@ -27,6 +27,7 @@ from minihuman.web.screen_types import PageType, ScreenValues
 
 MESSAGE_VERSION = 8
 
+MAX_MOTION_PX = 4096  # of the mouse in one message
 Ns = Annotated[int, Meta(ge=0, le=2**53)]
 Number = Annotated[int, Meta(ge=0, le=2**31)]
 ShortText = Annotated[str, Meta(max_length=64)]
@@ -112,6 +113,14 @@ class AxisMessage(msgspec.Struct, tag="axis", tag_field="t", forbid_unknown_fiel
     stamp: Ns = 2**53
 
 
+class MouseMotionMessage(msgspec.Struct, tag="motion", tag_field="t", forbid_unknown_fields=True):
+    """A motion of the captured mouse, in whole pixels to the right or down, with the event's own time as ``stamp``."""
+
+    axis: Literal[MOUSE_AXES]  # type: ignore[valid-type]
+    pixels: Annotated[int, Meta(ge=-MAX_MOTION_PX, le=MAX_MOTION_PX)]
+    stamp: Ns = 2**53
+
+
 class GamepadMessage(msgspec.Struct, tag="pad", tag_field="t", forbid_unknown_fields=True):
     """The report that a gamepad was detected for the first time."""
 
@@ -172,6 +181,7 @@ PageMessage = (
     | FieldMessage
     | PointerMessage
     | AxisMessage
+    | MouseMotionMessage
     | GamepadMessage
     | FocusMessage
     | RoundTripMessage

@@ -81,6 +81,7 @@ class PlayValues(ScreenLocale):
     mission: str
     legend: list[tuple[str, str, str]]  # what a key's cap says, what stands above it, the action
     pointer: NotRequired[bool]
+    axes: NotRequired[list[str]]  # of the mouse, for which the page captures it
     picture: NotRequired[int]
 
 

@@ -3,7 +3,7 @@
 
 export type BrowserFacts = Record<string, boolean | number | string>;
 export type Texts = Record<string, string>;
-export type PageMessage = KeyMessage | DisplayedMessage | TickMessage | TextMessage | FieldMessage | PointerMessage | AxisMessage | GamepadMessage | FocusMessage | RoundTripMessage | SoundMessage | CommandEcho | LateInputMessage | PageAlteration;
+export type PageMessage = KeyMessage | DisplayedMessage | TickMessage | TextMessage | FieldMessage | PointerMessage | AxisMessage | MouseMotionMessage | GamepadMessage | FocusMessage | RoundTripMessage | SoundMessage | CommandEcho | LateInputMessage | PageAlteration;
 export type FromPage = Hello | NumberedMessage | PageAck | Ping | Farewell;
 export type UnnumberedMessage = Welcome | Refusal | ServerAck | Pong;
 export type ServerMessage = ScreenMessage | FilmFrame | ArraysMessage | EpisodeRules | StateCorrection | AgentControl | EpisodeState | LookAheadUpdate | ScreenPrefetch | CommandMessage | SessionOver;
@@ -76,6 +76,14 @@ export interface AxisMessage {
   t: "axis";
   axis: "pad_left_x" | "pad_left_y" | "pad_right_x" | "pad_right_y" | "pad_left_trigger" | "pad_right_trigger";
   value: number;
+  stamp?: number;
+}
+
+/** A motion of the captured mouse, in whole pixels to the right or down, with the event's own time as ``stamp``. */
+export interface MouseMotionMessage {
+  t: "motion";
+  axis: "mouse_x" | "mouse_y";
+  pixels: number;
   stamp?: number;
 }
 
@@ -438,6 +446,7 @@ export interface PlayValues {
   mission: string;
   legend: [string, string, string][];
   pointer?: boolean;
+  axes?: string[];
   picture?: number;
   messages?: PlayMessages;
 }

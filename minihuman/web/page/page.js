@@ -8,6 +8,7 @@ import { Connection } from "./connection.js";
 import { EpisodePlayer, RESERVED } from "./episode.js";
 import { GamepadReader } from "./gamepad.js";
 import { Keyboard, listenToFocus, listenToPointer } from "./input.js";
+import { MouseLook } from "./mouse.js";
 import { FilmViewer, FlipReporter, ImageCache } from "./pictures.js";
 import { ScreenPrefetch } from "./prefetch.js";
 import { TextEntry } from "./questions.js";
@@ -25,7 +26,7 @@ import { watchForWelcome } from "./unreachable.js";
 // takes several keys together for little more than one.
 const WAIT_MS = 100, COMPUTED_WAIT_MS = 2000;
 
-const SETTLING = new Set(["key", "pointer", "focus", "axis"]);
+const SETTLING = new Set(["key", "pointer", "focus", "axis", "motion"]);
 
 class Page {
   #main = /** @type {HTMLElement} */ (document.getElementById("screen"));
@@ -54,7 +55,10 @@ class Page {
       touchTexts: () => (this.#touch.isTouched ? this.#touch.texts : null),
       isPending: (through) => this.#outbox.hasAfter(through),
       entered: (m, lasts, flip) => this.#enter(m, lasts, flip),
-      drew: (kind, language) => this.#appearance.drew(kind, language),
+      drew: (kind, language) => {
+        this.#appearance.drew(kind, language);
+        this.#mouse.say();
+      },
     });
   #keyboard = new Keyboard(globalThis, {
     isActive: () => this.#isListening,
@@ -77,11 +81,14 @@ class Page {
   #gamepad = new GamepadReader(this.#keyboard, () => this.#isListening && this.#focused !== false, (what, ms) => {
     this.#send(ms === undefined || what.t !== "axis" ? what : { ...what, stamp: this.#outbox.timeOf(ms) });
   }, () => this.#player.isBehind);
+  #mouse = new MouseLook(this.#main, (what, ms) => {
+    if (this.#isListening) this.#send(what.t === "motion" ? { ...what, stamp: this.#outbox.timeOf(ms) } : what);
+  }, () => this.#player.isBehind);
   #connection = new Connection(this.#outbox, readLink(this.#outbox), {
     welcome: (m) => {
       this.#keyboard.codes = this.#outbox.keys = m.keys;
       this.#touch.caps = m.touch;
-      this.#touch.texts = m.words;
+      this.#touch.texts = this.#mouse.texts = m.words;
       this.#gamepad.want(m.gamepad);
       this.#sounds.prepare(m.sounds);
       if (this.#screen) this.#touch.show(this.#screen.screen);
@@ -226,6 +233,7 @@ class Page {
     this.#setDue(m.tick);
     if (m.screen.kind !== "play" || m.screen.picture !== undefined) this.#player.play = null;
     this.#touch.show(m.screen);
+    this.#mouse.show(m.screen);
     this.#view.show(m);
   }
 
@@ -283,6 +291,7 @@ class Page {
     if (this.#endsAt !== null && at >= this.#endsAt) this.#endsAt = null;
     if (!this.#player.play) this.#advance(n, "tick", at);
     this.#gamepad.readSticks();
+    this.#mouse.sendMotion();
     this.#schedule();
   }
 
