@@ -14,7 +14,7 @@ import msgspec
 from msgspec import Meta
 
 from minihuman.errors import MinihumanError
-from minihuman.experiment.keys import MOUSE_AXES, PAD_AXES
+from minihuman.experiment.keys import MOUSE_AXES, PAD_AXES, TOUCH_AXES
 from minihuman.experiment.machine.inputs import (
     MAX_FIELD_CHARACTERS,
     KeyReleaseCause,
@@ -106,9 +106,9 @@ class PointerMessage(msgspec.Struct, tag="pointer", tag_field="t", forbid_unknow
 
 
 class AxisMessage(msgspec.Struct, tag="axis", tag_field="t", forbid_unknown_fields=True):
-    """A movement of a gamepad's axis, with the gamepad's own time as ``stamp``."""
+    """A movement of an axis of a gamepad or of a stick on the screen, with its own time as ``stamp``."""
 
-    axis: Literal[PAD_AXES]  # type: ignore[valid-type]
+    axis: Literal[PAD_AXES + TOUCH_AXES]  # type: ignore[valid-type]
     value: Annotated[float, Meta(ge=-1.0, le=1.0)]
     stamp: Ns = 2**53
 

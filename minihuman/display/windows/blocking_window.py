@@ -29,6 +29,7 @@ from minihuman.display.drawing.sheet import Size
 from minihuman.display.windows.desk_field import Clipboard, DeskField, OwnClipboard
 from minihuman.display.windows.window import Clock, Window
 from minihuman.errors import WindowError
+from minihuman.experiment.keys import MOUSE_AXES
 from minihuman.experiment.machine.inputs import (
     AxisChanged,
     FocusChanged,
@@ -238,7 +239,8 @@ class BlockingWindow(Window):
             self._accepts = (screen.accepts_text, screen.accepts_pointer)
             self._pressed_in = None
             self._want(text=screen.accepts_text, pointer=screen.accepts_pointer)
-        mouse_axes = screen.axes if isinstance(screen, PlayScreen) else ()
+        axes = screen.axes if isinstance(screen, PlayScreen) else ()
+        mouse_axes = tuple(axis for axis in axes if axis in MOUSE_AXES)
         if self._mouse_axes != mouse_axes:
             self._mouse_axes = mouse_axes
             self._capture_mouse(bool(mouse_axes))

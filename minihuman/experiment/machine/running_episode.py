@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minihuman.errors import WorldError
-from minihuman.experiment.keys import MOUSE_AXES
+from minihuman.experiment.keys import MOUSE_AXES, TOUCH_AXES
 from minihuman.experiment.machine.events import (
     ClauseDone,
     EndCause,
@@ -324,10 +324,10 @@ class RunningEpisode:
 
     @property
     def window_axes(self) -> tuple[str, ...]:
-        """Return the axes of the mouse that move components: what a window has to capture it for."""
+        """Return the axes that move components and that a window or a page makes: of the mouse and of touch sticks."""
         if not self._bindings:
             return ()
-        return tuple(axis for axis in self._bindings.axes if axis in MOUSE_AXES)
+        return tuple(axis for axis in self._bindings.axes if axis in MOUSE_AXES or axis in TOUCH_AXES)
 
     def step(
         self, t_ns: int, action: "Action", *, key: str, key_t_ns: int, held_keys: Mapping[str, int] | None = None

@@ -71,10 +71,10 @@ export interface PointerMessage {
   cause?: "finger" | "held_before_focus" | "cancelled";
 }
 
-/** A movement of a gamepad's axis, with the gamepad's own time as ``stamp``. */
+/** A movement of an axis of a gamepad or of a stick on the screen, with its own time as ``stamp``. */
 export interface AxisMessage {
   t: "axis";
-  axis: "pad_left_x" | "pad_left_y" | "pad_right_x" | "pad_right_y" | "pad_left_trigger" | "pad_right_trigger";
+  axis: "pad_left_x" | "pad_left_y" | "pad_right_x" | "pad_right_y" | "pad_left_trigger" | "pad_right_trigger" | "touch_left_x" | "touch_left_y" | "touch_right_x" | "touch_right_y";
   value: number;
   stamp?: number;
 }

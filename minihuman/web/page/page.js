@@ -14,6 +14,7 @@ import { ScreenPrefetch } from "./prefetch.js";
 import { TextEntry } from "./questions.js";
 import { ScreenView } from "./screens.js";
 import { SoundPlayer } from "./sounds.js";
+import { ThumbSticks } from "./sticks.js";
 import { MessageStore, openTabStorage, Outbox, randomBytes, UNTIMED } from "./stream.js";
 import { TouchKeys } from "./touch.js";
 import { watchForWelcome } from "./unreachable.js";
@@ -75,15 +76,14 @@ class Page {
     release: (key, stamp, isTrusted, cause) => this.#send(
       { t: "key", key, down: false, stamp, trusted: isTrusted && undefined, cause: cause === "finger" ? undefined : cause }),
   });
+  #sticks = new ThumbSticks((what, ms) => this.#sendMoved(what, ms), () => this.#player.isBehind);
   #touch = new TouchKeys(
-    /** @type {HTMLElement} */ (document.getElementById("touch")), this.#keyboard,
+    /** @type {HTMLElement} */ (document.getElementById("touch")), this.#keyboard, this.#sticks,
     () => { this.#player.view.fit(); this.#films.fit(); });
   #gamepad = new GamepadReader(this.#keyboard, () => this.#isListening && this.#focused !== false, (what, ms) => {
     this.#send(ms === undefined || what.t !== "axis" ? what : { ...what, stamp: this.#outbox.timeOf(ms) });
   }, () => this.#player.isBehind);
-  #mouse = new MouseLook(this.#main, (what, ms) => {
-    if (this.#isListening) this.#send(what.t === "motion" ? { ...what, stamp: this.#outbox.timeOf(ms) } : what);
-  }, () => this.#player.isBehind);
+  #mouse = new MouseLook(this.#main, (what, ms) => this.#sendMoved(what, ms), () => this.#player.isBehind);
   #connection = new Connection(this.#outbox, readLink(this.#outbox), {
     welcome: (m) => {
       this.#keyboard.codes = this.#outbox.keys = m.keys;
@@ -292,6 +292,7 @@ class Page {
     if (!this.#player.play) this.#advance(n, "tick", at);
     this.#gamepad.readSticks();
     this.#mouse.sendMotion();
+    this.#sticks.sendLevels();
     this.#schedule();
   }
 
@@ -336,6 +337,11 @@ class Page {
   /** @param {Omit<import("./messages").FieldMessage, "t" | "began">} what @param {number} beganMs */
   #sendField(what, beganMs) { this.#prefetch.unknown(this.#send({ t: "field", ...what, began: this.#outbox.timeOf(beganMs) })); }
 
+  /** @param {PageMessage} what @param {number} ms */
+  #sendMoved(what, ms) {
+    if (this.#isListening && (what.t === "motion" || what.t === "axis")) this.#send({ ...what, stamp: this.#outbox.timeOf(ms) });
+  }
+
   /** @param {Point} point */
   #point({ ms, ...point }) {
     const n = this.#send({ t: "pointer", ...point, stamp: this.#outbox.timeOf(ms) });
@@ -353,6 +359,7 @@ class Page {
     if (!focused) {
       this.#keyboard.releaseAll();
       this.#cancelPointer();
+      this.#sticks.release(ms);
       this.#flips.cancel();
     }
     const n = this.#send({ t: "focus", focused });
