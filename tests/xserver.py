@@ -202,6 +202,11 @@ class Typist:
         )
         self._display.sync()
 
+    def move(self, right_px: int, down_px: int) -> None:
+        """Move the mouse from where it is, as a hand does."""
+        xtest.fake_input(self._display, X.MotionNotify, detail=True, x=right_px, y=down_px)
+        self._display.sync()
+
     def button(self, down: bool, number: int = 1) -> None:
         """Press or release a button of the mouse, the main one if it is not named; 4 and 5 are the wheel's."""
         xtest.fake_input(self._display, X.ButtonPress if down else X.ButtonRelease, number)

@@ -271,7 +271,8 @@ OTHER_INPUTS = (
         "text",
         "",
         "typed; what the pointer did: pressed, moved while pressed, released, held_before_focus (the click that gave "
-        "the focus), cancelled (a release that no finger made); axis: one of a gamepad moved.",
+        "the focus), cancelled (a release that no finger made); axis: one of a gamepad or of a stick on a touch screen "
+        "moved, or the mouse by pixels.",
     ),
     TableColumn("text", "text", "", "What was typed."),
     TableColumn("target", "text", "", "The spot the pointer went down in, empty for none; the axis that moved."),

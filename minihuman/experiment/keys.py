@@ -69,6 +69,9 @@ PAD_BUTTONS = (  # of the standard layout (W3C Gamepad): "south" is Xbox's A, Pl
     *("stick_up", "stick_down", "stick_left", "stick_right"),  # the left stick, more than halfway
 )
 PAD_AXES = ("pad_left_x", "pad_left_y", "pad_right_x", "pad_right_y", "pad_left_trigger", "pad_right_trigger")
+MOUSE_AXES = ("mouse_x", "mouse_y")  # of a mouse that is captured: whole pixels, which add up from tick to tick
+TOUCH_AXES = ("touch_left_x", "touch_left_y", "touch_right_x", "touch_right_y")  # of the sticks on a touch screen
+AXES = PAD_AXES + MOUSE_AXES + TOUCH_AXES
 PAD_DEAD_ZONE = 0.1  # of an axis; beyond it the value rises from 0
 PAD_LEVELS = 128  # steps in which an axis is logged, each way
 _PRESS_THRESHOLD = 0.5  # of an axis's value, beyond which its button goes down

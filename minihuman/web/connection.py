@@ -36,7 +36,12 @@ from minihuman.worlds.source_digest import kernels_digest
 LOG = logging.getLogger("minihuman")
 T = TypeVar("T")
 _ACTS = (
-    messages.KeyMessage | messages.PointerMessage | messages.TextMessage | messages.FieldMessage | messages.AxisMessage
+    messages.KeyMessage
+    | messages.PointerMessage
+    | messages.TextMessage
+    | messages.FieldMessage
+    | messages.AxisMessage
+    | messages.MouseMotionMessage
 )  # of a person
 
 

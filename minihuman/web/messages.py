@@ -14,7 +14,7 @@ import msgspec
 from msgspec import Meta
 
 from minihuman.errors import MinihumanError
-from minihuman.experiment.keys import PAD_AXES
+from minihuman.experiment.keys import MOUSE_AXES, PAD_AXES, TOUCH_AXES
 from minihuman.experiment.machine.inputs import (
     MAX_FIELD_CHARACTERS,
     KeyReleaseCause,
@@ -27,6 +27,7 @@ from minihuman.web.screen_types import PageType, ScreenValues
 
 MESSAGE_VERSION = 9
 
+MAX_MOTION_PX = 4096  # of the mouse in one message
 Ns = Annotated[int, Meta(ge=0, le=2**53)]
 Number = Annotated[int, Meta(ge=0, le=2**31)]
 ShortText = Annotated[str, Meta(max_length=64)]
@@ -105,10 +106,18 @@ class PointerMessage(msgspec.Struct, tag="pointer", tag_field="t", forbid_unknow
 
 
 class AxisMessage(msgspec.Struct, tag="axis", tag_field="t", forbid_unknown_fields=True):
-    """A movement of a gamepad's axis, with the gamepad's own time as ``stamp``."""
+    """A movement of an axis of a gamepad or of a stick on the screen, with its own time as ``stamp``."""
 
-    axis: Literal[PAD_AXES]  # type: ignore[valid-type]
+    axis: Literal[PAD_AXES + TOUCH_AXES]  # type: ignore[valid-type]
     value: Annotated[float, Meta(ge=-1.0, le=1.0)]
+    stamp: Ns = 2**53
+
+
+class MouseMotionMessage(msgspec.Struct, tag="motion", tag_field="t", forbid_unknown_fields=True):
+    """A motion of the captured mouse, in whole pixels to the right or down, with the event's own time as ``stamp``."""
+
+    axis: Literal[MOUSE_AXES]  # type: ignore[valid-type]
+    pixels: Annotated[int, Meta(ge=-MAX_MOTION_PX, le=MAX_MOTION_PX)]
     stamp: Ns = 2**53
 
 
@@ -172,6 +181,7 @@ PageMessage = (
     | FieldMessage
     | PointerMessage
     | AxisMessage
+    | MouseMotionMessage
     | GamepadMessage
     | FocusMessage
     | RoundTripMessage

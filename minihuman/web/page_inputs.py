@@ -73,8 +73,8 @@ class PageInputs:
                 stamp_ns = min(message.stamp, at_ns)
                 place = (message.x, message.y, message.target, message.along)
                 return _POINTERS[message.what](stamp_ns, *place, message.cause)
-            case messages.AxisMessage():
-                return inputs.AxisChanged(min(message.stamp, at_ns), message.axis, message.value)
+            case messages.AxisMessage() | messages.MouseMotionMessage():
+                return _convert_axis(message, at_ns)
             case messages.FocusMessage():
                 return inputs.FocusChanged(at_ns, message.focused)
             case messages.CommandEcho() if message.number in self._questions:
@@ -111,6 +111,11 @@ class PageInputs:
         if stamp_ns <= self._forgotten_ns or (stamp_ns, message.key) in self._keys_down:
             return []
         return [Noted(now_ns, BROWSER_NOTE, f"not taken: {message.key} at {message.stamp} ns")]
+
+
+def _convert_axis(message: messages.AxisMessage | messages.MouseMotionMessage, at_ns: int) -> inputs.AxisChanged:
+    moved = message.value if isinstance(message, messages.AxisMessage) else float(message.pixels)
+    return inputs.AxisChanged(min(message.stamp, at_ns), message.axis, moved)
 
 
 _CONTROL_CHARACTERS = re.compile(r"[\x00-\x08\x0b-\x1f\x7f]")

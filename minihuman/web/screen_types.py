@@ -81,6 +81,7 @@ class PlayValues(ScreenLocale):
     mission: str
     legend: list[tuple[str, str, str]]  # what a key's cap says, what stands above it, the action
     pointer: NotRequired[bool]
+    axes: NotRequired[list[str]]  # of the mouse, which the page captures for them, and of sticks on a touch screen
     picture: NotRequired[int]
 
 

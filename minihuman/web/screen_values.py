@@ -126,6 +126,8 @@ def _play(screen: screens.PlayScreen, number: NumberPicture) -> dict[str, Any]:
     }
     if screen.accepts_pointer:
         values["pointer"] = True
+    if screen.axes:
+        values["axes"] = list(screen.axes)
     return {**values, **screen.page_fields}
 
 

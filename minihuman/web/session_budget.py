@@ -4,7 +4,8 @@ A rate limit on messages alone would let one page write a gigabyte in twenty min
 So would a long plan's bytes if a page had them all at once: its steps' are granted as fast as steps can be made.
 """
 
-from minihuman.experiment.plan.session_plan import EpisodePlan, SessionPlan, needs_gamepad
+from minihuman.experiment.keys import MOUSE_AXES, TOUCH_AXES
+from minihuman.experiment.plan.session_plan import EpisodePlan, SessionPlan, list_axes, needs_gamepad
 
 MESSAGE_COST_BYTES = 400  # of a message in a log, beyond its own text
 _STEP_BYTES = 4 * (60 + MESSAGE_COST_BYTES)  # a key down and up, a tick and a picture
@@ -17,7 +18,8 @@ _REPEATED_STEPS_PER_S = 40  # by a key that is held
 _BASE_BYTES = 1_000_000
 _RATE_BYTES_PER_S = 3_000  # five keys, pressed and released in vain, every second
 _TEXT_BYTES_PER_S = 10 * _CHARACTER_BYTES
-_GAMEPAD_BYTES_PER_S = 60 * 2 * (60 + MESSAGE_COST_BYTES)  # both axes of a stick, once a frame
+_GAMEPAD_BYTES_PER_S = 60 * 2 * (60 + MESSAGE_COST_BYTES)  # both axes of a stick, once a frame; thumbs as well
+_MOUSE_BYTES_PER_S = 144 * 2 * (60 + MESSAGE_COST_BYTES)  # both axes, once a frame of a quick display
 
 
 class SessionBudget:
@@ -34,8 +36,10 @@ class SessionBudget:
         self._step_bytes_per_s = _FACTOR * _STEP_BYTES * max(map(_estimate_steps_per_s, plan.episodes), default=0)
         self._fixed_bytes = _BASE_BYTES + _FACTOR * estimate_plan_bytes(plan) - self._step_bytes
         self._bytes_per_s = _RATE_BYTES_PER_S
-        if needs_gamepad(plan):
+        if needs_gamepad(plan) or not set(TOUCH_AXES).isdisjoint(list_axes(plan)):
             self._bytes_per_s += _GAMEPAD_BYTES_PER_S
+        if not set(MOUSE_AXES).isdisjoint(list_axes(plan)):
+            self._bytes_per_s += _MOUSE_BYTES_PER_S
         if any(getattr(part.plan, "has_text_entry", False) for part in plan.parts):
             self._bytes_per_s += _TEXT_BYTES_PER_S
 

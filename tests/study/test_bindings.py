@@ -12,7 +12,7 @@ from minihuman.display.typefaces import select_typefaces
 from minihuman.errors import ProtocolError
 from minihuman.experiment.keys import PAD_AXES, PAD_BUTTONS, PadAxes
 from minihuman.experiment.machine.events import Noted, PointerUsed, Stepped
-from minihuman.experiment.machine.inputs import PointerPressed, PointerReleased
+from minihuman.experiment.machine.inputs import AxisChanged, PointerPressed, PointerReleased, Tick
 from minihuman.experiment.plan.dry_run import check_worlds
 from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
 from minihuman.experiment.plan.session_plan import needs_gamepad
@@ -53,6 +53,48 @@ def test_axes_move_the_action_with_the_keys_that_are_held(tmp_path):
         ("axis", "pad_left_x", 1.0),
         ("axis", "pad_left_y", -0.5),
     ]
+
+
+MOUSE = "axes = { mouse_x = { component = 0, scale = -0.01 }, mouse_y = { component = 1, scale = 0.02 } }"
+
+
+def test_the_motion_of_the_mouse_adds_up_from_tick_to_tick(tmp_path):
+    script = [
+        (15, "mouse_x", 20.0),
+        (20, "mouse_x", 15.0),
+        (110, "mouse_x", -400.0),  # further than a whole step: what is beyond is gone
+        (210, "mouse_y", 12.0),
+        (220, "mouse_y", -2.0),
+        (250, "left", True),
+        (260, "mouse_x", -30.0),
+        (350, "left", False),
+    ]
+    episode = play_script(levers_plan(max_steps=6, more=MOUSE), script, tmp_path)
+    assert episode.actions_taken == [
+        (0.0, 0.0),
+        (pytest.approx(-0.35), 0.0),
+        (1.0, 0.0),
+        (pytest.approx(0.3 - 1.0), pytest.approx(0.4)),  # with the key that is held
+        (0.0, 0.0),  # a mouse that rests moves nothing
+        (0.0, 0.0),
+    ]
+    assert verified(tmp_path) == []
+
+
+def test_the_motion_of_the_mouse_before_an_episode_and_in_a_pause_is_none_of_it():
+    desk = Desk(levers_plan(max_steps=6, more=MOUSE))
+    desk.give(AxisChanged(desk.now_ns, "mouse_x", 50.0))
+    desk.press("enter")
+    desk.show()
+    assert desk.session.screen.axes == ("mouse_x", "mouse_y")
+    desk.give(AxisChanged(desk.now_ns, "mouse_x", 50.0))
+    desk.press("f8")
+    assert not hasattr(desk.session.screen, "axes"), "a pause gives the mouse back"
+    desk.press("enter")
+    desk.show()
+    desk.now_ns += 150 * MS
+    desk.give(Tick(desk.now_ns))
+    assert [step.action_vector for step in desk.of(Stepped)] == [(0.0, 0.0)]
 
 
 def board_plan(pace):
@@ -126,6 +168,11 @@ def test_a_click_that_cannot_act_is_named_by_check(kind, more, said):
     [
         ("once", AXES, "axes .*are read at each tick; use pace"),
         ("repeat", SPOT, "held keys combine; use hold = 'once'"),
+        (
+            "repeat",
+            "axes = { mouse_x = { component = 0 } }",
+            "mouse_x with the scale 1.0, at most 0.25: it is the share",
+        ),
         ("repeat", "axes = { pad_lft_x = { component = 0 } }", "'pad_lft_x', which is no axis; axes: pad_left_x"),
     ],
 )

@@ -21,6 +21,7 @@ from minihuman.web.page_inputs import PageInputs
             inputs.PointerMoved(80, 0.5, 0.25, "go_on", 0.75),
         ),
         (messages.AxisMessage("pad_left_x", 0.5), inputs.AxisChanged(100, "pad_left_x", 0.5)),
+        (messages.MouseMotionMessage("mouse_x", -7, 90), inputs.AxisChanged(90, "mouse_x", -7.0)),
         (messages.FocusMessage(False), inputs.FocusChanged(100, False)),
         (messages.DisplayedMessage(submit=120, flip=110), inputs.ScreenShown(100, 100, 100)),
         (messages.CommandEcho(7), None),

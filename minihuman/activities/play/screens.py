@@ -157,6 +157,7 @@ class BlockScreens:
             score_text=score_text,
             labels=words.labels(tuple(key for key, _ in legend)),
             accepts_pointer=play.takes_clicks,
+            axes=play.window_axes,
             motion=self._motion(play) if has_motion else None,
         )
 

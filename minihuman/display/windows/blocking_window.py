@@ -29,7 +29,9 @@ from minihuman.display.drawing.sheet import Size
 from minihuman.display.windows.desk_field import Clipboard, DeskField, OwnClipboard
 from minihuman.display.windows.window import Clock, Window
 from minihuman.errors import WindowError
+from minihuman.experiment.keys import MOUSE_AXES
 from minihuman.experiment.machine.inputs import (
+    AxisChanged,
     FocusChanged,
     Input,
     KeyDown,
@@ -141,6 +143,7 @@ class BlockingWindow(Window):
         self._frame = np.zeros((0, 0, 3), np.uint8)  # what the display shows
         self._last_key_ns = -(1 << 62)
         self._accepts = (False, False)  # text, pointer
+        self._mouse_axes: tuple[str, ...] = ()  # for which the mouse is captured
         self._moving: PlayScreen | None = None  # whose view is still on its way
         self._moves_from_ns = 0
         self._pointer_at = (0.0, 0.0)  # where it was last while the button was down
@@ -172,6 +175,14 @@ class BlockingWindow(Window):
     @abc.abstractmethod
     def _want(self, *, text: bool, pointer: bool) -> None:
         """Turn text input and the pointer on or off; while off, they are not reported."""
+
+    def _capture_mouse(self, captured: bool) -> None:
+        """Hide the pointer and keep it in the window, so that the mouse reports motion alone; or give it back.
+
+        Raises:
+            WindowError: if the window's toolkit cannot do so.
+        """
+        raise WindowError(f"a {type(self).__name__} captures no mouse, which the protocol needs; use --window pygame")
 
     @abc.abstractmethod
     def post_key(self, key: str) -> None:
@@ -228,6 +239,11 @@ class BlockingWindow(Window):
             self._accepts = (screen.accepts_text, screen.accepts_pointer)
             self._pressed_in = None
             self._want(text=screen.accepts_text, pointer=screen.accepts_pointer)
+        axes = screen.axes if isinstance(screen, PlayScreen) else ()
+        mouse_axes = tuple(axis for axis in axes if axis in MOUSE_AXES)
+        if self._mouse_axes != mouse_axes:
+            self._mouse_axes = mouse_axes
+            self._capture_mouse(bool(mouse_axes))
         try:
             await_log()
         except BaseException:
@@ -380,6 +396,13 @@ class BlockingWindow(Window):
             self._pressed_in = None
         self._pointer_at = (x, y)
         return [kind(t_ns, x, y, target, along, cause)]
+
+    def _move_mouse(self, right_px: int, down_px: int, t_ns: int) -> list[Input]:
+        """Convert a motion of the captured mouse to inputs of the axes that the screen asks for."""
+        if not self._focused:
+            return []
+        motion_px = {"mouse_x": right_px, "mouse_y": down_px}
+        return [AxisChanged(t_ns, axis, float(motion_px[axis])) for axis in self._mouse_axes if motion_px[axis]]
 
     def _focus(self, t_ns: int, focused: bool) -> list[Input]:
         """Convert a focus event to inputs; repeated events of the same kind are ignored."""

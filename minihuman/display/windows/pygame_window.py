@@ -10,15 +10,12 @@ import numpy as np
 import pygame
 from numpy.typing import NDArray
 
-# Experimental in pygame-ce, but the one way to SDL's table of gamepads, by which "south" is south on every one; if it
-# goes, so do gamepads in a window.
-from pygame._sdl2 import controller
-
 from minihuman.display.drawing.play_screens import Box
 from minihuman.display.drawing.sheet import Size
 from minihuman.display.windows.blocking_window import DEFAULT_SIZE_PX, TITLE, BlockingWindow
 from minihuman.display.windows.desk_field import Clipboard
 from minihuman.display.windows.keyboard import key_from_scancode, key_to_scancode
+from minihuman.display.windows.pygame_gamepad import GAMEPAD_EVENTS, Gamepad
 from minihuman.display.windows.window import Clock
 from minihuman.display.windows.x11_input import (
     MAIN_BUTTON,
@@ -29,7 +26,6 @@ from minihuman.display.windows.x11_input import (
     has_shared_clock,
 )
 from minihuman.errors import WindowError
-from minihuman.experiment.keys import PAD_AXES, PAD_DEAD_ZONE, PAD_LEVELS, PadAxes
 from minihuman.experiment.machine.inputs import (
     AxisChanged,
     Input,
@@ -40,88 +36,6 @@ from minihuman.experiment.machine.inputs import (
     PressCause,
     Stop,
 )
-
-_BUTTONS = (  # in SDL's order; two of them do what the session asks keys for
-    *("pad_south", "pad_east", "pad_west", "pad_north", "escape", "", "enter", "pad_left_stick", "pad_right_stick"),
-    *("pad_left_shoulder", "pad_right_shoulder", "pad_up", "pad_down", "pad_left", "pad_right"),
-)
-_FULL = 32767
-GAMEPAD_EVENTS = (
-    *(
-        pygame.JOYAXISMOTION,
-        pygame.JOYBUTTONDOWN,
-        pygame.JOYBUTTONUP,
-        pygame.JOYHATMOTION,
-    ),  # SDL makes its own of these
-    *(pygame.CONTROLLERAXISMOTION, pygame.CONTROLLERBUTTONDOWN, pygame.CONTROLLERBUTTONUP),
-    *(pygame.CONTROLLERDEVICEADDED, pygame.CONTROLLERDEVICEREMOVED),
-)
-
-
-class Gamepad:
-    """The first connected gamepad; if it is disconnected, the next one takes its place.
-
-    Raises:
-        WindowError: if no gamepad is connected.
-    """
-
-    def __init__(self) -> None:
-        controller.init()
-        self._axes = PadAxes()
-        self._held_axes: set[str] = set()  # that were moved as the focus went: at rest, until they have been
-        self._pad = self._open()
-        if self._pad is None:
-            controller.quit()
-            raise WindowError("the protocol needs a gamepad, but none is connected; connect one that SDL knows")
-        pygame.event.set_allowed(GAMEPAD_EVENTS)
-
-    @staticmethod
-    def _open() -> "controller.Controller | None":
-        numbers = [number for number in range(controller.get_count()) if controller.is_controller(number)]
-        if not numbers:
-            return None
-        return controller.Controller(numbers[0])
-
-    def facts(self) -> dict[str, str]:
-        """Return the gamepad's name, axes, dead zone and polling rate."""
-        assert self._pad is not None
-        return {
-            "gamepad": self._pad.name,
-            "gamepad_axes": f"{', '.join(PAD_AXES)}: -1 to 1 of 65536 levels, logged in steps of 1/{PAD_LEVELS}",
-            "gamepad_dead_zone": f"{PAD_DEAD_ZONE}",
-            "gamepad_polling": "each millisecond by SDL while the session waits for input",
-        }
-
-    def read(self, event: pygame.event.Event) -> Iterator[tuple[str, bool | float]]:
-        """Yield by name the buttons that an event presses (True) or releases (False), and the new value of an axis."""
-        match event.type:
-            case pygame.CONTROLLERBUTTONDOWN | pygame.CONTROLLERBUTTONUP:
-                if event.button < len(_BUTTONS) and _BUTTONS[event.button]:
-                    yield _BUTTONS[event.button], event.type == pygame.CONTROLLERBUTTONDOWN
-            case pygame.CONTROLLERAXISMOTION if event.axis < len(PAD_AXES):
-                value, buttons = self._axes.move(PAD_AXES[event.axis], event.value / _FULL)
-                if value is not None and PAD_AXES[event.axis] not in self._held_axes:
-                    yield PAD_AXES[event.axis], value
-                elif value == 0:
-                    self._held_axes.discard(PAD_AXES[event.axis])
-                yield from buttons
-            case pygame.CONTROLLERDEVICEADDED if self._pad is None:
-                self._pad = self._open()
-            case pygame.CONTROLLERDEVICEREMOVED if self._pad is not None and not self._pad.attached():
-                self._pad = self._open()
-
-    def lose_focus(self) -> list[str]:
-        """Return the axes that are not at rest when the window loses the focus.
-
-        They report nothing until they have been at rest again.
-        """
-        self._held_axes.update(self._axes.moved)
-        return self._axes.moved
-
-    def close(self) -> None:
-        """Close SDL's gamepad support."""
-        controller.quit()
-
 
 _NS_PER_MS = 1_000_000
 _SAY_WHERE = ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER")
@@ -347,6 +261,9 @@ class PygameWindow(BlockingWindow):
         return [*(AxisChanged(now_ns, axis, 0.0) for axis in axes), *self._focus(now_ns, False)]
 
     def _read_mouse(self, event: pygame.event.Event, move: KeyMove, t_ns: int) -> list[Input]:
+        if event.type == pygame.MOUSEMOTION and self._mouse_axes:
+            right_px, down_px = event.rel
+            return self._move_mouse(right_px, down_px, t_ns)
         if event.type == pygame.MOUSEMOTION:
             return self._pointer(PointerMoved, *self._along(event.pos), t_ns)
         if event.button != pygame.BUTTON_LEFT:
@@ -414,6 +331,14 @@ class PygameWindow(BlockingWindow):
             pygame.event.set_allowed(_POINTER)
         else:
             pygame.event.set_blocked(_POINTER)
+
+    def _capture_mouse(self, captured: bool) -> None:
+        pygame.mouse.set_relative_mode(captured)
+        if captured:
+            pygame.event.get(pygame.MOUSEMOTION)  # of before
+            pygame.event.set_allowed(pygame.MOUSEMOTION)
+        elif not self._accepts[1]:
+            pygame.event.set_blocked(pygame.MOUSEMOTION)
 
     def post_key(self, key: str) -> None:
         """Put a press and a release of a key into SDL's queue; any thread can call this."""

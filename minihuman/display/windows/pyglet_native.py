@@ -15,6 +15,7 @@ from pyglet import gl
 from minihuman.display.drawing.play_screens import Box
 from minihuman.display.drawing.sheet import Size
 from minihuman.display.windows.keyboard import key_from_symbol, key_from_xkb, read_key_positions
+from minihuman.display.windows.pyglet_mouse import MouseTracker, make_tracker
 from minihuman.experiment.keys import MODIFIERS
 
 ON_X11 = pyglet.compat_platform.startswith("linux")
@@ -71,6 +72,7 @@ class PygletNativeWindow(pyglet.window.Window):  # type: ignore[misc]  # pyglet 
     def __init__(self, title: str, size_px: Size | None) -> None:
         """Open a window of a size, at most as large as the screen; None opens a full screen."""
         self._positions: dict[int, str] = {}
+        self._tracker: MouseTracker | None = None  # elsewhere pyglet's own events tell motion
         self.accepts_text = False
         self._key_reported = False  # of the key event that pyglet looks at now
         self.button_ms: int | None = None  # the server's time of the last event of a mouse button
@@ -83,6 +85,7 @@ class PygletNativeWindow(pyglet.window.Window):  # type: ignore[misc]  # pyglet 
         super().__init__(caption=title, vsync=True, **settings)
         if ON_X11:
             self._positions = read_key_positions(xlib._lib, self.display._display)
+            self._tracker = make_tracker(xlib, self.display._display, self._window, self.get_size)
         self._frame_size: Size | None = None
         self._texture = gl.GLuint()
         self._framebuffer = gl.GLuint()
@@ -91,7 +94,7 @@ class PygletNativeWindow(pyglet.window.Window):  # type: ignore[misc]  # pyglet 
 
     def dispatch_platform_event(self, event: Any) -> None:
         """Handle key events of the window; pyglet handles other events and the text that keys produce."""
-        if _is_grab(event):
+        if _is_grab(event) or self._follow_mouse(event, is_reported=False):
             return
         self._key_reported = self._key_of_x11(event)
         if not self._key_reported or self.accepts_text:
@@ -100,6 +103,8 @@ class PygletNativeWindow(pyglet.window.Window):  # type: ignore[misc]  # pyglet 
 
     def dispatch_platform_event_view(self, event: Any) -> None:
         """Handle key events of the window's inner area; pyglet handles other events and the text that keys produce."""
+        if self._follow_mouse(event, is_reported=True):
+            return
         self._key_reported = self._key_of_x11(event)
         if not self._key_reported or self.accepts_text:
             super().dispatch_platform_event_view(event)
@@ -122,6 +127,44 @@ class PygletNativeWindow(pyglet.window.Window):  # type: ignore[misc]  # pyglet 
         name = symbol.decode("ascii", "replace")
         self.dispatch_event("on_key", down, key, name, event.xkey.time, is_shortcut)
         return True
+
+    # A captured mouse
+
+    def capture_mouse(self, captured: bool) -> None:
+        """Hide the pointer, keep it in the window and dispatch its motion, or give it back."""
+        self.set_exclusive_mouse(captured)
+        self.track_mouse(captured)
+
+    def track_mouse(self, tracked: bool) -> None:
+        """Follow a mouse that is captured, or leave it to another window, which has the focus."""
+        if self._tracker is not None and tracked:
+            self._tracker.begin()
+        elif self._tracker is not None:
+            self._tracker.end()
+
+    def _follow_mouse(self, event: Any, *, is_reported: bool) -> bool:
+        """Dispatch the motion of a captured mouse; return False for other events.
+
+        Args:
+            event: the X server's event.
+            is_reported: whether it is of the inner area; the outer window repeats what happens while a button is down.
+        """
+        if self._tracker is None or not self._tracker.is_tracking or event.type != xlib.MotionNotify:
+            return False
+        if is_reported:
+            motion = event.xmotion
+            right_px, down_px = self._tracker.follow((motion.x, motion.y), motion.serial)
+            self.dispatch_event("on_captured_motion", right_px, down_px, motion.time)
+        return True
+
+    def on_mouse_motion(self, x: int, y: int, dx: int, dy: int) -> None:
+        """Report the motion that pyglet sees, on systems without an X server."""
+        if self._tracker is None:
+            self.dispatch_event("on_captured_motion", dx, -dy, None)  # pyglet counts from the bottom
+
+    def on_mouse_drag(self, x: int, y: int, dx: int, dy: int, buttons: int, modifiers: int) -> None:
+        """Report motion with a button down as motion."""
+        self.on_mouse_motion(x, y, dx, dy)
 
     # Keys elsewhere
 
@@ -197,3 +240,4 @@ class PygletNativeWindow(pyglet.window.Window):  # type: ignore[misc]  # pyglet 
 
 
 PygletNativeWindow.register_event_type("on_key")
+PygletNativeWindow.register_event_type("on_captured_motion")

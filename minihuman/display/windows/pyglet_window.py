@@ -61,6 +61,7 @@ class PygletWindow(BlockingWindow):
             on_close=self._on_close,
             on_text=self._on_text,
             on_mouse_press=lambda x, y, button, modifiers: self._on_pointer(PointerPressed, x, y, button),
+            on_captured_motion=self._on_motion,
             on_mouse_drag=lambda x, y, dx, dy, buttons, modifiers: self._on_pointer(PointerMoved, x, y, buttons),
             on_mouse_release=lambda x, y, button, modifiers: self._on_pointer(PointerReleased, x, y, button),
             on_expose=self._repaint_soon,
@@ -144,11 +145,20 @@ class PygletWindow(BlockingWindow):
                 cause = "held_before_focus"
             self._inputs += self._pointer(kind, (x + 0.5) / width, 1 - (y + 0.5) / height, self._time(button_ms), cause)
 
+    def _on_motion(self, right_px: int, down_px: int, server_ms: int | None) -> None:
+        if self._mouse_axes:
+            self._inputs += self._move_mouse(right_px, down_px, self._time(server_ms))
+
     def _want(self, *, text: bool, pointer: bool) -> None:
         self._window.accepts_text = text
         self._window.set_mouse_visible(pointer)
 
+    def _capture_mouse(self, captured: bool) -> None:
+        self._window.capture_mouse(captured)
+
     def _on_focus(self, focused: bool) -> None:
+        if self._mouse_axes:
+            self._window.track_mouse(focused)
         self._inputs += self._focus(self._clock(), focused)
 
     def _repaint_soon(self) -> None:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import msgspec
 
 from minihuman.errors import ProtocolError
+from minihuman.experiment.keys import MOUSE_AXES
 from minihuman.experiment.machine.events import (
     ActivityEvent,
     EndReason,
@@ -24,7 +25,7 @@ from minihuman.experiment.machine.events import (
     PauseReason,
     TextTyped,
 )
-from minihuman.experiment.machine.inputs import ActivityInput, Input, KeyDown, KeyUp
+from minihuman.experiment.machine.inputs import ActivityInput, AxisChanged, Input, KeyDown, KeyUp
 from minihuman.experiment.machine.running_episode import RunningEpisode, catch_world_errors
 from minihuman.experiment.machine.screens import ActivityScreen, Screen
 from minihuman.experiment.plan.session_plan import KeyMap, PlannedPart, SessionPlan
@@ -68,7 +69,7 @@ class SessionContext:
         self.teams: tuple[str, ...] = ()  # that the segment was in, the latest last
         self.partners: set[str] = set()  # what the others in them were: "person", "agent"
         self.keys_down: dict[str, int] = {}  # the latest last, with when each went down
-        self.axes: dict[str, float] = {}  # where those of the gamepad are
+        self.axes: dict[str, float] = {}  # where those of the gamepad are, and the mouse's motion since the last tick
         self._make_world = make_world
         self._world: tuple[tuple[str, dict[str, Any]], World] | None = None
         self._events: list[Event] = []
@@ -76,6 +77,11 @@ class SessionContext:
     def emit(self, *events: Event) -> None:
         """Add events to those of the current input, in order."""
         self._events += events
+
+    def move_axis(self, moved: AxisChanged) -> None:
+        """Move an axis: a gamepad's to a value, the mouse's by a number of pixels."""
+        pixels_before = self.axes.get(moved.axis, 0.0) if moved.axis in MOUSE_AXES else 0.0
+        self.axes[moved.axis] = pixels_before + moved.value
 
     def emit_key(self, key: KeyDown | KeyUp, verdict: KeyVerdict, phase: str, action: int | None = None) -> None:
         """Emit the event of a key press or release with its verdict."""

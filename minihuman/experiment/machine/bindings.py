@@ -1,13 +1,13 @@
-"""Bindings of gamepad axes and clicks to the components of vector actions."""
+"""Bindings of the axes of gamepads and mice and of clicks to the components of vector actions."""
 
 import msgspec
 
 
 class AxisBinding(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A gamepad axis that moves a component of the action."""
+    """An axis that moves a component of the action."""
 
     component: int  # of the action's vector, from 0
-    scale: float = 1.0  # sensitivity; below 0 the axis is inverted
+    scale: float = 1.0  # sensitivity, of the mouse's per pixel; below 0 the axis is inverted
 
 
 class SpotBinding(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -21,5 +21,5 @@ class SpotBinding(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class Bindings(msgspec.Struct, frozen=True):
     """The axes and clicks that set an action's components in addition to keys."""
 
-    axes: dict[str, AxisBinding] = {}  # of the gamepad
+    axes: dict[str, AxisBinding] = {}  # by the axis's name
     spot: SpotBinding | None = None

@@ -313,7 +313,10 @@ class PointerUsed(TimedEvent):
 
 @dataclass(frozen=True, slots=True)
 class AxisMoved(TimedEvent):
-    """A gamepad axis moved at ``t_ns - waited_ns``: -1 to 1, 0 in its dead zone; right and down are positive."""
+    """An axis moved at ``t_ns - waited_ns``; right and down are positive.
+
+    A gamepad's axis is at ``value`` from then on: -1 to 1, 0 in its dead zone. The mouse moved by ``value`` pixels.
+    """
 
     axis: str
     value: float

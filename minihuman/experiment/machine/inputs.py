@@ -112,7 +112,7 @@ class PointerReleased(PointerInput):
 
 @dataclass(frozen=True, slots=True)
 class AxisChanged(TimedInput):
-    """A gamepad axis moved to another value: -1 to 1, 0 in its dead zone."""
+    """A gamepad axis moved to another value, -1 to 1, 0 in its dead zone, or the mouse moved by a number of pixels."""
 
     axis: str
     value: float

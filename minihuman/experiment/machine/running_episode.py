@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minihuman.errors import WorldError
+from minihuman.experiment.keys import MOUSE_AXES, TOUCH_AXES
 from minihuman.experiment.machine.events import (
     ClauseDone,
     EndCause,
@@ -88,7 +89,7 @@ class RunningEpisode:
         picture_px: the largest picture wanted, as width and height in pixels; None draws none.
         keys_down: the keys that are held, the latest last, with the time of each press; the caller keeps it current.
         bindings: the axes and clicks that set an action's components in addition to keys.
-        axes: the values of the gamepad's axes; the caller keeps it current.
+        axes: the values of the axes; the caller keeps it current, and a tick takes the mouse's motion from it.
     """
 
     is_joint: ClassVar[bool] = False  # others act in it, too: the session host closes each step
@@ -102,7 +103,7 @@ class RunningEpisode:
         picture_px: tuple[int, int] | None,
         keys_down: Mapping[str, int] | None = None,
         bindings: "Bindings | msgspec.UnsetType" = msgspec.UNSET,
-        axes: Mapping[str, float] | None = None,
+        axes: dict[str, float] | None = None,
     ) -> None:
         self.plan = plan
         self.world = world
@@ -161,6 +162,7 @@ class RunningEpisode:
     def start(self, t_ns: int) -> EpisodeStarted:
         """Start the episode and return its event."""
         self.started = True
+        self._take_mouse_motion()
         with catch_world_errors():
             return EpisodeStarted(
                 t_ns=t_ns,
@@ -253,6 +255,7 @@ class RunningEpisode:
         """Stop the clock and discard queued keys; the next picture shown restarts the clock."""
         self._queued = None
         self._pressed.clear()
+        self._take_mouse_motion()
         self.next_tick_ns = None
         self._flips_ns = []
         self._shown_step = -1
@@ -302,15 +305,29 @@ class RunningEpisode:
         return self.step(t_ns, vector or number, key=latest, key_t_ns=pressed.get(latest, t_ns), held_keys=pressed)
 
     def _moved_components(self) -> dict[int, float]:
-        """Return how far the gamepad's axes move each component of the action, without axes at rest."""
+        """Return how far the axes move each component of the action, without axes at rest."""
         shares: dict[int, float] = {}
         if not self._bindings:
             return shares
+        values = {**self._axes, **self._take_mouse_motion()}
         for axis, binding in self._bindings.axes.items():
-            share = self._axes.get(axis, 0.0) * binding.scale
+            share = values.get(axis, 0.0) * binding.scale
+            if axis in MOUSE_AXES:  # a quick turn of the hand is no more than a whole step
+                share = max(-1.0, min(1.0, share))
             if share:
                 shares[binding.component] = shares.get(binding.component, 0.0) + share
         return shares
+
+    def _take_mouse_motion(self) -> dict[str, float]:
+        """Return and forget the pixels by which the mouse moved since the last tick."""
+        return {axis: self._axes.pop(axis) for axis in MOUSE_AXES if axis in self._axes}
+
+    @property
+    def window_axes(self) -> tuple[str, ...]:
+        """Return the axes that move components and that a window or a page makes: of the mouse and of touch sticks."""
+        if not self._bindings:
+            return ()
+        return tuple(axis for axis in self._bindings.axes if axis in MOUSE_AXES or axis in TOUCH_AXES)
 
     def step(
         self, t_ns: int, action: "Action", *, key: str, key_t_ns: int, held_keys: Mapping[str, int] | None = None

@@ -98,6 +98,7 @@ class PlayScreen:
     controller_text: str = ""  # the same in words
     flash: OutcomeMark = ""  # the frame for a moment: a press was taken
     accepts_pointer: bool = False  # a click in the picture is an action
+    axes: tuple[str, ...] = ()  # of the mouse, which is captured for them, and of sticks that a page draws
     motion: Motion | None = None  # how the view gets here; windows may leave it out
     page_fields: Mapping[str, Any] = field(default_factory=dict)  # what its kind of block adds for a page
 

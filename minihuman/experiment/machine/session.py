@@ -258,7 +258,7 @@ class SessionMachine:
             case PointerInput():
                 self._use_pointer(happened)
             case AxisChanged():
-                self._context.axes[happened.axis] = happened.value
+                self._context.move_axis(happened)
                 self._context.emit(AxisMoved(self.now_ns, happened.axis, happened.value, self.now_ns - happened.t_ns))
             case ExperimenterCommand():
                 self._obey(happened)

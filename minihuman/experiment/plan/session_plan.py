@@ -201,9 +201,14 @@ def name_label_column(label: str) -> str:
 
 def needs_gamepad(plan: SessionPlan) -> bool:
     """Return whether a session's keys include gamepad buttons, or its bindings gamepad axes."""
-    names = list(plan.key_pool)
+    return bool(list_pad_inputs([*plan.key_pool, *list_axes(plan)]))
+
+
+def list_axes(plan: SessionPlan) -> list[str]:
+    """Return the axes that move components of actions in a session's blocks, each once."""
+    names: dict[str, None] = {}
     for part in plan.parts:
         bindings = getattr(part.plan, "bindings", None)
         if bindings:
-            names += bindings.axes
-    return bool(list_pad_inputs(names))
+            names.update(dict.fromkeys(bindings.axes))
+    return list(names)

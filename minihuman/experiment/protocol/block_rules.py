@@ -8,7 +8,7 @@ from string import Formatter
 from minihuman.activities.play.plan import PlayPlan
 from minihuman.activities.trials.plan import StimuliSpec
 from minihuman.errors import ProtocolError
-from minihuman.experiment.keys import PAD_AXES
+from minihuman.experiment.keys import AXES, MOUSE_AXES
 from minihuman.experiment.machine.activity import find_installed_kind, find_kind, list_kinds
 from minihuman.experiment.plan.designs import make_design
 from minihuman.experiment.protocol.model import MAX_SEED, BlockSpec, KeysSpec, Protocol
@@ -18,6 +18,8 @@ from minihuman.worlds.outcomes import normalize_outcome_rule
 
 _FORMAT = re.compile(r"[<>^=+\- ,]{0,3}\d{0,3}(\.\d{1,2})?[a-z%]?")  # of a number or word in a text
 _DAY_MS = 86_400_000
+_MOUSE_SCALE_HELP = "it is the share of a whole step that one pixel of motion makes; write scale = 0.01, say"
+_MAX_MOUSE_SCALE = 0.25  # a hand moves by tens of pixels between two ticks
 _TIMES = ("max_episode_s", "max_block_s", "inter_trial_interval_ms", "fixation_ms", "final_frame_ms", "feedback_ms")
 
 
@@ -248,9 +250,11 @@ def _check_axes(block: BlockSpec) -> Iterator[FieldError]:
         yield "axes", "are read at each tick; use pace = 'real_time' and hold = 'repeat'"
     if block.spot and block.hold == "repeat":
         yield "spot", "is an action of its own, but held keys combine; use hold = 'once'"
-    for axis in block.axes:
-        if axis not in PAD_AXES:
-            yield "axes", f"has {axis!r}, which is no axis; axes: {', '.join(PAD_AXES)}"
+    for axis, binding in block.axes.items():
+        if axis not in AXES:
+            yield "axes", f"has {axis!r}, which is no axis; axes: {', '.join(AXES)}"
+        if axis in MOUSE_AXES and abs(binding.scale) > _MAX_MOUSE_SCALE:
+            yield "axes", f"has {axis} with the scale {binding.scale}, at most {_MAX_MOUSE_SCALE}: {_MOUSE_SCALE_HELP}"
 
 
 def is_played_alone(kind: str) -> bool:

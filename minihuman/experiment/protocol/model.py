@@ -125,7 +125,9 @@ class BlockSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     team: TeamPlan | None = None  # who sits in which body, where the kind is "team"
     stimuli: StimuliSpec | None = None  # a table of options of the world, one row an episode
     timeline: TimelineSpec | None = None  # the time course of each trial: what is shown from when to when
-    axes: dict[str, AxisBinding] = {}  # a gamepad's axis -> the component of the action that it moves
+    axes: dict[
+        str, AxisBinding
+    ] = {}  # an axis of a gamepad, mouse or touch stick -> the component of the action that it moves
     spot: SpotBinding | None = None  # what a click in the picture does
     design: DesignSpec | None = None  # chooses each episode's options or layout, or ends the block, from those before
     group_overrides: GroupOverrides = {}

@@ -41,7 +41,7 @@ export const RESERVED = new Set(["escape", "f8", "f9", "f12"]);
 const UNPACKED_STEPS = 2;
 const PRESS_MS = 120;
 const FRAME_MS = 1000 / 60;
-const TELLS_TIME = new Set(["tick", "key", "axis", "focus", "asked"]); // before these the session makes the step that is due
+const TELLS_TIME = new Set(["tick", "key", "axis", "motion", "focus", "asked"]); // before these the session makes the step that is due
 
 /**
  * Where the session will be once it has heard of everything: the confirmed scene, and what was pressed since.
@@ -583,6 +583,7 @@ export class EpisodeView {
       el("div", { class: s.controller ? "picture framed" : "picture" }, this.canvas, this.#frames, this.#press,
         s.messages?.cells.map(([x, z, isOwn]) => drawCell(x, z, isOwn, s.messages?.bounds ?? [])),
         s.mark ? el("div", { class: `mark ${s.mark}` }, el("span", { text: `${MARKS[s.mark]} ${s.score_text}` })) : null),
+      s.axes?.some((axis) => axis.startsWith("mouse_")) ? el("p", { class: "look", role: "status" }) : null,
       s.controller ? el("p", { class: "steers", role: "status" }, this.#lines) : null,
       s.legend.length ? el("ul", { class: "legend" }, s.legend.map(([cap, above, action]) =>
         el("li", {}, capOf(cap, above), el("span", { text: action })))) : null,

@@ -6,8 +6,9 @@ const BUTTONS = [ // of the standard mapping (W3C Gamepad); two of them do what 
   "pad_south", "pad_east", "pad_west", "pad_north", "pad_left_shoulder", "pad_right_shoulder", "pad_left_trigger",
   "pad_right_trigger", "escape", "enter", "pad_left_stick", "pad_right_stick", "pad_up", "pad_down", "pad_left", "pad_right",
 ];
-/** @type {import("./messages").AxisMessage["axis"][]} */
-const AXES = ["pad_left_x", "pad_left_y", "pad_right_x", "pad_right_y", "pad_left_trigger", "pad_right_trigger"];
+/** @type {import("./messages").AxisMessage["axis"][]} */ const AXES = [
+  "pad_left_x", "pad_left_y", "pad_right_x", "pad_right_y", "pad_left_trigger", "pad_right_trigger",
+];
 const DEAD_ZONE = 0.1, LEVELS = 128;
 /** @type {Record<string, [minus: string, plus: string]>} */
 const WAYS = { pad_left_x: ["stick_left", "stick_right"], pad_left_y: ["stick_up", "stick_down"] };
@@ -18,7 +19,7 @@ const NONE = { id: "", axes: [], buttons: [] };
 export const findGamepad = () => navigator.getGamepads().find((pad) => pad?.connected && pad.mapping === "standard");
 
 /** An axis as it is logged: beyond the dead zone, in steps. @param {number} raw */
-const levelOf = (raw) => (Math.sign(raw) * Math.round(
+export const levelOf = (raw) => (Math.sign(raw) * Math.round(
   (Math.max(0, Math.min(1, Math.abs(raw)) - DEAD_ZONE) / (1 - DEAD_ZONE)) * LEVELS)) / LEVELS || 0;
 
 /** @param {Pick<Gamepad, "axes" | "buttons">} pad @param {number} number of the axis */

@@ -3,7 +3,7 @@
 
 export type BrowserFacts = Record<string, boolean | number | string>;
 export type Texts = Record<string, string>;
-export type PageMessage = KeyMessage | DisplayedMessage | TickMessage | TextMessage | FieldMessage | PointerMessage | AxisMessage | GamepadMessage | FocusMessage | RoundTripMessage | SoundMessage | CommandEcho | LateInputMessage | PageAlteration;
+export type PageMessage = KeyMessage | DisplayedMessage | TickMessage | TextMessage | FieldMessage | PointerMessage | AxisMessage | MouseMotionMessage | GamepadMessage | FocusMessage | RoundTripMessage | SoundMessage | CommandEcho | LateInputMessage | PageAlteration;
 export type FromPage = Hello | NumberedMessage | PageAck | Ping | Farewell;
 export type UnnumberedMessage = Welcome | Refusal | ServerAck | Pong;
 export type ServerMessage = ScreenMessage | FilmFrame | ArraysMessage | EpisodeRules | StateCorrection | AgentControl | EpisodeState | LookAheadUpdate | ScreenPrefetch | CommandMessage | SessionOver;
@@ -71,11 +71,19 @@ export interface PointerMessage {
   cause?: "finger" | "held_before_focus" | "cancelled";
 }
 
-/** A movement of a gamepad's axis, with the gamepad's own time as ``stamp``. */
+/** A movement of an axis of a gamepad or of a stick on the screen, with its own time as ``stamp``. */
 export interface AxisMessage {
   t: "axis";
-  axis: "pad_left_x" | "pad_left_y" | "pad_right_x" | "pad_right_y" | "pad_left_trigger" | "pad_right_trigger";
+  axis: "pad_left_x" | "pad_left_y" | "pad_right_x" | "pad_right_y" | "pad_left_trigger" | "pad_right_trigger" | "touch_left_x" | "touch_left_y" | "touch_right_x" | "touch_right_y";
   value: number;
+  stamp?: number;
+}
+
+/** A motion of the captured mouse, in whole pixels to the right or down, with the event's own time as ``stamp``. */
+export interface MouseMotionMessage {
+  t: "motion";
+  axis: "mouse_x" | "mouse_y";
+  pixels: number;
   stamp?: number;
 }
 
@@ -439,6 +447,7 @@ export interface PlayValues {
   mission: string;
   legend: [string, string, string][];
   pointer?: boolean;
+  axes?: string[];
   picture?: number;
   messages?: PlayMessages;
 }

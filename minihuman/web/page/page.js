@@ -8,11 +8,13 @@ import { Connection } from "./connection.js";
 import { EpisodePlayer, RESERVED } from "./episode.js";
 import { GamepadReader } from "./gamepad.js";
 import { Keyboard, listenToFocus, listenToPointer } from "./input.js";
+import { MouseLook } from "./mouse.js";
 import { FilmViewer, FlipReporter, ImageCache } from "./pictures.js";
 import { ScreenPrefetch } from "./prefetch.js";
 import { TextEntry } from "./questions.js";
 import { ScreenView } from "./screens.js";
 import { SoundPlayer } from "./sounds.js";
+import { ThumbSticks } from "./sticks.js";
 import { MessageStore, openTabStorage, Outbox, randomBytes, UNTIMED } from "./stream.js";
 import { TouchKeys } from "./touch.js";
 import { watchForWelcome } from "./unreachable.js";
@@ -25,7 +27,7 @@ import { watchForWelcome } from "./unreachable.js";
 // takes several keys together for little more than one.
 const WAIT_MS = 100, COMPUTED_WAIT_MS = 2000;
 
-const SETTLING = new Set(["key", "pointer", "focus", "axis"]);
+const SETTLING = new Set(["key", "pointer", "focus", "axis", "motion"]);
 
 class Page {
   #main = /** @type {HTMLElement} */ (document.getElementById("screen"));
@@ -54,7 +56,10 @@ class Page {
       touchTexts: () => (this.#touch.isTouched ? this.#touch.texts : null),
       isPending: (through) => this.#outbox.hasAfter(through),
       entered: (m, lasts, flip) => this.#enter(m, lasts, flip),
-      drew: (kind, language) => this.#appearance.drew(kind, language),
+      drew: (kind, language) => {
+        this.#appearance.drew(kind, language);
+        this.#mouse.say();
+      },
     });
   #keyboard = new Keyboard(globalThis, {
     isActive: () => this.#isListening,
@@ -71,17 +76,19 @@ class Page {
     release: (key, stamp, isTrusted, cause) => this.#send(
       { t: "key", key, down: false, stamp, trusted: isTrusted && undefined, cause: cause === "finger" ? undefined : cause }),
   }, navigator.userAgent);
+  #sticks = new ThumbSticks((what, ms) => this.#sendMoved(what, ms), () => this.#player.isBehind);
   #touch = new TouchKeys(
-    /** @type {HTMLElement} */ (document.getElementById("touch")), this.#keyboard,
+    /** @type {HTMLElement} */ (document.getElementById("touch")), this.#keyboard, this.#sticks,
     () => { this.#player.view.fit(); this.#films.fit(); });
   #gamepad = new GamepadReader(this.#keyboard, () => this.#isListening && this.#focused !== false, (what, ms) => {
     this.#send(ms === undefined || what.t !== "axis" ? what : { ...what, stamp: this.#outbox.timeOf(ms) });
   }, () => this.#player.isBehind);
+  #mouse = new MouseLook(this.#main, (what, ms) => this.#sendMoved(what, ms), () => this.#player.isBehind);
   #connection = new Connection(this.#outbox, readLink(this.#outbox), {
     welcome: (m) => {
       this.#keyboard.codes = this.#outbox.keys = m.keys;
       this.#touch.caps = m.touch;
-      this.#touch.texts = m.words;
+      this.#touch.texts = this.#mouse.texts = m.words;
       this.#gamepad.want(m.gamepad);
       this.#sounds.prepare(m.sounds);
       if (this.#screen) this.#touch.show(this.#screen.screen);
@@ -227,6 +234,7 @@ class Page {
     this.#setDue(m.tick);
     if (m.screen.kind !== "play" || m.screen.picture !== undefined) this.#player.play = null;
     this.#touch.show(m.screen);
+    this.#mouse.show(m.screen);
     this.#view.show(m);
   }
 
@@ -284,6 +292,8 @@ class Page {
     if (this.#endsAt !== null && at >= this.#endsAt) this.#endsAt = null;
     if (!this.#player.play) this.#advance(n, "tick", at);
     this.#gamepad.readSticks();
+    this.#mouse.sendMotion();
+    this.#sticks.sendLevels();
     this.#schedule();
   }
 
@@ -328,6 +338,11 @@ class Page {
   /** @param {Omit<import("./messages").FieldMessage, "t" | "began">} what @param {number} beganMs */
   #sendField(what, beganMs) { this.#prefetch.unknown(this.#send({ t: "field", ...what, began: this.#outbox.timeOf(beganMs) })); }
 
+  /** @param {PageMessage} what @param {number} ms */
+  #sendMoved(what, ms) {
+    if (this.#isListening && (what.t === "motion" || what.t === "axis")) this.#send({ ...what, stamp: this.#outbox.timeOf(ms) });
+  }
+
   /** @param {Point} point */
   #point({ ms, ...point }) {
     const n = this.#send({ t: "pointer", ...point, stamp: this.#outbox.timeOf(ms) });
@@ -348,6 +363,7 @@ class Page {
     if (!focused) {
       this.#keyboard.releaseAll();
       this.#cancelPointer();
+      this.#sticks.release(ms);
       this.#flips.cancel();
     }
     const n = this.#send({ t: "focus", focused });

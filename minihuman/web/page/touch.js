@@ -5,6 +5,7 @@ import { el } from "./elements.js";
 
 /** @import { ScreenValues } from "./messages" */
 /** @import { Keyboard } from "./input.js" */
+/** @import { ThumbSticks } from "./sticks.js" */
 
 const KEYS_OF = new Set(["play", "blank"]);
 const SWIPE_PX = 24;
@@ -19,10 +20,11 @@ export class TouchKeys {
   isTouched = matchMedia("(pointer: coarse)").matches;
   #looks = "";
 
-  /** @param {HTMLElement} bar @param {Keyboard} keyboard @param {() => void} resized */
-  constructor(bar, keyboard, resized) {
+  /** @param {HTMLElement} bar @param {Keyboard} keyboard @param {ThumbSticks} sticks @param {() => void} resized */
+  constructor(bar, keyboard, sticks, resized) {
     this.bar = bar;
     this.keyboard = keyboard;
+    this.sticks = sticks;
     this.resized = resized;
     bar.addEventListener("contextmenu", (event) => event.preventDefault());
     const release = (/** @type {PointerEvent} */ event) => this.#release(event);
@@ -38,17 +40,19 @@ export class TouchKeys {
   show(screen) {
     if (!this.isTouched) return;
     document.documentElement.classList.add("touched");
+    const axes = (screen.kind === "play" && screen.axes) || [];
     const names = this.#namesFor(screen);
     const labels = screen.kind === "play" ? new Map(screen.legend.map(([cap, , action]) => [cap, action])) : new Map();
     labels.set(this.caps.escape, screen.kind === "text" && screen.title === this.texts.quit_title ? this.texts.touch_hold : this.texts.touch_leave);
-    const looks = JSON.stringify([names, [...labels]]);
+    const looks = JSON.stringify([names, [...labels], axes]);
     if (looks === this.#looks) return;
     this.#looks = looks;
     const arrows = names.filter((name) => ARROWS.has(name)), others = names.filter((name) => !ARROWS.has(name));
     const played = others.filter((name) => name !== "escape");
     this.bar.dataset.columns = String(played.length > 4 ? 3 : played.length || 1);
     const button = (/** @type {string} */ name) => this.#button(name, labels.get(this.caps[name]) ?? this.caps[name]);
-    const pad = arrows.length ? [el("div", { class: "arrows" }, arrows.map(button))] : []; // each where it points
+    const sticks = this.sticks.draw(axes); // in place of arrows
+    const pad = sticks.length ? sticks : arrows.length ? [el("div", { class: "arrows" }, arrows.map(button))] : []; // each where it points
     this.bar.replaceChildren(...pad, ...others.map(button));
     this.bar.hidden = !names.length;
     this.resized();
