@@ -107,7 +107,7 @@ def as_logged(plan: SessionPlan) -> Session:
     facts = [("minihuman.facts", {"player": "human"})]
     protocol = tomllib.loads(plan.protocol_toml.decode())
     return Session(
-        Path(plan.participant.id), message, protocol, facts, [], 1, "cut_off", 0, {}, [], [], [], [], [], [], [0]
+        Path(plan.participant.id), message, protocol, facts, [], 1, "cut_off", 0, {}, [], [], [], [], [], [], [], [0]
     )
 
 
