@@ -9,7 +9,8 @@ from minihuman.activities.trials.activity import FEEDBACK
 from minihuman.activities.trials.events import ResponseTaken, SoundPlayed, StimuliShown, TrialResolved
 from minihuman.activities.trials.schedule import NS_PER_MS, ScheduledSound, TrialSchedule
 from minihuman.dataset.presented_stimuli import Presentation
-from minihuman.experiment.machine.events import Paused
+from minihuman.experiment.machine.events import Noted
+from minihuman.experiment.machine.transitions import Phase
 from minihuman.experiment.sounds import SoundContent
 from minihuman.log.model.session_log import EpisodeLog, Segment, SessionLog
 
@@ -106,10 +107,18 @@ def _begin_record(event: TrialResolved, segment: Segment, log: SessionLog) -> Tr
     if len(episode.actions):
         end_ns = int(episode.t_ns[-1])
     else:
-        pauses_ns = [note.t_ns for note in segment.notes if isinstance(note, Paused) and note.t_ns >= event.t_ns]
-        end_ns = min(pauses_ns, default=segment.end_ns)
+        end_ns = _find_interruption_ns(event.t_ns, segment)
     schedule = msgspec.json.decode(event.schedule, type=TrialSchedule)
     return TrialRecord(episode, event.part, schedule, end_ns)
+
+
+def _find_interruption_ns(begin_ns: int, segment: Segment) -> int:
+    """Return when what was played at a time was interrupted: by another phase, or with the segment."""
+    for note in segment.notes:
+        is_phase = isinstance(note, Noted) and note.kind == "phase" and note.text != Phase.PLAYING
+        if is_phase and note.t_ns >= begin_ns:
+            return note.t_ns
+    return segment.end_ns
 
 
 def list_presentations(log: SessionLog) -> Iterator[Presentation]:
