@@ -27,7 +27,7 @@ _TABLE_NAME = re.compile(r"[a-z][a-z0-9_]*")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ActivityTable:
-    """A table whose rows an activity kind builds from its events, or from the episodes of its blocks.
+    """A table whose rows an activity kind builds from its events, the episodes of its blocks, or a whole session.
 
     Args:
         name: the table's name in SQL and in files: lower-case letters, digits and underscores.
@@ -36,6 +36,8 @@ class ActivityTable:
         event_rows: per event class, the function that builds a row from an event; it returns None for an event that has
             no row.
         episode_row: the function that builds a row from an episode; it returns None for an episode that has no row.
+        session_rows: the function that yields the rows of a whole session, each with its segment and ``t_ns``; for rows
+            that no single event or episode has.
         topics: the log topics whose contents the table holds.
     """
 
@@ -43,6 +45,7 @@ class ActivityTable:
     columns: tuple[TableColumn, ...]
     event_rows: Mapping[type[Any], Callable[[Any, "SessionLog"], TableRow | None]] = field(default_factory=dict)
     episode_row: Callable[["EpisodeLog"], TableRow | None] | None = None
+    session_rows: Callable[["SessionLog"], Iterable[TableRow]] | None = None
     topics: tuple[str, ...] = ()
 
 
@@ -104,6 +107,8 @@ def list_table_sources() -> tuple[Path, ...]:
         modules |= {build_row.__module__ for build_row in table.event_rows.values()}
         if table.episode_row:
             modules.add(table.episode_row.__module__)
+        if table.session_rows:
+            modules.add(table.session_rows.__module__)
     modules |= {column.compute.__module__ for column in list_episode_columns()}
     files = {sys.modules[name].__file__ for name in modules if name in sys.modules}
     return tuple(sorted(Path(file) for file in files if file))

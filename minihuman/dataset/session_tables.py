@@ -236,6 +236,9 @@ def build_activity_rows(
                 row = make(event, log)
                 if row is not None:
                     rows[name].append({**session_key, "segment": segment.number, "t_ns": event.t_ns, **row})
+    for table in tables:
+        if is_selected and table.session_rows is not None:
+            rows[table.name] += [{**session_key, **row} for row in table.session_rows(log)]
     return {name: RowBatch.of(batch) for name, batch in rows.items()}
 
 

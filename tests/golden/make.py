@@ -39,6 +39,7 @@ from minihuman.runtime.simulated_window import SimulatedWindow
 from minihuman.simulation.participant import KeyPress, SimulatedTeacher, make_participant
 from minihuman.worlds.adapters.world import World
 from tests.golden.guests import again
+from tests.golden.sounds import build_sounds
 from tests.golden.talk import make_chat
 from tests.golden.typed import make_fields, make_typed
 from tests.seats.test_failing_agents import AGENTS, STUDY
@@ -517,6 +518,11 @@ def make_timelines(data: Path) -> None:
     record_log_end(segment(data, protocol, "human-like", after_steps=0, key="f8"))
 
 
+def make_sounds(data: Path) -> None:
+    """Respond to words that are heard, the first of which a pause voids; then to tones at a rhythm."""
+    record_log_end(segment(data, build_sounds(), "human-like", after_steps=0, key="f8"))
+
+
 if __name__ == "__main__":
     make(Path(sys.argv[1]))
     make_everything_new(Path(sys.argv[1]), "last-of-v1")
@@ -529,3 +535,4 @@ if __name__ == "__main__":
     make_fields(Path(sys.argv[1]))
     make_timelines(Path(sys.argv[1]))
     make_chat(Path(sys.argv[1]))
+    make_sounds(Path(sys.argv[1]))

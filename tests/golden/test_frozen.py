@@ -13,7 +13,7 @@ from minihuman.activities.agent_blocks.events import ControlChanged, ControlReas
 from minihuman.activities.correction.events import CorrectionEnded
 from minihuman.activities.preferences.events import Preferred
 from minihuman.activities.rating.events import Rated
-from minihuman.activities.trials.events import ResponseTaken, StimuliShown, TrialResolved
+from minihuman.activities.trials.events import ResponseTaken, SoundPlayed, StimuliShown, TrialResolved
 from minihuman.admin.verify.episodes import EpisodeVerification, verify_episodes
 from minihuman.admin.verify.log import verify_session
 from minihuman.dataset.annotations import read_annotations
@@ -69,6 +69,7 @@ HELD = {
     "v2/typed/sub-01": ("", [], "complete"),
     "v2/unruled/sub-01": ("failure goal failure failure", [2, 4, 1, 7], "complete"),
     "v3/fields/sub-01": ("", [], "complete"),
+    "v3/sounds/sub-01": ("abandoned" + " goal" * 7 + " failure" + " goal" * 6, [0] + [1] * 14, "complete"),
     "v3/timelines/sub-01": ("abandoned" + " goal" * 12, [0] + [1] * 12, "complete"),
     "v3/outcomes/sub-01": (
         "failure goal goal goal ended ended goal goal ended ended timeout timeout",
@@ -154,7 +155,8 @@ def test_every_kind_of_part_is_among_them():
     assert {event.reason for event in happened if isinstance(event, ControlChanged)} == set(get_args(ControlReason))
     assert {event.value for event in happened if isinstance(event, Rated)} == {1.0, -1.0}
     frozen = {type(event) for event in happened}
-    assert {LearnerAsked, CorrectionEnded, Preferred, TrialResolved, StimuliShown, ResponseTaken} <= frozen
+    assert {LearnerAsked, CorrectionEnded, Preferred, TrialResolved} <= frozen
+    assert {StimuliShown, SoundPlayed, ResponseTaken} <= frozen
 
 
 def test_they_are_small():
@@ -220,11 +222,11 @@ def test_what_became_of_frozen_cells_is_said(monkeypatch):
     ]
 
 
-@pytest.mark.nightly(by_day=["plain"])
+@pytest.mark.nightly(by_day=["v1/plain"])
 @pytest.mark.program
-@pytest.mark.parametrize("study", ["plain", "resumed", "every-part", "every-lesson"])
+@pytest.mark.parametrize("study", ["v1/plain", "v1/resumed", "v1/every-part", "v1/every-lesson", "v3/sounds"])
 def test_a_frozen_study_is_reported(study, tmp_path):
-    written = write_report(select(_copy(HERE / "v1" / study, tmp_path)), tmp_path / "out")
+    written = write_report(select(_copy(HERE / study, tmp_path)), tmp_path / "out")
     assert any(path.name == "report.html" for path in written)
 
 

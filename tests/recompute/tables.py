@@ -45,6 +45,7 @@ class Episode:
     frames: list[Any] = field(default_factory=list)
     trial: Any = None  # its resolved times, of a trial with a time course
     outcome: str = "cut_off"
+    last_ns: int = 0  # of the last message until it ended, since the segment began
     pauses: list[tuple[int, int]] = field(default_factory=list)
 
     @property
@@ -213,7 +214,7 @@ def read_session(paths: Sequence[Path]) -> "Session":
             case "/frame":  # the last picture may come to the display after the end
                 episodes[-1].frames.append(message)
             case "/episode/end" if current is not None:
-                current.outcome, current = message.outcome, None
+                current.outcome, current.last_ns, current = message.outcome, message.t_ns, None
             case "/episode/skip":
                 skipped += message.count
             case "/session/note":
@@ -236,6 +237,8 @@ def read_session(paths: Sequence[Path]) -> "Session":
                     paused = None
             case "/session/end":
                 end_reason = message.reason
+        if current is not None and hasattr(message, "t_ns"):
+            current.last_ns = message.t_ns
     if paused is not None:
         pauses[segment].append((paused, max(paused, last_ns)))
     for episode in episodes:
@@ -411,9 +414,17 @@ def picture_rows(session: Session) -> Iterator[Row]:
 
 
 def sound_rows(session: Session) -> Iterator[Row]:
-    """Each sound of a trial: when it was to begin, by the trial's times and its first flip, and when it did."""
-    for episode, sound in session.sounds:
-        schedule = json.loads(episode.trial.schedule_json)
+    """Each sound of a trial: when it was to begin, by the trial's times and its first flip, and when it did, if so."""
+    for episode in session.episodes:
+        if episode.trial is None:
+            continue
+        rows = [*played_sounds(session, episode), *missing_sounds(session, episode)]
+        yield from sorted(rows, key=lambda row: row["t_ns"])
+
+
+def played_sounds(session: Session, episode: Episode) -> Iterator[Row]:
+    schedule = json.loads(episode.trial.schedule_json)
+    for sound in (one for its, one in session.sounds if its is episode):
         onset_ns = next((one["onset_ns"] for one in schedule["sounds"] if one["name"] == sound.sound), 0)
         first_ns = next(one.flip_ns for its, one in session.pictures if its is episode and one.frame == 0)
         if sound.sound == "feedback":
@@ -427,6 +438,28 @@ def sound_rows(session: Session) -> Iterator[Row]:
             "late_ms": (sound.onset_ns - first_ns - onset_ns) / 1e6,
             "uncertainty_ms": sound.uncertainty_ms,
         }
+
+
+def missing_sounds(session: Session, episode: Episode) -> Iterator[Row]:
+    """The sounds that were due before the trial was over, with no word of their onset; a response removes some."""
+    schedule = json.loads(episode.trial.schedule_json)
+    heard = {one.sound for its, one in session.sounds if its is episode}
+    end_ns = episode.steps[-1].t_ns if episode.steps else episode.last_ns
+    first_ns = next((one.flip_ns for its, one in session.pictures if its is episode and one.frame == 0), None)
+    answers = [one.t_ns for its, one in session.trial_responses if its is episode]
+    due = {}
+    for one in schedule.get("sounds", ()) if first_ns is not None else ():
+        due_ns = first_ns + one["onset_ns"]
+        if due_ns < end_ns and not (one["until_response"] and answers and min(answers) <= due_ns):
+            due[one["name"]] = due_ns
+    if episode.outcome in schedule.get("feedback", {}):
+        due["feedback"] = end_ns
+    unknown = dict.fromkeys(("scheduled_ns", "onset_ns", "late_ms", "uncertainty_ms"))
+    for name, due_ns in due.items():
+        if name not in heard:
+            place = trial_place(session, episode, episode.trial)
+            moment = due_ns + episode.offset_ns
+            yield {**place, "t_ns": moment, "sound": name, "due_ns": moment, **unknown}
 
 
 def change_times(schedule: Mapping[str, Any]) -> list[int]:

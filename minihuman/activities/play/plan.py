@@ -1,6 +1,6 @@
 """Plans of blocks: the episodes, the screens around them, and the conditions under which a block ends."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Literal
 
 import msgspec
@@ -83,6 +83,10 @@ class PlayPlan(PartPlan, frozen=True):
     def planned_episodes(self) -> range:
         """Return the indices of the block's episodes."""
         return range(self.first, self.first + self.count)
+
+    def describe_trials(self, deadline_ms: float) -> Iterable[str]:
+        """Return what a trial shows and when, a phrase each; nothing where episodes have no time course."""
+        return ()
 
 
 ReadyPolicy = Literal["each", "first", "none"]

@@ -287,6 +287,7 @@ TRIAL_BLOCK = ActivityKind(
     TrialsActivity,
     messages="minihuman.activities.trials.rows:TRIAL_ROWS",
     tables="minihuman.activities.trials.tables:TRIAL_TABLES",
+    presentations="minihuman.activities.trials.presentations:list_presentations",
     measures="minihuman.activities.trials.trial_measures:MEASURES",
     report="minihuman.activities.trials.report:build_section",
     screens=(TrialScreen,),

@@ -46,9 +46,18 @@ SOUND_COLUMNS = (
     TableColumn(
         "due_ns", "integer", "ns", "When it was to begin: so long after the first picture's flip, session time."
     ),
-    TableColumn("scheduled_ns", "integer", "ns", "For when the device was told to begin it, session time."),
-    TableColumn("onset_ns", "integer", "ns", "When it began, as the device says, session time."),
-    TableColumn("late_ms", "number", "ms", "By how much that was later than due_ns; below 0: earlier.", 2),
+    TableColumn(
+        "scheduled_ns", "integer", "ns", "For when the device was told to begin it, session time; empty: as onset_ns."
+    ),
+    TableColumn(
+        "onset_ns",
+        "integer",
+        "ns",
+        "When it began, as the device says, session time; empty where it had not by the end of its trial.",
+    ),
+    TableColumn(
+        "late_ms", "number", "ms", "By how much that was later than due_ns; below 0: earlier; empty as onset_ns.", 2
+    ),
     TableColumn(
         "uncertainty_ms",
         "number",

@@ -6,9 +6,12 @@ from typing import Literal
 import msgspec
 
 from minihuman.activities.play.plan import PlayPlan
+from minihuman.experiment.sounds import NOISE, TONE
 
 TimeSpec = float | tuple[float, float] | str  # ms; drawn from a range; or "{column}"
 IMAGE_FORMATS = ("PNG", "JPEG", "WEBP")  # of a timeline's images
+HZ = 1000.0  # of a tone that names no frequency
+SYNTHETIC_LEVEL_DB = -20.0  # of tones and noise that name no level
 PlaceSpec = float | str  # a number, or "{column}"
 
 
@@ -77,6 +80,9 @@ class TimelineSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         target = self.target_name
         opens = f" from {self.opens_ms:g} ms on" if self.opens_ms else ""
         until = f", at most {deadline_ms:g} ms" if deadline_ms else ""
+        for stimulus in self.stimuli:
+            if stimulus.feedback:
+                yield f"{_describe_sound(stimulus)} began with the feedback after the outcome {stimulus.feedback!r}"
         yield f"response times count from the onset of {target!r}; responses were taken{opens} after it{until}"
         if self.ends == "time":
             yield "a response did not end the trial"
@@ -89,11 +95,16 @@ class TrialsPlan(PlayPlan, frozen=True):
 
     timeline: TimelineSpec | msgspec.UnsetType = msgspec.UNSET  # unset where a trial is a single picture
 
+    def describe_trials(self, deadline_ms: float) -> Iterator[str]:
+        """Yield what a trial shows and when, and when responses are taken; nothing without a time course."""
+        if self.timeline:
+            yield from self.timeline.describe(deadline_ms)
+
 
 def _describe_stimulus(stimulus: TimelineStimulus) -> str:
     parts = [f"{stimulus.name!r}"]
     if stimulus.sound:
-        parts.append("(a sound)")
+        parts.append(f"({_describe_sound(stimulus)})")
     if stimulus.since:
         parts.append(f"{_describe_time(stimulus.onset_ms)} after the onset of {stimulus.since!r}")
     elif stimulus.after:
@@ -109,6 +120,34 @@ def _describe_stimulus(stimulus: TimelineStimulus) -> str:
     elif stimulus.until == "end":
         parts.append("until the end of the trial")
     return " ".join(parts)
+
+
+def _describe_sound(stimulus: TimelineStimulus) -> str:
+    """Return what a sound is, how loud it is, and which ear hears it."""
+    source = stimulus.sound or ""
+    level_db = stimulus.level_db
+    if source == TONE:
+        hz = HZ if stimulus.hz is msgspec.UNSET else stimulus.hz
+        description = f"a tone of {_describe_cell(hz, 'frequency', ' Hz')}"
+    elif source == NOISE:
+        description = "white noise"
+    else:
+        description = f"the sound {source!r}" if "{" not in source else _describe_cell(source, "sound", "")
+    if level_db is msgspec.UNSET and source in (TONE, NOISE):
+        level_db = SYNTHETIC_LEVEL_DB
+    if level_db is not msgspec.UNSET:
+        description += f" at {_describe_cell(level_db, 'level', ' dB')}"
+    if stimulus.ear and stimulus.ear in ("left", "right"):
+        description += f" for the {stimulus.ear} ear"
+    elif stimulus.ear and stimulus.ear != "both":
+        description += f" for {_describe_cell(stimulus.ear, 'ear', '')}"
+    return description
+
+
+def _describe_cell(written: PlaceSpec, noun: str, unit: str) -> str:
+    if isinstance(written, str):
+        return f"the {noun} in column {written.strip('{}')!r}"
+    return f"{written:g}{unit}"
 
 
 def _describe_time(time: TimeSpec | None) -> str:

@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 import msgspec
 
-from minihuman.activities.trials.plan import PlaceSpec, TimelineSpec, TimelineStimulus, TimeSpec
+from minihuman.activities.trials.plan import HZ, SYNTHETIC_LEVEL_DB, PlaceSpec, TimelineSpec, TimelineStimulus, TimeSpec
 from minihuman.errors import WorldError
 from minihuman.experiment.sounds import EARS, LOWEST_LEVEL_DB, NOISE, TONE, SoundContent
 
@@ -20,8 +20,6 @@ PREPARATION_MS = 100.0  # of a block with a rhythm: the next trial is prepared i
 MOST_STIMULI = 500  # of a trial
 SOUND_LEAD_MS = 150.0  # a device gets a sound so long before it is due: 9 frames at 60 Hz, 18 at 120 Hz
 SOUND_LEAD_NS = round(SOUND_LEAD_MS * NS_PER_MS)
-_HZ = 1000.0
-_SYNTHETIC_LEVEL_DB = -20.0
 _REFERENCE = re.compile(r"\{([^{}]+)\}")
 _PLACES = {"left": 0.25, "centre": 0.5, "right": 0.75}
 
@@ -279,8 +277,8 @@ class _Spans:
         source = str(fill_references(spec.sound or "", self._cells)).strip()
         if not source:
             return None
-        hz = _HZ if spec.hz is msgspec.UNSET else spec.hz
-        level_db = _SYNTHETIC_LEVEL_DB if source in (TONE, NOISE) else 0.0
+        hz = HZ if spec.hz is msgspec.UNSET else spec.hz
+        level_db = SYNTHETIC_LEVEL_DB if source in (TONE, NOISE) else 0.0
         level = level_db if spec.level_db is msgspec.UNSET else spec.level_db
         ear: Any = str(fill_references(spec.ear or "both", self._cells)).strip()
         if ear not in EARS:

@@ -9,6 +9,7 @@ import math
 from minihuman.activities.play.tables import PLAY_TABLES
 from minihuman.activities.trials.columns import RESPONSE_COLUMNS, SOUND_COLUMNS, STIMULUS_COLUMNS, TRIAL_COLUMNS
 from minihuman.activities.trials.events import ResponseTaken, SoundPlayed, StimuliShown
+from minihuman.activities.trials.presentations import TrialRecord, read_trials
 from minihuman.activities.trials.rows import RESPONSE_TOPIC, SOUND_TOPIC, STIMULI_TOPIC
 from minihuman.dataset.activity_tables import ActivityTable, TableRow
 from minihuman.dataset.measures import response_ms
@@ -41,7 +42,7 @@ def _build_trial_row(episode: EpisodeLog) -> TableRow | None:
     }
 
 
-def _count_attempts(event: StimuliShown | SoundPlayed | ResponseTaken, log: SessionLog) -> int:
+def _count_attempts(event: StimuliShown | ResponseTaken, log: SessionLog) -> int:
     """Return how often the event's episode had begun by then: a void trial's rows are told from its repetition's."""
     return sum(episode.plan.episode == event.episode and episode.start.t_ns <= event.t_ns for episode in log.episodes)
 
@@ -62,17 +63,40 @@ def _build_stimulus_row(event: StimuliShown, log: SessionLog) -> TableRow | None
     }
 
 
-def _build_sound_row(event: SoundPlayed, log: SessionLog) -> TableRow:
-    return {
-        "part": event.part + 1,
-        "episode": event.episode + 1,
-        "attempt": _count_attempts(event, log),
-        "sound": event.sound,
+def _list_sound_rows(log: SessionLog) -> list[TableRow]:
+    """List the sounds that began, and those that were due and did not before their trial was over, in order of time."""
+    rows: list[TableRow] = []
+    for trial in read_trials(log):
+        rows_of_trial = [_build_sound_row(event, trial) for event in trial.sounds]
+        rows_of_trial += [_build_missing_row(name, due_ns, trial) for name, due_ns in trial.list_missing_sounds()]
+        rows += sorted(rows_of_trial, key=lambda row: row["t_ns"])
+    return rows
+
+
+def _build_sound_row(event: SoundPlayed, trial: TrialRecord) -> TableRow:
+    return _place_sound(event.sound, event.t_ns, trial) | {
         "due_ns": event.due_ns,
         "scheduled_ns": event.scheduled_ns,
         "onset_ns": event.onset_ns,
         "late_ms": (event.onset_ns - event.due_ns) / 1e6,
         "uncertainty_ms": event.uncertainty_ms,
+    }
+
+
+def _build_missing_row(name: str, due_ns: int, trial: TrialRecord) -> TableRow:
+    unknown = dict.fromkeys(("scheduled_ns", "onset_ns", "late_ms", "uncertainty_ms"))
+    return _place_sound(name, due_ns, trial) | {"due_ns": due_ns, **unknown}
+
+
+def _place_sound(name: str, t_ns: int, trial: TrialRecord) -> TableRow:
+    episode = trial.episode
+    return {
+        "segment": episode.segment,
+        "t_ns": t_ns,
+        "part": trial.part + 1,
+        "episode": episode.number,
+        "attempt": episode.attempt,
+        "sound": name,
     }
 
 
@@ -92,6 +116,6 @@ TRIAL_TABLES = (
     *PLAY_TABLES,
     ActivityTable("trials", TRIAL_COLUMNS, episode_row=_build_trial_row),
     ActivityTable("trial_stimuli", STIMULUS_COLUMNS, {StimuliShown: _build_stimulus_row}, topics=(STIMULI_TOPIC,)),
-    ActivityTable("trial_sounds", SOUND_COLUMNS, {SoundPlayed: _build_sound_row}, topics=(SOUND_TOPIC,)),
+    ActivityTable("trial_sounds", SOUND_COLUMNS, session_rows=_list_sound_rows, topics=(SOUND_TOPIC,)),
     ActivityTable("trial_responses", RESPONSE_COLUMNS, {ResponseTaken: _build_response_row}, topics=(RESPONSE_TOPIC,)),
 )

@@ -290,6 +290,8 @@ class ActivityKind:
         browser: whether a browser can run the kind.
         block_field: the field of the plan that names a block of the protocol; "" if there is none.
         tables: a tuple of ``minihuman.dataset.activity_tables.ActivityTable``.
+        presentations: a function that yields a ``minihuman.dataset.presented_stimuli.Presentation`` for each picture
+            and sound of the kind's stimuli in a ``SessionLog``.
         screens: the kind's own screen types; each names its drawing and its view on the page.
         page_fields: a ``TypedDict`` of the fields that the kind adds to the page's screen of play; the page's types
             are generated from it.
@@ -320,6 +322,7 @@ class ActivityKind:
     browser: bool = True
     block_field: str = ""
     tables: str = field(default="", kw_only=True)
+    presentations: str = field(default="", kw_only=True)
     screens: tuple[type[ActivityScreen], ...] = field(default=(), kw_only=True)
     page_fields: str = field(default="", kw_only=True)
     measures: str = field(default="", kw_only=True)

@@ -172,6 +172,7 @@ def _describe_block(plan: SessionPlan, number: int, play: PlayPlan) -> Iterator[
     if play.motion_ms:
         yield f"  view   moves for {play.motion_ms:g} ms from each picture to the next"
     yield from _describe_limits(play)
+    yield from (f"  trial  {line}" for line in play.describe_trials(first.response_deadline_ms))
     if play.design:
         yield f"  design {play.design.name} chooses each episode, or ends the block, from the episodes before"
     for episode in episodes:
@@ -231,8 +232,6 @@ def _describe_limits(play: PlayPlan) -> Iterator[str]:
 _OURS = "minihuman/"
 
 N_TRIED_SEEDS = 5  # that are laid out where a block does not say which
-
-
 N_CHECKED_STEPS = 300  # that `check` plays of a foreign world, over several episodes
 N_STARTED_STEPS = 60  # that are played before sessions begin
 MOVING_FPS = 15  # Gymnasium's puzzles state 4 and Minigrid 10 frames a second, its games of motion 15 to 50

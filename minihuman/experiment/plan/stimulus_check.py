@@ -4,6 +4,7 @@ import difflib
 import json
 from collections.abc import Iterator, Sequence
 from contextlib import closing
+from functools import cache
 from typing import Any
 
 from minihuman.activities.trials.drawing import draw_stimuli
@@ -17,13 +18,14 @@ from minihuman.activities.trials.stimulus_table import (
     is_label,
     read_table,
 )
+from minihuman.activities.trials.timeline_check import find_closed_window, find_endless_trial, list_timeline_notices
 from minihuman.errors import ProtocolError, WorldError
 from minihuman.experiment.plan.part_plans import list_world_options
 from minihuman.experiment.plan.session_plan import name_label_column
-from minihuman.experiment.plan.trials import TrialStimulus, list_label_columns, read_stimuli
+from minihuman.experiment.plan.trials import TrialStimulus, list_label_columns, list_trial_cells, read_stimuli
 from minihuman.experiment.protocol.protocol import BlockSpec, Protocol
 from minihuman.experiment.protocol.specs import apply_overrides
-from minihuman.experiment.sounds import render_sound
+from minihuman.experiment.sounds import SoundContent, render_sound
 from minihuman.worlds.adapters.world import World
 
 _MOST_LINES = 20  # of a table's mistakes; a wrong column is wrong in every row
@@ -54,6 +56,7 @@ def check_stimuli(protocol: Protocol, source: str) -> list[str]:
                 notices |= dict.fromkeys(_list_notices(protocol, block_of_group))
             elif mistakes := _find_timeline_mistakes(protocol, block_of_group):
                 _refuse(f"{source}: $.blocks[{number}].timeline", mistakes)
+            notices |= dict.fromkeys(_list_timeline_notices(protocol, block_of_group))
     return list(notices)
 
 
@@ -253,6 +256,8 @@ def _find_timeline_mistakes(protocol: Protocol, block: BlockSpec) -> list[str]:
     shared = list_world_options(block)
     rows = read_table(block.stimuli, protocol.files) if block.stimuli is not None else []
     mistakes = _find_missing_columns(block, {column for row in rows for column in row.cells} | shared.keys())
+    if closed := find_closed_window(block.timeline, block.response_deadline_ms):
+        mistakes.append(f"block {block.name!r}: {closed}")
     if mistakes:
         return mistakes
     if not rows:
@@ -305,7 +310,27 @@ def _find_row_mistakes(protocol: Protocol, block: BlockSpec, cells: dict[str, An
             continue
         if excess := _find_excess(block, schedule):
             mistakes[f"{place}: {excess}"] = None
+        if endless := find_endless_trial(schedule):
+            mistakes[f"{place}: block {block.name!r}: {endless}"] = None
     return list(mistakes)
+
+
+def _list_timeline_notices(protocol: Protocol, block: BlockSpec) -> Iterator[str]:
+    """Yield a sentence about each stimulus of a timeline that is probably not presented as it was meant."""
+    if block.timeline is None:
+        return
+
+    @cache
+    def find_duration_ms(content: SoundContent) -> float:
+        return 1000 * len(render_sound(content, protocol.files, _HEARD_HZ)) / _HEARD_HZ
+
+    trials = [
+        (place, resolve_trial(block.timeline, cells, block.response_deadline_ms, _draw_always(share)))
+        for place, cells in list_trial_cells(protocol, block)
+        for share in _SHARES
+    ]
+    for notice in list_timeline_notices(block.timeline, trials, find_duration_ms):
+        yield f"block {block.name!r}: {notice}"
 
 
 def _draw_always(share: float) -> DrawShare:

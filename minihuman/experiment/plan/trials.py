@@ -233,16 +233,24 @@ def list_protocol_sounds(protocol: Protocol) -> list[SoundContent]:
 def _list_block_sounds(protocol: Protocol, block: BlockSpec) -> Iterator[SoundContent]:
     if block.timeline is None or not any(stimulus.sound for stimulus in block.timeline.stimuli):
         return
-    stimuli = read_stimuli(protocol, block) if block.stimuli is not None else [TrialStimulus()]
+    for _, cells in list_trial_cells(protocol, block):
+        schedule = resolve_trial(block.timeline, cells, block.response_deadline_ms, lambda place: 0.5)
+        yield from schedule.sound_contents
+
+
+def list_trial_cells(protocol: Protocol, block: BlockSpec) -> Iterator[tuple[str, Row]]:
+    """Yield the cells of each trial that a block can have, with the place of its row, or "every trial"."""
+    stimuli = [TrialStimulus("every trial")]
+    if block.stimuli is not None:
+        stimuli = list({stimulus.place: stimulus for stimulus in read_stimuli(protocol, block)}.values())
     for stimulus in stimuli:
         for chosen in _list_design_cells(block):
-            cells = {"delay_ms": 0.0} | block.options | stimulus.labels | stimulus.options | chosen
-            schedule = resolve_trial(block.timeline, cells, block.response_deadline_ms, lambda place: 0.5)
-            yield from schedule.sound_contents
+            yield stimulus.place, {"delay_ms": 0.0} | block.options | stimulus.labels | stimulus.options | chosen
 
 
 def _list_design_cells(block: BlockSpec) -> list[Row]:
-    """Return the cells that a block's design may choose; one empty row without such a design."""
+    """Return the cells that a block's design may choose, 0 where it does not list them; one empty row without any."""
     if block.design is None or "option" not in block.design.settings:
         return [{}]
-    return [{str(block.design.settings["option"]): chosen} for chosen in block.design.settings.get("values", ())]
+    settings = block.design.settings
+    return [{str(settings["option"]): chosen} for chosen in settings.get("values") or (0.0,)]

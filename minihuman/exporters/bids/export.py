@@ -22,12 +22,14 @@ from minihuman.errors import ExportError
 from minihuman.experiment.machine.events import ActivityEvent
 from minihuman.experiment.protocol.about_spec import name_person_column
 from minihuman.experiment.protocol.specs import AboutSpec
-from minihuman.exporters.bids.files import (
+from minihuman.exporters.bids.events import (
     EVENT_COLUMNS,
-    Phenotype,
     build_events,
     describe_event_columns,
     describe_label_columns,
+)
+from minihuman.exporters.bids.files import (
+    Phenotype,
     make_label,
     make_subject_label,
     write_json,
@@ -35,6 +37,7 @@ from minihuman.exporters.bids.files import (
     write_physio,
     write_tsv,
 )
+from minihuman.exporters.bids.stimulus_files import STIM_FILE, STIM_FILE_COLUMN, SessionStimuli, StimulusFiles
 from minihuman.exporters.exporter import ExportResult
 from minihuman.exporters.reading import GUARD_LINES
 from minihuman.exporters.study_metadata import get_plan_devices
@@ -137,7 +140,8 @@ class _Dataset:
         self._people: dict[str, dict[str, Any]] = {}
         self._sessions: defaultdict[str, list[dict[str, str]]] = defaultdict(list)
         self._phenotype = Phenotype()
-        self._label_columns: dict[str, Any] = {}
+        self._more_columns: dict[str, Any] = {}
+        self._stimulus_files = StimulusFiles(out)
         self._station = first.log.facts
 
     def add(self, selected: SelectedSession) -> None:
@@ -156,14 +160,12 @@ class _Dataset:
         counting = frozenset((episode.number, episode.attempt) for episode in selected.episodes)
         episodes = [episode for episode, is_asked in zip(log.episodes, selected.selected, strict=True) if is_asked]
         devices = get_plan_devices(log.plan)
+        stimuli = SessionStimuli(log, self._stimulus_files)
         scans: list[dict[str, str]] = []
         for segment in log.segments:
             run_episodes = [episode for episode in episodes if episode.segment == segment.number]
-            rows = build_events(segment, run_episodes, counting)
-            events = folder / "beh" / f"{stem}_run-{segment.number}_events.tsv"
-            labels = describe_label_columns(run_episodes)
-            self._label_columns |= labels
-            recordings = [write_tsv(events, [*EVENT_COLUMNS, *labels], rows)]
+            rows = build_events(segment, run_episodes, counting, stimuli)
+            recordings = [self._write_events(folder / "beh", stem, segment.number, run_episodes, rows)]
             recordings += write_motion(stem, folder / "motion", segment.number, self._task_facts, segment, run_episodes)
             recordings += write_physio(stem, folder / "beh", segment.number, self._task_facts, segment, devices)
             acquired_at = _format_time(segment.started_at)
@@ -183,6 +185,16 @@ class _Dataset:
             },
         )
         self._count_session(selected.episodes)
+
+    def _write_events(
+        self, folder: Path, stem: str, run: int, episodes: Sequence[EpisodeLog], rows: Sequence[Mapping[str, Any]]
+    ) -> Path:
+        """Write a run's events, with columns of labels and of stimuli's files if there are any; return their path."""
+        more_columns = describe_label_columns(episodes)
+        if any(STIM_FILE in row for row in rows):
+            more_columns |= STIM_FILE_COLUMN
+        self._more_columns |= more_columns
+        return write_tsv(folder / f"{stem}_run-{run}_events.tsv", [*EVENT_COLUMNS, *more_columns], rows)
 
     def describe_excluded_logs(self) -> tuple[str, ...]:
         """Return a line with the number of logs missing from the dataset and the reason; none if no log is missing."""
@@ -205,7 +217,7 @@ class _Dataset:
         presented = {"StimulusPresentation": {name: fact for name, fact in stimuli.items() if fact}}
         write_json(
             out / f"task-{self._task}_events.json",
-            self._task_facts | presented | describe_event_columns() | self._label_columns,
+            self._task_facts | presented | describe_event_columns() | self._more_columns,
         )
         for subject, sessions in self._sessions.items():
             write_tsv(out / subject / f"{subject}_sessions.tsv", ["session_id", "acq_time"], sessions)

@@ -1,16 +1,14 @@
-"""The files of a BIDS dataset for one session: events, motion, physio and phenotype.
+"""The files of a BIDS dataset for one session: tables, motion, physio and phenotype.
 
-Each file is a TSV table with a JSON sidecar. Event onsets and durations are in seconds from the start of the run;
-`trial_type` is `episode`, `step`, `key`, `flip` or `pause`, the words that are also sent as LSL markers. Motion is one
-recording per unit of length. A phenotype row is identified only by participant and session, so an item asked twice in a
-session has a column for each time: `mental` and `mental_2`.
+Each file is a TSV table with a JSON sidecar. Motion is one recording per unit of length. A phenotype row is identified
+only by participant and session, so an item asked twice in a session has a column for each time: `mental`, `mental_2`.
 """
 
 import gzip
 import json
 import re
 from collections import Counter, defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,13 +16,9 @@ import numpy as np
 
 from minihuman import __version__
 from minihuman.activities.questions.plan import QuestionsPlan
-from minihuman.dataset.info_columns import LABELS
-from minihuman.dataset.measures import response_ms
-from minihuman.dataset.table_columns import table_key_name
 from minihuman.dataset.table_types import guard_text
 from minihuman.errors import ExportError
-from minihuman.experiment.machine.events import Answered, Paused, Sampled
-from minihuman.experiment.plan.session_plan import name_label_column
+from minihuman.experiment.machine.events import Answered, Sampled
 from minihuman.experiment.protocol.specs import DeviceSpec
 from minihuman.log.model.session_log import EpisodeLog, Segment, SessionLog
 
@@ -83,162 +77,6 @@ def _format_cell(value: Any) -> str:
             return f"{value:.9f}".rstrip("0").rstrip(".")
         return repr(value)
     return guard_text(re.sub(r"[\t\r\n]+", " ", str(value))) or MISSING
-
-
-_S = 1e-9
-EVENT_COLUMNS = {
-    "onset": ("s", "When it happened, since the run's first moment."),
-    "duration": ("s", "How long it lasted: an episode to its last step, a key until it came up, a pause."),
-    "trial_type": ("", "What happened."),
-    "block": ("", "The block's name in the protocol."),
-    "episode": ("", "The session's episode, 1 for the first."),
-    "attempt": ("", "1, or more where an interrupted episode was begun again."),
-    "step": ("", "The episode's step, 1 for the first; of a flip the step that the picture shows, 0 for the reset."),
-    "key": ("", "The physical key."),
-    "action": ("", "The action's name."),
-    "verdict": ("", "What became of a key press."),
-    "reward": ("", "The step's reward."),
-    "response_time": (
-        "s",
-        "Key press minus stimulus onset, as response_ms in the tables: in real time n/a where no onset is named.",
-    ),
-    "outcome": ("", "How the episode ended: goal, timeout, failure, abandoned, agent_failed or cut_off."),
-    "counts": ("", "Whether the episode counts: it was finished, not tagged and passes the protocol's exclusions."),
-    "detail": ("", "Of an episode the world; of a pause its reason."),
-}
-HED = {
-    "episode": ("An episode, from its reset to its last step.", "(Experiment-structure, Label/Episode)"),
-    "step": ("A step of the world.", "(Agent-action, Move, Label/Step)"),
-    "key": ("A key that went down.", "(Agent-action, Press, Label/Key)"),
-    "flip": ("A picture that came to the display.", "(Sensory-event, Visual-presentation, Label/Flip)"),
-    "pause": ("Play stopped, and went on.", "(Experiment-structure, Label/Pause)"),
-}
-_ORDER = ("key", "step", "episode", "flip", "pause")  # of what shares a moment: the cause first
-_Row = dict[str, Any]
-
-
-def describe_event_columns() -> dict[str, Any]:
-    """Return the sidecar's description of every event column."""
-    descriptions: dict[str, Any] = {}
-    for name, (unit, meaning) in EVENT_COLUMNS.items():
-        descriptions[name] = {"Description": meaning}
-        if unit:
-            descriptions[name]["Units"] = unit
-    descriptions["trial_type"] |= {
-        "Levels": {word: meaning for word, (meaning, _) in HED.items()},
-        "HED": {word: tags for word, (_, tags) in HED.items()},
-    }
-    return descriptions
-
-
-def list_labels(episode: EpisodeLog) -> dict[str, Any]:
-    """Return the labels of an episode's stimulus, by their column names in the events."""
-    return {name_label_column(key): label for key, label in episode.plan.labels.items()}
-
-
-def describe_label_columns(episodes: Sequence[EpisodeLog]) -> dict[str, Any]:
-    """Return the sidecar's description of the columns of labels."""
-    keys = dict.fromkeys(key for episode in episodes for key in episode.plan.labels)
-    return {name_label_column(key): {"Description": LABELS.meaning.format(key)} for key in keys}
-
-
-def build_events(segment: Segment, episodes: Sequence[EpisodeLog], counting: frozenset[tuple[int, int]]) -> list[_Row]:
-    """Build a segment's event rows in order of time; ``counting`` is the (number, attempt) of each included episode."""
-    rows = [*_list_pauses(segment)]
-    for episode in episodes:
-        rows += _list_episode_events(episode, segment, counting)
-    rows += _list_key_events(segment, episodes)
-
-    def find_order(row: _Row) -> tuple[Any, int]:
-        return row["onset"], _ORDER.index(row["trial_type"])
-
-    return sorted(rows, key=find_order)
-
-
-def _list_pauses(segment: Segment) -> Iterator[_Row]:
-    reasons = {note.t_ns: note.reason for note in segment.notes if isinstance(note, Paused)}
-    for begin_ns, end_ns in segment.pauses:
-        yield _build_event_row(
-            "pause", begin_ns, segment, duration=(end_ns - begin_ns) * _S, detail=reasons.get(begin_ns, "")
-        )
-
-
-def _list_episode_events(episode: EpisodeLog, segment: Segment, counting: frozenset[tuple[int, int]]) -> Iterator[_Row]:
-    """Yield a row for the episode, for each of its steps and for each picture on the display."""
-    place = _place(episode) | list_labels(episode)
-    begin_ns, *step_times_ns = episode.t_ns.tolist()
-    yield _build_event_row(
-        "episode",
-        begin_ns,
-        segment,
-        duration=int(episode.t_ns[-1] - episode.t_ns[0]) * _S,
-        outcome=episode.outcome_word,
-        counts=(episode.number, episode.attempt) in counting,
-        detail=episode.plan.world,
-        **place,
-    )
-    names = episode.start.action_names
-    actions = episode.actions.tolist()
-    rewards = episode.rewards.tolist()
-    responses_ms = response_ms(episode).tolist()
-    for index, t_ns in enumerate(step_times_ns):
-        yield _build_event_row(
-            "step",
-            t_ns,
-            segment,
-            step=index + 1,
-            action=names[actions[index]],
-            key=table_key_name(episode.step_keys[index]),
-            reward=rewards[index],
-            response_time=responses_ms[index] / 1e3,
-            **place,
-        )
-    flips = zip(episode.frames.column("flip_ns").tolist(), episode.frames.column("step").tolist(), strict=True)
-    for flip_ns, step in flips:
-        yield _build_event_row("flip", flip_ns, segment, step=step, **place)
-
-
-def _list_key_events(segment: Segment, episodes: Sequence[EpisodeLog]) -> Iterator[_Row]:
-    """Yield a row for every key press of the segment, with its duration and the episode in which it happened."""
-    begins = np.array([episode.t_ns[0] for episode in episodes], np.int64)
-    pressed: dict[str, _Row] = {}
-    for press in segment.keys:
-        if not press.down:
-            if press.key in pressed:
-                row = pressed.pop(press.key)
-                row["duration"] = (press.t_ns - segment.start_ns) * _S - row["onset"]
-                yield row
-            continue
-        if press.key in pressed:
-            yield pressed.pop(press.key)  # it came up elsewhere
-        place = {}
-        action = ""
-        at = int(np.searchsorted(begins, press.t_ns, side="left")) - 1  # what begins an episode is no key of it
-        if at >= 0 and press.t_ns <= episodes[at].t_ns[-1]:
-            place = _place(episodes[at])
-            if press.action is None:
-                action = ""
-            else:
-                action = episodes[at].start.action_names[press.action]
-        pressed[press.key] = _build_event_row(
-            "key", press.t_ns, segment, key=table_key_name(press.key), action=action, verdict=press.verdict, **place
-        )
-    yield from pressed.values()
-
-
-def _place(episode: EpisodeLog) -> _Row:
-    return {"block": episode.plan.block_name, "episode": episode.number, "attempt": episode.attempt}
-
-
-def _build_event_row(kind: str, t_ns: int, segment: Segment, *, duration: float | None = None, **more: Any) -> _Row:
-    """Build an event's row; the duration is 0 if none is given, and missing for a key."""
-    if duration is not None:
-        lasted = duration
-    elif kind == "key":
-        lasted = None
-    else:
-        lasted = 0.0
-    return {"onset": (t_ns - segment.start_ns) * _S, "duration": lasted, "trial_type": kind, **more}
 
 
 _SYSTEMS = {"cell": "grid", "m": "room"}  # a map's unit: the tracking system's label
