@@ -46,6 +46,7 @@ WORDS = {  # of every command; one that is new fails until it is listed here
     "plot": f"{STUDY} --out figures",
     "report": f"{STUDY} --out report",
     "query": f"{STUDY} select|1",
+    "publish": f"{STUDY} --for osf --out for-osf",
     "bots": STUDY,
     "verify": STUDY,
     "recover": STUDY,
