@@ -15,7 +15,7 @@ from minihuman.worlds.first_person.pathfinding.planner import plan
 from minihuman.worlds.first_person.rules import MOVES
 
 BEARINGS_RAD = {"east": 0.0, "north": math.pi / 2, "west": math.pi, "south": -math.pi / 2}
-MARKS = (("red", 0.35), ("yellow", 1.8), ("blue", 3.4), ("green", 5.2))  # where they stand, in radians: no symmetry
+PILLARS = (("red", 0.35), ("yellow", 1.8), ("blue", 3.4), ("green", 5.2))  # where they stand, in radians: no symmetry
 
 
 class WaterMaze(FirstPersonEnv):
@@ -32,7 +32,7 @@ class WaterMaze(FirstPersonEnv):
     def build(self):
         rim = [self.at(math.tau * side / 32)[::2] for side in range(32)]
         self.add_room(rim, wall_height=1.2, floor="water", wall="concrete", ceiling=None)
-        for colour, bearing in MARKS:
+        for colour, bearing in PILLARS:
             self.place_entity(Box(colour, (0.6, 3.0, 0.6)), pos=self.at(bearing, 0.95), dir=bearing)
         self.platform = Box("grey", 0.4)  # never placed, so it is not seen
         self.platform.pos = self.at(math.pi / 4, 0.5)

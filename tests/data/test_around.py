@@ -60,7 +60,7 @@ def test_every_topic_of_the_log_is_in_a_table_or_an_export():
         {preference_rows.PREFERENCE_FRAME_TOPIC, correction_rows.CORRECTION_FRAME_TOPIC},
         {preference_rows.NO_PREFERENCE_TOPIC, correction_rows.NO_CORRECTION_TOPIC},
     )
-    said = {"/team/typed", "/team/message"}  # between people: in their logs alone
+    said = {"/team/typed", "/team/edited", "/team/message"}  # between people: in their logs alone
     planned = {"/trial"}  # a trial's times before it begins; `trial_stimuli` has those of all that was shown
     # arrays; when something was seen; that there was nothing to see; what people wrote to each other
     left_out = {topics.OBSERVATION} | seen | none | said | planned
