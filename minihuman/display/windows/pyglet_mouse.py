@@ -4,7 +4,6 @@ pyglet itself puts the pointer back to the window's middle at each event, and dr
 loses some motion of a hand that shakes. Importing this module opens no display.
 """
 
-import ctypes
 from collections.abc import Callable
 from typing import Any
 
@@ -79,7 +78,7 @@ def make_tracker(xlib: Any, display: Any, window: int, size_px: Callable[[], Pla
 
     def warp(x: int, y: int) -> int:
         serial = int(xlib.XNextRequest(display))
-        xlib.XWarpPointer(display, 0, window, 0, 0, 0, 0, ctypes.c_int(x), ctypes.c_int(y))
+        xlib.XWarpPointer(display, 0, window, 0, 0, 0, 0, x, y)
         xlib.XFlush(display)
         return serial
 
