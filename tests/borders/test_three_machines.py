@@ -117,6 +117,22 @@ class Study:
                 obey_withdrawals(study, ask_store=True)
 
 
+@pytest.fixture(autouse=True)
+def closed_connections(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Close the connections of an order: its machines' processes would end, and a database server admits a hundred."""
+    connections = []
+    connect = psycopg.connect
+
+    def connect_and_keep(*arguments, **settings):
+        connections.append(connect(*arguments, **settings))
+        return connections[-1]
+
+    monkeypatch.setattr(psycopg, "connect", connect_and_keep)
+    yield
+    for connection in connections:
+        connection.close()
+
+
 @pytest.fixture(scope="module")
 def servers() -> Iterator[tuple[str, str]]:
     """A database's address and a bucket's."""
