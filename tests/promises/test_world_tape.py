@@ -43,6 +43,7 @@ def test_a_second_replay_says_the_same_without_a_step_of_the_environment(world_i
     again = tape.make_world(world_id)
     steps = _count_steps(again, monkeypatch)
     assert _walk(again, seed=3) == expected
+    again.close()
     assert steps == []
 
 

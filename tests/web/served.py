@@ -17,6 +17,7 @@ GRID = """
 name = "walk"
 version = "1"
 seed = 3
+participants = {participants}
 consent = "May we?"
 [keys]
 keyboard_check = false
@@ -72,7 +73,15 @@ def served(
     folder.mkdir(parents=True, exist_ok=True)
     path, said = folder / "walk.toml", folder / "said.txt"
     path.write_text(
-        GRID.format(web=web, more=more, parts=parts, episodes=episodes, world=world, actions=list(world[1]))
+        GRID.format(
+            participants=max(100, links),
+            web=web,
+            more=more,
+            parts=parts,
+            episodes=episodes,
+            world=world,
+            actions=list(world[1]),
+        )
     )
     words = ("serve", str(path), "--data", str(folder / "data"), "--port", "0", "--links", str(links), *options)
     with said.open("w") as errors, ExitStack() as stack:

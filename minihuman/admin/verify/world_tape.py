@@ -180,6 +180,11 @@ class _TapedWorld(World):
         self._make_steps()
         return super().render(size_px)
 
+    def close(self) -> None:
+        """Close the environment, which need not make the steps that were read from the tape."""
+        self._unmade_steps.clear()
+        super().close()
+
     def text(self) -> str:
         """Return the present observation as text."""
         self._make_steps()

@@ -1,16 +1,19 @@
-// The mouse as two axes: while an episode that is steered by it plays, its motion in pixels, once a frame. The browser
-// hides and keeps the pointer (Pointer Lock) from a click on the picture until Escape, or until another screen comes.
+// The mouse as two axes: while an episode that is steered by it plays, its motion in pixels, some 60 times a second. The
+// browser hides and keeps the pointer (Pointer Lock) from a click on the picture until Escape, or until another screen.
 
 /** @import { PageMessage, ScreenValues } from "./messages" */
 /** @typedef {"mouse_x" | "mouse_y"} MouseAxis */
 
 const MOST_PX = 4096; // of one message, as minihuman/web/messages.py has it
+const LEAST_MS = 15; // between messages of an axis: a mouse may tell of a thousand motions a second, and keys share the line
 
 export class MouseLook {
   /** @type {Record<string, string>} what the page says beside the session's words */ texts = {};
   /** @type {MouseAxis[]} that the screen is steered by */ #axes = [];
   /** @type {Map<MouseAxis, number>} not sent yet, px */ #moved = new Map();
   #ms = 0; // when it moved last
+  #sent_ms = -Infinity; // when its motion was sent last
+  #isAwaited = false; // the frame in which to send what moved since
   #isKept = false; // captured again at the next screen that wants it: the participant has not pressed Escape
   #isReleased = false; // by the page, for another screen
 
@@ -65,7 +68,21 @@ export class MouseLook {
       if (this.#axes.includes(axis)) this.#moved.set(axis, (this.#moved.get(axis) ?? 0) + px);
     }
     this.#ms = timeStamp;
-    if (!this.isBehind()) this.sendMotion();
+    this.#sendInTime(timeStamp);
+  }
+
+  /** Send the motion, unless some was sent just before: then in a frame to come. @param {number} now_ms */
+  #sendInTime(now_ms) {
+    if (now_ms - this.#sent_ms >= LEAST_MS) {
+      this.#sent_ms = now_ms;
+      if (!this.isBehind()) this.sendMotion();
+    } else if (!this.#isAwaited) {
+      this.#isAwaited = true;
+      requestAnimationFrame((frame_ms) => {
+        this.#isAwaited = false;
+        this.#sendInTime(frame_ms);
+      });
+    }
   }
 
   /** Send what waited for a step: it was sent just now. */

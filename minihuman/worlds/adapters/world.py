@@ -282,8 +282,8 @@ class World:
 
     def path_length_bounds(self) -> PathLengthBounds:
         """Return bounds on the number of steps from here to success."""
-        moves_by_steps = getattr(self._env.unwrapped, "control", "discrete") == "discrete"  # of first-person worlds
-        if self._known and moves_by_steps:
+        # a first-person world's bounds are of its turns and steps ahead: a step sideways can undercut them
+        if self._known and getattr(self._known, "control", "discrete") == "discrete":
             return self._call("path_length_bounds()", self._known.path_length_bounds)
         return UNKNOWN_BOUNDS
 

@@ -1,5 +1,6 @@
 """FreeMotion: the part of a first-person world that moves its body by other than the eight actions."""
 
+import abc
 from typing import Any
 
 import gymnasium
@@ -25,7 +26,7 @@ from minihuman.worlds.options import check_number, check_one_of
 _FASTEST_CHANGE = 2.0  # from full speed back to full speed ahead
 
 
-class FreeMotion:
+class FreeMotion(abc.ABC):
     """A mixin of every first-person world that adds steps sideways, continuous actions and moves for authors."""
 
     action_names: tuple[str, ...]
@@ -39,13 +40,13 @@ class FreeMotion:
     _continuous: ContinuousControl | None
 
     @property
+    @abc.abstractmethod
     def stage(self) -> WorldState:
         """Return the state of the episode."""
-        raise NotImplementedError
 
+    @abc.abstractmethod
     def flat_state(self) -> FlatState:
         """Return the present state in the arrays of the kernels."""
-        raise NotImplementedError
 
     def move(self, dx: float, dz: float, dyaw: float = 0.0) -> bool:
         """Turn the agent to the left by ``dyaw`` radians, then move it by ``dx`` and ``dz`` metres; return if it did.

@@ -6,13 +6,15 @@ import { beforeEach, test } from "node:test";
 import { MouseLook } from "../../../minihuman/web/page/mouse.js";
 
 const PLAY = { kind: "play", axes: ["mouse_x"] };
-let on, main, line, sent, isBehind, asked, look;
+let on, main, line, sent, isBehind, asked, look, frames;
 
 class Canvas {}
 
 beforeEach(() => {
   on = {};
   sent = [];
+  frames = [];
+  globalThis.requestAnimationFrame = (then) => frames.push(then);
   isBehind = false;
   asked = 0;
   line = { textContent: "" };
@@ -48,10 +50,22 @@ test("motion is told while the mouse is captured, of the axes that the screen is
   capture(main);
   assert.equal(line.textContent, "");
   move(3, 110);
-  move(-0.6, 120);
-  move(-0.6, 130); // with what was left over
-  move(9000, 140);
-  assert.deepEqual(sent, ["mouse_x 3 110", "mouse_x -1 130", "mouse_x 4096 140"]);
+  move(-0.6, 130);
+  move(-0.6, 150); // with what was left over
+  move(9000, 170);
+  assert.deepEqual(sent, ["mouse_x 3 110", "mouse_x -1 150", "mouse_x 4096 170"]);
+});
+
+test("of a thousand motions a second some seventy messages come, and no pixel is lost", () => {
+  look.show(PLAY);
+  capture(main);
+  for (let ms = 0; ms < 1000; ms++) {
+    move(1, ms);
+    if (ms % 7 === 6) for (const then of frames.splice(0)) then(ms); // a display of 144 Hz
+  }
+  for (let ms = 1000; frames.length; ms += 7) for (const then of frames.splice(0)) then(ms);
+  assert.equal(sent.map((line) => Number(line.split(" ")[1])).reduce((sum, px) => sum + px), 1000);
+  assert.ok(sent.length <= 70, `${sent.length} messages`);
 });
 
 test("motion waits for the step that is due, and adds up until then", () => {
