@@ -73,7 +73,7 @@ def paired_test(differences: Values) -> PairedTest | None:
     n = len(differences)
     if n < 2:
         return None
-    signs = _draw_signs(n)
+    signs = _draw_signs(n, RESAMPLES)
     mean = float(differences.mean())
     error = float(differences.std(ddof=1)) / math.sqrt(n)
     extra = int(n > _EXHAUSTIVE)
@@ -81,11 +81,11 @@ def paired_test(differences: Values) -> PairedTest | None:
 
 
 @lru_cache(maxsize=8)
-def _draw_signs(n: int) -> Values:
-    """Return rows of n signs (1 or -1): every combination if there are few, else RESAMPLES random ones."""
+def _draw_signs(n: int, resamples: int) -> Values:
+    """Return rows of n signs (1 or -1): every combination if there are few, else random ones."""
     if n <= _EXHAUSTIVE:
         return np.array(list(product((1.0, -1.0), repeat=n)))
-    return np.random.default_rng(SEED).choice([1.0, -1.0], (RESAMPLES, n))
+    return np.random.default_rng(SEED).choice([1.0, -1.0], (resamples, n))
 
 
 @dataclass(frozen=True, slots=True)

@@ -67,24 +67,24 @@ def draw_regroupings(n: int, m: int) -> Iterable[Values]:
     Each batch has the shape (regroupings, n + m); a 1 marks a member of the first group.
     """
     if n + m <= _CACHED_SIZE:
-        return _cache_regroupings(n, m)
-    return _make_regroupings(n, m)
+        return _cache_regroupings(n, m, RESAMPLES)
+    return _make_regroupings(n, m, RESAMPLES)
 
 
 @lru_cache(maxsize=8)
-def _cache_regroupings(n: int, m: int) -> tuple[Values, ...]:
-    return tuple(_make_regroupings(n, m))
+def _cache_regroupings(n: int, m: int, resamples: int) -> tuple[Values, ...]:
+    return tuple(_make_regroupings(n, m, resamples))
 
 
-def _make_regroupings(n: int, m: int) -> Iterator[Values]:
+def _make_regroupings(n: int, m: int, resamples: int) -> Iterator[Values]:
     total = n + m
     at_once = max(1, _AT_ONCE // (n + m))
-    if count_regroupings(n, m) <= RESAMPLES:
+    if count_regroupings(n, m) <= resamples:
         yield _membership(np.array(list(combinations(range(total), n))), total)
         return
     rng = np.random.default_rng(SEED)
-    for begin in range(0, RESAMPLES, at_once):
-        in_order = np.tile(np.arange(total, dtype=np.int32), (min(at_once, RESAMPLES - begin), 1))
+    for begin in range(0, resamples, at_once):
+        in_order = np.tile(np.arange(total, dtype=np.int32), (min(at_once, resamples - begin), 1))
         yield _membership(rng.permuted(in_order, axis=1, out=in_order)[:, :n], total)
 
 

@@ -60,7 +60,7 @@ def test_the_mouse_turns_the_body_from_a_click_on_the_picture_until_the_episode_
         page.screenshot(path=str(tmp_path / "before.png"))
         page.locator("canvas").click()
         person.until(_CAPTURED)
-        assert not page.get_by_text(_LINE).is_visible()
+        page.get_by_text(_LINE).wait_for(state="hidden")  # said in an event that follows the capture
         box = page.locator("canvas").bounding_box()
         x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
         page.mouse.move(x + 30, y)
