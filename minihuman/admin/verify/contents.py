@@ -16,6 +16,7 @@ from minihuman.log import integrity, names as log_names, topics
 from minihuman.log.codec import EventDecoder, find_topic, select_decoder
 from minihuman.log.integrity import METADATA_PREFIX, HashChain, SegmentHead
 from minihuman.log.paths import PART_SUFFIX
+from minihuman.log.read.event_batches import decode_sure_events
 from minihuman.log.salvage.records import ChunkMessages, LogMessage
 from minihuman.log.salvage.scan import LogScanner
 
@@ -105,7 +106,7 @@ class _ContentsReader:
     def read(self) -> LogContents:
         """Read the log to its end and return its contents."""
         contents = self._contents
-        for record in self._scan:
+        for record in self._scan.records():
             match record:
                 case Metadata():
                     self._chain.metadata(record)
@@ -115,8 +116,8 @@ class _ContentsReader:
                 case Attachment():
                     self._chain.attachment(record)
                     contents.attached.append(record)
-                case LogMessage() if find_topic(record.channel.topic) is not None:
-                    self._take_message(record)
+                case ChunkMessages():
+                    self._take_chunk(record)
         contents.finished = self._scan.finished
         self._finish_messages()
         if contents.plan_copies != contents.plans and all(segment.provable for segment in contents.segments):
@@ -165,8 +166,23 @@ class _ContentsReader:
             messages = ChunkMessages(SegmentHead.of(record.data).records, self._scan.channels)
             self._contents.plan_copies += (message.data for message in messages)
 
-    def _take_message(self, record: LogMessage) -> None:
-        """Add a message to its segment, and note how it differs from what was to be written."""
+    def _take_chunk(self, chunk: ChunkMessages) -> None:
+        """Add a chunk's messages to their segment: most of them were found to be as they are written, all at once."""
+        segments = self._contents.segments
+        sure_events: list[Event | None] = [None] * len(chunk)
+        if segments and segments[-1].provable:
+            sure_events = decode_sure_events(chunk, int(segments[-1].facts["started_unix_ns"]))
+        for record, event in zip(chunk, sure_events, strict=True):
+            if find_topic(record.channel.topic) is not None:
+                self._take_message(record, event)
+
+    def _take_message(self, record: LogMessage, sure_event: Event | None) -> None:
+        """Add a message to its segment, and note how it differs from what was to be written.
+
+        Args:
+            record: the message.
+            sure_event: its event, if the message is sure to be as the event is written.
+        """
         contents = self._contents
         schema = self._scan.schemas.get(record.channel.schema_id)
         self._chain.message(record, schema)
@@ -176,6 +192,10 @@ class _ContentsReader:
         segment.first_ns = segment.first_ns or record.log_time
         segment.last_ns = max(segment.last_ns, record.log_time)
         if not segment.provable:
+            return
+        if sure_event is not None and self._verify_in(segment).accept(record, sure_event):
+            segment.events.append(sure_event)
+            segment.last_sequence = record.sequence
             return
         if record.channel.topic == topics.PLAN:
             contents.plans.append(record.data)
