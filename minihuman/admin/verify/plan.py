@@ -24,6 +24,7 @@ from minihuman.experiment.protocol.protocol import Protocol, decode_logged_proto
 from minihuman.experiment.protocol.strata import build_strata
 from minihuman.worlds.hashing import resolve_files
 
+_LATER_OUTCOMES = {"ended"}
 _ONCE_PER_PLAN = ("first_episode", "segment", "standing")  # what a resumed session changes in its plan
 
 
@@ -111,6 +112,10 @@ def _without_later_fields(part: PlannedPart, logged: PlannedPart) -> PlannedPart
     """Return a planned part without the fields that plans did not have when the logged part was made."""
     if not isinstance(part.plan, PlayPlan) or not isinstance(logged.plan, PlayPlan):
         return part
+    # what is shown after an outcome that logs of schema 2 did not know
+    feedback = {outcome: text for outcome, text in part.plan.feedback.items() if outcome in logged.plan.feedback}
+    if part.plan.feedback.keys() - feedback.keys() <= _LATER_OUTCOMES:
+        part = msgspec.structs.replace(part, plan=msgspec.structs.replace(part.plan, feedback=feedback))
     if logged.plan.computed == "page":
         return part
     # the server computed all first-person worlds, before that nothing was said
