@@ -275,7 +275,9 @@ def _replay_logged(
             continue
         if not expected:
             coming = islice(logged, _MAX_LOOK_AHEAD)
-            expected += _feed_next_input(session, [event for event in coming if not isinstance(event, ModelCall)], draws=True)
+            expected += _feed_next_input(
+                session, [event for event in coming if not isinstance(event, ModelCall)], draws=True
+            )
             follow(session, None)
         event = logged.popleft()
         follow(session, event)
@@ -301,7 +303,9 @@ def _feed_next_input(session: SessionMachine, coming: list[Event], *, draws: boo
     _show_screen(session, event, draws=draws)
     happened = _find_input(event, session)
     if isinstance(event, PointerUsed) and happened is not None:
-        return session.receive(happened, at_ns=event.t_ns, draws=draws)  # the time passes behind its event, not before as a key's
+        return session.receive(
+            happened, at_ns=event.t_ns, draws=draws
+        )  # the time passes behind its event, not before as a key's
     if happened is not None:
         if happened.t_ns < event.t_ns:  # it came late, behind something that left no event
             is_covered = session.phase in _OVER_PARTS

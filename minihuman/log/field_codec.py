@@ -138,7 +138,6 @@ class MessageCodec:
                 require_one_of(allowed, values[place])
         return self._kind(*values)
 
-
     def decode_columns(self, columns: Any) -> tuple[list[Any], NDArray[np.bool_]]:
         """Decode n messages whose fields are columns (``MessageColumns`` with ``canonical``).
 

@@ -3,11 +3,13 @@
 Here each record is only read, chained and decoded; other modules compare the records with each other.
 """
 
+from collections import deque
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from mcap.records import Attachment, Metadata
+from mcap.records import Attachment, Metadata, Schema
 
 from minihuman.admin.verify.messages import MessageVerifier
 from minihuman.experiment.machine.events import Event, SessionEnded, SessionStarted
@@ -100,13 +102,17 @@ class _ContentsReader:
         self._scan = LogScanner(path)
         self._chain = HashChain()
         self._contents = LogContents()
+        self._schemas: dict[int, Schema] = {}  # that are known at the record
+        self._sure_events: deque[Event | None] = deque()  # of the messages to come
         self._decode: EventDecoder | None = None  # of the latest segment's messages
         self._verifier: MessageVerifier | None = None  # of the same, from its first message on
 
     def read(self) -> LogContents:
         """Read the log to its end and return its contents."""
         contents = self._contents
-        for record in self._scan.records():
+        records = [(record, dict(self._scan.schemas)) for record in self._scan.records()]
+        self._decode_sure_events([record for record, _ in records])
+        for record, self._schemas in records:
             match record:
                 case Metadata():
                     self._chain.metadata(record)
@@ -166,13 +172,23 @@ class _ContentsReader:
             messages = ChunkMessages(SegmentHead.of(record.data).records, self._scan.channels)
             self._contents.plan_copies += (message.data for message in messages)
 
+    def _decode_sure_events(self, records: Sequence[Metadata | Attachment | ChunkMessages]) -> None:
+        """Decode the events of which it is sure that their messages are as they are written, a segment at a time."""
+        chunks: list[ChunkMessages] = []
+        started_ns = ""
+        for record in records:
+            if isinstance(record, ChunkMessages):
+                chunks.append(record)
+            elif isinstance(record, Metadata) and record.name == log_names.SEGMENT_METADATA:
+                self._sure_events += decode_sure_events(chunks, started_ns)
+                chunks = []
+                started_ns = record.metadata.get("started_unix_ns", "")
+        self._sure_events += decode_sure_events(chunks, started_ns)
+
     def _take_chunk(self, chunk: ChunkMessages) -> None:
-        """Add a chunk's messages to their segment: most of them were found to be as they are written, all at once."""
-        segments = self._contents.segments
-        sure_events: list[Event | None] = [None] * len(chunk)
-        if segments and segments[-1].provable:
-            sure_events = decode_sure_events(chunk, int(segments[-1].facts["started_unix_ns"]))
-        for record, event in zip(chunk, sure_events, strict=True):
+        """Add a chunk's messages to their segment."""
+        for record in chunk:
+            event = self._sure_events.popleft()
             if find_topic(record.channel.topic) is not None:
                 self._take_message(record, event)
 
@@ -184,7 +200,7 @@ class _ContentsReader:
             sure_event: its event, if the message is sure to be as the event is written.
         """
         contents = self._contents
-        schema = self._scan.schemas.get(record.channel.schema_id)
+        schema = self._schemas.get(record.channel.schema_id)
         self._chain.message(record, schema)
         segment = contents.segments[-1]
         if segment.end is not None:

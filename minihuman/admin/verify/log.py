@@ -260,7 +260,7 @@ def verify_session(log: Path, *, trust: bool = False, policies: bool = False) ->
 
 
 def _find_differences_in_one_replay(session: SessionLog, log: Path) -> list[str] | None:
-    """Return the differences in all files of a session; None if its episodes must be replayed on their own all the same.
+    """Return the differences in all files of a session; None if its episodes must be replayed on their own, too.
 
     Whatever is wrong is named in the order in which the parts of a log are verified, so an error is no answer, either.
     """

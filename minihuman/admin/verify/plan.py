@@ -5,6 +5,7 @@ A plan from an earlier version can lack later fields and be divided into other p
 
 import hashlib
 from collections.abc import Iterator
+from functools import lru_cache
 from itertools import zip_longest
 
 import msgspec
@@ -36,7 +37,7 @@ def compare_plan(segment: LogSegment) -> Iterator[str]:
     if hashlib.sha256(plan.protocol_toml).hexdigest() != plan.protocol_sha256:
         yield "plan: protocol_sha256 is not the protocol's"
     try:
-        protocol = decode_logged_protocol(plan.protocol_toml)
+        protocol = _decode_protocol(plan.protocol_toml)
         protocol = msgspec.structs.replace(protocol, files=_page_pictures(protocol, plan) | plan.files)
         again = expand_protocol(
             protocol,
@@ -62,6 +63,11 @@ def compare_plan(segment: LogSegment) -> Iterator[str]:
             now = tuple(_as_planned_before(episode, before) for episode, before in zip_longest(now, logged))
         if name not in _ONCE_PER_PLAN and logged != now:
             yield f"plan: {name} is not what the protocol gives"
+
+
+@lru_cache(maxsize=4)  # the sessions of a study have the same bytes
+def _decode_protocol(protocol_toml: bytes) -> Protocol:
+    return decode_logged_protocol(protocol_toml)
 
 
 def _page_pictures(protocol: Protocol, plan: SessionPlan) -> dict[str, bytes]:

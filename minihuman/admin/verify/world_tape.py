@@ -69,7 +69,9 @@ class _TapedWorld(World):
         self._moment: _Moment | None = None  # None: what happens is not on the tape
         self._tape = tape
         super().__init__(world_id, options)
-        self._can_be_taped = self.is_built_in and not self._wrappers.any and not isinstance(self._env.unwrapped, SeatEnv)
+        self._can_be_taped = (
+            self.is_built_in and not self._wrappers.any and not isinstance(self._env.unwrapped, SeatEnv)
+        )
 
     def reset(self, seed: int) -> ResetResult:
         """Begin an episode from a seed."""
@@ -244,9 +246,7 @@ class _PooledWorld(World):
         keep: keeps a closed world, or returns False.
     """
 
-    def __init__(
-        self, world_id: str, options: dict[str, Any] | None, keep: Callable[["_PooledWorld"], bool]
-    ) -> None:
+    def __init__(self, world_id: str, options: dict[str, Any] | None, keep: Callable[["_PooledWorld"], bool]) -> None:
         super().__init__(world_id, options)
         self._keep = keep
         self.can_repeat = self.is_built_in and not self._wrappers.any and not isinstance(self._env.unwrapped, SeatEnv)
@@ -259,4 +259,3 @@ class _PooledWorld(World):
     def close_finally(self) -> None:
         """Close the environment."""
         super().close()
-
