@@ -2,11 +2,11 @@
 
     python -m benchmarks.verify [--against CHECKOUT] [--sessions N] [--rounds N] [--played FOLDER] [--out FILE]
 
-People are simulated in four studies: grid and first person (fourrooms-transfer), instructed grids (BabyAI), first person
-alone, and teams; the other checkout's software simulates them if one is given. A folder of ``--played`` has these
-studies already. In each round, each checkout verifies every log once, in a process of its own, after one log that does
-not count. Prints the processor-milliseconds of a session, the least of all rounds, and how many times as many the other
-checkout needs; ``--out`` stores the same as JSON.
+People are simulated in four studies: grid and first person (fourrooms-transfer), instructed grids (BabyAI), first
+person alone, and teams; the other checkout's software simulates them if one is given. A folder of ``--played`` has
+these studies already. In each round, each checkout verifies every log once, in a process of its own, after one log that
+does not count. Prints the processor-milliseconds of a session, the least of all rounds, and how many times as many the
+other checkout needs; ``--out`` stores the same as JSON.
 """
 
 import argparse
@@ -19,7 +19,7 @@ import tempfile
 from datetime import UTC, datetime
 from pathlib import Path
 
-from benchmarks.store import HERE, run
+from benchmarks.store import HERE
 
 PROTOCOLS = ("fourrooms-transfer", "instructions", "baseline-first-person", "team")
 CODE = """
@@ -35,19 +35,31 @@ print(json.dumps({"cpu_s": spent, "failed": [text for text, ok in findings if no
 """
 
 
-def verify(checkout: Path, logs: list[Path]) -> float:
-    """Verify logs with a checkout's software in a process of its own; processor-seconds of a session."""
-    interpreter = checkout / ".venv" / "bin" / "python"
+def run_python(checkout: Path, *arguments: object, stdin: str = "") -> str:
+    """Run Python with a checkout's software; what it prints."""
+    interpreter = checkout / ".venv" / "bin" / "python"  # an older checkout needs other releases of its libraries
     done = subprocess.run(
-        [interpreter if interpreter.exists() else sys.executable, "-c", CODE],
-        input=json.dumps([str(log) for log in logs]),
+        [interpreter if interpreter.exists() else sys.executable, *map(str, arguments)],
+        input=stdin,
         env=os.environ | {"PYTHONPATH": str(checkout)},
         cwd=checkout,
         capture_output=True,
         text=True,
         check=True,
     )
-    measured = json.loads(done.stdout.splitlines()[-1])
+    return done.stdout
+
+
+def simulate(checkout: Path, protocol: Path, people: int, data: Path) -> None:
+    """Simulate the participants of a study."""
+    run_python(checkout, "-m", "minihuman", "simulate", protocol, "--participants", people, "--data", data)
+
+
+def verify(checkout: Path, logs: list[Path]) -> float:
+    """Verify logs with a checkout's software in a process of its own; processor-seconds of a session."""
+    measured = json.loads(
+        run_python(checkout, "-c", CODE, stdin=json.dumps([str(log) for log in logs])).splitlines()[-1]
+    )
     assert not measured["failed"], measured["failed"][:3]
     return float(measured["cpu_s"]) / len(logs)
 
@@ -84,8 +96,7 @@ def main() -> None:
         for protocol in PROTOCOLS:
             if arguments.played is None:
                 path = HERE / "protocols" / f"{protocol}.toml"
-                people = ("--participants", arguments.sessions)
-                run(arguments.against or HERE, "simulate", path, *people, "--data", played)
+                simulate(arguments.against or HERE, path, arguments.sessions, played)
             study = min(path for path in played.rglob(f"{protocol}*") if path.is_dir())
             measured = compare(study, checkouts, sessions=arguments.sessions, rounds=arguments.rounds)
             record[protocol] = measured

@@ -46,6 +46,17 @@ def verify(
         Option(help="With --tables, also check the report or export in this folder; repeatable."),
     ] = None,
     engine: EngineOption = "local",
+    sample: Annotated[
+        str | None, Option(help="Replay only this share of the sessions, drawn at random, such as 5%.")
+    ] = None,
+    sample_seed: Annotated[int, Option(help="The seed with which the sample is drawn.")] = 0,
+    record: Annotated[
+        Path | None,
+        Option(
+            help="Record in this file which logs were verified, and replay only new and changed ones, so that a run "
+            "that was cut off goes on."
+        ),
+    ] = None,
     json: Annotated[bool, Option("--json", help="Print one JSON object per line.")] = False,
 ) -> None:
     """Replay logs from their seeds and inputs; report any difference.
@@ -66,6 +77,9 @@ def verify(
         tables=tables,
         outputs=report or (),
         engine=engine,
+        sample=sample,
+        sample_seed=sample_seed,
+        record=record,
     )
     for finding in checks:
         if finding.error:

@@ -142,8 +142,8 @@ class MessageCodec:
         """Decode n messages whose fields are columns (``MessageColumns`` with ``canonical``).
 
         Returns:
-            The n values, and bool[n], whether ``encode`` is sure to give a message with the same bytes. Where it is not,
-            the value may be another than ``decode`` returns.
+            The n values, and bool[n], whether ``encode`` is sure to give a message with the same bytes. A value of
+            which it is not sure may be another than ``decode`` returns.
 
         Raises:
             ValueError: if the bytes are not such messages.

@@ -6,8 +6,9 @@ with the replay of the episodes.
 """
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -41,6 +42,7 @@ from minihuman.log.read.session_reader import list_session_files, read_log
 from minihuman.log.record.live_log import build_attachments, build_segment_metadata
 from minihuman.moved import forward_names
 from minihuman.simulation.model_conversation import ConversationRecord, find_picture_size
+from minihuman.storage.study_journals import ENROLMENT_FILE_NAME
 from minihuman.trust import Trust, find_changed_sources, list_foreign_modules
 from minihuman.worlds.adapters.world import World
 from minihuman.worlds.isolation.isolated_world import IsolatedWorlds
@@ -83,7 +85,7 @@ def _find_segment_differences(contents: LogContents, index: int, make_world: Wor
 
 def _compare_chain_heads(path: Path, contents: LogContents) -> Iterator[str]:
     """Yield the segments whose chain ends otherwise than the enrolment log says."""
-    known = read_chain_heads(study_folder(path), path.name)
+    known = _find_chain_heads(study_folder(path)).get(path.name, {})
     for segment in contents.segments:
         if segment.end is None or segment.number not in known:
             continue
@@ -91,6 +93,38 @@ def _compare_chain_heads(path: Path, contents: LogContents) -> Iterator[str]:
         known_chain = known[segment.number]
         if known_chain != chain:
             yield (f"segment {segment.number} ended with chain {chain[:16]}; the enrolment log says {known_chain[:16]}")
+
+
+def find_chain_heads(log: Path) -> list[tuple[str, str]]:
+    """Return the segments of a log, and the heads of their chains, that its study's enrolment log knows."""
+    known = _find_chain_heads(study_folder(log))
+    return [head for file in list_session_files(log) for head in known.get(file.name, {}).items()]
+
+
+def is_of_our_worlds(log: Path) -> bool:
+    """Return whether a log names no module of others, whose code may change with nothing of ours.
+
+    Raises:
+        LogError: if the log cannot be read.
+    """
+    return not list_foreign_modules(episode.world for episode in read_log(log).plan.episodes)
+
+
+def _find_chain_heads(study: Path) -> Mapping[str, Mapping[str, str]]:
+    """Return the chain heads that a study's enrolment log holds, by log and segment.
+
+    It is read once as long as it is the same file: reading it for each log took the square of the sessions.
+    """
+    try:
+        facts = (study / ENROLMENT_FILE_NAME).stat()
+    except OSError:  # it is in a database, or there is none
+        return read_chain_heads(study)
+    return _read_chain_heads(study, (facts.st_ino, facts.st_size, facts.st_mtime_ns, facts.st_ctime_ns))
+
+
+@lru_cache(maxsize=2)
+def _read_chain_heads(study: Path, version: tuple[int, ...]) -> Mapping[str, Mapping[str, str]]:
+    return read_chain_heads(study)
 
 
 def _replay(segment: LogSegment, make_world: WorldFactory) -> Iterator[str]:
