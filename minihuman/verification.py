@@ -68,19 +68,14 @@ def verify(
         MinihumanError: if a manifest is combined with ``trust`` or ``policies``, ``outputs`` are given without exactly
             one study's tables, ``sample`` is no share, or nothing exists at a path.
     """
-    replays = manifest is None and not tables
-    if not replays and (sample is not None or record is not None):
-        raise MinihumanError("--sample and --record are about replaying logs; leave out --manifest and --tables")
-    if manifest is not None and (trust or policies):
-        raise MinihumanError("--manifest only compares files; use --trust or --policies in a separate command")
-    if tables and (manifest is not None or trust or policies):
-        raise MinihumanError(
-            "--tables does not replay logs; use --manifest, --trust or --policies in a separate command"
-        )
-    if outputs and (not tables or len(paths) != 1):
-        raise MinihumanError(
-            "--report needs --tables and exactly one study; run: minihuman verify STUDY --tables --report FOLDER"
-        )
+    _require_compatible(
+        paths,
+        manifest=manifest,
+        trust_or_policies=trust or policies,
+        tables=tables,
+        outputs=outputs,
+        selects=sample is not None or record is not None,
+    )
     yield from _obey_withdrawals(paths)
     checks: list[Iterable[VerificationLine]] = []
     replay = _Replay(
@@ -100,6 +95,35 @@ def verify(
         else:
             checks += _list_log_checks(path, replay)
     yield from chain.from_iterable(checks)
+
+
+def _require_compatible(
+    paths: Sequence[Path | str],
+    *,
+    manifest: str | None,
+    trust_or_policies: bool,
+    tables: bool,
+    outputs: Collection[Path | str],
+    selects: bool,
+) -> None:
+    """Refuse arguments that exclude each other.
+
+    Raises:
+        MinihumanError: if they do.
+    """
+    replays = manifest is None and not tables
+    if selects and not replays:
+        raise MinihumanError("--sample and --record are about replaying logs; leave out --manifest and --tables")
+    if manifest is not None and trust_or_policies:
+        raise MinihumanError("--manifest only compares files; use --trust or --policies in a separate command")
+    if tables and (manifest is not None or trust_or_policies):
+        raise MinihumanError(
+            "--tables does not replay logs; use --manifest, --trust or --policies in a separate command"
+        )
+    if outputs and (not tables or len(paths) != 1):
+        raise MinihumanError(
+            "--report needs --tables and exactly one study; run: minihuman verify STUDY --tables --report FOLDER"
+        )
 
 
 @dataclass(frozen=True, slots=True)

@@ -103,11 +103,11 @@ class _Dataset:
         self._facts: list[dict[str, Any]] = []
         self._n_bytes = 0  # of the waiting episodes
 
-    def add(self, item: IncludedEpisode, demonstration: ReplayedEpisode) -> None:
+    def add(self, included: IncludedEpisode, demonstration: ReplayedEpisode) -> None:
         """Add an episode."""
-        self._players.add(item.log.player)
+        self._players.add(included.log.player)
         buffer = _build_buffer(demonstration)
-        facts = get_plain_facts(item)
+        facts = get_plain_facts(included)
         del facts["seed"]  # Minari has its own place for it
         self._buffers.append(buffer)
         self._facts.append(facts)

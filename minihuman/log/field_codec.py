@@ -158,7 +158,7 @@ class MessageCodec:
             is_sure &= field_is_sure | ~is_present
             if name in optional and not is_present.all():
                 presence = is_present.tolist()
-                field_values = [value if there else None for value, there in zip(field_values, presence, strict=True)]
+                field_values = [cell if there else None for cell, there in zip(field_values, presence, strict=True)]
             values_by_field.append(field_values)
         return list(map(self._kind, *values_by_field)), is_sure
 

@@ -72,7 +72,7 @@ class HashChain:
 
     def message(self, message: LogMessage, schema: Schema | None) -> None:
         """Add a message to the chain, unless its topic is another program's."""
-        channel, sequence, log_time, publish_time, data = message
+        channel = message.channel
         name = "" if schema is None else schema.name
         beginning = self._beginnings.get((channel.topic, name))
         if beginning is None:
@@ -81,7 +81,8 @@ class HashChain:
             self._channel(channel, schema)
             beginning = _join_parts(b"message", channel.topic.encode(), name.encode())
             self._beginnings[channel.topic, name] = beginning
-        rest = _join_parts(b"%d %d %d" % (sequence, log_time, publish_time), data)
+        numbers = b"%d %d %d" % (message.sequence, message.log_time, message.publish_time)
+        rest = _join_parts(numbers, message.data)
         self._head = hashlib.sha256(self._head + beginning + rest).digest()
 
     def metadata(self, record: Metadata) -> None:

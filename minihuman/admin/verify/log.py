@@ -261,25 +261,20 @@ def verify_session(log: Path, *, trust: bool = False, policies: bool = False) ->
     session = read_log(log)
     if trust:
         Trust(modules=list_foreign_modules(episode.plan.world for episode in session.episodes)).record()
-    rules_note = describe_other_rules(session)
-    if rules_note:
-        yield rules_note, True
+    yield from _describe_rules(session)
     differences: list[str] | None = None
     if follow_from_events(session):
         differences = _find_differences_in_one_replay(session, log)
+    make_world = WorldTape().make_world
     if differences == []:
         steps = count_episodes(session)
         pictures = verify_pictures(session)
     else:
-        make_world = WorldTape().make_world
         steps, pictures = _replay_session(session, log, make_world)
     yield from _describe_replay(session, steps)
     if differences is None:
         differences = _find_session_differences(log, make_world)
-    for difference in differences[:MAX_DIFFERENCES]:
-        yield difference, False
-    if len(differences) > MAX_DIFFERENCES:
-        yield f"and {len(differences) - MAX_DIFFERENCES} more", False
+    yield from _describe_differences(differences)
     if policies:
         yield from verify_advice(session, World)
     if find_evidence(session.facts) == "consistent":
@@ -291,6 +286,20 @@ def verify_session(log: Path, *, trust: bool = False, policies: bool = False) ->
         yield str(pictures), pictures.verdict != "different"
     if not steps.difference and not differences:
         yield f"{steps.episodes} episodes, {steps.steps} steps, all as logged", True
+
+
+def _describe_rules(session: SessionLog) -> Iterator[tuple[str, bool]]:
+    """Yield a line if other rules recorded the session."""
+    note = describe_other_rules(session)
+    if note:
+        yield note, True
+
+
+def _describe_differences(differences: Sequence[str]) -> Iterator[tuple[str, bool]]:
+    """Yield the first differences, and how many more there are."""
+    yield from ((difference, False) for difference in differences[:MAX_DIFFERENCES])
+    if len(differences) > MAX_DIFFERENCES:
+        yield f"and {len(differences) - MAX_DIFFERENCES} more", False
 
 
 def _find_differences_in_one_replay(session: SessionLog, log: Path) -> list[str] | None:

@@ -45,11 +45,11 @@ def decode_sure_events(chunks: Sequence[ChunkMessages], started_ns: str) -> list
             batches[messages.topic].append((*spans, *chunk.times_at(messages.places)))
         place += len(chunk)
         position += len(chunk.data)
-    data = b"".join((*(chunk.data for chunk in chunks), BEYOND))
+    payloads = b"".join((*(chunk.data for chunk in chunks), BEYOND))
     for topic, arrays in batches.items():
         batch = tuple(map(np.concatenate, zip(*arrays, strict=True)))
         try:
-            decoded, is_sure = _decode_topic(topic, batch, data, int(started_ns))
+            decoded, is_sure = _decode_topic(topic, batch, payloads, int(started_ns))
         except (ValueError, IndexError):  # it is told one by one what is no such message
             continue
         for message_place, event, sure in zip(batch[0].tolist(), decoded, is_sure.tolist(), strict=True):
@@ -58,7 +58,7 @@ def decode_sure_events(chunks: Sequence[ChunkMessages], started_ns: str) -> list
     return events
 
 
-def _decode_topic(topic: str, batch: "_Batch", data: bytes, started_ns: int) -> tuple[list[Event], NDArray[np.bool_]]:
+def _decode_topic(topic: str, batch: _Batch, payloads: bytes, started_ns: int) -> tuple[list[Event], NDArray[np.bool_]]:
     """Return the events of messages on one topic, and bool[n], of which messages it is sure.
 
     Raises:
@@ -67,7 +67,7 @@ def _decode_topic(topic: str, batch: "_Batch", data: bytes, started_ns: int) -> 
     _, begins, ends, log_times, publish_times = batch
     codec = find_message_codec(topic)
     assert codec is not None, f"events on {topic} are not encoded field by field"
-    columns = MessageColumns(FREQUENT_TOPICS[topic].DESCRIPTOR, data, begins, ends, canonical=True)
+    columns = MessageColumns(FREQUENT_TOPICS[topic].DESCRIPTOR, payloads, begins, ends, canonical=True)
     decoded, is_sure = codec.decode_columns(columns)
     times_ns = columns["t_ns"].values
     if topic == topics.KEY:

@@ -173,13 +173,14 @@ class _Field:
         assert self._varint_bytes is not None
         numbers = self._lengths.view(np.uint64) if self._wire_type == _LENGTH else self._numbers
         upper_bits = (7 * (self._varint_bytes - 1)).clip(0, 63).astype(np.uint64)
-        is_written_so = (self._varint_bytes == 1) | ((numbers >> upper_bits) > 0)
+        is_written_so: NDArray[np.bool_] = (self._varint_bytes == 1) | ((numbers >> upper_bits) > 0)
         is_written_so &= self._varint_bytes < _LONGEST_VARINT
         if self._kind.type == FieldDescriptor.TYPE_BOOL:
             is_written_so &= numbers <= 1
         if not self._kind.has_presence:
             is_written_so &= numbers != 0
-        return is_written_so | ~self.is_present
+        is_written_so |= ~self.is_present
+        return is_written_so
 
     def values(self, data: bytes, *, canonical: bool = False) -> Any:
         """Return the whole column, once every message has been read."""
