@@ -68,23 +68,11 @@ def verify(
         MinihumanError: if a manifest is combined with ``trust`` or ``policies``, ``outputs`` are given without exactly
             one study's tables, ``sample`` is no share, or nothing exists at a path.
     """
-    _require_compatible(
-        paths,
-        manifest=manifest,
-        trust_or_policies=trust or policies,
-        tables=tables,
-        outputs=outputs,
-        selects=sample is not None or record is not None,
-    )
+    selects = sample is not None or record is not None
+    _require_compatible(paths, outputs, manifest, tables=tables, obeys=trust or policies, selects=selects)
     yield from _obey_withdrawals(paths)
     checks: list[Iterable[VerificationLine]] = []
-    replay = _Replay(
-        verify_log=partial(_verify_log, trust=trust, policies=policies),
-        processes=1 if trust else None,  # what is trusted is one file
-        engine=engine,
-        sample=None if sample is None else _parse_sample(str(sample), sample_seed),
-        record=None if record is None else _open_record(Path(record), policies=policies),
-    )
+    replay = _plan_replay(engine, trust=trust, policies=policies, sample=sample, seed=sample_seed, record=record)
     for path in map(Path, paths):
         if tables:
             checks.append(_verify_tables(path, outputs))
@@ -99,11 +87,11 @@ def verify(
 
 def _require_compatible(
     paths: Sequence[Path | str],
-    *,
-    manifest: str | None,
-    trust_or_policies: bool,
-    tables: bool,
     outputs: Collection[Path | str],
+    manifest: str | None,
+    *,
+    tables: bool,
+    obeys: bool,
     selects: bool,
 ) -> None:
     """Refuse arguments that exclude each other.
@@ -114,9 +102,9 @@ def _require_compatible(
     replays = manifest is None and not tables
     if selects and not replays:
         raise MinihumanError("--sample and --record are about replaying logs; leave out --manifest and --tables")
-    if manifest is not None and trust_or_policies:
+    if manifest is not None and obeys:
         raise MinihumanError("--manifest only compares files; use --trust or --policies in a separate command")
-    if tables and (manifest is not None or trust_or_policies):
+    if tables and (manifest is not None or obeys):
         raise MinihumanError(
             "--tables does not replay logs; use --manifest, --trust or --policies in a separate command"
         )
@@ -133,8 +121,8 @@ class _Replay:
     verify_log: Callable[[Path], "_LogFindings"]
     processes: int | None
     engine: str
-    sample: "Sample | None"
-    record: "VerificationRecord | None"
+    sample: "Sample | None" = None
+    record: "VerificationRecord | None" = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,16 +133,28 @@ class _LogFindings:
     can_repeat: bool
 
 
-def _parse_sample(text: str, seed: int) -> "Sample":
-    from minihuman.admin.verify.coverage import Sample
+def _plan_replay(
+    engine: str, *, trust: bool, policies: bool, sample: str | float | None, seed: int, record: Path | str | None
+) -> _Replay:
+    """Return how logs are replayed.
 
-    return Sample.parse(text, seed=seed)
+    Raises:
+        MinihumanError: if the sample is no share, or the record is another file.
+    """
+    replay = _Replay(
+        verify_log=partial(_verify_log, trust=trust, policies=policies),
+        processes=1 if trust else None,  # what is trusted is one file
+        engine=engine,
+    )
+    if sample is None and record is None:
+        return replay
+    from minihuman.admin.verify.coverage import Sample, VerificationRecord
 
-
-def _open_record(file: Path, *, policies: bool) -> "VerificationRecord":
-    from minihuman.admin.verify.coverage import VerificationRecord
-
-    return VerificationRecord(file, "policies" if policies else "")
+    return replace(
+        replay,
+        sample=None if sample is None else Sample.parse(str(sample), seed=seed),
+        record=None if record is None else VerificationRecord(Path(record), "policies" if policies else ""),
+    )
 
 
 def _list_log_checks(path: Path, replay: _Replay) -> Iterator[Iterable[VerificationLine]]:
