@@ -101,7 +101,9 @@ def _require_compatible(
     """
     replays = manifest is None and not tables
     if selects and not replays:
-        raise MinihumanError("--sample and --record select logs to replay; use --manifest and --tables in a separate command")
+        raise MinihumanError(
+            "--sample and --record select logs to replay; use --manifest and --tables in a separate command"
+        )
     if manifest is not None and obeys:
         raise MinihumanError("--manifest only compares files; use --trust or --policies in a separate command")
     if tables and (manifest is not None or obeys):
