@@ -4,13 +4,17 @@ Modules that only one way of verifying needs are imported when it is called: com
 nothing.
 """
 
-from collections.abc import Callable, Collection, Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from minihuman.errors import MinihumanError
+
+if TYPE_CHECKING:
+    from minihuman.admin.verify.coverage import Sample, VerificationRecord
 
 _PAGE_DATA_SUFFIXES = (".json", ".csv")
 _LOGS_PER_PROCESS = 8  # to verify; fewer are replayed sooner than one more process starts
@@ -34,6 +38,9 @@ def verify(
     tables: bool = False,
     outputs: Collection[Path | str] = (),
     engine: str = "local",
+    sample: str | float | None = None,
+    sample_seed: int = 0,
+    record: Path | str | None = None,
 ) -> Iterator[VerificationLine]:
     """Replay logs from their seeds and inputs, and compare every message; for a study, also verify its enrolment log.
 
@@ -46,6 +53,11 @@ def verify(
         tables: whether to recompute the tables of study folders and compare the caches, instead of replaying logs.
         outputs: folders of reports and exports (CSV, Parquet) of the default selection to compare with these tables.
         engine: "local" to replay many logs in processes of this machine, or "ray" to replay them in a Ray cluster.
+        sample: the share of the sessions to replay, such as "5%" or 0.05; every finding about one of them says so.
+        sample_seed: the seed with which they are drawn.
+        record: a file of the logs that were verified, which is added to. Logs that are unchanged since, with the same
+            chain heads in the enrolment log, are not replayed again by the same software; so a run that was cut off
+            goes on.
 
     Yields:
         Findings. ``all(line.ok for line in verify(path))`` tells whether everything is as logged. A log that cannot be
@@ -54,22 +66,13 @@ def verify(
 
     Raises:
         MinihumanError: if a manifest is combined with ``trust`` or ``policies``, ``outputs`` are given without exactly
-            one study's tables, or nothing exists at a path.
+            one study's tables, ``sample`` is no share, or nothing exists at a path.
     """
-    if manifest is not None and (trust or policies):
-        raise MinihumanError("--manifest only compares files; use --trust or --policies in a separate command")
-    if tables and (manifest is not None or trust or policies):
-        raise MinihumanError(
-            "--tables does not replay logs; use --manifest, --trust or --policies in a separate command"
-        )
-    if outputs and (not tables or len(paths) != 1):
-        raise MinihumanError(
-            "--report needs --tables and exactly one study; run: minihuman verify STUDY --tables --report FOLDER"
-        )
+    selects = sample is not None or record is not None
+    _require_compatible(paths, outputs, manifest, tables=tables, obeys=trust or policies, selects=selects)
     yield from _obey_withdrawals(paths)
     checks: list[Iterable[VerificationLine]] = []
-    verify_log = partial(_verify_log, trust=trust, policies=policies)
-    processes = 1 if trust else None  # what is trusted is one file
+    replay = _plan_replay(engine, trust=trust, policies=policies, sample=sample, seed=sample_seed, record=record)
     for path in map(Path, paths):
         if tables:
             checks.append(_verify_tables(path, outputs))
@@ -78,13 +81,85 @@ def verify(
         elif path.suffix.lower() in _PAGE_DATA_SUFFIXES and path.is_file():
             checks.append(_name_findings(path, _verify_page_data(path)))
         else:
-            checks += _list_log_checks(path, verify_log, processes=processes, engine=engine)
+            checks += _list_log_checks(path, replay)
     yield from chain.from_iterable(checks)
 
 
-def _list_log_checks(
-    path: Path, verify_log: Callable[[Path], list[VerificationLine]], *, processes: int | None, engine: str
-) -> Iterator[Iterable[VerificationLine]]:
+def _require_compatible(
+    paths: Sequence[Path | str],
+    outputs: Collection[Path | str],
+    manifest: str | None,
+    *,
+    tables: bool,
+    obeys: bool,
+    selects: bool,
+) -> None:
+    """Refuse arguments that exclude each other.
+
+    Raises:
+        MinihumanError: if they do.
+    """
+    replays = manifest is None and not tables
+    if selects and not replays:
+        raise MinihumanError(
+            "--sample and --record select logs to replay; use --manifest and --tables in a separate command"
+        )
+    if manifest is not None and obeys:
+        raise MinihumanError("--manifest only compares files; use --trust or --policies in a separate command")
+    if tables and (manifest is not None or obeys):
+        raise MinihumanError(
+            "--tables does not replay logs; use --manifest, --trust or --policies in a separate command"
+        )
+    if outputs and (not tables or len(paths) != 1):
+        raise MinihumanError(
+            "--report needs --tables and exactly one study; run: minihuman verify STUDY --tables --report FOLDER"
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class _Replay:
+    """How logs are replayed, and which of them."""
+
+    verify_log: Callable[[Path], "_LogFindings"]
+    processes: int | None
+    engine: str
+    sample: "Sample | None" = None
+    record: "VerificationRecord | None" = None
+
+
+@dataclass(frozen=True, slots=True)
+class _LogFindings:
+    """The findings about a log, and whether it would be the same again as long as the log and this software are."""
+
+    lines: list[VerificationLine]
+    can_repeat: bool
+
+
+def _plan_replay(
+    engine: str, *, trust: bool, policies: bool, sample: str | float | None, seed: int, record: Path | str | None
+) -> _Replay:
+    """Return how logs are replayed.
+
+    Raises:
+        MinihumanError: if the sample is no share, or the record is another file.
+    """
+    replay = _Replay(
+        verify_log=partial(_verify_log, trust=trust, policies=policies),
+        processes=1 if trust else None,  # what is trusted is one file
+        engine=engine,
+    )
+    if sample is None and record is None:
+        return replay
+    from minihuman.admin.verify.coverage import Sample, VerificationRecord
+
+    return replace(
+        replay,
+        sample=None if sample is None else Sample.parse(str(sample), seed=seed),
+        record=None if record is None else VerificationRecord(Path(record), "policies" if policies else ""),
+    )
+
+
+def _list_log_checks(path: Path, replay: _Replay) -> Iterator[Iterable[VerificationLine]]:
     """Yield the checks of the logs at a path, then those of its studies; each runs when it is iterated over.
 
     Raises:
@@ -92,14 +167,62 @@ def _list_log_checks(
     """
     from minihuman.admin.verify.episodes import verify_teams
     from minihuman.admin.verify.study import find_sessions, find_studies, verify_enrolment
-    from minihuman.dataset.log_files import map_paths
 
     studies = find_studies(path)
     logs = find_sessions(path, required=not studies)
-    findings = map_paths(logs, verify_log, processes=processes, engine=engine, per_process=_LOGS_PER_PROCESS)
-    yield chain.from_iterable(findings)
+    if replay.sample is None:
+        yield _replay_logs(logs, replay)
+    else:
+        yield _replay_sample(path, logs, replay, replay.sample)
     yield from (_name_findings(study, verify_enrolment(study)) for study in studies)
     yield from (_name_findings(study, verify_teams(study)) for study in studies)
+
+
+def _replay_sample(path: Path, logs: Sequence[Path], replay: _Replay, sample: "Sample") -> Iterator[VerificationLine]:
+    """Yield the findings about a sample of logs, each of which says so if it reports success, and what was left out."""
+    drawn = sample.draw(logs)
+    description = sample.describe(len(drawn), len(logs))
+    for finding in _replay_logs(drawn, replay):
+        yield replace(finding, text=f"{finding.text} ({description})") if finding.ok else finding
+    yield VerificationLine(
+        path, f"replayed {description}; the other {len(logs) - len(drawn)} were not verified", ok=True
+    )
+
+
+def _replay_logs(logs: Sequence[Path], replay: _Replay) -> Iterator[VerificationLine]:
+    """Yield the findings about logs, replaying those of which the record has none."""
+    from minihuman.dataset.log_files import map_paths
+
+    recorded: dict[Path, tuple[str, ...]] = {}
+    if replay.record is not None:
+        recorded = _find_recorded(logs, replay.record)
+    results = map_paths(
+        [log for log in logs if log not in recorded],
+        replay.verify_log,
+        processes=replay.processes,
+        engine=replay.engine,
+        per_process=_LOGS_PER_PROCESS,
+    )
+    for log in logs:
+        if log in recorded:
+            yield from (VerificationLine(log, text, ok=True) for text in recorded[log])
+            continue
+        findings = next(results)
+        if replay.record is not None and findings.can_repeat and all(line.ok for line in findings.lines):
+            replay.record.add(log, [line.text for line in findings.lines])
+        yield from findings.lines
+
+
+def _find_recorded(logs: Sequence[Path], record: "VerificationRecord") -> dict[Path, tuple[str, ...]]:
+    """Return the recorded findings about the logs that are unchanged."""
+    from minihuman.admin.verify.log import find_chain_heads
+
+    recorded = {}
+    for log in logs:
+        lines = record.find(log, find_chain_heads(log))
+        if lines is not None:
+            recorded[log] = lines
+    return recorded
 
 
 def _verify_tables(study: Path, outputs: Iterable[Path | str]) -> Iterator[VerificationLine]:
@@ -133,10 +256,12 @@ def _verify_page_data(file: Path) -> Iterator[tuple[str, bool]]:
     yield from verify_page_data(file)
 
 
-def _verify_log(log: Path, *, trust: bool, policies: bool) -> list[VerificationLine]:
-    from minihuman.admin.verify.log import verify_session
+def _verify_log(log: Path, *, trust: bool, policies: bool) -> _LogFindings:
+    from minihuman.admin.verify.log import is_of_our_worlds, verify_session
 
-    return list(_name_findings(log, verify_session(log, trust=trust, policies=policies)))
+    lines = list(_name_findings(log, verify_session(log, trust=trust, policies=policies)))
+    can_repeat = all(line.ok for line in lines) and is_of_our_worlds(log)
+    return _LogFindings(lines, can_repeat)
 
 
 def _name_findings(path: Path, findings: Iterable[tuple[str, bool]]) -> Iterator[VerificationLine]:

@@ -199,10 +199,13 @@ def open_enrolment_log(study_dir: Path) -> Journal[EnrolmentEntry]:
     return open_journal(study_dir, ENROLMENT_FILE_NAME, _decode_entry, chained=True, declaration=_DECLARATION)
 
 
-def read_chain_heads(study_dir: Path, log: str) -> dict[str, str]:
-    """Return the latest chain head of each segment of a log, by segment, as recorded in the enrolment log."""
-    lines = read_enrolment_log(study_dir)
-    return {line.segment: line.chain for line in lines if isinstance(line, ChainHeadRecorded) and line.sealed == log}
+def read_chain_heads(study_dir: Path) -> dict[str, dict[str, str]]:
+    """Return the latest chain head of each segment, by log and then by segment, as recorded in the enrolment log."""
+    heads: dict[str, dict[str, str]] = {}
+    for line in read_enrolment_log(study_dir):
+        if isinstance(line, ChainHeadRecorded):
+            heads.setdefault(line.sealed, {})[line.segment] = line.chain
+    return heads
 
 
 def find_incomplete_logs(

@@ -43,6 +43,7 @@ from minihuman.log.paths import (
     LogFolders,
     find_log_folders,
     group_sessions,
+    is_plain_log_name,
     raise_as_log_error,
     require_folder,
 )
@@ -59,7 +60,7 @@ _MADE_BY = f"{INDEX_SCHEMA}.made_by"
 _BATCH = 500  # rows fetched or inserted at once
 _MAKERS = ("admin", "log/model", "log/salvage")  # the packages whose code makes the rows
 LOCK_WAIT_S = 0.2  # sessions are quickly read again, and a participant waits
-_Rows = dict[str, bytes]  # by log; all but the log, as MessagePack, which takes a fifth of the memory of objects
+_Rows = dict[str, tuple[str, bytes]]  # by log: its fingerprint, and all else as MessagePack, a fifth of objects' memory
 _Storing = Literal["never", "anew", "added"]
 
 
@@ -93,7 +94,8 @@ def read_session_index(study: Path, folders: LogFolders | None = None) -> Iterat
     if n_damaged or fresh or gone:
         _store_rows(own, rows, fresh, gone, storing)
     for key in sorted(rows):
-        _, path, problem, *fields = msgspec.msgpack.decode(rows[key])
+        _, packed = rows[key]
+        path, problem, *fields = msgspec.msgpack.decode(packed)
         if problem:
             yield SessionRow(study / path, None, problem)
         else:
@@ -156,7 +158,7 @@ def _load_rows(own: Path) -> tuple[_Rows, _Storing, int]:
                 "QUALIFY count(*) OVER (PARTITION BY log) = 1"
             )
             while page := intact_rows.fetchmany(_BATCH):
-                rows.update((key, msgspec.msgpack.encode(row)) for key, *row in page)
+                rows.update((key, (fingerprint, msgspec.msgpack.encode(row))) for key, fingerprint, *row in page)
         return rows, "added", n_stored - len(rows)
     except duckdb.CatalogException:  # it has no index yet
         return rows, "anew", 0
@@ -185,16 +187,14 @@ def _refresh_rows(rows: _Rows, study: Path, folders: LogFolders | None) -> tuple
     n_sessions = 0
     if folders is None:
         folders = find_log_folders(study)
-    for log, files in _sessions_below(folders):
+    for log, files in _list_session_files(folders):
         n_sessions += 1
-        key = os.fspath(log)[prefix_length:]
-        known_fingerprint = ""
-        if key in rows:
-            known_fingerprint, *_ = msgspec.msgpack.decode(rows[key])
+        key = log[prefix_length:]
+        known_fingerprint, _ = rows.get(key, ("", b""))
         fingerprint = _describe_files(files, known_fingerprint)
         if not is_same_content(fingerprint, known_fingerprint):
-            first_file = os.fspath(files[0])[prefix_length:]
-            rows[key] = msgspec.msgpack.encode((fingerprint, first_file, *_summary_or_problem(files, study)))
+            row = (files[0][prefix_length:], *_summary_or_problem([Path(file) for file in files], study))
+            rows[key] = (fingerprint, msgspec.msgpack.encode(row))
             fresh.append(key)
     if len(rows) > n_sessions:
         present = {os.fspath(log)[prefix_length:] for log, _ in _sessions_below(find_log_folders(study))}
@@ -232,7 +232,7 @@ def _write_rows(
     unnested = ", ".join(f"unnest(?::{kind}[]) AS {name}" for name, kind in _COLUMNS.items())
     for first in range(0, len(fresh), _BATCH):
         keys = fresh[first : first + _BATCH]
-        new_rows = [(key, *msgspec.msgpack.decode(rows[key])) for key in keys]
+        new_rows = [(key, rows[key][0], *msgspec.msgpack.decode(rows[key][1])) for key in keys]
         columns = [list(column) for column in zip(*new_rows, strict=True)]
         connection.execute(f"INSERT INTO {_TABLE} SELECT *, hash({_ROW})::TEXT FROM (SELECT {unnested})", columns)
 
@@ -256,7 +256,19 @@ def _sessions_below(folders: LogFolders) -> Iterator[tuple[Path, list[Path]]]:
         yield from group_sessions(folder, names).items()
 
 
-def _describe_files(files: Sequence[Path], known: str) -> str:
+def _list_session_files(folders: LogFolders) -> Iterator[tuple[str, list[str]]]:
+    """Yield each session's log and its files, as texts: of a path as an object, a large study takes twice the time."""
+    for folder, names in folders:
+        candidates = [name for name in names if LOG_SUFFIX in name]
+        if len(candidates) == 1 and is_plain_log_name(candidates[0]):
+            log = os.path.join(folder, candidates[0])
+            yield log, [log]
+            continue
+        for path, files in group_sessions(folder, names).items():
+            yield os.fspath(path), [os.fspath(file) for file in files]
+
+
+def _describe_files(files: Sequence[Path | str], known: str) -> str:
     return "\n".join(describe_file(file, known=known) for file in files)
 
 

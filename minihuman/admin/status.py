@@ -33,6 +33,7 @@ from minihuman.admin.recruitment import Recruitment
 from minihuman.admin.session_index import SessionRow, find_double_sessions, read_session_index
 from minihuman.admin.session_summary import SessionSummary
 from minihuman.admin.unfinished_withdrawals import find_unfinished_withdrawals
+from minihuman.garbage_collection import infrequent_collection
 from minihuman.log.paths import (
     PART_SUFFIX,
     SYSTEM_COMPANION,
@@ -275,6 +276,11 @@ def read_study_status(study_dir: Path) -> StudyStatus:
         AllocationError: if the enrolment log cannot be read.
     """
     require_folder(study_dir, instead="a study's folder, or a session log's own")
+    with infrequent_collection():
+        return _gather_status(study_dir)
+
+
+def _gather_status(study_dir: Path) -> StudyStatus:
     folders = list(find_log_folders(study_dir))
     rows = tuple(read_session_index(study_dir, folders))
     lines = read_enrolment_log(study_dir)

@@ -21,6 +21,24 @@ from minihuman.errors import escape_control_characters
 
 Code = Annotated[str, Argument("The participant's code, such as sub-07.", "CODE")]
 StudyOption = Annotated[Path, Option("--study", help="The study's folder, such as sessions/fourrooms-transfer.")]
+SampleOption = Annotated[
+    str | None, Option(help="Replay only this share of the sessions, drawn at random, such as 5%.")
+]
+SampleSeedOption = Annotated[int, Option(help="The seed with which the sample is drawn.")]
+RecordOption = Annotated[
+    Path | None,
+    Option(
+        help="Record in this file which logs were verified, and replay only new and changed ones, so that a run that "
+        "was cut off goes on."
+    ),
+]
+TrustWorldsOption = Annotated[
+    bool, Option("--trust", help="Trust the modules of the logs' worlds from now on, so that they may be imported.")
+]
+PoliciesOption = Annotated[
+    bool,
+    Option("--policies", help="Recompute the agents' actions from their policy files, and compare them with the logs."),
+]
 
 
 def verify(
@@ -29,15 +47,8 @@ def verify(
         str | None,
         Option("--manifest", "--seal", help="Compare the files with this manifest, given as a file or by its digest."),
     ] = None,
-    trust: Annotated[
-        bool, Option("--trust", help="Trust the modules of the logs' worlds from now on, so that they may be imported.")
-    ] = False,
-    policies: Annotated[
-        bool,
-        Option(
-            "--policies", help="Recompute the agents' actions from their policy files, and compare them with the logs."
-        ),
-    ] = False,
+    trust: TrustWorldsOption = False,
+    policies: PoliciesOption = False,
     tables: Annotated[
         bool, Option("--tables", help="Recompute a study's tables from its logs, and check the cached ones.")
     ] = False,
@@ -46,6 +57,9 @@ def verify(
         Option(help="With --tables, also check the report or export in this folder; repeatable."),
     ] = None,
     engine: EngineOption = "local",
+    sample: SampleOption = None,
+    sample_seed: SampleSeedOption = 0,
+    record: RecordOption = None,
     json: Annotated[bool, Option("--json", help="Print one JSON object per line.")] = False,
 ) -> None:
     """Replay logs from their seeds and inputs; report any difference.
@@ -66,6 +80,9 @@ def verify(
         tables=tables,
         outputs=report or (),
         engine=engine,
+        sample=sample,
+        sample_seed=sample_seed,
+        record=record,
     )
     for finding in checks:
         if finding.error:

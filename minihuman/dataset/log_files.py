@@ -11,7 +11,6 @@ import re
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
-from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache, partial
 from importlib import import_module
@@ -21,6 +20,7 @@ from typing import Any, TypeVar
 
 from minihuman.dataset.withdrawn_codes import LEDGER_FILE_NAME, read_withdrawn_codes
 from minihuman.errors import LogError, ProtocolError
+from minihuman.garbage_collection import SELDOM, infrequent_collection as infrequent_collection
 from minihuman.log.model.session_log import SessionLog
 from minihuman.log.paths import (
     SYSTEM_COMPANION,
@@ -41,7 +41,6 @@ _MIN_LOGS_PER_PROCESS = 32  # sessions; fewer are read faster than another proce
 _BATCH = 4  # sessions sent to a process together
 _RAY_BATCH = 16  # sessions per task; a cluster's tasks cost more than a process's
 _AHEAD = 4  # unconsumed batches, in addition to two per worker process
-_SELDOM = 50_000, 20, 100  # thresholds of the garbage collector's generations; Python's default begins at 700
 _Batch = tuple[list[Path], "Future[list[T]]"]
 
 
@@ -346,27 +345,13 @@ def _cancel_newest_batch(pending: "deque[_Batch[T]]") -> int | None:
     return None
 
 
-@contextmanager
-def infrequent_collection() -> Iterator[None]:
-    """Run the enclosed code with less frequent garbage collection.
-
-    Collection took a tenth of the time of drawing figures and freed little memory.
-    """
-    usual = gc.get_threshold()
-    gc.set_threshold(*_SELDOM)
-    try:
-        yield
-    finally:
-        gc.set_threshold(*usual)
-
-
 def _settle(work: Callable[[Path], object]) -> None:
     """Make garbage collection rare in a worker process, and exempt the objects that exist now.
 
     Unpickling ``work`` has imported all that it needs, so the garbage collector can ignore the objects that exist now.
     """
     gc.freeze()
-    gc.set_threshold(*_SELDOM)
+    gc.set_threshold(*SELDOM)
     atexit.register(gc.unfreeze)  # otherwise C libraries report the frozen objects as leaks
 
 

@@ -165,8 +165,10 @@ def _compare_events(
                 yield f"event {number}, {call_difference}"
             continue
         if not expected:
-            upcoming = [coming for _, coming in islice(logged, look_ahead) if not isinstance(coming, ModelCall)]
-            expected += _feed_next_input(session, upcoming)
+            upcoming = [coming for _, coming in islice(logged, look_ahead)]
+            if follow is not None:
+                upcoming = [coming for coming in upcoming if not isinstance(coming, ModelCall)]
+            expected += _feed_next_input(session, upcoming, draws=False)
             if follow is not None:
                 follow(session, None)
         logged.popleft()
@@ -273,7 +275,9 @@ def _replay_logged(
             continue
         if not expected:
             coming = islice(logged, _MAX_LOOK_AHEAD)
-            expected += _feed_next_input(session, [event for event in coming if not isinstance(event, ModelCall)])
+            expected += _feed_next_input(
+                session, [event for event in coming if not isinstance(event, ModelCall)], draws=True
+            )
             follow(session, None)
         event = logged.popleft()
         follow(session, event)
@@ -289,29 +293,34 @@ def _is_external(event: Event) -> bool:
     return isinstance(event, _EXTERNAL_EVENTS) or (isinstance(event, Noted) and event.kind == BROWSER_NOTE)
 
 
-def _feed_next_input(session: SessionMachine, coming: list[Event]) -> list[Event]:
-    """Feed the session the input that must have come next, and return the session's events."""
+def _feed_next_input(session: SessionMachine, coming: list[Event], *, draws: bool) -> list[Event]:
+    """Feed the session the input that must have come next, and return the session's events.
+
+    Without ``draws``, a screen is built only if it is read.
+    """
     event = coming[0]
-    _show_question(session, coming)
-    _show_screen(session, event)
+    _show_question(session, coming, draws=draws)
+    _show_screen(session, event, draws=draws)
     happened = _find_input(event, session)
     if isinstance(event, PointerUsed) and happened is not None:
-        return session.receive(happened, at_ns=event.t_ns)  # the time passes behind its event, not before as a key's
+        return session.receive(
+            happened, at_ns=event.t_ns, draws=draws
+        )  # the time passes behind its event, not before as a key's
     if happened is not None:
         if happened.t_ns < event.t_ns:  # it came late, behind something that left no event
             is_covered = session.phase in _OVER_PARTS
-            session.receive(ScreenShown(event.t_ns, 0, 0) if is_covered else Tick(event.t_ns))
-        return session.receive(happened)
+            session.receive(ScreenShown(event.t_ns, 0, 0) if is_covered else Tick(event.t_ns), draws=draws)
+        return session.receive(happened, draws=draws)
     behind = _find_input_behind(coming, session)
     if behind is not None:
-        return session.receive(behind, at_ns=event.t_ns)
+        return session.receive(behind, at_ns=event.t_ns, draws=draws)
     stop = _find_stop(coming, session.phase)
     if stop is not None and stop.reason in _EXTERNAL_STOP_REASONS:
-        return session.receive(stop)
-    by_time = session.receive(Tick(event.t_ns))
+        return session.receive(stop, draws=draws)
+    by_time = session.receive(Tick(event.t_ns), draws=draws)
     if by_time or stop is None:
         return by_time
-    return session.receive(stop)
+    return session.receive(stop, draws=draws)
 
 
 def _find_input_behind(coming: list[Event], session: SessionMachine) -> Input | None:
@@ -365,17 +374,24 @@ def _find_key_input(event: KeyPressed) -> KeyDown | KeyUp:
     return KeyDown(key_ns, event.key, event.symbol, repeat=event.verdict == "repeat")
 
 
-def _show_question(session: SessionMachine, coming: list[Event]) -> None:
+def _show_question(session: SessionMachine, coming: list[Event], *, draws: bool) -> None:
     """Report a question as shown at the time that its answer states, since its display leaves no event of its own."""
     if isinstance(coming[0], SessionStarted):
         return
-    answered = next((event for event in coming if isinstance(event, Answered)), None)
-    if answered is not None and answered.shown_ns and session.part.number == answered.part:
+    for event in coming:
+        if isinstance(event, Answered):
+            _show_answered_question(session, event, coming[0].t_ns, draws=draws)
+            return
+
+
+def _show_answered_question(session: SessionMachine, answered: Answered, next_ns: int, *, draws: bool) -> None:
+    """Report the question of an answer as shown, at the latest when the next event came."""
+    if answered.shown_ns and session.part.number == answered.part:
         seen_ns = answered.shown_ns
-        session.receive(ScreenShown(min(seen_ns, coming[0].t_ns), seen_ns, seen_ns))
+        session.receive(ScreenShown(min(seen_ns, next_ns), seen_ns, seen_ns), draws=draws)
 
 
-def _show_screen(session: SessionMachine, event: Event) -> None:
+def _show_screen(session: SessionMachine, event: Event, *, draws: bool) -> None:
     """Report a text, blank or fixation screen as shown, as late as the next event implies.
 
     The display of such a screen leaves no event. A press of Enter before the ready screen was visible was meant for
@@ -384,15 +400,15 @@ def _show_screen(session: SessionMachine, event: Event) -> None:
     """
     if _comes_too_soon(event, session.phase):
         pressed_ns = event.t_ns - event.waited_ns
-        session.receive(ScreenShown(0, 0, pressed_ns + 1))
+        session.receive(ScreenShown(0, 0, pressed_ns + 1), draws=draws)
     elif session.phase in _TIMED_PHASES and _finds_phase(event, session.phase):
         over_ns = session.next_tick_ns
         if over_ns is None or over_ns > event.t_ns:
             return
-        session.receive(ScreenShown(0, 0, event.t_ns))
+        session.receive(ScreenShown(0, 0, event.t_ns), draws=draws)
         over_ns = session.next_tick_ns  # had it been seen just now
         assert over_ns is not None  # a screen that stands for some time was just seen
-        session.receive(ScreenShown(0, 0, event.t_ns + 1 - (over_ns - event.t_ns)))
+        session.receive(ScreenShown(0, 0, event.t_ns + 1 - (over_ns - event.t_ns)), draws=draws)
 
 
 def _comes_too_soon(event: Event, phase: str) -> TypeGuard[KeyPressed]:

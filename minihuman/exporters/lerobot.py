@@ -26,6 +26,12 @@ from minihuman.display.video import ENCODINGS, VideoWriter, pad_to_even
 from minihuman.errors import ExportError
 from minihuman.experiment.protocol.specs import AboutSpec
 from minihuman.exporters.exporter import ExportResult
+from minihuman.exporters.feature_statistics import (
+    NO_STATISTICS,
+    QUANTILES as QUANTILES,
+    FeatureStatistics as FeatureStatistics,
+    select_known as select_known,
+)
 from minihuman.exporters.flat_observations import (
     PICTURE_PX,
     ReplayedEpisode,
@@ -42,81 +48,6 @@ from minihuman.log.model.session_log import EpisodeLog
 
 _NULLABLE_TYPES = {"bool": pa.bool_(), "string": pa.string()}  # by a feature's type
 LARGEST_REWARD = float(np.sqrt(np.finfo(np.float64).max))
-QUANTILES = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
-
-
-class FeatureStatistics:
-    """Statistics of one feature. As in LeRobot, quantiles over episodes are means weighted by the number of frames.
-
-    Args:
-        values: an episode's values, one row per frame; a picture is uint8 (frames, H, W, 3), with separate statistics
-            for each channel, scaled to the range 0 to 1.
-    """
-
-    def __init__(self, values: NDArray[Any]) -> None:
-        self._picture = values.ndim == 4
-        self._frames = len(values)
-        levels = list(QUANTILES.values())
-        if self._picture:
-            counts = np.array([np.bincount(channel, minlength=256) for channel in values.reshape(-1, 3).T])
-            scale = np.arange(256) / 255.0
-            occurs = counts > 0
-            share = np.cumsum(counts, axis=1) / counts[0].sum()
-            self._samples = int(counts[0].sum())
-            self._low = scale[occurs.argmax(axis=1)]
-            self._high = scale[255 - occurs[:, ::-1].argmax(axis=1)]
-            self._sum = counts @ scale
-            self._squares = counts @ scale**2
-            quantiles = np.array([scale[np.searchsorted(channel, levels)] for channel in share]).T
-        else:
-            samples = values.reshape(len(values), -1).astype(np.float64)
-            self._samples = len(samples)
-            self._low = samples.min(axis=0)
-            self._high = samples.max(axis=0)
-            self._sum = samples.sum(axis=0)
-            self._squares = (samples**2).sum(axis=0)
-            quantiles = np.quantile(samples, levels, axis=0)
-        self._quantiles = quantiles * len(values)  # (5, numbers) times frames
-
-    def add(self, other: "FeatureStatistics") -> None:
-        """Merge another episode's statistics into these."""
-        self._frames += other._frames
-        self._samples += other._samples
-        self._low = np.minimum(self._low, other._low)
-        self._high = np.maximum(self._high, other._high)
-        self._sum = self._sum + other._sum
-        self._squares = self._squares + other._squares
-        self._quantiles = self._quantiles + other._quantiles
-
-    def statistics(self) -> dict[str, Any]:
-        """Return the statistics in LeRobot's form: a list with one entry per number.
-
-        For pictures, it is a list of [[number]], one per channel.
-        """
-        mean = self._sum / self._samples
-        values = {
-            "min": self._low,
-            "max": self._high,
-            "mean": mean,
-            "std": np.sqrt(np.maximum(self._squares / self._samples - mean**2, 0.0)),
-            **dict(zip(QUANTILES, self._quantiles / self._frames, strict=True)),
-        }
-        shape = (-1, 1, 1) if self._picture else (-1,)
-        return {key: value.reshape(shape).tolist() for key, value in values.items()} | {"count": [self._frames]}
-
-
-_NO_STATISTICS = dict.fromkeys(("min", "max", "mean", "std", *QUANTILES, "count"))  # of a column without values
-
-
-def select_known(column: NDArray[Any]) -> NDArray[Any]:
-    """Return the rows of a column that can enter statistics: finite numbers and booleans, but no texts."""
-    if column.dtype == object:
-        return np.array([value for value in column if isinstance(value, bool)], np.bool_)
-    if column.dtype.kind == "f" and column.ndim == 1:
-        known: NDArray[Any] = column[np.isfinite(column)]
-        return known
-    return column
-
 
 PICTURE = "observation.image"
 STATE = "observation.state"
@@ -399,7 +330,7 @@ class _Dataset:
         """Return an episode's statistics of one feature, and merge them into the dataset's."""
         known = select_known(column)
         if not len(known):
-            return _NO_STATISTICS
+            return NO_STATISTICS
         statistics = FeatureStatistics(known)
         measured = statistics.statistics()
         if name in self._totals:

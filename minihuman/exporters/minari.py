@@ -10,7 +10,6 @@ import os
 import pickle
 import re
 import shutil
-from collections import defaultdict
 from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib.metadata import packages_distributions, version
@@ -41,6 +40,8 @@ from minihuman.exporters.world_info import add_reset, build_info_columns
 from minihuman.plugins import DISTRIBUTION
 
 NAMESPACE = "minihuman"
+_WAITING_EPISODES = 20  # that are written together, of which the first waits for the last
+_WAITING_BYTES = 16 * 2**20
 _RESERVE_BYTES = 2**20  # an episode's groups and attributes, and the files of JSON
 
 
@@ -74,26 +75,63 @@ def export(chosen: IncludedEpisodes, out: Path) -> ExportResult:
 def _write_datasets(chosen: IncludedEpisodes, out: Path) -> ExportResult:
     """Write one dataset per study and world."""
     replayed = ReplayedStudy(chosen, "has no step, and Minari keeps none without")
-    datasets: dict[str, MinariStorage] = {}
-    players: defaultdict[str, set[str]] = defaultdict(set)  # of each dataset
+    datasets: dict[str, _Dataset] = {}
     for world, item, demonstration in replayed:
         name = f"{item.log.plan.study}/{_add_version(world)}"
         if name not in datasets:
             _require_room(out, _RESERVE_BYTES)
-            datasets[name] = _begin_dataset(out, name, item, demonstration)
-        storage = datasets[name]
-        players[name].add(item.log.player)
-        buffer = _build_buffer(demonstration)
-        _require_room(out, 2 * len(pickle.dumps(buffer)) + _RESERVE_BYTES)
-        storage.update_episodes([buffer])
-        facts = get_plain_facts(item)
-        del facts["seed"]  # Minari has its own place for it
-        last_episode = int(storage.total_episodes) - 1
-        storage.update_episode_metadata([facts], [last_episode])
-    for name, storage in datasets.items():
-        who = ", ".join(sorted(players[name]))
-        storage.update_metadata({"algorithm_name": f"minihuman sessions played by: {who}"})
+            datasets[name] = _Dataset(out, _begin_dataset(out, name, item, demonstration))
+        datasets[name].add(item, demonstration)
+    for dataset in datasets.values():
+        dataset.finish()
     return replayed.result(out / NAMESPACE / name for name in datasets)
+
+
+class _Dataset:
+    """A dataset that is being written, several episodes at once, since Minari reads and writes its JSON for each call.
+
+    Args:
+        out: the export's folder.
+        storage: the dataset's files.
+    """
+
+    def __init__(self, out: Path, storage: MinariStorage) -> None:
+        self._out = out
+        self._storage = storage
+        self._players: set[str] = set()
+        self._buffers: list[EpisodeBuffer] = []
+        self._facts: list[dict[str, Any]] = []
+        self._n_bytes = 0  # of the waiting episodes
+
+    def add(self, included: IncludedEpisode, demonstration: ReplayedEpisode) -> None:
+        """Add an episode."""
+        self._players.add(included.log.player)
+        buffer = _build_buffer(demonstration)
+        facts = get_plain_facts(included)
+        del facts["seed"]  # Minari has its own place for it
+        self._buffers.append(buffer)
+        self._facts.append(facts)
+        self._n_bytes += len(pickle.dumps(buffer))
+        if self._n_bytes > _WAITING_BYTES or len(self._buffers) >= _WAITING_EPISODES:
+            self._write()
+
+    def _write(self) -> None:
+        """Write the waiting episodes."""
+        if not self._buffers:
+            return
+        _require_room(self._out, 2 * self._n_bytes + len(self._buffers) * _RESERVE_BYTES)
+        first = int(self._storage.total_episodes)
+        self._storage.update_episodes(self._buffers)
+        self._storage.update_episode_metadata(self._facts, range(first, first + len(self._facts)))
+        self._buffers = []
+        self._facts = []
+        self._n_bytes = 0
+
+    def finish(self) -> None:
+        """Write what is waiting, and who played."""
+        self._write()
+        who = ", ".join(sorted(self._players))
+        self._storage.update_metadata({"algorithm_name": f"minihuman sessions played by: {who}"})
 
 
 def _add_version(world: str) -> str:

@@ -259,6 +259,15 @@ def decode_event(topic: str, data: bytes) -> events.Event | None:
     return event
 
 
+def find_message_codec(topic: str) -> MessageCodec | None:
+    """Return the codec of a topic whose messages all hold one kind of event, field by field; None for any other."""
+    row = _find_row(topic)
+    codec = None if row is None else _codec_of_row(row)
+    if isinstance(codec, MessageCodec):
+        return codec
+    return None
+
+
 @cache
 def _find_encoder(event: type) -> tuple[str, Callable[[Any], Message]]:
     for row in _list_rows():

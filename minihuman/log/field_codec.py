@@ -7,7 +7,9 @@ from operator import attrgetter
 from typing import Any, Literal, Protocol, get_args, get_origin, get_type_hints
 
 import msgspec
+import numpy as np
 from google.protobuf.message import Message
+from numpy.typing import NDArray
 
 from minihuman.errors import LogError
 
@@ -43,11 +45,12 @@ class FieldCodec:
     name: str
     encode: Callable[[Any], Any] | None = None
     decode: Callable[[Any], Any] | None = None
+    nested: Codec | None = None  # of a field that is a message of its own
 
 
 def nested(name: str, codec: Codec) -> FieldCodec:
     """Return the codec of a field that is a message of its own."""
-    return FieldCodec(name, codec.encode, codec.decode)
+    return FieldCodec(name, codec.encode, codec.decode, codec)
 
 
 def repeated(name: str, codec: Codec) -> FieldCodec:
@@ -88,6 +91,8 @@ class MessageCodec:
         self._kind = kind
         self._message = message
         self._from_message = _values_getter(self._wire_names)
+        self._nested = {codec.name: codec.nested for codec in codecs.values() if codec.nested is not None}
+        self._converted = {codec.name for codec in codecs.values() if codec.encode or codec.decode} - set(self._nested)
         encoders: dict[str, Callable[[Any], Any]] = {}
         self._decoders: list[tuple[int, Callable[[Any], Any]]] = []
         self._vocabularies: list[tuple[int, tuple[str, ...]]] = []
@@ -132,6 +137,46 @@ class MessageCodec:
             if values[place] not in allowed:
                 require_one_of(allowed, values[place])
         return self._kind(*values)
+
+    def decode_columns(self, columns: Any) -> tuple[list[Any], NDArray[np.bool_]]:
+        """Decode n messages whose fields are columns (``MessageColumns`` with ``canonical``).
+
+        Returns:
+            The n values, and bool[n], whether ``encode`` is sure to give a message with the same bytes. A value of
+            which it is not sure may be another than ``decode`` returns.
+
+        Raises:
+            ValueError: if the bytes are not such messages.
+        """
+        is_sure = columns.is_canonical.copy()
+        values_by_field: list[Any] = []
+        vocabularies = {self._wire_names[place]: allowed for place, allowed in self._vocabularies}
+        optional = {name for _, name in self._optional}
+        for name in self._wire_names:
+            field_values, field_is_sure = self._decode_column(name, columns[name], vocabularies.get(name, ()))
+            is_present = columns[name].is_present
+            is_sure &= field_is_sure | ~is_present
+            if name in optional and not is_present.all():
+                presence = is_present.tolist()
+                field_values = [cell if there else None for cell, there in zip(field_values, presence, strict=True)]
+            values_by_field.append(field_values)
+        return list(map(self._kind, *values_by_field)), is_sure
+
+    def _decode_column(self, name: str, column: Any, allowed: tuple[str, ...]) -> tuple[list[Any], Any]:
+        """Return a field of n messages, and whether each is sure to be what ``decode`` returns."""
+        descriptor = self._message.DESCRIPTOR.fields_by_name[name]
+        codec = self._nested.get(name)
+        if isinstance(codec, MessageCodec):
+            return codec.decode_columns(column.values)
+        n_messages = len(column.is_present)
+        is_plain = descriptor.message_type is None and descriptor.default_value != []
+        if not is_plain or name in self._converted:
+            return [()] * n_messages, np.zeros(n_messages, np.bool_)
+        if descriptor.type != descriptor.TYPE_STRING:
+            return column.values.tolist(), np.ones(n_messages, np.bool_)
+        is_allowed = np.array([not allowed or text in allowed for text in column.values.categories])
+        texts = [column.values.categories[code] for code in column.values.codes.tolist()]
+        return texts, is_allowed[column.values.codes]
 
 
 def _message_builder(

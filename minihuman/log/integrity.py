@@ -63,7 +63,7 @@ class HashChain:
 
     def __init__(self) -> None:
         self._head = _CHAIN_START
-        self._known: set[tuple[str, str]] = set()  # topics and their schemas
+        self._beginnings: dict[tuple[str, str], bytes] = {}  # of the messages' links, by topic and schema
 
     @property
     def head(self) -> str:
@@ -72,15 +72,18 @@ class HashChain:
 
     def message(self, message: LogMessage, schema: Schema | None) -> None:
         """Add a message to the chain, unless its topic is another program's."""
-        if find_topic(message.channel.topic) is None:
-            return
         channel = message.channel
         name = "" if schema is None else schema.name
-        if (channel.topic, name) not in self._known:
-            self._known.add((channel.topic, name))
+        beginning = self._beginnings.get((channel.topic, name))
+        if beginning is None:
+            if find_topic(channel.topic) is None:
+                return
             self._channel(channel, schema)
-        numbers = f"{message.sequence} {message.log_time} {message.publish_time}"
-        self._extend(b"message", channel.topic.encode(), name.encode(), numbers.encode(), message.data)
+            beginning = _join_parts(b"message", channel.topic.encode(), name.encode())
+            self._beginnings[channel.topic, name] = beginning
+        numbers = b"%d %d %d" % (message.sequence, message.log_time, message.publish_time)
+        rest = _join_parts(numbers, message.data)
+        self._head = hashlib.sha256(self._head + beginning + rest).digest()
 
     def metadata(self, record: Metadata) -> None:
         """Add a metadata record to the chain, without the chain head that it states."""
@@ -104,9 +107,10 @@ class HashChain:
         self._extend(b"channel", channel.topic.encode(), channel.message_encoding.encode(), encoding.encode(), data)
 
     def _extend(self, *parts: bytes) -> None:
-        """Extend the chain by a record, given in parts, each preceded by its length."""
-        digest = hashlib.sha256(self._head)
-        for part in parts:
-            digest.update(len(part).to_bytes(8, "little"))
-            digest.update(part)
-        self._head = digest.digest()
+        """Extend the chain by a record, given in parts."""
+        self._head = hashlib.sha256(self._head + _join_parts(*parts)).digest()
+
+
+def _join_parts(*parts: bytes) -> bytes:
+    """Join the parts of a record, each preceded by its length."""
+    return b"".join(piece for part in parts for piece in (len(part).to_bytes(8, "little"), part))

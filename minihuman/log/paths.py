@@ -110,6 +110,11 @@ class SegmentPath:
         return cls(part, log, segment)
 
 
+def is_plain_log_name(name: str) -> bool:
+    """Return whether a file is named as a finished session log is, and as no other program's file."""
+    return name.endswith(LOG_SUFFIX) and bool(_OURS.search(name)) and not is_system_companion(name)
+
+
 def is_companion_file(path: Path) -> bool:
     """Return whether an MCAP file is another program's, such as an eye tracker's, by name and profile."""
     if _OURS.search(path.name):

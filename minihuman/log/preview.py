@@ -74,6 +74,13 @@ class PreviewEncoder:
                 if event is not None:
                     yield from self._encode_event(event)
 
+    def add_step(self, event: events.Stepped) -> None:
+        """Add a step to the running episode's poses; nothing comes before its message."""
+        assert not self.is_pose_per_step
+        if event.pose is not None:
+            self._path = self._path or self._begin_path(event.t_ns)
+            self._path.poses.append(_place_pose(event.pose))
+
     def finish(self) -> Iterator[tuple[str, Message]]:
         """Yield the poses of the current episode, at its end or where the segment breaks off."""
         path = self._path
@@ -97,18 +104,26 @@ class PreviewEncoder:
             yield topics.LOG, Log(timestamp=stamp, level=level, name=name, message=text)
 
     def _add_pose(self, pose: Pose, t_ns: int) -> Iterator[tuple[str, Message]]:
-        half = pose.yaw_rad / 2
-        turned = Quaternion(x=0.0, y=math.sin(half), z=0.0, w=math.cos(half))
-        placed = FoxglovePose(position=Vector3(x=pose.x, y=pose.y, z=pose.z), orientation=turned)
+        placed = _place_pose(pose)
         if self.is_pose_per_step:
             yield topics.POSE, PoseInFrame(timestamp=self._timestamp(t_ns), frame_id=FRAME_ID, pose=placed)
             return
-        self._path = self._path or PosesInFrame(timestamp=self._timestamp(t_ns), frame_id=FRAME_ID)
+        self._path = self._path or self._begin_path(t_ns)
         self._path.poses.append(placed)
+
+    def _begin_path(self, t_ns: int) -> PosesInFrame:
+        return PosesInFrame(timestamp=self._timestamp(t_ns), frame_id=FRAME_ID)
 
     def _timestamp(self, t_ns: int) -> Timestamp:
         seconds, nanos = divmod(self._started_ns + t_ns, 1_000_000_000)
         return Timestamp(seconds=seconds, nanos=nanos)
+
+
+def _place_pose(pose: Pose) -> FoxglovePose:
+    """Return a pose as viewers know it: a position and a quaternion."""
+    half = pose.yaw_rad / 2
+    turned = Quaternion(x=0.0, y=math.sin(half), z=0.0, w=math.cos(half))
+    return FoxglovePose(position=Vector3(x=pose.x, y=pose.y, z=pose.z), orientation=turned)
 
 
 _LogLine = tuple[Log.Level.ValueType, str, str]  # level, name and text

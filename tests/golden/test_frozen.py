@@ -65,6 +65,7 @@ HELD = {
     "v2/adaptive/sub-01": ("goal goal goal goal failure goal goal goal", [1] * 8, "complete"),
     "v2/chat/sub-01": ("timeout", [3], "complete"),
     "v2/chat/sub-02": ("timeout", [3], "complete"),
+    "v2/feedback/sub-01": ("goal goal", [5, 5], "complete"),
     "v2/team/sub-01": ("timeout timeout", [20, 20], "complete"),
     "v2/typed/sub-01": ("", [], "complete"),
     "v2/unruled/sub-01": ("failure goal failure failure", [2, 4, 1, 7], "complete"),

@@ -337,10 +337,10 @@ def test_the_head_of_a_log_is_recorded_by_a_server_that_was_killed_before_it_wro
     one, _, part, _ = leave_ended_session(table, clock, [tmp_path / "one", tmp_path / "other"])
     log = recover_log(part).path  # named, and killed
     assert find_unrecorded_logs(tmp_path / "one/tried") == [log]
-    assert read_chain_heads(tmp_path / "one/tried", log.name) == {}
+    assert read_chain_heads(tmp_path / "one/tried") == {}
     one.finish_ended()
     assert find_unrecorded_logs(tmp_path / "one/tried") == []
-    assert [*read_chain_heads(tmp_path / "one/tried", log.name)] == ["1"]
+    assert [*read_chain_heads(tmp_path / "one/tried")[log.name]] == ["1"]
 
 
 def test_a_page_whose_session_turns_out_to_be_complete_comes_again_and_is_told_so(

@@ -7,13 +7,16 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from minihuman.admin.verify.log import verify_session
+from minihuman.admin.verify.episodes import verify_episodes
+from minihuman.admin.verify.log import MAX_DIFFERENCES, find_log_differences, verify_session
 from minihuman.cli.command_line import make_command_line
 from minihuman.errors import MinihumanError
+from minihuman.log.paths import raise_as_log_error
 from minihuman.log.read.session_reader import read_log
 from minihuman.log.salvage.records import LogMessage
 from minihuman.log.salvage.scan import LogScanner
 from minihuman.log.topics import BY_NAME, EPISODE_START
+from minihuman.worlds.adapters.world import World
 from tests.counts import count
 from tests.promises.sessions import play, study
 from tests.promises.tampering import Change, Record, messages_changed, moved, others_changed, rewritten
@@ -82,6 +85,29 @@ def test_whatever_is_changed_is_noticed_without_the_chain_but_for_some_inputs(
     some = [(name, change) for name, change in _some(changes) if name != "metadata minihuman.end chain"]  # made anew
     unnoticed = {name for name, change in some if not _said(_changed(log, change, tmp_path, chained=True))}
     assert unnoticed <= INPUTS
+
+
+@pytest.mark.nightly(sample=True)
+def test_a_changed_log_has_the_sentences_that_replaying_every_part_of_it_on_its_own_gives(
+    log: Path, changes: list[tuple[str, Change]], tmp_path: Path
+) -> None:
+    for place, (name, change) in enumerate(_some(changes)):
+        changed = _changed(log, change, tmp_path, chained=place % 2 == 0)
+        assert _said(changed) == _say_part_by_part(changed), name
+
+
+def _say_part_by_part(log: Path) -> list[str]:
+    """Replay a log's episodes, and then the session, each with worlds of its own."""
+    try:
+        session = read_log(log)
+        with raise_as_log_error(log, "played again"):
+            steps = verify_episodes(session, World)
+        with raise_as_log_error(log, "proven"):
+            differences = list(find_log_differences(log, World))
+    except MinihumanError as error:
+        return [str(error)]
+    more = [f"and {len(differences) - MAX_DIFFERENCES} more"] if len(differences) > MAX_DIFFERENCES else []
+    return [*([steps.difference] if steps.difference else []), *differences[:MAX_DIFFERENCES], *more]
 
 
 def _some(changes: list[tuple[str, Change]]) -> list[tuple[str, Change]]:

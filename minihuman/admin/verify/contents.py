@@ -3,11 +3,13 @@
 Here each record is only read, chained and decoded; other modules compare the records with each other.
 """
 
+from collections import deque
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from mcap.records import Attachment, Metadata
+from mcap.records import Attachment, Metadata, Schema
 
 from minihuman.admin.verify.messages import MessageVerifier
 from minihuman.experiment.machine.events import Event, SessionEnded, SessionStarted
@@ -16,6 +18,7 @@ from minihuman.log import integrity, names as log_names, topics
 from minihuman.log.codec import EventDecoder, find_topic, select_decoder
 from minihuman.log.integrity import METADATA_PREFIX, HashChain, SegmentHead
 from minihuman.log.paths import PART_SUFFIX
+from minihuman.log.read.event_batches import decode_sure_events
 from minihuman.log.salvage.records import ChunkMessages, LogMessage
 from minihuman.log.salvage.scan import LogScanner
 
@@ -99,13 +102,17 @@ class _ContentsReader:
         self._scan = LogScanner(path)
         self._chain = HashChain()
         self._contents = LogContents()
+        self._schemas: dict[int, Schema] = {}  # that are known at the record
+        self._sure_events: deque[Event | None] = deque()  # of the messages to come
         self._decode: EventDecoder | None = None  # of the latest segment's messages
         self._verifier: MessageVerifier | None = None  # of the same, from its first message on
 
     def read(self) -> LogContents:
         """Read the log to its end and return its contents."""
         contents = self._contents
-        for record in self._scan:
+        records = [(record, dict(self._scan.schemas)) for record in self._scan.records()]
+        self._decode_sure_events([record for record, _ in records])
+        for record, self._schemas in records:
             match record:
                 case Metadata():
                     self._chain.metadata(record)
@@ -115,8 +122,8 @@ class _ContentsReader:
                 case Attachment():
                     self._chain.attachment(record)
                     contents.attached.append(record)
-                case LogMessage() if find_topic(record.channel.topic) is not None:
-                    self._take_message(record)
+                case ChunkMessages():
+                    self._take_chunk(record)
         contents.finished = self._scan.finished
         self._finish_messages()
         if contents.plan_copies != contents.plans and all(segment.provable for segment in contents.segments):
@@ -165,10 +172,35 @@ class _ContentsReader:
             messages = ChunkMessages(SegmentHead.of(record.data).records, self._scan.channels)
             self._contents.plan_copies += (message.data for message in messages)
 
-    def _take_message(self, record: LogMessage) -> None:
-        """Add a message to its segment, and note how it differs from what was to be written."""
+    def _decode_sure_events(self, records: Sequence[Metadata | Attachment | ChunkMessages]) -> None:
+        """Decode the events of which it is sure that their messages are as they are written, a segment at a time."""
+        chunks: list[ChunkMessages] = []
+        started_ns = ""
+        for record in records:
+            if isinstance(record, ChunkMessages):
+                chunks.append(record)
+            elif isinstance(record, Metadata) and record.name == log_names.SEGMENT_METADATA:
+                self._sure_events += decode_sure_events(chunks, started_ns)
+                chunks = []
+                started_ns = record.metadata.get("started_unix_ns", "")
+        self._sure_events += decode_sure_events(chunks, started_ns)
+
+    def _take_chunk(self, chunk: ChunkMessages) -> None:
+        """Add a chunk's messages to their segment."""
+        for record in chunk:
+            event = self._sure_events.popleft()
+            if find_topic(record.channel.topic) is not None:
+                self._take_message(record, event)
+
+    def _take_message(self, record: LogMessage, sure_event: Event | None) -> None:
+        """Add a message to its segment, and note how it differs from what was to be written.
+
+        Args:
+            record: the message.
+            sure_event: its event, if the message is sure to be as the event is written.
+        """
         contents = self._contents
-        schema = self._scan.schemas.get(record.channel.schema_id)
+        schema = self._schemas.get(record.channel.schema_id)
         self._chain.message(record, schema)
         segment = contents.segments[-1]
         if segment.end is not None:
@@ -176,6 +208,10 @@ class _ContentsReader:
         segment.first_ns = segment.first_ns or record.log_time
         segment.last_ns = max(segment.last_ns, record.log_time)
         if not segment.provable:
+            return
+        if sure_event is not None and self._verify_in(segment).accept(record, sure_event):
+            segment.events.append(sure_event)
+            segment.last_sequence = record.sequence
             return
         if record.channel.topic == topics.PLAN:
             contents.plans.append(record.data)

@@ -5,6 +5,7 @@ A plan from an earlier version can lack later fields and be divided into other p
 
 import hashlib
 from collections.abc import Iterator
+from functools import lru_cache
 from itertools import zip_longest
 
 import msgspec
@@ -24,6 +25,7 @@ from minihuman.experiment.protocol.protocol import Protocol, decode_logged_proto
 from minihuman.experiment.protocol.strata import build_strata
 from minihuman.worlds.hashing import resolve_files
 
+_LATER_OUTCOMES = {"ended"}
 _ONCE_PER_PLAN = ("first_episode", "segment", "standing")  # what a resumed session changes in its plan
 
 
@@ -35,7 +37,7 @@ def compare_plan(segment: LogSegment) -> Iterator[str]:
     if hashlib.sha256(plan.protocol_toml).hexdigest() != plan.protocol_sha256:
         yield "plan: protocol_sha256 is not the protocol's"
     try:
-        protocol = decode_logged_protocol(plan.protocol_toml)
+        protocol = _decode_protocol(plan.protocol_toml)
         protocol = msgspec.structs.replace(protocol, files=_page_pictures(protocol, plan) | plan.files)
         again = expand_protocol(
             protocol,
@@ -61,6 +63,11 @@ def compare_plan(segment: LogSegment) -> Iterator[str]:
             now = tuple(_as_planned_before(episode, before) for episode, before in zip_longest(now, logged))
         if name not in _ONCE_PER_PLAN and logged != now:
             yield f"plan: {name} is not what the protocol gives"
+
+
+@lru_cache(maxsize=4)  # the sessions of a study have the same bytes
+def _decode_protocol(protocol_toml: bytes) -> Protocol:
+    return decode_logged_protocol(protocol_toml)
 
 
 def _page_pictures(protocol: Protocol, plan: SessionPlan) -> dict[str, bytes]:
@@ -111,6 +118,10 @@ def _without_later_fields(part: PlannedPart, logged: PlannedPart) -> PlannedPart
     """Return a planned part without the fields that plans did not have when the logged part was made."""
     if not isinstance(part.plan, PlayPlan) or not isinstance(logged.plan, PlayPlan):
         return part
+    # what is shown after an outcome that logs of schema 2 did not know
+    feedback = {outcome: text for outcome, text in part.plan.feedback.items() if outcome in logged.plan.feedback}
+    if part.plan.feedback.keys() - feedback.keys() <= _LATER_OUTCOMES:
+        part = msgspec.structs.replace(part, plan=msgspec.structs.replace(part.plan, feedback=feedback))
     if logged.plan.computed == "page":
         return part
     # the server computed all first-person worlds, before that nothing was said

@@ -6,9 +6,9 @@ the first one computed. Whatever is not on the tape is computed as it would be w
 worlds with wrappers are not taped: that they do the same again is not known.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import gymnasium
 import numpy as np
@@ -22,6 +22,7 @@ from minihuman.worlds.contract import Palette, View
 from minihuman.worlds.hashing import hash64
 from minihuman.worlds.pose import Pose
 
+_MAX_IDLE = 32  # ids and options
 _EpisodeKey = tuple[str, int, int]  # world id, hash of its options, seed
 
 
@@ -68,8 +69,9 @@ class _TapedWorld(World):
         self._moment: _Moment | None = None  # None: what happens is not on the tape
         self._tape = tape
         super().__init__(world_id, options)
-        is_seat = isinstance(self._env.unwrapped, SeatEnv)
-        self._can_be_taped = self.is_built_in and not self._wrappers.any and not is_seat
+        self._can_be_taped = (
+            self.is_built_in and not self._wrappers.any and not isinstance(self._env.unwrapped, SeatEnv)
+        )
 
     def reset(self, seed: int) -> ResetResult:
         """Begin an episode from a seed."""
@@ -189,3 +191,71 @@ class _TapedWorld(World):
         """Return the present observation as text."""
         self._make_steps()
         return super().text()
+
+
+class WorldPool:
+    """Makes worlds for one proof, of built-in worlds that other proofs of this process have closed.
+
+    A built-in world keeps nothing over a reset but its id and options, so a session's own episodes share one, too.
+
+    Attributes:
+        all_repeat: whether all worlds that were made are known to do the same again from the same seed and actions.
+    """
+
+    _idle: ClassVar[dict[tuple[str, int], list["_PooledWorld"]]] = {}  # by id and options, the least recent first
+
+    def __init__(self) -> None:
+        self.all_repeat = True
+
+    def make_world(self, world_id: str, options: dict[str, Any] | None = None) -> World:
+        """Make a world, or take one that is idle.
+
+        Raises:
+            WorldError: if the world cannot be created here.
+        """
+        key = (world_id, hash64(options or {}))
+        idle = self._idle.get(key)
+        if idle:
+            return idle.pop()
+        world = _PooledWorld(world_id, options, self._keep)
+        self.all_repeat &= world.can_repeat
+        return world
+
+    @classmethod
+    def _keep(cls, world: "_PooledWorld") -> bool:
+        """Keep a closed world; return False if it is to be closed."""
+        if not world.can_repeat:
+            return False
+        key = (world.id, hash64(world.options))
+        idle = cls._idle.pop(key, [])
+        cls._idle[key] = [world]
+        for surplus in idle:
+            surplus.close_finally()
+        while len(cls._idle) > _MAX_IDLE:
+            for surplus in cls._idle.pop(next(iter(cls._idle))):
+                surplus.close_finally()
+        return True
+
+
+class _PooledWorld(World):
+    """A world that returns to its pool when it is closed.
+
+    Args:
+        world_id: a Gymnasium id.
+        options: the keyword arguments of ``gymnasium.make``.
+        keep: keeps a closed world, or returns False.
+    """
+
+    def __init__(self, world_id: str, options: dict[str, Any] | None, keep: Callable[["_PooledWorld"], bool]) -> None:
+        super().__init__(world_id, options)
+        self._keep = keep
+        self.can_repeat = self.is_built_in and not self._wrappers.any and not isinstance(self._env.unwrapped, SeatEnv)
+
+    def close(self) -> None:
+        """Return to the pool; close the environment if it is not kept."""
+        if not self._keep(self):
+            super().close()
+
+    def close_finally(self) -> None:
+        """Close the environment."""
+        super().close()

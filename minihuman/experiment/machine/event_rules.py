@@ -42,7 +42,8 @@ class _StreamChecker:
 
     def __init__(self) -> None:
         self.violations: list[str] = []
-        self._place = ""  # of the event, as a violation names it
+        self._number = 0  # of the event that is checked
+        self._event_name = ""
         self._t_ns = 0
         self._sampled_ns: dict[str, int] = {}  # of each device's last sample
         self._first = 0
@@ -63,7 +64,8 @@ class _StreamChecker:
 
     def read(self, number: int, event: Event) -> None:
         """Check an event against the events before it."""
-        self._place = f"event {number}, {type(event).__name__}"
+        self._number = number
+        self._event_name = type(event).__name__
         self._rule(isinstance(event, SessionStarted) == (number == 0), "SessionStarted is the first event, and only it")
         self._rule(not self._ended, "nothing follows SessionEnded")
         self._check_time(event)
@@ -94,7 +96,8 @@ class _StreamChecker:
         else:
             last_ns = self._t_ns
             self._t_ns = event.t_ns
-        self._rule(event.t_ns >= last_ns, f"time goes back from {last_ns} to {event.t_ns} ns")
+        if event.t_ns < last_ns:
+            self._rule(False, f"time goes back from {last_ns} to {event.t_ns} ns")
 
     def _read_episode_event(self, event: KeyMapDrawn | EpisodeStarted | EpisodeEnded | EpisodesSkipped) -> None:
         match event:
@@ -169,11 +172,14 @@ class _StreamChecker:
         self._steps += 1
         self._return += event.reward
         self._rule(not self._paused, "nothing steps in a pause")
-        self._rule(event.step == self._steps, f"step {self._steps} is next, not {event.step}")
+        if event.step != self._steps:
+            self._rule(False, f"step {self._steps} is next, not {event.step}")
         is_recorded = playing.plan.record_observations
         self._rule(self._observations == is_recorded * (self._steps + 1), "a step's observation comes before it")
-        self._rule(_is_sum(event.return_, self._return), f"rewards sum to {self._return}, not {event.return_}")
-        self._rule(0 <= event.action < len(playing.action_names), f"there is no action {event.action}")
+        if not _is_sum(event.return_, self._return):
+            self._rule(False, f"rewards sum to {self._return}, not {event.return_}")
+        if not 0 <= event.action < len(playing.action_names):
+            self._rule(False, f"there is no action {event.action}")
         self._rule(event.key_t_ns <= event.t_ns, "a key comes before its step")
         self._rule(event.rt_ms is None or event.rt_ms >= 0, "a reaction follows what it answers")
         is_spent = event.step >= playing.plan.max_steps
@@ -207,7 +213,7 @@ class _StreamChecker:
 
     def _rule(self, holds: bool, rule: str) -> None:
         if not holds:
-            self.violations.append(f"{self._place}: {rule}")
+            self.violations.append(f"event {self._number}, {self._event_name}: {rule}")
 
 
 def _is_sum(logged: float, summed: float) -> bool:

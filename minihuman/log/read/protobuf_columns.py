@@ -33,6 +33,7 @@ _WIRE_TYPE = {
     FieldDescriptor.TYPE_STRING: _LENGTH,
     FieldDescriptor.TYPE_MESSAGE: _LENGTH,
 }
+_LONGEST_VARINT = 10  # bytes
 _VARINT_BITS = 70  # ten groups of seven are the most that a varint has
 # a byte's part of the number, and whether another byte follows
 _SEVEN = np.uint64(0x7F)
@@ -59,11 +60,18 @@ class FieldColumn(NamedTuple):
 class MessageColumns(Mapping[str, FieldColumn]):
     """Every field of some messages, by name. Texts and nested messages are read when they are first accessed.
 
+    Attributes:
+        is_canonical: bool[n], whether a message's bytes are the ones that protobuf writes for its fields: each known
+            field once, in the order of numbers, in as few bytes as possible, and none that is its default. Known only
+            with ``canonical``; nested messages and the letters of texts are not considered.
+
     Raises:
         ValueError: on creation or when a field is accessed, if the bytes are not such messages.
     """
 
-    def __init__(self, kind: Any, data: bytes, begins: MessageOffsets, ends: MessageOffsets) -> None:
+    def __init__(
+        self, kind: Any, data: bytes, begins: MessageOffsets, ends: MessageOffsets, *, canonical: bool = False
+    ) -> None:
         """Locate every field.
 
         Args:
@@ -71,22 +79,31 @@ class MessageColumns(Mapping[str, FieldColumn]):
             data: the bytes of the messages, followed by ``BEYOND``.
             begins: where each message begins in ``data``.
             ends: where each message ends in ``data``.
+            canonical: whether to find out which messages are in their canonical form.
         """
         self._data = data
-        self._fields = {field.name: _Field(field, data, ends) for field in kind.fields}
+        self._looks_for_canonical = canonical
+        fields = sorted(kind.fields, key=lambda field: field.number)
+        self._fields = {field.name: _Field(field, data, ends, canonical=canonical) for field in fields}
         self._read: dict[str, FieldColumn] = {}
+        self.is_canonical = np.full(len(begins), canonical)
         at = begins.copy()
         while (at < ends).any():
             before = at.copy()
             for field in self._fields.values():  # writers keep the fields' order, so once through is enough
                 field.take(at)
+            self.is_canonical &= at == ends  # what takes another round is out of order, there twice or unknown
             for row in np.flatnonzero((at == before) & (at < ends)):
                 at[row] = _after_unknown(data, int(at[row]), int(ends[row]))
+        if canonical:
+            for field in self._fields.values():
+                self.is_canonical &= field.find_canonical()
 
     def __getitem__(self, name: str) -> FieldColumn:
         if name not in self._read:
             field = self._fields[name]
-            self._read[name] = FieldColumn(field.values(self._data), field.is_present)
+            values = field.values(self._data, canonical=self._looks_for_canonical)
+            self._read[name] = FieldColumn(values, field.is_present)
         return self._read[name]
 
     def __iter__(self) -> Iterator[str]:
@@ -99,7 +116,7 @@ class MessageColumns(Mapping[str, FieldColumn]):
 class _Field:
     """One field, collected from one message after the other."""
 
-    def __init__(self, field: FieldDescriptor, data: bytes, ends: MessageOffsets) -> None:
+    def __init__(self, field: FieldDescriptor, data: bytes, ends: MessageOffsets, *, canonical: bool) -> None:
         assert field.number < 2048, f"{field.full_name}: a tag of three bytes"
         self._kind = field
         # a repeated field's default, in every release of protobuf; its numbers stand one behind the other
@@ -115,6 +132,7 @@ class _Field:
         self.is_present = np.zeros(len(ends), np.bool_)
         self._numbers = np.zeros(len(ends), np.uint64)  # the number itself, or where a text or message begins
         self._lengths = np.zeros(len(ends), np.int64)
+        self._varint_bytes = np.ones(len(ends), np.int64) if canonical else None  # that the number or length takes
 
     def take(self, at: MessageOffsets) -> None:
         """Read the field from every message that has it at position ``at``, and move those positions past it."""
@@ -131,7 +149,10 @@ class _Field:
             self._numbers[rows] = self._eights[places]
             places += 8
         else:
+            varints_begin = places
             numbers, places = _varints(self._eights, places)
+            if self._varint_bytes is not None:
+                self._varint_bytes[rows] = places - varints_begin
             if self._wire_type == _LENGTH:
                 if (numbers > (ends - places).clip(0).astype(np.uint64)).any():
                     raise ValueError(f"field {self._kind.name} is truncated")
@@ -144,7 +165,24 @@ class _Field:
         self.is_present[rows] = True
         at[rows] = places
 
-    def values(self, data: bytes) -> Any:
+    def find_canonical(self) -> NDArray[np.bool_]:
+        """Return in which messages the field, if it is there, has the bytes that protobuf writes for its value.
+
+        Numbers of ten bytes, which are negative, are said not to.
+        """
+        assert self._varint_bytes is not None
+        numbers = self._lengths.view(np.uint64) if self._wire_type == _LENGTH else self._numbers
+        upper_bits = (7 * (self._varint_bytes - 1)).clip(0, 63).astype(np.uint64)
+        is_written_so: NDArray[np.bool_] = (self._varint_bytes == 1) | ((numbers >> upper_bits) > 0)
+        is_written_so &= self._varint_bytes < _LONGEST_VARINT
+        if self._kind.type == FieldDescriptor.TYPE_BOOL:
+            is_written_so &= numbers <= 1
+        if not self._kind.has_presence:
+            is_written_so &= numbers != 0
+        is_written_so |= ~self.is_present
+        return is_written_so
+
+    def values(self, data: bytes, *, canonical: bool = False) -> Any:
         """Return the whole column, once every message has been read."""
         match self._kind.type:
             case FieldDescriptor.TYPE_DOUBLE if self._is_list:
@@ -159,7 +197,7 @@ class _Field:
                 begins = self._numbers.view(np.int64)
                 ends = begins + self._lengths
                 if self._kind.message_type is not None:
-                    return MessageColumns(self._kind.message_type, data, begins, ends)
+                    return MessageColumns(self._kind.message_type, data, begins, ends, canonical=canonical)
                 return _read_texts(data, begins, ends)
         return self._numbers
 

@@ -116,6 +116,10 @@ class ChunkMessages:
             return (int(log_times.min()), int(log_times.max()))
         return None
 
+    def times_at(self, places: ByteOffsets) -> tuple[NDArray[np.uint64], NDArray[np.uint64]]:
+        """Return the log times and the publish times of the messages at these places."""
+        return self._heads["log_time"][places], self._heads["publish_time"][places]
+
     def __iter__(self) -> Iterator[LogMessage]:
         heads = self._heads[["channel", "sequence", "log_time", "publish_time"]].tolist()
         for begin, end, (channel, sequence, log_time, publish_time) in zip(

@@ -1,0 +1,165 @@
+"""Which logs are replayed: all of them, a sample, or those that no earlier run has verified as they are now.
+
+A record of verified logs saves time and proves nothing to others: whoever can write the logs can write the record.
+"""
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+import msgspec
+import numpy as np
+
+from minihuman import __version__
+from minihuman.dataset.annotations import annotations_path
+from minihuman.dataset.caches import digest_sources
+from minihuman.errors import LogError, MinihumanError
+from minihuman.log.read.session_reader import list_session_files
+from minihuman.storage.durable_files import hash_file
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """A random sample of sessions.
+
+    Attributes:
+        share: the share of the sessions, above 0 and at most 1; at least one session is drawn.
+        seed: the seed of the draw.
+    """
+
+    share: float
+    seed: int = 0
+
+    @classmethod
+    def parse(cls, text: str, *, seed: int = 0) -> "Sample":
+        """Parse a share such as "5%" or "0.05".
+
+        Raises:
+            MinihumanError: if it is not a share above 0 % and at most 100 %.
+        """
+        number = text.strip().removesuffix("%")
+        try:
+            share = float(number) / (100 if text.strip().endswith("%") else 1)
+        except ValueError:
+            share = math.nan
+        if not 0 < share <= 1:
+            raise MinihumanError(f"--sample is {text!r}; a share is above 0% and at most 100%, such as 5% or 0.05")
+        if seed < 0:
+            raise MinihumanError(f"--sample-seed is {seed}; a seed is 0 or more")
+        return cls(share, seed)
+
+    def draw(self, logs: Sequence[Path]) -> list[Path]:
+        """Draw from logs, in their order."""
+        n_drawn = min(len(logs), max(1, math.ceil(self.share * len(logs) - 1e-9)))
+        places = np.random.default_rng(self.seed).permutation(len(logs))[:n_drawn]
+        return [logs[place] for place in sorted(places.tolist())]
+
+    def describe(self, n_drawn: int, n_logs: int) -> str:
+        """Describe the sample in the words that stand wherever its result does."""
+        return f"a sample of {n_drawn} of {n_logs} sessions, {100 * self.share:g} %, seed {self.seed}"
+
+
+class _VerifiedLog(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A line of the record: a log in which nothing differed."""
+
+    log: str  # its path in the record's terms
+    digest: str  # of its files, of its annotations and of its chain heads in the enrolment log
+    software: str  # that verified it
+    at: str  # UTC
+    lines: tuple[str, ...]
+
+
+class VerificationRecord:
+    """A file with a line for each log that was verified, to which each run appends.
+
+    A run that is cut off is resumed by the next one; a line that was cut off counts for nothing.
+
+    Args:
+        file: the file, which need not exist.
+        options: what else than the logs a result depends on.
+
+    Raises:
+        LogError: if the file cannot be read, or is another file.
+    """
+
+    def __init__(self, file: Path, options: str = "") -> None:
+        self._file = file
+        self._software = f"{__version__} {digest_sources()} {options}".strip()
+        self._verified: dict[str, _VerifiedLog] = {}
+        self._digests: dict[Path, str] = {}
+        self._ends_with_line = True
+        try:
+            content = file.read_bytes() if file.exists() else b""
+        except OSError as error:
+            raise LogError(f"{file} cannot be read: {error.strerror}") from error
+        *whole_lines, rest = content.split(b"\n")
+        self._ends_with_line = not rest
+        for number, line in enumerate(whole_lines, 1):
+            self._read_line(line, number)
+
+    def _read_line(self, line: bytes, number: int) -> None:
+        """Read a line; one that a cut-off run left unfinished ends where the next run began."""
+        try:
+            verified = msgspec.json.decode(line, type=_VerifiedLog)
+        except msgspec.DecodeError as error:
+            if not line.startswith(b'{"log":'):
+                raise LogError(
+                    f"{self._file}:{number} is no line of verified logs ({error}); name another file with --record"
+                ) from error
+            return
+        self._verified[verified.log] = verified
+
+    def find(self, log: Path, heads: Iterable[tuple[str, str]]) -> tuple[str, ...] | None:
+        """Return the findings about a log that this software verified, as it is now; None if it is to be replayed.
+
+        Args:
+            log: the log, or a session's folder.
+            heads: the segments of the log and their chain heads, by the enrolment log.
+        """
+        try:
+            self._digests[log] = _digest_log(log, heads)
+        except (LogError, OSError):  # verifying says what is wrong with it
+            return None
+        known = self._verified.get(str(log.absolute()))
+        if known is None or (known.digest, known.software) != (self._digests[log], self._software):
+            return None
+        return tuple(f"{line} (verified at {known.at}, unchanged since)" for line in known.lines)
+
+    def add(self, log: Path, lines: Sequence[str]) -> None:
+        """Append a log in which nothing differs, as it was when ``find`` did not find it.
+
+        Raises:
+            LogError: if the file cannot be written.
+        """
+        if log not in self._digests:
+            return
+        at = datetime.now(UTC).isoformat(timespec="seconds")
+        verified = _VerifiedLog(str(log.absolute()), self._digests[log], self._software, at, tuple(lines))
+        start = b"" if self._ends_with_line else b"\n"
+        try:
+            with self._file.open("ab") as file:
+                file.write(start + msgspec.json.encode(verified) + b"\n")
+        except OSError as error:
+            raise LogError(f"{self._file} cannot be written: {error.strerror}") from error
+        self._ends_with_line = True
+        self._verified[verified.log] = verified
+
+
+def _digest_log(log: Path, heads: Iterable[tuple[str, str]]) -> str:
+    """Return the digests of all files from which a log's findings follow, with its chain heads.
+
+    Raises:
+        LogError: if a folder holds no session.
+        OSError: if a file cannot be read.
+    """
+    files = _list_files(log)
+    return " ".join([*map(hash_file, files), *(f"{segment}:{chain}" for segment, chain in sorted(heads))])
+
+
+def _list_files(log: Path) -> Iterator[Path]:
+    yield from list_session_files(log)
+    annotations = annotations_path(log)
+    if annotations.exists():
+        yield annotations

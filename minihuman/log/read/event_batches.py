@@ -1,0 +1,79 @@
+"""Decodes the events of many messages of one topic at once, and says of which messages it is sure.
+
+Sure means: the event is the one that `decode_event` returns, and `encode_event` gives the message's bytes again. It
+follows from how the bytes are built, so that nothing is encoded. Whatever is not sure is left to these two functions.
+"""
+
+from collections import defaultdict
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from minihuman.experiment.machine.events import Event
+from minihuman.log import topics
+from minihuman.log.codec import find_message_codec
+from minihuman.log.read.protobuf_columns import BEYOND, MessageColumns
+from minihuman.log.read.session_rows import FREQUENT_TOPICS
+from minihuman.log.salvage.records import ChunkMessages
+
+_CAUSE_FIELDS = {topics.STEP: "key_t_ns", topics.FRAME: "submit_ns"}  # the times of which `event_cause_ns` tells
+_Batch = tuple[NDArray[Any], ...]  # places among the messages, where they begin and end, log and publish times
+_FAR_NS = 1 << 61  # times beyond, 73 years, are compared as Python's numbers
+
+
+def decode_sure_events(chunks: Sequence[ChunkMessages], started_ns: str) -> list[Event | None]:
+    """Decode the steps, keys and pictures of a segment.
+
+    Args:
+        chunks: the messages of the segment.
+        started_ns: the wall-clock time of the segment's time 0, in nanoseconds, as its metadata have it.
+
+    Returns:
+        For each of the messages its event; None for other topics, and for messages of which it is not sure that they
+        have the bytes and the times that their events are written with.
+    """
+    events: list[Event | None] = [None] * sum(map(len, chunks))
+    if not started_ns.isdecimal() or int(started_ns) >= _FAR_NS:
+        return events
+    batches: defaultdict[str, list[_Batch]] = defaultdict(list)
+    place = position = 0
+    for chunk in chunks:
+        for messages in chunk.by_topic(among=FREQUENT_TOPICS):
+            spans = (messages.places + place, messages.begins + position, messages.ends + position)
+            batches[messages.topic].append((*spans, *chunk.times_at(messages.places)))
+        place += len(chunk)
+        position += len(chunk.data)
+    payloads = b"".join((*(chunk.data for chunk in chunks), BEYOND))
+    for topic, arrays in batches.items():
+        batch = tuple(map(np.concatenate, zip(*arrays, strict=True)))
+        try:
+            decoded, is_sure = _decode_topic(topic, batch, payloads, int(started_ns))
+        except (ValueError, IndexError):  # it is told one by one what is no such message
+            continue
+        for message_place, event, sure in zip(batch[0].tolist(), decoded, is_sure.tolist(), strict=True):
+            if sure:
+                events[message_place] = event
+    return events
+
+
+def _decode_topic(topic: str, batch: _Batch, payloads: bytes, started_ns: int) -> tuple[list[Event], NDArray[np.bool_]]:
+    """Return the events of messages on one topic, and bool[n], of which messages it is sure.
+
+    Raises:
+        ValueError: if the bytes are not such messages.
+    """
+    _, begins, ends, log_times, publish_times = batch
+    codec = find_message_codec(topic)
+    assert codec is not None, f"events on {topic} are not encoded field by field"
+    columns = MessageColumns(FREQUENT_TOPICS[topic].DESCRIPTOR, payloads, begins, ends, canonical=True)
+    decoded, is_sure = codec.decode_columns(columns)
+    times_ns = columns["t_ns"].values
+    if topic == topics.KEY:
+        causes_ns = times_ns - columns["waited_ns"].values
+    else:
+        causes_ns = columns[_CAUSE_FIELDS[topic]].values
+    for own_ns, stated_ns in ((times_ns, log_times), (causes_ns, publish_times)):
+        is_sure &= (own_ns >= 0) & (own_ns < _FAR_NS) & (stated_ns == (own_ns + started_ns).astype(np.uint64))
+    return decoded, is_sure
