@@ -183,7 +183,9 @@ def _compare_scores(
 ) -> GroupComparison:
     weights = dict(contrast.weights)
     first, second = (
-        _select_group(table, group)[list(weights)].to_numpy(float) @ np.array(list(weights.values())) for group in pair
+        _select_group(table, group).reindex(columns=list(weights)).dropna().to_numpy(float)
+        @ np.array(list(weights.values()))
+        for group in pair
     )
     (test,) = permutation_tests([(first, second)])
     return compare_pair(measure, (pair[0], first), (pair[1], second), test, is_log=is_log)

@@ -72,10 +72,11 @@ def compute_results(
         )
         for name in sort_blocks_by_play(included_blocks)
     ]
+    design = design or ExperimentDesign()
     if analysis.condition_label:
-        within = compare_labels(included_episodes, analysis, trial_levels)
+        within = compare_labels(included_episodes, analysis, trial_levels, design.contrasts)
     else:
-        within = _compare_blocks(unite_teams(included_blocks, teams), analysis, design or ExperimentDesign())
+        within = _compare_blocks(unite_teams(included_blocks, teams), analysis, design)
     return Results(
         blocks=tuple(results_in_order),
         target=target,
