@@ -329,7 +329,7 @@ def compare_study(rows: pd.DataFrame, pool: ReportPool, on: str) -> Iterator[tup
     analysis = pool.analysis
     order = list(pool.groups)
     if on == "interaction":
-        interaction = compute_interaction(rows, pool.design, analysis, tuple(order))
+        interaction = compute_interaction(rows, pool.design, analysis, tuple(order), intervals=False)
         if interaction is not None:
             yield from _list_interaction_ps(interaction)
         return

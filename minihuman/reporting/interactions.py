@@ -81,7 +81,12 @@ class InteractionResults:
 
 
 def compute_interaction(
-    rows: pd.DataFrame, design: ExperimentDesign, analysis: AnalysisSpec, order: tuple[str, ...]
+    rows: pd.DataFrame,
+    design: ExperimentDesign,
+    analysis: AnalysisSpec,
+    order: tuple[str, ...],
+    *,
+    intervals: bool = True,
 ) -> InteractionResults | None:
     """Compare contrast scores between groups on the measures that the protocol names, or on all that have values.
 
@@ -93,6 +98,7 @@ def compute_interaction(
         design: the study's design.
         analysis: the planned analysis, which can name measures.
         order: the groups, in the order of comparison.
+        intervals: whether to compute the intervals of contrasts, which take most of the time, besides p.
 
     Returns:
         The results; None unless the design is mixed and at least two groups have values.
@@ -115,7 +121,7 @@ def compute_interaction(
         conditions=design.conditions,
         roles=roles,
         omnibus=_test_omnibus(complete, groups, roles, design),
-        contrasts=_compare_contrasts(complete, design.tested_contrasts, groups, roles, logs),
+        contrasts=_compare_contrasts(complete, design.tested_contrasts, groups, roles, logs, intervals=intervals),
         left_out=len(tables[first]) - len(complete[first]),
         cells=_tabulate_cells(compared, first, design.conditions),
         scaled_cells=tables[first],
@@ -160,13 +166,16 @@ def _compare_contrasts(
     groups: tuple[str, ...],
     roles: Mapping[str, Role],
     logs: frozenset[str],
+    *,
+    intervals: bool,
 ) -> tuple[ContrastComparison, ...]:
     """Compare each pair of groups on every contrast of every measure; p is corrected within each role (Holm)."""
     compared: list[ContrastComparison] = []
     for role in get_args(Role):
         parts = [
             ContrastComparison(
-                contrast.name, _compare_scores(tables[measure], measure, contrast, pair, measure in logs)
+                contrast.name,
+                _compare_scores(tables[measure], measure, contrast, pair, is_log=measure in logs, intervals=intervals),
             )
             for measure in roles
             if roles[measure] == role
@@ -179,7 +188,13 @@ def _compare_contrasts(
 
 
 def _compare_scores(
-    table: pd.DataFrame, measure: str, contrast: Contrast, pair: tuple[str, str], is_log: bool
+    table: pd.DataFrame,
+    measure: str,
+    contrast: Contrast,
+    pair: tuple[str, str],
+    *,
+    is_log: bool,
+    intervals: bool,
 ) -> GroupComparison:
     weights = dict(contrast.weights)
     first, second = (
@@ -188,7 +203,7 @@ def _compare_scores(
         for group in pair
     )
     (test,) = permutation_tests([(first, second)])
-    return compare_pair(measure, (pair[0], first), (pair[1], second), test, is_log=is_log)
+    return compare_pair(measure, (pair[0], first), (pair[1], second), test, is_log=is_log, intervals=intervals)
 
 
 def _test_omnibus(
