@@ -255,13 +255,16 @@ def calibrate(design: Design) -> float:
     return float(optimize.brentq(excess, -4.0, 4.0, xtol=2e-3))
 
 
-def list_p(found: Results, design: Design, interaction: InteractionResults | None = None) -> dict[str, float]:
+def list_interaction_p(interaction: InteractionResults) -> dict[str, float]:
+    """The corrected p of each contrast of the primary measure, by the names that power has for them."""
+    return {
+        f"{interaction.measure}: {one.contrast}, {one.groups.first} - {one.groups.second}": one.groups.p_holm
+        for one in interaction.headline
+    }
+
+
+def list_p(found: Results, design: Design) -> dict[str, float]:
     """The corrected p of each comparison of the primary measure, by the names that power has for them."""
-    if interaction is not None:
-        return {
-            f"{interaction.measure}: {one.contrast}, {one.groups.first} - {one.groups.second}": one.groups.p_holm
-            for one in interaction.headline
-        }
     target = found.target_block
     assert target is not None
     within = found.within.comparisons if found.within else ()
@@ -280,14 +283,15 @@ def analyse(tables: Mapping[str, pd.DataFrame], protocol: Protocol) -> Results:
 
 
 def cross(
-    tables: Mapping[str, pd.DataFrame], protocol: Protocol, found: Results, design: Design
+    tables: Mapping[str, pd.DataFrame], protocol: Protocol, design: Design, *, intervals: bool = True
 ) -> InteractionResults | None:
     """The interaction, as the report computes it; None where the design is about something else."""
     if design.on != "interaction":
         return None
     included = tables["blocks"][tables["blocks"]["exclusion_reason"].isna()]
     rows = unite_teams(included, tables["teams"])
-    return compute_interaction(rows, derive_design(protocol), protocol.analysis, found.order)
+    order = tuple(NAMES[: len(design.ratios)])
+    return compute_interaction(rows, derive_design(protocol), protocol.analysis, order, intervals=intervals)
 
 
 @lru_cache
@@ -312,8 +316,8 @@ def measure_design(design: Design, before: Mapping[str, Any], studies: int) -> d
     for study in range(begun, begun + studies):
         rng = np.random.default_rng([FIRST, 2, number, study])
         tables = draw(design, design.sizes(design.size), strength, rng, drop_out=design.drop_out)
-        results = analyse(tables, protocol)
-        found = list_p(results, design, cross(tables, protocol, results, design))
+        interaction = cross(tables, protocol, design, intervals=False)
+        found = list_interaction_p(interaction) if interaction else list_p(analyse(tables, protocol), design)
         found |= {"any of them": min(found.values())} if len(found) > 1 else {}
         hits.update({name: int(p < ALPHA) for name, p in found.items()})
     reported = time.process_time()
@@ -394,13 +398,17 @@ def check_report(design: Design, before: Mapping[str, Any], folder: Path, size: 
     ours = dict(compare_study(pool.rows[pool.rows["exclusion_reason"].isna()], pool, design.on))
     assert ours
     assert quick.target_block is not None
-    crossed = cross(tables, protocol, quick, design)
+    crossed = cross(tables, protocol, design)
     said = [*state_interaction(crossed)] if crossed else []
     said += [difference_statement(one, "wide") for one in quick.target_block.headline if not crossed]
     if quick.within and not crossed:
         said += [paired_statement(one) for one in quick.within.comparisons if one.measure == design.primary]
     missing = sum(" ".join(one.split()) not in text for one in said)
-    counts = [count_numbers(kept[0], quick), count_numbers(ours, list_p(quick, design, crossed)), (len(said), missing)]
+    counts = [
+        count_numbers(kept[0], quick),
+        count_numbers(ours, list_interaction_p(crossed) if crossed else list_p(quick, design)),
+        (len(said), missing),
+    ]
     compared, differ = (sum(each) for each in zip(*counts, strict=True))
     return {
         "whole_reports": number + 1, "numbers": before.get("numbers", 0) + compared,

@@ -219,6 +219,24 @@ def test_the_committed_comparison_of_power_is_the_docs():
     assert [line for line in table if line.startswith("|") and line not in docs] == []
 
 
+@needs("r")
+@pytest.mark.nightly
+@pytest.mark.parametrize("data_set", ["2 x 2, small group spreads", "2 x 3, missing cells", "3 x 2 x 2"])
+def test_the_r_script_agrees_with_the_report_and_with_r(tmp_path, monkeypatch, capsys, data_set):
+    run(monkeypatch, "r_agreement.py", "--only", data_set, "--out", tmp_path)
+    rows = pd.read_csv(tmp_path / "r_agreement.csv")
+    assert rows["agree"].eq("yes").all(), rows[rows["agree"] != "yes"]
+    assert {"interaction: Kenward-Roger df", "interaction: Greenhouse-Geisser p"} <= {*rows["what"]}
+    assert rows["what"].str.contains("difference, emmeans|mixed model").sum() >= 5
+    assert "lmerTest" in capsys.readouterr().out
+
+
+def test_r_agreed_with_the_report_on_the_committed_data_sets():
+    rows = pd.read_csv(SCRIPTS / "r_agreement.csv")
+    assert rows["data set"].nunique() == 10
+    assert rows["agree"].eq("yes").all()
+
+
 @pytest.mark.nightly
 def test_each_attacker_is_held_out_of_the_fit_of_the_evidence(tmp_path, monkeypatch, capsys):
     run(monkeypatch, "bots.py", tmp_path, "--people", 20, "--programs", 2)

@@ -76,7 +76,7 @@ def test_a_labs_measure_an_answer_and_conditions_reach_the_page(tmp_path: Path, 
     assert f"Asked: how {asked}" in text
     assert text.index("within participants: narrow minus wide is \N{MINUS SIGN}") < text.index("<nav>")
     assert "Adjusted for the covariates. Steps to the goal, block wide" in text
-    assert "Blocks narrow and wide, compared over the participants who played both." in text
+    assert "Blocks narrow and wide. Each comparison is over the participants with a value in all conditions" in text
     for words in ("episodes over 0 s", "success in block narrow", ">position<", ">secondary<"):
         assert words in text
     assert ">carry-over<" not in text, "two positions cannot tell it from condition and participants"
