@@ -219,6 +219,17 @@ def test_the_committed_comparison_of_power_is_the_docs():
     assert [line for line in table if line.startswith("|") and line not in docs] == []
 
 
+def test_planted_effects_of_trials_are_counted_and_more_studies_added(tmp_path, monkeypatch, capsys):
+    out = tmp_path / "trial_effects.csv"
+    monkeypatch.syspath_prepend(SCRIPTS)
+    for studies in (2, 3):
+        run(monkeypatch, "trial_effects.py", "--only", "d'", "--studies", studies, "--resamples", 99, "--out", out)
+        (row,) = pd.read_csv(out).to_dict("records")
+        assert (row["studies"], row["intervals"]) == (studies, studies)
+    assert 0.4 < row["truth"] < 0.6
+    assert "d' of 2.0 v 1.5" in capsys.readouterr().out
+
+
 @needs("r")
 @pytest.mark.nightly
 @pytest.mark.parametrize("data_set", ["2 x 2, small group spreads", "2 x 3, missing cells", "3 x 2 x 2"])
