@@ -15,6 +15,7 @@ from minihuman.figures.style import SERIES, figure_style, new_figure
 from minihuman.statistics.scores import wilson_interval
 
 _DASHES = ("-", "--", ":", "-.")
+_LONG_NAME = 14  # characters of a group, beside which there is no place for a second one
 _FEW = 12  # participants of a group: so many have a thin line each beside the mean
 _MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 
@@ -97,7 +98,8 @@ def draw_learning(
     ax.set(xlabel=xlabel, ylabel=measure)
     _set_limits(ax, limits)
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
-    ax.legend(loc="lower left", bbox_to_anchor=(0, 1), borderaxespad=0.2, ncols=min(2, len(curves)))
+    columns = 1 if max(map(len, curves)) > _LONG_NAME else min(2, len(curves))
+    ax.legend(loc="lower left", bbox_to_anchor=(0, 1), borderaxespad=0.2, ncols=columns)
     return ax
 
 

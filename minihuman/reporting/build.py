@@ -46,6 +46,7 @@ from minihuman.reporting.scripts import write_scripts
 from minihuman.reporting.study_figures import (
     CURVES,
     REACTION_TIME_QUERY,
+    draw_conditions,
     draw_estimates,
     draw_interaction,
     draw_learning_curves,
@@ -228,6 +229,8 @@ def _add_figures(
     first_figures: list[ReportFigure] = []
     if content.interaction is not None:
         first_figures.append(draw_interaction(content.interaction, out))
+    elif results.within is not None and results.within.comparisons:
+        first_figures.append(draw_conditions(results.within, out))
     figures: list[ReportFigure] = []
     for figure in draw_estimates(analysed[1], results, out):
         if figure.block == content.first_block:

@@ -20,6 +20,8 @@ from minihuman.reporting.block_measures import label_measure, phrase_measure
 from minihuman.reporting.interactions import InteractionResults
 from minihuman.reporting.results import Results
 from minihuman.reporting.template import ReportFigure, format_pair
+from minihuman.reporting.within_results import WithinResults
+from minihuman.statistics.paired import PairedComparison
 
 CURVES = (
     ("log_excess_steps", "log of the excess steps over the shortest path", (0.0, math.inf)),
@@ -121,6 +123,41 @@ def draw_interaction(interaction: InteractionResults, out: Path) -> ReportFigure
         "participants' contrast scores, with the intervals of the comparison."
     )
     return ReportFigure("", png, caption)
+
+
+def draw_conditions(within: WithinResults, out: Path) -> ReportFigure:
+    """Draw every participant's value in each condition, and the differences within participants."""
+    label = phrase_measure(within.measure)
+    is_log = any(comparison.is_log for comparison in within.headline)
+    differences = [
+        Difference(_name_comparison(comparison), "", comparison.difference, comparison.interval)
+        for comparison in within.headline
+    ]
+    png, _ = draw_figure_files(
+        out / "conditions_result",
+        "design_cells.cells_figure",
+        {"participants": within.cells.to_numpy(float)},
+        within.conditions,
+        differences,
+        measure=_shorten(label),
+        title=name_measure(label, width=110),
+        level="difference of logarithms" if is_log else "difference within participants",
+        comparison="differences, 95 % interval",
+        limits=_find_limits(within.measure, pd.Series(within.cells.to_numpy(float).ravel())),
+    )
+    caption = (
+        f"{_begin_sentence(label)} by condition. A: a dot per participant and condition, a thin line through the dots "
+        "of each; large symbols: means with 95 % intervals, which include how participants differ from each other. B: "
+        "differences within participants, with the intervals of the comparison."
+    )
+    return ReportFigure("", png, caption)
+
+
+def _name_comparison(comparison: PairedComparison) -> str:
+    """Return the two conditions of a comparison, or the name of a contrast."""
+    if comparison.second:
+        return format_pair(comparison.first, comparison.second)
+    return comparison.first
 
 
 _BINS_PER_OCTAVE = 4

@@ -33,7 +33,7 @@ def ask_question(
     comparisons = ", and ".join(_list_compared(results))
     if not comparisons:
         return own_question + _explain_no_comparison(results, design)
-    return f"{own_question}Asked: how {comparisons} differ in {measure}."
+    return f"{own_question}Asked: differences in {measure} {comparisons}."
 
 
 def _list_compared(results: Results) -> Iterator[str]:
@@ -41,14 +41,14 @@ def _list_compared(results: Results) -> Iterator[str]:
     if results.target_block is not None:
         groups = results.target_block.groups["group"].tolist()
         if len(groups) > 1:
-            yield f"groups {join_names(groups)} in block {results.target}"
+            yield f"between groups {join_names(groups)} in block {results.target}"
     if results.within is None:
         return
     conditions = join_names(results.within.conditions)
     if results.within.label:
-        yield f"levels {conditions} of {results.within.label} within participants"
+        yield f"within participants between levels {conditions} of {results.within.label}"
     elif results.within.conditions:
-        yield f"blocks {conditions} within participants"
+        yield f"within participants between blocks {conditions}"
 
 
 def _explain_no_comparison(results: Results, design: ExperimentDesign | None) -> str:

@@ -30,7 +30,18 @@ class WithinResults:
     comparisons: tuple[PairedComparison, ...]
     effects: tuple[CrossoverTerm, ...]  # of order, where it differs between participants
     roles: Mapping[str, Role]
+    cells: pd.DataFrame  # of the first measure: index participant, a column per condition, times in their unit
     label: str = ""  # of trials, whose levels the conditions are; "" where they are blocks
+
+    @property
+    def measure(self) -> str:
+        """Return the primary measure, or the first measure that has values."""
+        return next(iter(sorted(self.roles, key=lambda name: self.roles[name] != "primary")), "")
+
+    @property
+    def headline(self) -> tuple[PairedComparison, ...]:
+        """Return the comparisons on the primary measure, or on the first measure that has values."""
+        return tuple(comparison for comparison in self.comparisons if comparison.measure == self.measure)
 
 
 def unite_teams(rows: pd.DataFrame, teams: pd.DataFrame | None) -> pd.DataFrame:
@@ -86,7 +97,17 @@ def compare_within(
     effects: tuple[CrossoverTerm, ...] = ()
     if has_order:
         effects = _test_order_effects(scaled, measured)
-    return WithinResults(analysis.conditions, tuple(comparisons), effects, roles)
+    return WithinResults(
+        analysis.conditions, tuple(comparisons), effects, roles, _tabulate_cells(condition_rows, roles, analysis)
+    )
+
+
+def _tabulate_cells(rows: pd.DataFrame, roles: Mapping[str, Role], analysis: AnalysisSpec) -> pd.DataFrame:
+    """Tabulate the primary measure, or the first one, with a row per participant and a column per condition."""
+    first = next(iter(sorted(roles, key=lambda name: roles[name] != "primary")), "")
+    if not first:
+        return pd.DataFrame(columns=list(analysis.conditions), dtype=float)
+    return rows.pivot_table(first, "participant", "block").reindex(columns=list(analysis.conditions))
 
 
 def _test_order_effects(scaled: pd.DataFrame, measures: Sequence[str]) -> tuple[CrossoverTerm, ...]:

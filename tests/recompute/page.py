@@ -430,7 +430,9 @@ class Study:
             session = row["participant"], row["session"]
             places[row["block"]].append(counts[session])
             counts[session] += 1
-        return sorted(places, key=lambda block: float(np.mean(places[block])))
+        named = list(self.analysis.get("conditions", ()))  # that are played equally early where orders are balanced
+        places_named = {block: named.index(block) if block in named else len(named) for block in places}
+        return sorted(places, key=lambda block: (round(float(np.mean(places[block])), 9), places_named[block]))
 
 
 def exclude_practice_alone(rows: Sequence[Row]) -> list[Row]:
@@ -535,7 +537,7 @@ def expected_answer(study: Study) -> Iterator[tuple[str, Any]]:
         primary = study.analysis.get("primary_measure", "")
         names = f"{', '.join(order[:-1])} and {order[-1]}"
         measure = in_a_sentence(primary) if primary else "every measure"
-        yield "p", f"Asked: how groups {names} in block {target} differ in {measure}."
+        yield "p", f"Asked: differences in {measure} between groups {names} in block {target}."
         compared = Block(study, target)
         for one in compared.headline:
             yield "p", difference(one, target)
