@@ -104,6 +104,7 @@ def cells_figure(
     *,
     measure: str,
     title: str = "",
+    condition: str = "",
     level: str = "difference of contrast scores",
     comparison: str = "interaction, 95 % interval",
     limits: tuple[float, float] | None = None,
@@ -118,6 +119,7 @@ def cells_figure(
         differences: the differences to draw; ``first`` names the contrast, ``second`` the groups if they are compared.
         measure: the name of the measure.
         title: the title of the figure.
+        condition: the label of the axis of conditions.
         level: the label of the axis of differences.
         comparison: the title above the differences.
         limits: the lowest and the highest possible value of the measure; None if it has no bounds.
@@ -127,6 +129,7 @@ def cells_figure(
         figure.suptitle(title)
         left, right = figure.subplots(1, 2, width_ratios=(3, 2))
         draw_cells(left, groups, conditions, measure=measure, limits=limits)
+        left.set_xlabel(condition)
         draw_differences(right, differences, level=level)
         right.set_yticks(
             range(len(differences)),

@@ -228,7 +228,7 @@ def _add_figures(
     """
     first_figures: list[ReportFigure] = []
     if content.interaction is not None:
-        first_figures.append(draw_interaction(content.interaction, out))
+        first_figures.append(draw_interaction(content.interaction, out, content.design.condition_label))
     elif results.within is not None and results.within.comparisons:
         first_figures.append(draw_conditions(results.within, out))
     figures: list[ReportFigure] = []

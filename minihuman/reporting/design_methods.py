@@ -1,8 +1,9 @@
-"""Sentences for the methods section on orders of parts and adaptive designs."""
+"""Sentences for the methods section on orders of parts, teams and adaptive designs."""
 
 from collections.abc import Iterator, Sequence
 
-from minihuman.experiment.protocol.model import Protocol
+from minihuman.activities.team.plan import PERSON
+from minihuman.experiment.protocol.model import BlockSpec, Protocol
 from minihuman.experiment.protocol.specs import OrderSpec
 
 
@@ -31,6 +32,18 @@ def _name_units(order: OrderSpec) -> Iterator[str]:
             yield f"{first} (with {', '.join(others)})"
         else:
             yield first
+
+
+def describe_team(spec: BlockSpec | None) -> str:
+    """State how many people and which agents play a block together; "" unless it is a team's."""
+    if spec is None or spec.team is None or len(spec.team.seats) < 2:
+        return ""
+    n_people = len(spec.team.persons)
+    agents = [seat for seat in spec.team.seats if seat != PERSON]
+    if not agents:
+        return f"; played by teams of {n_people} people"
+    people = "one person" if n_people == 1 else f"{n_people} people"
+    return f"; played by {people} together with {' and '.join(agents)}"
 
 
 def describe_adaptive_designs(protocols: Sequence[Protocol]) -> list[str]:

@@ -13,7 +13,7 @@ from minihuman.experiment.protocol.answer_exclusions import describe_answer_excl
 from minihuman.experiment.protocol.protocol import BlockSpec, Protocol
 from minihuman.reporting.attrition import Attrition
 from minihuman.reporting.block_measures import FORMULAS, MEASURES, TRIAL_BLOCK_MEASURES
-from minihuman.reporting.design_methods import describe_adaptive_designs, describe_orders
+from minihuman.reporting.design_methods import describe_adaptive_designs, describe_orders, describe_team
 from minihuman.reporting.trial_methods import (
     describe_stimuli,
     describe_trials,
@@ -354,7 +354,7 @@ def _describe_episode(block_plan: EpisodePlan, spec: BlockSpec | None) -> str:
     outcome = _describe_outcome(block_plan, spec)
     return (
         f"{practice}{count} in {block_plan.world}{options}, {block_plan.view} view, {limit} each; {pace}; "
-        f"{keys}{motion}{outcome}"
+        f"{keys}{motion}{outcome}{describe_team(spec)}"
     )
 
 
@@ -428,7 +428,8 @@ def _describe_measures(plans: Sequence[PlanOutline], specs: BlockSpecs) -> str:
     session_note = ""
     if len({plan.session for plan in plans}) > 1:
         session_note = "; of several sessions it is the mean of theirs"
-    start = "Unless stated otherwise, a participant's value is the mean over the included episodes"
+    included = "trials" if are_trials else "episodes"
+    start = f"Unless stated otherwise, a participant's value is the mean over the included {included}"
     return f"{start}{session_note}. The measures: {parts}."
 
 

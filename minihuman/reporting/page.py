@@ -277,7 +277,7 @@ def _show_block(block: BlockResults, results: Results, content: PageContent) -> 
         "episodes": block.episodes,
         "teams": block.teams,
         "is_target": block.block == content.first_block and len(block.groups) > 1,
-        "is_one_condition": has_comparisons and block.block == results.target and not content.first_block,
+        "is_beside_interaction": has_comparisons and content.interaction is not None and not content.first_block,
         "only_group": _find_only_group(block, results),
         "differences": _list_differences(block, content.first_block),
         "has_no_primary": has_comparisons and "primary" not in block.roles.values(),

@@ -89,8 +89,14 @@ def draw_estimates(blocks: pd.DataFrame, results: Results, out: Path) -> Iterato
         yield ReportFigure(block.block, png, caption)
 
 
-def draw_interaction(interaction: InteractionResults, out: Path) -> ReportFigure:
-    """Draw every participant's value by group and condition, and the interaction's contrasts."""
+def draw_interaction(interaction: InteractionResults, out: Path, condition_label: str = "") -> ReportFigure:
+    """Draw every participant's value by group and condition, and the interaction's contrasts.
+
+    Args:
+        interaction: the results to draw.
+        out: the folder of the figures.
+        condition_label: the label of trials whose levels the conditions are; "" where they are blocks.
+    """
     label = phrase_measure(interaction.measure)
     cells = interaction.cells
     groups = {
@@ -114,6 +120,7 @@ def draw_interaction(interaction: InteractionResults, out: Path) -> ReportFigure
         differences,
         measure=_shorten(label),
         title=name_measure(label, width=110),
+        condition=condition_label,
         level="difference of log contrast scores" if is_log else "difference of contrast scores",
         limits=_find_limits(interaction.measure, pd.Series(cells.to_numpy(float).ravel())),
     )
@@ -141,6 +148,7 @@ def draw_conditions(within: WithinResults, out: Path) -> ReportFigure:
         differences,
         measure=_shorten(label),
         title=name_measure(label, width=110),
+        condition=within.label,
         level="difference of logarithms" if is_log else "difference within participants",
         comparison="differences, 95 % interval",
         limits=_find_limits(within.measure, pd.Series(within.cells.to_numpy(float).ravel())),

@@ -24,12 +24,12 @@ def ask_question(
     else:
         measure = "every measure"
     if design and interaction and design.primary_effect == "interaction":
-        conditions = join_names(interaction.conditions)
+        conditions = f"conditions {join_names(interaction.conditions)}"
+        if design.condition_label:
+            conditions = f"levels {join_names(interaction.conditions)} of {design.condition_label}"
         groups = join_names(interaction.groups)
-        return (
-            f"{own_question}Asked: whether differences in {measure} between conditions {conditions} "
-            f"depend on the group ({groups})."
-        )
+        differences = f"differences in {measure} between {conditions}"
+        return f"{own_question}Asked: whether {differences} depend on the group ({groups})."
     comparisons = ", and ".join(_list_compared(results))
     if not comparisons:
         return own_question + _explain_no_comparison(results, design)

@@ -872,22 +872,24 @@ def expected_block(study: Study, block: str) -> Iterator[tuple[str, Any]]:
     yield "h2", f"Block {block}"
     yield "p", f"{worlds}{': ' if worlds else ''}{len(episodes)} episodes included{end}."
     if block != study.target() or len(order) < 2 or study.interaction() is not None:
+        if len(headline) > 2 and len(study.in_order_of_play()) > 1:
+            yield "summary", "Differences between groups"
         for one in headline:
             yield "p", difference(one, block)
-    if comparisons and primary not in roles:
+    if comparisons and study.interaction() is not None:
+        yield (
+            "p",
+            (
+                "The interaction answers the study's question: comparisons of groups in this block are exploratory, "
+                "and the p above is not corrected."
+            ),
+        )
+    elif comparisons and primary not in roles:
         yield (
             "p",
             (
                 "The protocol names no primary measure for this block: all its comparisons are exploratory, and the p "
                 "above is not corrected."
-            ),
-        )
-    elif comparisons and block == study.target() and study.interaction() is not None:
-        yield (
-            "p",
-            (
-                "The interaction answers the study's question: a comparison of groups in one condition is exploratory, "
-                "and the p above is not corrected."
             ),
         )
     table = [["measure", "group", "n", "mean"]]
