@@ -296,7 +296,7 @@ def _draw_figures(
     return [
         *(figure for is_leading, figure in figures if is_leading),
         *draw_reaction_times(report_input.reaction_times, results, out),
-        *draw_learning_curves(episodes, results, out),
+        *draw_learning_curves(episodes, results, out, report_input.teams),
         *draw_sessions(blocks, results, out),
         *draw_waiting_times(results, out),
         *(figure for is_leading, figure in figures if not is_leading),

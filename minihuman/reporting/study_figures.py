@@ -20,7 +20,7 @@ from minihuman.reporting.block_measures import label_measure, phrase_measure
 from minihuman.reporting.interactions import InteractionResults
 from minihuman.reporting.results import Results
 from minihuman.reporting.template import ReportFigure, format_pair
-from minihuman.reporting.within_results import WithinResults
+from minihuman.reporting.within_results import WithinResults, unite_teams
 from minihuman.statistics.paired import PairedComparison
 
 CURVES = (
@@ -203,9 +203,11 @@ def draw_reaction_times(times: pd.DataFrame, results: Results, out: Path) -> Ite
         yield ReportFigure(block.block, png, caption)
 
 
-def draw_learning_curves(episodes: pd.DataFrame, results: Results, out: Path) -> Iterator[ReportFigure]:
-    """Draw the learning curves of every block, by group."""
-    included = episodes[episodes["exclusion_reason"].isna()]
+def draw_learning_curves(
+    episodes: pd.DataFrame, results: Results, out: Path, teams: pd.DataFrame | None = None
+) -> Iterator[ReportFigure]:
+    """Draw the learning curves of every block, by group; a team is one curve, the mean of its members."""
+    included = _average_members(episodes[episodes["exclusion_reason"].isna()], teams)
     for block in results.blocks:
         rows = included[included["block"] == block.block]
         if rows["episode_in_block"].nunique() < 2:
@@ -227,6 +229,16 @@ def draw_learning_curves(episodes: pd.DataFrame, results: Results, out: Path) ->
             )
             caption = f"{_begin_sentence(label)} over the episodes of block {block.block}: mean, 95 % interval."
             yield ReportFigure(block.block, png, caption)
+
+
+def _average_members(episodes: pd.DataFrame, teams: pd.DataFrame | None) -> pd.DataFrame:
+    """Replace the members of each team by the team, with the means of their last attempts at each episode."""
+    if teams is None or teams.empty or episodes.empty:
+        return episodes
+    keys = ["group", "participant", "session", "block", "episode_in_block"]
+    measures = [measure for measure, _, _ in CURVES]
+    united = unite_teams(episodes.drop_duplicates(keys, keep="last").reset_index(drop=True), teams)
+    return united.astype(dict.fromkeys(measures, float)).groupby(keys, sort=False)[measures].mean().reset_index()
 
 
 def draw_sessions(blocks: pd.DataFrame, results: Results, out: Path) -> Iterator[ReportFigure]:
