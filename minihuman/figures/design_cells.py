@@ -97,6 +97,11 @@ def _draw_means(
             ax.plot([place, place], [bottom, top], color="black", lw=1.1, zorder=3, gid=f"interval: {group}")
 
 
+def _name_difference(difference: Difference) -> str:
+    """Return the name of a difference, in two lines where groups are compared."""
+    return "\n".join(filter(None, (difference.first, difference.second)))
+
+
 def cells_figure(
     groups: Mapping[str, Values],
     conditions: Sequence[str],
@@ -131,10 +136,7 @@ def cells_figure(
         draw_cells(left, groups, conditions, measure=measure, limits=limits)
         left.set_xlabel(condition)
         draw_differences(right, differences, level=level)
-        right.set_yticks(
-            range(len(differences)),
-            ["\n".join(filter(None, (difference.first, difference.second))) for difference in differences],
-        )
+        right.set_yticks(range(len(differences)), [*map(_name_difference, differences)])
         right.set_title(comparison, loc="left")
         for place, ax in enumerate((left, right)):
             label_panel(ax, place)

@@ -3,7 +3,7 @@
 The module imports SciPy only to compute a band, and never imports pandas, because the gallery imports this module.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -98,9 +98,13 @@ def draw_learning(
     ax.set(xlabel=xlabel, ylabel=measure)
     _set_limits(ax, limits)
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
-    columns = 1 if max(map(len, curves)) > _LONG_NAME else min(2, len(curves))
-    ax.legend(loc="lower left", bbox_to_anchor=(0, 1), borderaxespad=0.2, ncols=columns)
+    ax.legend(loc="lower left", bbox_to_anchor=(0, 1), borderaxespad=0.2, ncols=_count_columns(curves))
     return ax
+
+
+def _count_columns(groups: Collection[str]) -> int:
+    """Return the number of the legend's columns: one where names are long."""
+    return 1 if max(map(len, groups)) > _LONG_NAME else min(2, len(groups))
 
 
 def _are_all_zero_or_one(curves: Mapping[str, NDArray[np.float64]]) -> bool:

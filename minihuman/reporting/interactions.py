@@ -91,23 +91,15 @@ def compute_interaction(
     """Compare contrast scores between groups on the measures that the protocol names, or on all that have values.
 
     A participant's value in a condition is the mean over its blocks and sessions. Participants without a value in every
-    condition are omitted.
+    condition are omitted. The result is None unless the design is mixed and at least two groups have values.
 
-    Args:
-        rows: the included rows of the table of blocks, with teams in place of their members.
-        design: the study's design.
-        analysis: the planned analysis, which can name measures.
-        order: the groups, in the order of comparison.
-        intervals: whether to compute the intervals of contrasts, which take most of the time, besides p.
-
-    Returns:
-        The results; None unless the design is mixed and at least two groups have values.
+    ``rows`` are the included rows of the table of blocks, with teams in place of their members, and ``order`` is that of
+    the groups. Without ``intervals``, which take most of the time, contrasts have p alone.
     """
     if not design.is_mixed:
         return None
     compared = _name_conditions(rows, design)
-    named = [name for name in (analysis.primary_measure, *analysis.secondary_measures) if name]
-    measures = [name for name in named or list_default_measures(compared) if compared[name].notna().any()]
+    measures = _list_measures(compared, analysis)
     groups = tuple(group for group in order if (compared["group"] == group).any())
     if not measures or len(groups) < 2:
         return None
@@ -127,6 +119,12 @@ def compute_interaction(
         scaled_cells=tables[first],
         tested_contrasts=design.tested_contrasts,
     )
+
+
+def _list_measures(rows: pd.DataFrame, analysis: AnalysisSpec) -> list[str]:
+    """Return the measures that the protocol names, or all, as far as they have values."""
+    named = [name for name in (analysis.primary_measure, *analysis.secondary_measures) if name]
+    return [name for name in named or list_default_measures(rows) if rows[name].notna().any()]
 
 
 def _name_conditions(rows: pd.DataFrame, design: ExperimentDesign) -> pd.DataFrame:

@@ -72,11 +72,10 @@ def compute_results(
         )
         for name in sort_blocks_by_play(included_blocks, analysis.conditions)
     ]
-    design = design or ExperimentDesign()
     if analysis.condition_label:
-        within = compare_labels(included_episodes, analysis, trial_levels, design.contrasts)
+        within = compare_labels(included_episodes, analysis, trial_levels, design.contrasts if design else ())
     else:
-        within = _compare_blocks(unite_teams(included_blocks, teams), analysis, design)
+        within = _compare_blocks(unite_teams(included_blocks, teams), analysis, design or ExperimentDesign())
     return Results(
         blocks=tuple(results_in_order),
         target=target,

@@ -17,7 +17,7 @@ from minihuman.figures.figure_data import (
     name_measure,
 )
 from minihuman.reporting.block_measures import label_measure, phrase_measure
-from minihuman.reporting.interactions import InteractionResults
+from minihuman.reporting.interactions import ContrastComparison, InteractionResults
 from minihuman.reporting.results import Results
 from minihuman.reporting.template import ReportFigure, format_pair
 from minihuman.reporting.within_results import WithinResults, unite_teams
@@ -103,21 +103,12 @@ def draw_interaction(interaction: InteractionResults, out: Path, condition_label
         group: cells[cells.index.get_level_values("group") == group].to_numpy(float) for group in interaction.groups
     }
     is_log = any(compared.groups.is_log for compared in interaction.headline)
-    differences = [
-        Difference(
-            compared.contrast,
-            format_pair(compared.groups.first, compared.groups.second),
-            compared.groups.difference,
-            compared.groups.interval,
-        )
-        for compared in interaction.headline
-    ]
     png, _ = draw_figure_files(
         out / "groups_and_conditions_result",
         "design_cells.cells_figure",
         groups,
         interaction.conditions,
-        differences,
+        [*map(_find_difference, interaction.headline)],
         measure=_shorten(label),
         title=name_measure(label, width=110),
         condition=condition_label,
@@ -130,6 +121,11 @@ def draw_interaction(interaction: InteractionResults, out: Path, condition_label
         "participants' contrast scores, with the intervals of the comparison."
     )
     return ReportFigure("", png, caption)
+
+
+def _find_difference(compared: ContrastComparison) -> Difference:
+    groups = compared.groups
+    return Difference(compared.contrast, format_pair(groups.first, groups.second), groups.difference, groups.interval)
 
 
 def draw_conditions(within: WithinResults, out: Path) -> ReportFigure:
