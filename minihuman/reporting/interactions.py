@@ -93,7 +93,7 @@ def compute_interaction(
     A participant's value in a condition is the mean over its blocks and sessions. Participants without a value in every
     condition are omitted. The result is None unless the design is mixed and at least two groups have values.
 
-    ``rows`` are the included rows of the table of blocks, with teams in place of their members, and ``order`` is that of
+    ``rows`` are the included rows of the table of blocks, with teams in place of their members; ``order`` is that of
     the groups. Without ``intervals``, which take most of the time, contrasts have p alone.
     """
     if not design.is_mixed:
