@@ -40,6 +40,7 @@ from minihuman.dataset.selection import Selection
 from minihuman.dataset.sessions import StudySessions
 from minihuman.dataset.tables import select
 from minihuman.experiment.protocol.protocol import Protocol, decode_protocol
+from minihuman.experiment.protocol.study_design import derive_design
 from minihuman.planning.report_power import (
     ReportPool,
     StudyDesign,
@@ -50,8 +51,10 @@ from minihuman.planning.report_power import (
 from minihuman.reporting import build
 from minihuman.reporting.block_measures import MEASURES, take_logarithms
 from minihuman.reporting.exclusions import exclude_practice_alone
+from minihuman.reporting.interactions import InteractionResults, compute_interaction, state_interaction
 from minihuman.reporting.results import Results, compute_results
 from minihuman.reporting.statements import difference_statement, paired_statement
+from minihuman.reporting.within_results import unite_teams
 from minihuman.runtime.simulated_session import simulate
 from minihuman.statistics.scores import wilson_interval
 from minihuman.statistics.units import find_units, name_units
@@ -91,7 +94,7 @@ class Design:
     @property
     def blocks(self) -> tuple[str, ...]:
         """In the order of play; the last is the one that groups are compared on."""
-        return ("narrow", "wide") if self.on == "conditions" else ("wide",)
+        return ("narrow", "wide") if self.on in ("conditions", "interaction") else ("wide",)
 
     def sizes(self, size: int) -> tuple[int, ...]:
         """Participants of each group."""
@@ -110,6 +113,7 @@ DESIGNS = (
     Design("teams of two", 0.9, 30, team=2),
     Design("change between two days", 0.8, 16, on="change", sessions=2),
     Design("exclusions by the protocol's rules", 0.9, 18, rules=True),
+    Design("interaction of groups and conditions", 0.7, 16, on="interaction"),
 )  # fmt: skip
 
 
@@ -120,7 +124,7 @@ def write_protocol(design: Design, participants: int, seed: int) -> bytes:
         f'[study]\nname = "{name}"\nversion = "1.0"\nseed = {seed}\nparticipants = {participants}',
         '[keys]\npool = ["left", "right", "up", "down", "space"]\nkeyboard_check = false',
         f'[analysis]\nprimary_measure = "{design.primary}"' if design.named else "",
-        f"conditions = {json.dumps(design.blocks)}" if design.on == "conditions" else "",
+        f"conditions = {json.dumps(design.blocks)}" if len(design.blocks) > 1 else "",
     ]
     for group, ratio in zip(NAMES, design.ratios, strict=False):
         text += [f'[[groups]]\nname = "{group}"\nallocation_ratio = {ratio}']
@@ -159,6 +163,7 @@ def draw(
     where = {
         "groups": group[:, None, None, None] == 0,
         "conditions": np.arange(shape[2])[:, None] == 0,
+        "interaction": (group[:, None, None, None] == 0) & (np.arange(shape[2])[:, None] == 0),
         "change": (group[:, None, None, None] == 0) & (np.arange(shape[1])[:, None, None] > 0),
     }
     moved[np.broadcast_to(where[design.on], shape)] = strength
@@ -250,6 +255,14 @@ def calibrate(design: Design) -> float:
     return float(optimize.brentq(excess, -4.0, 4.0, xtol=2e-3))
 
 
+def list_interaction_p(interaction: InteractionResults) -> dict[str, float]:
+    """The corrected p of each contrast of the primary measure, by the names that power has for them."""
+    return {
+        f"{interaction.measure}: {one.contrast}, {one.groups.first} - {one.groups.second}": one.groups.p_holm
+        for one in interaction.headline
+    }
+
+
 def list_p(found: Results, design: Design) -> dict[str, float]:
     """The corrected p of each comparison of the primary measure, by the names that power has for them."""
     target = found.target_block
@@ -267,6 +280,18 @@ def analyse(tables: Mapping[str, pd.DataFrame], protocol: Protocol) -> Results:
     people = exclude_practice_alone(tables["participants"]) if "episodes" in tables["participants"] else None
     people = tables["participants"] if people is None else people
     return compute_results(tables["episodes"], tables["blocks"], people, protocol.analysis, tables["teams"])
+
+
+def cross(
+    tables: Mapping[str, pd.DataFrame], protocol: Protocol, design: Design, *, intervals: bool = True
+) -> InteractionResults | None:
+    """The interaction, as the report computes it; None where the design is about something else."""
+    if design.on != "interaction":
+        return None
+    included = tables["blocks"][tables["blocks"]["exclusion_reason"].isna()]
+    rows = unite_teams(included, tables["teams"])
+    order = tuple(NAMES[: len(design.ratios)])
+    return compute_interaction(rows, derive_design(protocol), protocol.analysis, order, intervals=intervals)
 
 
 @lru_cache
@@ -291,7 +316,8 @@ def measure_design(design: Design, before: Mapping[str, Any], studies: int) -> d
     for study in range(begun, begun + studies):
         rng = np.random.default_rng([FIRST, 2, number, study])
         tables = draw(design, design.sizes(design.size), strength, rng, drop_out=design.drop_out)
-        found = list_p(analyse(tables, protocol), design)
+        interaction = cross(tables, protocol, design, intervals=False)
+        found = list_interaction_p(interaction) if interaction else list_p(analyse(tables, protocol), design)
         found |= {"any of them": min(found.values())} if len(found) > 1 else {}
         hits.update({name: int(p < ALPHA) for name, p in found.items()})
     reported = time.process_time()
@@ -372,11 +398,17 @@ def check_report(design: Design, before: Mapping[str, Any], folder: Path, size: 
     ours = dict(compare_study(pool.rows[pool.rows["exclusion_reason"].isna()], pool, design.on))
     assert ours
     assert quick.target_block is not None
-    said = [difference_statement(one, "wide") for one in quick.target_block.headline]
-    if quick.within:
+    crossed = cross(tables, protocol, design)
+    said = [*state_interaction(crossed)] if crossed else []
+    said += [difference_statement(one, "wide") for one in quick.target_block.headline if not crossed]
+    if quick.within and not crossed:
         said += [paired_statement(one) for one in quick.within.comparisons if one.measure == design.primary]
     missing = sum(" ".join(one.split()) not in text for one in said)
-    counts = [count_numbers(kept[0], quick), count_numbers(ours, list_p(quick, design)), (len(said), missing)]
+    counts = [
+        count_numbers(kept[0], quick),
+        count_numbers(ours, list_interaction_p(crossed) if crossed else list_p(quick, design)),
+        (len(said), missing),
+    ]
     compared, differ = (sum(each) for each in zip(*counts, strict=True))
     return {
         "whole_reports": number + 1, "numbers": before.get("numbers", 0) + compared,

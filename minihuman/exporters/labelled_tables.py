@@ -25,6 +25,11 @@ if TYPE_CHECKING:
 LabelledFormat = Literal["sav", "dta"]
 _LABEL_CHARACTERS = {"sav": 256, "dta": 80}  # of a column's label
 _NAME_CHARACTERS = {"sav": 64, "dta": 32}
+_SHORT_TEXT_BYTES = 2045  # of Stata's str; a column with a longer text is a strL
+_LONG_TEXT_NOTE = (
+    f"has texts of more than {_SHORT_TEXT_BYTES} bytes (strL), which R's haven 2.5 reads as empty; "
+    "in R, take it from another format"
+)
 _TEXT_BYTES = {"sav": 32_767, "dta": 2_000_000}  # of a cell
 _RESERVED = {
     "sav": frozenset({"all", "and", "by", "eq", "ge", "gt", "le", "lt", "ne", "not", "or", "to", "with"}),
@@ -134,7 +139,8 @@ def _cut_texts(texts: "pd.Series[Any]", kind: LabelledFormat) -> tuple["pd.Serie
     encoded = [text.encode() for text in texts]
     n_long = sum(len(content) > limit for content in encoded)
     if not n_long:
-        return texts, ""
+        has_long = kind == "dta" and any(len(content) > _SHORT_TEXT_BYTES for content in encoded)
+        return texts, _LONG_TEXT_NOTE if has_long else ""
     fitting = [content[:limit].decode(errors="ignore") for content in encoded]
     return type(texts)(fitting, dtype=object), f"is cut to {limit} bytes in {n_long} rows, which is the format's limit"
 

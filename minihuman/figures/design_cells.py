@@ -1,6 +1,6 @@
-"""The figure of a mixed design: every participant's value in each condition, and the differences between groups.
+"""The figure of conditions: every participant's value in each, and the differences between conditions.
 
-The differences are drawn for each contrast between conditions.
+In a mixed design, the differences are those of groups in each contrast between conditions.
 """
 
 from collections.abc import Mapping, Sequence
@@ -97,6 +97,11 @@ def _draw_means(
             ax.plot([place, place], [bottom, top], color="black", lw=1.1, zorder=3, gid=f"interval: {group}")
 
 
+def _name_difference(difference: Difference) -> str:
+    """Return the name of a difference, in two lines where groups are compared."""
+    return "\n".join(filter(None, (difference.first, difference.second)))
+
+
 def cells_figure(
     groups: Mapping[str, Values],
     conditions: Sequence[str],
@@ -104,20 +109,24 @@ def cells_figure(
     *,
     measure: str,
     title: str = "",
+    condition: str = "",
     level: str = "difference of contrast scores",
+    comparison: str = "interaction, 95 % interval",
     limits: tuple[float, float] | None = None,
 ) -> Figure:
-    """Draw the values of every participant in every condition, and beside them the differences between groups.
+    """Draw the values of every participant in every condition, and beside them the differences.
 
     The figure has the width of a page.
 
     Args:
         groups: per group, an array of shape (participants, conditions).
         conditions: the names of the conditions.
-        differences: the differences to draw; ``first`` names the contrast, ``second`` the groups.
+        differences: the differences to draw; ``first`` names the contrast, ``second`` the groups if they are compared.
         measure: the name of the measure.
         title: the title of the figure.
+        condition: the label of the axis of conditions.
         level: the label of the axis of differences.
+        comparison: the title above the differences.
         limits: the lowest and the highest possible value of the measure; None if it has no bounds.
     """
     with figure_style():
@@ -125,11 +134,10 @@ def cells_figure(
         figure.suptitle(title)
         left, right = figure.subplots(1, 2, width_ratios=(3, 2))
         draw_cells(left, groups, conditions, measure=measure, limits=limits)
+        left.set_xlabel(condition)
         draw_differences(right, differences, level=level)
-        right.set_yticks(
-            range(len(differences)), [f"{difference.first}\n{difference.second}" for difference in differences]
-        )
-        right.set_title("interaction, 95 % interval", loc="left")
+        right.set_yticks(range(len(differences)), [*map(_name_difference, differences)])
+        right.set_title(comparison, loc="left")
         for place, ax in enumerate((left, right)):
             label_panel(ax, place)
     return figure

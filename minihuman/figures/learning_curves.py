@@ -3,7 +3,7 @@
 The module imports SciPy only to compute a band, and never imports pandas, because the gallery imports this module.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -15,6 +15,7 @@ from minihuman.figures.style import SERIES, figure_style, new_figure
 from minihuman.statistics.scores import wilson_interval
 
 _DASHES = ("-", "--", ":", "-.")
+_LONG_NAME = 14  # characters of a group, beside which there is no place for a second one
 _FEW = 12  # participants of a group: so many have a thin line each beside the mean
 _MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 
@@ -97,8 +98,13 @@ def draw_learning(
     ax.set(xlabel=xlabel, ylabel=measure)
     _set_limits(ax, limits)
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
-    ax.legend(loc="lower left", bbox_to_anchor=(0, 1), borderaxespad=0.2, ncols=min(2, len(curves)))
+    ax.legend(loc="lower left", bbox_to_anchor=(0, 1), borderaxespad=0.2, ncols=_count_columns(curves))
     return ax
+
+
+def _count_columns(groups: Collection[str]) -> int:
+    """Return the number of the legend's columns: one where names are long."""
+    return 1 if max(map(len, groups)) > _LONG_NAME else min(2, len(groups))
 
 
 def _are_all_zero_or_one(curves: Mapping[str, NDArray[np.float64]]) -> bool:

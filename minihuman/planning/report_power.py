@@ -329,7 +329,7 @@ def compare_study(rows: pd.DataFrame, pool: ReportPool, on: str) -> Iterator[tup
     analysis = pool.analysis
     order = list(pool.groups)
     if on == "interaction":
-        interaction = compute_interaction(rows, pool.design, analysis, tuple(order))
+        interaction = compute_interaction(rows, pool.design, analysis, tuple(order), intervals=False)
         if interaction is not None:
             yield from _list_interaction_ps(interaction)
         return
@@ -341,7 +341,8 @@ def compare_study(rows: pd.DataFrame, pool: ReportPool, on: str) -> Iterator[tup
 
 def _list_condition_ps(rows: pd.DataFrame, pool: ReportPool) -> Iterator[tuple[str, float]]:
     """Yield the name and the corrected p of each pair of conditions."""
-    within = compare_within(*name_conditions(rows, pool.analysis, pool.design), pool.design.contrasts)
+    named_rows, analysis = name_conditions(rows, pool.analysis, pool.design)
+    within = compare_within(named_rows, analysis, pool.design.contrasts, has_order=not pool.design.condition_label)
     if within is None:
         return
     primary = _primary(pool, rows[rows["block"].isin(pool.analysis.conditions)])

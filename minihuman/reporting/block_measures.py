@@ -37,12 +37,12 @@ LOG_MEASURES = ("playing_s_mean", "response_median_ms", "all_keys_discovered_s",
 ONLY_IF_NAMED = frozenset({"log_steps_ratio_mean", "reaction_median_ms"})
 TRIAL_BLOCK_MEASURES = ("reward_mean", "response_median_ms")  # of MEASURES, those that a block of trials has
 FORMULAS = {  # of one episode, where a measure's name does not tell it
-    "log_excess_steps_mean": "ln(1 + steps - shortest), shortest: steps of the shortest known path",
+    "log_excess_steps_mean": "ln(1 + steps \N{MINUS SIGN} shortest), shortest: steps of the shortest known path",
     "log_steps_ratio_mean": "ln(steps / shortest)",
     "spl_mean": "shortest / steps with the goal, 0 without",
-    "reward_mean": "the world's own, summed over the episode",
+    "reward_mean": "the rewards of the world, summed over the episode",
     "reward_slope": "slope of a straight line",
-    "excess_steps_mean": "steps - shortest",
+    "excess_steps_mean": "steps \N{MINUS SIGN} shortest",
     "response_median_ms": "key press minus stimulus onset: the flip of the latest picture; in real time, of the "
     "onset that the world or the block names",
     "reaction_median_ms": "key press minus the flip of the latest picture, in real time of a tick's",

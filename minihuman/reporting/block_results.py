@@ -23,7 +23,13 @@ from minihuman.reporting.block_measures import (
     set_measures_aside,
     take_logarithms,
 )
-from minihuman.statistics.comparison import GroupComparison, compare_groups, compare_pair, correct_comparisons
+from minihuman.statistics.comparison import (
+    ALL_ALIKE,
+    GroupComparison,
+    compare_groups,
+    compare_pair,
+    correct_comparisons,
+)
 from minihuman.statistics.equivalence import Equivalence, check_equivalence
 from minihuman.statistics.paired import GrowthComparison, compare_growth, paired_test
 from minihuman.statistics.permutation import adjust_groups
@@ -163,7 +169,7 @@ class BlockResults:
 
     @property
     def headline(self) -> tuple[GroupComparison, ...]:
-        """Return the comparisons on the primary measure, or on the first of ``MEASURES`` that has values."""
+        """Return the comparisons on the primary measure, or on the first of ``MEASURES`` in which anybody differs."""
         return _select_headline(self.comparisons, self.roles)
 
 
@@ -182,7 +188,8 @@ def _name_team_units(rows: pd.DataFrame, teams: Collection[str]) -> dict[str, st
 def _select_headline(comparisons: Sequence[GroupComparison], roles: Mapping[str, Role]) -> tuple[GroupComparison, ...]:
     compared = [comparison.measure for comparison in comparisons]
     primary = [measure for measure in compared if roles[measure] == "primary"]
-    chosen = next(iter([*primary, *roles]), None)
+    varying = {comparison.measure for comparison in comparisons if comparison.reason != ALL_ALIKE}
+    chosen = next(iter([*primary, *(measure for measure in roles if measure in varying), *roles]), None)
     return tuple(comparison for comparison in comparisons if comparison.measure == chosen)
 
 

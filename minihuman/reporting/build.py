@@ -46,6 +46,7 @@ from minihuman.reporting.scripts import write_scripts
 from minihuman.reporting.study_figures import (
     CURVES,
     REACTION_TIME_QUERY,
+    draw_conditions,
     draw_estimates,
     draw_interaction,
     draw_learning_curves,
@@ -227,7 +228,9 @@ def _add_figures(
     """
     first_figures: list[ReportFigure] = []
     if content.interaction is not None:
-        first_figures.append(draw_interaction(content.interaction, out))
+        first_figures.append(draw_interaction(content.interaction, out, content.design.condition_label))
+    elif results.within is not None and results.within.comparisons:
+        first_figures.append(draw_conditions(results.within, out))
     figures: list[ReportFigure] = []
     for figure in draw_estimates(analysed[1], results, out):
         if figure.block == content.first_block:
@@ -293,7 +296,7 @@ def _draw_figures(
     return [
         *(figure for is_leading, figure in figures if is_leading),
         *draw_reaction_times(report_input.reaction_times, results, out),
-        *draw_learning_curves(episodes, results, out),
+        *draw_learning_curves(episodes, results, out, report_input.teams),
         *draw_sessions(blocks, results, out),
         *draw_waiting_times(results, out),
         *(figure for is_leading, figure in figures if not is_leading),

@@ -81,27 +81,25 @@ class InteractionResults:
 
 
 def compute_interaction(
-    rows: pd.DataFrame, design: ExperimentDesign, analysis: AnalysisSpec, order: tuple[str, ...]
+    rows: pd.DataFrame,
+    design: ExperimentDesign,
+    analysis: AnalysisSpec,
+    order: tuple[str, ...],
+    *,
+    intervals: bool = True,
 ) -> InteractionResults | None:
     """Compare contrast scores between groups on the measures that the protocol names, or on all that have values.
 
     A participant's value in a condition is the mean over its blocks and sessions. Participants without a value in every
-    condition are omitted.
+    condition are omitted. The result is None unless the design is mixed and at least two groups have values.
 
-    Args:
-        rows: the included rows of the table of blocks, with teams in place of their members.
-        design: the study's design.
-        analysis: the planned analysis, which can name measures.
-        order: the groups, in the order of comparison.
-
-    Returns:
-        The results; None unless the design is mixed and at least two groups have values.
+    ``rows`` are the included rows of the table of blocks, with teams in place of their members; ``order`` is that of
+    the groups. Without ``intervals``, which take most of the time, contrasts have p alone.
     """
     if not design.is_mixed:
         return None
     compared = _name_conditions(rows, design)
-    named = [name for name in (analysis.primary_measure, *analysis.secondary_measures) if name]
-    measures = [name for name in named or list_default_measures(compared) if compared[name].notna().any()]
+    measures = _list_measures(compared, analysis)
     groups = tuple(group for group in order if (compared["group"] == group).any())
     if not measures or len(groups) < 2:
         return None
@@ -115,12 +113,18 @@ def compute_interaction(
         conditions=design.conditions,
         roles=roles,
         omnibus=_test_omnibus(complete, groups, roles, design),
-        contrasts=_compare_contrasts(complete, design.tested_contrasts, groups, roles, logs),
+        contrasts=_compare_contrasts(complete, design.tested_contrasts, groups, roles, logs, intervals=intervals),
         left_out=len(tables[first]) - len(complete[first]),
         cells=_tabulate_cells(compared, first, design.conditions),
         scaled_cells=tables[first],
         tested_contrasts=design.tested_contrasts,
     )
+
+
+def _list_measures(rows: pd.DataFrame, analysis: AnalysisSpec) -> list[str]:
+    """Return the measures that the protocol names, or all, as far as they have values."""
+    named = [name for name in (analysis.primary_measure, *analysis.secondary_measures) if name]
+    return [name for name in named or list_default_measures(rows) if rows[name].notna().any()]
 
 
 def _name_conditions(rows: pd.DataFrame, design: ExperimentDesign) -> pd.DataFrame:
@@ -160,13 +164,16 @@ def _compare_contrasts(
     groups: tuple[str, ...],
     roles: Mapping[str, Role],
     logs: frozenset[str],
+    *,
+    intervals: bool,
 ) -> tuple[ContrastComparison, ...]:
     """Compare each pair of groups on every contrast of every measure; p is corrected within each role (Holm)."""
     compared: list[ContrastComparison] = []
     for role in get_args(Role):
         parts = [
             ContrastComparison(
-                contrast.name, _compare_scores(tables[measure], measure, contrast, pair, measure in logs)
+                contrast.name,
+                _compare_scores(tables[measure], measure, contrast, pair, is_log=measure in logs, intervals=intervals),
             )
             for measure in roles
             if roles[measure] == role
@@ -179,14 +186,22 @@ def _compare_contrasts(
 
 
 def _compare_scores(
-    table: pd.DataFrame, measure: str, contrast: Contrast, pair: tuple[str, str], is_log: bool
+    table: pd.DataFrame,
+    measure: str,
+    contrast: Contrast,
+    pair: tuple[str, str],
+    *,
+    is_log: bool,
+    intervals: bool,
 ) -> GroupComparison:
     weights = dict(contrast.weights)
     first, second = (
-        _select_group(table, group)[list(weights)].to_numpy(float) @ np.array(list(weights.values())) for group in pair
+        _select_group(table, group).reindex(columns=list(weights)).dropna().to_numpy(float)
+        @ np.array(list(weights.values()))
+        for group in pair
     )
     (test,) = permutation_tests([(first, second)])
-    return compare_pair(measure, (pair[0], first), (pair[1], second), test, is_log=is_log)
+    return compare_pair(measure, (pair[0], first), (pair[1], second), test, is_log=is_log, intervals=intervals)
 
 
 def _test_omnibus(

@@ -13,6 +13,7 @@ from minihuman.experiment.protocol.answer_exclusions import describe_answer_excl
 from minihuman.experiment.protocol.protocol import BlockSpec, Protocol
 from minihuman.reporting.attrition import Attrition
 from minihuman.reporting.block_measures import FORMULAS, MEASURES, TRIAL_BLOCK_MEASURES
+from minihuman.reporting.design_methods import describe_adaptive_designs, describe_orders, describe_team
 from minihuman.reporting.trial_methods import (
     describe_stimuli,
     describe_trials,
@@ -75,8 +76,9 @@ def build_methods(
     specs = BlockSpecs(protocols)
     return [
         _describe_people(plans, simulated, specs, protocols, flow),
+        *describe_orders(protocols),
         *_describe_answer_exclusions(protocols, n_excluded or {}),
-        *_describe_designs(protocols),
+        *describe_adaptive_designs(protocols),
         *_describe_blocks(plans, specs),
         _describe_measures(plans, specs),
         _describe_software(plans, qualities),
@@ -202,28 +204,6 @@ def _describe_answer_exclusions(protocols: Sequence[Protocol], n_excluded: Mappi
         f"{description} ({reason}: {n_excluded.get(reason, 0)} excluded)" for reason, description in rules.items()
     )
     return [f"By rules that the protocol states, blind to the results, participants are excluded {described}."]
-
-
-def _describe_designs(protocols: Sequence[Protocol]) -> list[str]:
-    """Return a paragraph on the protocols' adaptive designs; [] if nothing was adaptive."""
-    sentences: dict[str, None] = {}
-    for protocol in protocols:
-        for opening, spec in (
-            ("Groups were assigned by", protocol.allocation.design),
-            ("Enrolment could be stopped by", protocol.allocation.stopping),
-            *((f"Episodes of block {block.name} were chosen by", block.design) for block in protocol.blocks),
-        ):
-            if spec is None:
-                continue
-            name = spec.name
-            if spec.settings:
-                settings = ", ".join(f"{setting} = {value!r}" for setting, value in spec.settings.items())
-                name = f"{spec.name} ({settings})"
-            sentences[f"{opening} the adaptive design {name}."] = None
-    if not sentences:
-        return []
-    proof = "Each decision is recorded with what it followed from, and verification asks the design again."
-    return [" ".join([*sentences, proof])]
 
 
 def _describe_later_keys(plans: Sequence[PlanOutline], specs: BlockSpecs) -> str:
@@ -374,7 +354,7 @@ def _describe_episode(block_plan: EpisodePlan, spec: BlockSpec | None) -> str:
     outcome = _describe_outcome(block_plan, spec)
     return (
         f"{practice}{count} in {block_plan.world}{options}, {block_plan.view} view, {limit} each; {pace}; "
-        f"{keys}{motion}{outcome}"
+        f"{keys}{motion}{outcome}{describe_team(spec)}"
     )
 
 
@@ -444,12 +424,13 @@ def _describe_measures(plans: Sequence[PlanOutline], specs: BlockSpecs) -> str:
     blocks = [(block, specs.find(plan, block.block_name)) for plan in plans for block in plan.blocks]
     are_trials = bool(blocks) and all(is_of_trials(block, spec) for block, spec in blocks)
     names = [name for name in FORMULAS if name in TRIAL_BLOCK_MEASURES or not are_trials]
-    parts = "; ".join(f"{MEASURES[name]} \N{EN DASH} {FORMULAS[name]}" for name in names)
+    parts = "; ".join(f"{MEASURES[name]} = {FORMULAS[name]}" for name in names)
     session_note = ""
     if len({plan.session for plan in plans}) > 1:
         session_note = "; of several sessions it is the mean of theirs"
-    start = "Unless stated otherwise, a participant's value is the mean over the included episodes"
-    return f"{start}{session_note}. {parts}."
+    included = "trials" if are_trials else "episodes"
+    start = f"Unless stated otherwise, a participant's value is the mean over the included {included}"
+    return f"{start}{session_note}. The measures: {parts}."
 
 
 _SOFTWARE = {  # what a log says of its software, and how the methods call it

@@ -1,6 +1,6 @@
 """The results of a study, block by block and within participants, computed from the tables instead of the logs."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -70,10 +70,10 @@ def compute_results(
             analysis if name == target else AnalysisSpec(),
             units.get(name, {}),
         )
-        for name in sort_blocks_by_play(included_blocks)
+        for name in sort_blocks_by_play(included_blocks, analysis.conditions)
     ]
     if analysis.condition_label:
-        within = compare_labels(included_episodes, analysis, trial_levels)
+        within = compare_labels(included_episodes, analysis, trial_levels, design.contrasts if design else ())
     else:
         within = _compare_blocks(unite_teams(included_blocks, teams), analysis, design or ExperimentDesign())
     return Results(
@@ -114,11 +114,16 @@ def leave_out_navigation(
     return episodes, blocks
 
 
-def sort_blocks_by_play(blocks: pd.DataFrame) -> list[str]:
-    """Sort the blocks by their mean position in the sessions that contain them."""
+def sort_blocks_by_play(blocks: pd.DataFrame, conditions: Sequence[str] = ()) -> list[str]:
+    """Sort the blocks by their mean position in the sessions that contain them.
+
+    Where orders are balanced, positions are equal, and ``conditions`` gives the order.
+    """
     place = blocks.groupby(["participant", "session"], sort=False).cumcount()
     means = place.groupby(blocks["block"], sort=False).mean()
-    return [str(name) for name in means.sort_values(kind="stable").index]
+    places = {name: number for number, name in enumerate(conditions)}
+    names = [str(name) for name in means.index]
+    return sorted(names, key=lambda name: (round(float(means[name]), 9), places.get(name, len(places))))
 
 
 def find_target_block(blocks: pd.DataFrame) -> str:

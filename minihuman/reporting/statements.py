@@ -15,9 +15,9 @@ from minihuman.statistics.comparison import ALL_ALIKE, GroupComparison
 from minihuman.statistics.paired import PairedComparison
 from minihuman.statistics.t_tests import PowerAnalysis
 
-_FACTORS = {  # of what a difference of logarithms is a factor
-    "log_excess_steps_mean": "the excess steps, plus one",
-    "log_steps_ratio_mean": "the steps",
+_RATIO_OF = {  # of what a difference of logarithms is the logarithm of a ratio
+    "log_excess_steps_mean": "excess steps + 1",
+    "log_steps_ratio_mean": "steps",
 }
 _ALPHA = 0.05
 
@@ -55,7 +55,7 @@ def difference_statement(
     if not math.isnan(comparison.g):
         interval = format_interval(comparison.g_interval, 2)
         size = f"; standardised difference g {format_number(comparison.g, 2)}, interval {interval}"
-    estimate = f"{_state_estimate(comparison)}{_state_factor(comparison)}"
+    estimate = f"{_state_estimate(comparison)}{_state_ratio(comparison)}"
     p = format_p_value(comparison.p)
     sizes = _count_units(comparison, team_units)
     return f"{opening}is {estimate}; permutation p {p}{size}; {sizes}).{caveat}"
@@ -79,14 +79,14 @@ def _state_estimate(comparison: GroupComparison | PairedComparison) -> str:
     return f"{difference} (95 % interval {format_interval(comparison.interval, sign='+')}"
 
 
-def _state_factor(comparison: GroupComparison) -> str:
-    """State a difference of log steps as a factor of the steps; "" for other measures."""
-    quantity = _FACTORS.get(comparison.measure)
+def _state_ratio(comparison: GroupComparison) -> str:
+    """State a difference of log steps as a ratio of steps; "" for other measures."""
+    quantity = _RATIO_OF.get(comparison.measure)
     if quantity is None or math.isnan(comparison.interval[0]):
         return ""
-    factor = math.exp(comparison.difference)
+    ratio = math.exp(comparison.difference)
     bounds = (math.exp(comparison.interval[0]), math.exp(comparison.interval[1]))
-    return f"; as a factor of {quantity}: {format_number(factor, 2)}, {format_interval(bounds, 2)}"
+    return f"; as a ratio of {quantity}: {format_number(ratio, 2)}, {format_interval(bounds, 2)}"
 
 
 def paired_statement(comparison: PairedComparison) -> str:

@@ -17,9 +17,11 @@ from minihuman.figures.figure_data import (
     name_measure,
 )
 from minihuman.reporting.block_measures import label_measure, phrase_measure
-from minihuman.reporting.interactions import InteractionResults
+from minihuman.reporting.interactions import ContrastComparison, InteractionResults
 from minihuman.reporting.results import Results
 from minihuman.reporting.template import ReportFigure, format_pair
+from minihuman.reporting.within_results import WithinResults, unite_teams
+from minihuman.statistics.paired import PairedComparison
 
 CURVES = (
     ("log_excess_steps", "log of the excess steps over the shortest path", (0.0, math.inf)),
@@ -87,31 +89,29 @@ def draw_estimates(blocks: pd.DataFrame, results: Results, out: Path) -> Iterato
         yield ReportFigure(block.block, png, caption)
 
 
-def draw_interaction(interaction: InteractionResults, out: Path) -> ReportFigure:
-    """Draw every participant's value by group and condition, and the interaction's contrasts."""
+def draw_interaction(interaction: InteractionResults, out: Path, condition_label: str = "") -> ReportFigure:
+    """Draw every participant's value by group and condition, and the interaction's contrasts.
+
+    Args:
+        interaction: the results to draw.
+        out: the folder of the figures.
+        condition_label: the label of trials whose levels the conditions are; "" where they are blocks.
+    """
     label = phrase_measure(interaction.measure)
     cells = interaction.cells
     groups = {
         group: cells[cells.index.get_level_values("group") == group].to_numpy(float) for group in interaction.groups
     }
     is_log = any(compared.groups.is_log for compared in interaction.headline)
-    differences = [
-        Difference(
-            compared.contrast,
-            format_pair(compared.groups.first, compared.groups.second),
-            compared.groups.difference,
-            compared.groups.interval,
-        )
-        for compared in interaction.headline
-    ]
     png, _ = draw_figure_files(
         out / "groups_and_conditions_result",
         "design_cells.cells_figure",
         groups,
         interaction.conditions,
-        differences,
+        [*map(_find_difference, interaction.headline)],
         measure=_shorten(label),
         title=name_measure(label, width=110),
+        condition=condition_label,
         level="difference of log contrast scores" if is_log else "difference of contrast scores",
         limits=_find_limits(interaction.measure, pd.Series(cells.to_numpy(float).ravel())),
     )
@@ -121,6 +121,47 @@ def draw_interaction(interaction: InteractionResults, out: Path) -> ReportFigure
         "participants' contrast scores, with the intervals of the comparison."
     )
     return ReportFigure("", png, caption)
+
+
+def _find_difference(compared: ContrastComparison) -> Difference:
+    groups = compared.groups
+    return Difference(compared.contrast, format_pair(groups.first, groups.second), groups.difference, groups.interval)
+
+
+def draw_conditions(within: WithinResults, out: Path) -> ReportFigure:
+    """Draw every participant's value in each condition, and the differences within participants."""
+    label = phrase_measure(within.measure)
+    is_log = any(comparison.is_log for comparison in within.headline)
+    differences = [
+        Difference(_name_comparison(comparison), "", comparison.difference, comparison.interval)
+        for comparison in within.headline
+    ]
+    png, _ = draw_figure_files(
+        out / "conditions_result",
+        "design_cells.cells_figure",
+        {"participants": within.cells.to_numpy(float)},
+        within.conditions,
+        differences,
+        measure=_shorten(label),
+        title=name_measure(label, width=110),
+        condition=within.label,
+        level="difference of logarithms" if is_log else "difference within participants",
+        comparison="differences, 95 % interval",
+        limits=_find_limits(within.measure, pd.Series(within.cells.to_numpy(float).ravel())),
+    )
+    caption = (
+        f"{_begin_sentence(label)} by condition. A: a dot per participant and condition, a thin line through the dots "
+        "of each; large symbols: means with 95 % intervals, which include how participants differ from each other. B: "
+        "differences within participants, with the intervals of the comparison."
+    )
+    return ReportFigure("", png, caption)
+
+
+def _name_comparison(comparison: PairedComparison) -> str:
+    """Return the two conditions of a comparison, or the name of a contrast."""
+    if comparison.second:
+        return format_pair(comparison.first, comparison.second)
+    return comparison.first
 
 
 _BINS_PER_OCTAVE = 4
@@ -158,9 +199,11 @@ def draw_reaction_times(times: pd.DataFrame, results: Results, out: Path) -> Ite
         yield ReportFigure(block.block, png, caption)
 
 
-def draw_learning_curves(episodes: pd.DataFrame, results: Results, out: Path) -> Iterator[ReportFigure]:
-    """Draw the learning curves of every block, by group."""
-    included = episodes[episodes["exclusion_reason"].isna()]
+def draw_learning_curves(
+    episodes: pd.DataFrame, results: Results, out: Path, teams: pd.DataFrame | None = None
+) -> Iterator[ReportFigure]:
+    """Draw the learning curves of every block, by group; a team is one curve, the mean of its members."""
+    included = _average_members(episodes[episodes["exclusion_reason"].isna()], teams)
     for block in results.blocks:
         rows = included[included["block"] == block.block]
         if rows["episode_in_block"].nunique() < 2:
@@ -182,6 +225,16 @@ def draw_learning_curves(episodes: pd.DataFrame, results: Results, out: Path) ->
             )
             caption = f"{_begin_sentence(label)} over the episodes of block {block.block}: mean, 95 % interval."
             yield ReportFigure(block.block, png, caption)
+
+
+def _average_members(episodes: pd.DataFrame, teams: pd.DataFrame | None) -> pd.DataFrame:
+    """Replace the members of each team by the team, with the means of their last attempts at each episode."""
+    if teams is None or teams.empty or episodes.empty:
+        return episodes
+    keys = ["group", "participant", "session", "block", "episode_in_block"]
+    measures = [measure for measure, _, _ in CURVES]
+    united = unite_teams(episodes.drop_duplicates(keys, keep="last").reset_index(drop=True), teams)
+    return united.astype(dict.fromkeys(measures, float)).groupby(keys, sort=False)[measures].mean().reset_index()
 
 
 def draw_sessions(blocks: pd.DataFrame, results: Results, out: Path) -> Iterator[ReportFigure]:

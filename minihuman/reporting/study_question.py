@@ -24,16 +24,16 @@ def ask_question(
     else:
         measure = "every measure"
     if design and interaction and design.primary_effect == "interaction":
-        conditions = join_names(interaction.conditions)
+        conditions = f"conditions {join_names(interaction.conditions)}"
+        if design.condition_label:
+            conditions = f"levels {join_names(interaction.conditions)} of {design.condition_label}"
         groups = join_names(interaction.groups)
-        return (
-            f"{own_question}Asked: whether differences in {measure} between conditions {conditions} "
-            f"depend on the group ({groups})."
-        )
+        differences = f"differences in {measure} between {conditions}"
+        return f"{own_question}Asked: whether {differences} depend on the group ({groups})."
     comparisons = ", and ".join(_list_compared(results))
     if not comparisons:
         return own_question + _explain_no_comparison(results, design)
-    return f"{own_question}Asked: how {comparisons} differ in {measure}."
+    return f"{own_question}Asked: differences in {measure} {comparisons}."
 
 
 def _list_compared(results: Results) -> Iterator[str]:
@@ -41,14 +41,14 @@ def _list_compared(results: Results) -> Iterator[str]:
     if results.target_block is not None:
         groups = results.target_block.groups["group"].tolist()
         if len(groups) > 1:
-            yield f"groups {join_names(groups)} in block {results.target}"
+            yield f"between groups {join_names(groups)} in block {results.target}"
     if results.within is None:
         return
     conditions = join_names(results.within.conditions)
     if results.within.label:
-        yield f"levels {conditions} of {results.within.label} within participants"
+        yield f"within participants between levels {conditions} of {results.within.label}"
     elif results.within.conditions:
-        yield f"blocks {conditions} within participants"
+        yield f"within participants between blocks {conditions}"
 
 
 def _explain_no_comparison(results: Results, design: ExperimentDesign | None) -> str:

@@ -30,7 +30,18 @@ class WithinResults:
     comparisons: tuple[PairedComparison, ...]
     effects: tuple[CrossoverTerm, ...]  # of order, where it differs between participants
     roles: Mapping[str, Role]
+    cells: pd.DataFrame  # of the first measure: index participant, a column per condition, times in their unit
     label: str = ""  # of trials, whose levels the conditions are; "" where they are blocks
+
+    @property
+    def measure(self) -> str:
+        """Return the primary measure, or the first measure that has values."""
+        return next(iter(sorted(self.roles, key=lambda name: self.roles[name] != "primary")), "")
+
+    @property
+    def headline(self) -> tuple[PairedComparison, ...]:
+        """Return the comparisons on the primary measure, or on the first measure that has values."""
+        return tuple(comparison for comparison in self.comparisons if comparison.measure == self.measure)
 
 
 def unite_teams(rows: pd.DataFrame, teams: pd.DataFrame | None) -> pd.DataFrame:
@@ -55,7 +66,7 @@ def name_conditions(
 
 
 def compare_within(
-    rows: pd.DataFrame, analysis: AnalysisSpec, contrasts: Sequence[Contrast] = ()
+    rows: pd.DataFrame, analysis: AnalysisSpec, contrasts: Sequence[Contrast] = (), *, has_order: bool = True
 ) -> WithinResults | None:
     """Compare the protocol's conditions within participants; None if it names none.
 
@@ -63,7 +74,7 @@ def compare_within(
 
     The measures are the primary and the secondary ones, corrected within each role (Holm), or else all that have
     values. A participant's value in a condition is the mean over sessions. Effects of position and carry-over are
-    tested in the order of the first session.
+    tested in the order of the first session, unless ``has_order`` is false because conditions alternate in a block.
     """
     if not analysis.conditions:
         return None
@@ -83,8 +94,20 @@ def compare_within(
     for role in get_args(Role):
         tables_of_role = {name: tables[name] for name in roles if roles[name] == role}
         comparisons += compare_conditions(tables_of_role, log_measures=logs, contrasts=weights)
-    effects = _test_order_effects(scaled, measured)
-    return WithinResults(analysis.conditions, tuple(comparisons), effects, roles)
+    effects: tuple[CrossoverTerm, ...] = ()
+    if has_order:
+        effects = _test_order_effects(scaled, measured)
+    return WithinResults(
+        analysis.conditions, tuple(comparisons), effects, roles, _tabulate_cells(condition_rows, roles, analysis)
+    )
+
+
+def _tabulate_cells(rows: pd.DataFrame, roles: Mapping[str, Role], analysis: AnalysisSpec) -> pd.DataFrame:
+    """Tabulate the primary measure, or the first one, with a row per participant and a column per condition."""
+    first = next(iter(sorted(roles, key=lambda name: roles[name] != "primary")), "")
+    if not first:
+        return pd.DataFrame(columns=list(analysis.conditions), dtype=float)
+    return rows.pivot_table(first, "participant", "block").reindex(columns=list(analysis.conditions))
 
 
 def _test_order_effects(scaled: pd.DataFrame, measures: Sequence[str]) -> tuple[CrossoverTerm, ...]:
@@ -101,7 +124,10 @@ def _test_order_effects(scaled: pd.DataFrame, measures: Sequence[str]) -> tuple[
 
 
 def compare_labels(
-    episodes: pd.DataFrame, analysis: AnalysisSpec, trial_levels: pd.DataFrame | None = None
+    episodes: pd.DataFrame,
+    analysis: AnalysisSpec,
+    trial_levels: pd.DataFrame | None = None,
+    contrasts: Sequence[Contrast] = (),
 ) -> WithinResults | None:
     """Compare the levels of a trial label within participants, over the included trials that have the label.
 
@@ -112,6 +138,7 @@ def compare_labels(
         episodes: the included episodes.
         analysis: the planned analysis, which names the label and the measures.
         trial_levels: the measures of trials, with a row per participant, session, block, label and level.
+        contrasts: those that the protocol states; without them every two levels are compared.
     """
     label = analysis.condition_label
     measured = measure_levels(episodes, label, trial_levels)
@@ -119,10 +146,10 @@ def compare_labels(
     if len(conditions) < 2:
         return None
     of_levels = msgspec.structs.replace(select_measures(analysis, measured), conditions=conditions)
-    within = compare_within(measured, of_levels)
+    within = compare_within(measured, of_levels, contrasts, has_order=False)
     if within is None:
         return None
-    return replace(within, effects=(), label=label)  # levels alternate: they have no position
+    return replace(within, label=label)
 
 
 def select_measures(analysis: AnalysisSpec, rows: pd.DataFrame) -> AnalysisSpec:

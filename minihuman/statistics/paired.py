@@ -154,7 +154,7 @@ def _compare_sides(
     table: pd.DataFrame, weights: Mapping[str, float], measure: str, names: tuple[str, str], *, is_log: bool
 ) -> PairedComparison | None:
     """Compare the conditions of positive weight with those of negative weight; None for fewer than two participants."""
-    known = table[list(weights)].dropna().to_numpy(float)
+    known = table.reindex(columns=list(weights)).dropna().to_numpy(float)  # a condition may be in no trial
     weight = np.array(list(weights.values()))
     sides = (known @ np.maximum(weight, 0.0), known @ np.maximum(-weight, 0.0))
     test = paired_test(sides[0] - sides[1])

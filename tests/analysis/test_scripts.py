@@ -212,11 +212,40 @@ def test_power_is_held_against_reports_and_whole_reports_against_the_quick_way(t
 
 def test_the_committed_comparison_of_power_is_the_docs():
     found = json.loads((SCRIPTS / "power_against_reports.json").read_text())
-    assert len(found["designs"]) == 10
+    assert len(found["designs"]) == 11
     assert {row["numbers_that_differ"] for row in found["designs"]} == {0}
     docs = (SCRIPTS.parent / "docs" / "statistics.md").read_text()
     table = (SCRIPTS / "power_against_reports.md").read_text().splitlines()
     assert [line for line in table if line.startswith("|") and line not in docs] == []
+
+
+def test_planted_effects_of_trials_are_counted_and_more_studies_added(tmp_path, monkeypatch, capsys):
+    out = tmp_path / "trial_effects.csv"
+    monkeypatch.syspath_prepend(SCRIPTS)
+    for studies in (2, 3):
+        run(monkeypatch, "trial_effects.py", "--only", "d'", "--studies", studies, "--resamples", 99, "--out", out)
+        (row,) = pd.read_csv(out).to_dict("records")
+        assert (row["studies"], row["intervals"]) == (studies, studies)
+    assert 0.4 < row["truth"] < 0.6
+    assert "d' of 2.0 v 1.5" in capsys.readouterr().out
+
+
+@needs("r")
+@pytest.mark.nightly
+@pytest.mark.parametrize("data_set", ["2 x 2, small group spreads", "2 x 3, missing cells", "3 x 2 x 2"])
+def test_the_r_script_agrees_with_the_report_and_with_r(tmp_path, monkeypatch, capsys, data_set):
+    run(monkeypatch, "r_agreement.py", "--only", data_set, "--out", tmp_path)
+    rows = pd.read_csv(tmp_path / "r_agreement.csv")
+    assert rows["agree"].eq("yes").all(), rows[rows["agree"] != "yes"]
+    assert {"interaction: Kenward-Roger df", "interaction: Greenhouse-Geisser p"} <= {*rows["what"]}
+    assert rows["what"].str.contains("difference, emmeans|mixed model").sum() >= 5
+    assert "lmerTest" in capsys.readouterr().out
+
+
+def test_r_agreed_with_the_report_on_the_committed_data_sets():
+    rows = pd.read_csv(SCRIPTS / "r_agreement.csv")
+    assert rows["data set"].nunique() == 10
+    assert rows["agree"].eq("yes").all()
 
 
 @pytest.mark.nightly

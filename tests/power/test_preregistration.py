@@ -51,7 +51,7 @@ def test_what_the_protocol_fixes_is_in_it():
         "Group grid-first goes through grid, then first-person.",
         f"minihuman {minihuman.__version__}",
         "Holm's correction",
-        "ln(1 + steps - shortest)",
+        "ln(1 + steps \N{MINUS SIGN} shortest)",
     ):
         assert part in said
 

@@ -57,12 +57,12 @@ LEGENDS = {
 }
 VALUE = "Unless stated otherwise, a participant's value is the mean over the included episodes"
 FORMULAS = {
-    "log_excess_steps_mean": "ln(1 + steps - shortest), shortest: steps of the shortest known path",
+    "log_excess_steps_mean": "ln(1 + steps \N{MINUS SIGN} shortest), shortest: steps of the shortest known path",
     "log_steps_ratio_mean": "ln(steps / shortest)",
     "spl_mean": "shortest / steps with the goal, 0 without",
-    "reward_mean": "the world's own, summed over the episode",
+    "reward_mean": "the rewards of the world, summed over the episode",
     "reward_slope": "slope of a straight line",
-    "excess_steps_mean": "steps - shortest",
+    "excess_steps_mean": "steps \N{MINUS SIGN} shortest",
     "response_median_ms": "key press minus stimulus onset: the flip of the latest picture; in real time, of the onset "
     "that the world or the block names",
     "reaction_median_ms": "key press minus the flip of the latest picture, in real time of a tick's",
@@ -114,12 +114,31 @@ def check_methods(paragraphs: Sequence[str], sessions: Sequence[Session], regist
     """Check every sentence; the tally counts facts compared with a participant's plan or play."""
     tally = Tally()
     people, *others = paragraphs
+    if others[0].startswith("The order of "):
+        check_orders(others.pop(0), sessions, tally)
     *blocks, measures, software, report = others
     check_people(people, sessions, register, tally)
     check_blocks(" ".join(blocks), sessions, tally)
     check_measures(measures, sessions, tally)
     check_software(software, report, sessions, tally)
     return tally
+
+
+def check_orders(text: str, sessions: Sequence[Session], tally: Tally) -> None:
+    """Check that participants had the parts in several orders, which the protocol says how to draw."""
+    its = re.fullmatch(
+        r"The order of (?P<parts>.+) was (?:balanced within each group by Latin squares \(Williams, 1949\)"
+        r"|(?P<drawn>drawn for each participant))\.",
+        text,
+    )
+    if its is None:
+        tally.wrong.append(f"no checker for {text!r}")
+        return
+    (order,) = sessions[0].protocol["orders"]
+    named = [re.sub(r" \(with .*\)", "", part) for part in re.split(r", (?![^(]*\))| and ", its["parts"])]
+    units = [unit if isinstance(unit, str) else unit[0] for unit in order["parts"]]
+    tally.same("methods, parts in order", named, units)
+    tally.same("methods, order drawn", its["drawn"] is not None, order.get("order") == "shuffled")
 
 
 def check_people(text: str, sessions: Sequence[Session], register: Sequence[Any], tally: Tally) -> None:
@@ -337,8 +356,8 @@ def check_play(its: re.Match[str], had: Had, tally: Tally) -> None:
 def check_measures(text: str, sessions: Sequence[Session], tally: Tally) -> None:
     several = len({session.plan.session for session in sessions}) > 1
     value = f"{VALUE}; of several sessions it is the mean of theirs" if several else VALUE
-    formulas = "; ".join(f"{MEASURES[name]} \N{EN DASH} {formula}" for name, formula in FORMULAS.items())
-    tally.same("methods, measures", text, f"{value}. {formulas}.")
+    formulas = "; ".join(f"{MEASURES[name]} = {formula}" for name, formula in FORMULAS.items())
+    tally.same("methods, measures", text, f"{value}. The measures: {formulas}.")
 
 
 def check_software(text: str, report: str, sessions: Sequence[Session], tally: Tally) -> None:

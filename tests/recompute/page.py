@@ -41,7 +41,7 @@ MEASURES = {
     "reaction_median_ms": "key press after the latest picture, median (ms)",
 }
 UNASKED = {"log_steps_ratio_mean", "reaction_median_ms"}
-FACTORS = {"log_excess_steps_mean": "the excess steps, plus one", "log_steps_ratio_mean": "the steps"}
+FACTORS = {"log_excess_steps_mean": "excess steps + 1", "log_steps_ratio_mean": "steps"}
 LOGS = ("playing_s_mean", "response_median_ms", "all_keys_discovered_s", "reaction_median_ms")
 RESAMPLES = 9_999
 NOTHING = "\N{EN DASH}"
@@ -430,7 +430,9 @@ class Study:
             session = row["participant"], row["session"]
             places[row["block"]].append(counts[session])
             counts[session] += 1
-        return sorted(places, key=lambda block: float(np.mean(places[block])))
+        named = list(self.analysis.get("conditions", ()))  # that are played equally early where orders are balanced
+        places_named = {block: named.index(block) if block in named else len(named) for block in places}
+        return sorted(places, key=lambda block: (round(float(np.mean(places[block])), 9), places_named[block]))
 
 
 def exclude_practice_alone(rows: Sequence[Row]) -> list[Row]:
@@ -489,7 +491,7 @@ def expected_page(study: Study) -> Iterator[tuple[str, Any]]:
         "p",
         (
             f"{version}; {len(sessions)} sessions read, 0 skipped; {len(included)} participants and {count} episodes "
-            f"are included. Played by: {', '.join(players)}. At: {at}."
+            f"are included. Played by: {', '.join(players)}. Window: {at}."
         ),
     )
     practised = Counter(
@@ -517,8 +519,6 @@ def expected_page(study: Study) -> Iterator[tuple[str, Any]]:
     yield "summary", "A participant of each group"
     yield from expected_quality(study)
     yield from expected_exclusions(study)
-    yield "h2", "Logs skipped"
-    yield "p", "None."
     yield "h2", "Methods"
 
 
@@ -537,7 +537,7 @@ def expected_answer(study: Study) -> Iterator[tuple[str, Any]]:
         primary = study.analysis.get("primary_measure", "")
         names = f"{', '.join(order[:-1])} and {order[-1]}"
         measure = in_a_sentence(primary) if primary else "every measure"
-        yield "p", f"Asked: how groups {names} in block {target} differ in {measure}."
+        yield "p", f"Asked: differences in {measure} between groups {names} in block {target}."
         compared = Block(study, target)
         for one in compared.headline:
             yield "p", difference(one, target)
@@ -554,10 +554,10 @@ def expected_answer(study: Study) -> Iterator[tuple[str, Any]]:
     yield (
         "p",
         (
-            f"Participants excluded: {excluded}. The p of these sentences are not corrected"
-            f"{', unless they say so' if interaction else ''}. In the tables, p (Holm) "
+            f"Participants excluded: {excluded}. The p values of these sentences are not corrected for multiple "
+            f"comparisons{', unless they say so' if interaction else ''}. In the tables, p (Holm) "
             "is corrected over measures and pairs of groups: within the primary measure, within the secondary ones, "
-            "and within all others. Every other p on this page (waiting times, rewards in two parts, change over "
+            "and within all others. Every other p value on this page (waiting times, rewards in two parts, change over "
             "episodes, sessions, order) is exploratory, and none is corrected across blocks. Methods define the "
             "measures."
         ),
@@ -680,7 +680,11 @@ def expected_interaction(study: Study) -> Iterator[tuple[str, Any]]:
         p = (near_p(test.p(), exact=test.exact),)
         within.append([*start, name, str(len(both)), means, apart, p, Holm("within"), least])
     yield "h2", "Within participants"
-    yield "p", f"Blocks {join(found.conditions)}, compared over the participants who played both."
+    yield (
+        "p",
+        f"Blocks {join(found.conditions)}. Each comparison is over the participants with a value in all conditions ",
+    )
+    "that it compares."
     yield "table", within
 
 
@@ -860,13 +864,27 @@ def expected_block(study: Study, block: str) -> Iterator[tuple[str, Any]]:
     alone = len(order) == 1 and len(study.order) > 1
     worlds = ", ".join(dict.fromkeys(row["world"] for row in episodes))
     end = f"; played by {order[0]} alone, so nothing is compared" if alone else ""
-    end = end or ("; the block that all groups are compared on" if block == study.target() and len(order) > 1 else "")
+    end = end or (
+        "; the block that all groups are compared on"
+        if block == study.target() and len(order) > 1 and study.interaction() is None
+        else ""
+    )
     yield "h2", f"Block {block}"
     yield "p", f"{worlds}{': ' if worlds else ''}{len(episodes)} episodes included{end}."
     if block != study.target() or len(order) < 2 or study.interaction() is not None:
+        if len(headline) > 2 and len(study.in_order_of_play()) > 1:
+            yield "summary", "Differences between groups"
         for one in headline:
             yield "p", difference(one, block)
-    if comparisons and primary not in roles:
+    if comparisons and study.interaction() is not None:
+        yield (
+            "p",
+            (
+                "The interaction answers the study's question: comparisons of groups in this block are exploratory, "
+                "and the p above is not corrected."
+            ),
+        )
+    elif comparisons and primary not in roles:
         yield (
             "p",
             (
@@ -962,7 +980,7 @@ def difference(one: Compared, block: str) -> Expected:
         if one.measure in FACTORS:
             low, high = map(exponential, one.interval)
             ratio = number(math.exp(one.difference), 2)
-            factor = (f"; as a factor of {FACTORS[one.measure]}: {ratio}, ", low, " to ", high)
+            factor = (f"; as a ratio of {FACTORS[one.measure]}: {ratio}, ", low, " to ", high)
     g: tuple[str | Near, ...] = ()
     if one.g_interval is not None:
         g = (f"; standardised difference g {number(one.g, 2)}, interval ", one.g_interval[0], " to ", one.g_interval[1])

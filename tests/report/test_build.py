@@ -123,7 +123,7 @@ def test_the_page_holds_everything_and_fetches_nothing(built):
         "The protocol names no primary measure for this block",
         "Groups compared in block room (direct",
         "<th>mean, direct</th><th>mean, grid_first</th>",
-        "ln(1 + steps - shortest)",
+        "ln(1 + steps \N{MINUS SIGN} shortest)",
     ):
         assert words in text
     assert "Published" not in text, "another study in the same worlds is not the published one"

@@ -7,9 +7,9 @@ import pytest
 from minihuman.errors import ProtocolError
 from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.experiment.protocol.specs import AnalysisSpec
-from minihuman.experiment.protocol.study_design import ExperimentDesign, Factor, derive_design
+from minihuman.experiment.protocol.study_design import Contrast, ExperimentDesign, Factor, derive_design
 from minihuman.reporting.interactions import compute_interaction, state_interaction
-from minihuman.reporting.within_results import measure_levels
+from minihuman.reporting.within_results import compare_within, measure_levels
 from minihuman.statistics.permutation import permutation_tests
 
 GROUPS = '[[groups]]\nname = "a"\nblocks = ["low", "high"]\n[[groups]]\nname = "b"\nblocks = ["low", "high"]\n'
@@ -139,3 +139,14 @@ def test_levels_of_a_label_of_trials_are_conditions_that_groups_are_crossed_with
     )  # fmt: skip
     assert compared.groups.difference == pytest.approx(0.7, abs=0.15)
     assert compared.groups.p < 0.01
+
+
+def test_a_contrast_of_a_level_that_no_trial_has_is_not_compared():
+    contrast = Contrast("early or never", (("early", 1.0), ("never", -1.0)))
+    groups = Factor("group", ("a", "b"), is_within=False)
+    design = ExperimentDesign((groups,), contrasts=(contrast,), condition_label="cue").add_levels(("early", "late"))
+    rows = block_rows(0.0).replace({"block": {"low": "early", "high": "late"}})
+    analysis = AnalysisSpec(primary_measure="reward_mean", conditions=("early", "late"))
+    found = compute_interaction(rows, design, analysis, ("a", "b"))
+    assert "not compared (" in " ".join(state_interaction(found))
+    assert compare_within(rows, analysis, design.contrasts).comparisons == ()

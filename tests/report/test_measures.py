@@ -72,11 +72,11 @@ def test_a_labs_measure_an_answer_and_conditions_reach_the_page(tmp_path: Path, 
         pass
     page, *tables = write_report(select(tmp_path / "within", processes=1), tmp_path / "out")
     text = re.sub(r"\s+", " ", page.read_text())
-    asked = "groups one and other in block wide, and blocks narrow and wide within participants differ in steps"
-    assert f"Asked: how {asked}" in text
+    asked = "steps to the goal between groups one and other in block wide, and within participants between blocks"
+    assert f"Asked: differences in {asked}" in text
     assert text.index("within participants: narrow minus wide is \N{MINUS SIGN}") < text.index("<nav>")
     assert "Adjusted for the covariates. Steps to the goal, block wide" in text
-    assert "Blocks narrow and wide, compared over the participants who played both." in text
+    assert "Blocks narrow and wide. Each comparison is over the participants with a value in all conditions" in text
     for words in ("episodes over 0 s", "success in block narrow", ">position<", ">secondary<"):
         assert words in text
     assert ">carry-over<" not in text, "two positions cannot tell it from condition and participants"

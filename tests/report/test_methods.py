@@ -141,3 +141,17 @@ def test_keys_that_are_drawn_anew_are_not_taken_for_those_of_the_block_before(ke
 
 def test_without_strata_nothing_is_said_of_them():
     assert "strata" not in build_methods([PlanOutline.of(corridor_plan())], [])[0]
+
+
+def test_balanced_orders_and_teams_are_named():
+    protocol = decode_protocol(find_shipped_protocol("two-days").read_bytes())
+    plans = [PlanOutline.of(expand_protocol(protocol, enrol_participant(protocol, index))) for index in range(4)]
+    assert "The order of open, rooms, crossing and lava was balanced within each group by Latin squares" in " ".join(
+        build_methods(plans, [], protocols=[protocol])
+    )
+    team = decode_protocol(find_shipped_protocol("team").read_bytes())
+    plans = [PlanOutline.of(expand_protocol(team, enrol_participant(team, index))) for index in range(4)]
+    text = " ".join(build_methods(plans, [], protocols=[team]))
+    assert "Block kitchen, group two-people:" in text
+    assert "; played by teams of 2 people." in text
+    assert "; played by one person together with scripted:cook." in text

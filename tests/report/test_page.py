@@ -60,7 +60,7 @@ def test_a_lab_restyles_the_page_or_a_part_of_it(tmp_path: Path) -> None:
     told = page(tmp_path, methods=["Eight took part."])
     assert "<p>little, as told elsewhere</p>" in told
     assert "Eight took part." not in told
-    assert "<h2>Logs skipped</h2>" in told
+    assert '<h2 id="exclusions">Exclusions</h2>' in told
     assert "teal" in told
 
 

@@ -102,9 +102,9 @@ def _name_level(label: str, level: str) -> str:
 
 
 def _iterate_levels(people: pd.DataFrame) -> Iterator[tuple[str, str, str, str, pd.DataFrame]]:
-    keys = ["block", "group", "label", "level"]
-    for (block, group, label, level), rows in people.groupby(keys, sort=False):
-        yield str(block), str(group), str(label), str(level), rows
+    for (block, group, label), of_label in people.groupby(["block", "group", "label"], sort=False):
+        for level, rows in of_label.groupby("level", sort=True):
+            yield str(block), str(group), str(label), str(level), rows
 
 
 def _format_over_people(rows: pd.DataFrame, measure: str) -> str:

@@ -23,6 +23,7 @@ from minihuman.errors import ProtocolError, WorldError
 from minihuman.experiment.plan.part_plans import list_world_options
 from minihuman.experiment.plan.session_plan import name_label_column
 from minihuman.experiment.plan.trials import TrialStimulus, list_label_columns, list_trial_cells, read_stimuli
+from minihuman.experiment.protocol.design_spec import check_weighted_conditions
 from minihuman.experiment.protocol.protocol import BlockSpec, Protocol
 from minihuman.experiment.protocol.specs import apply_overrides
 from minihuman.experiment.sounds import SoundContent, render_sound
@@ -95,6 +96,8 @@ def _check_uses(protocol: Protocol, source: str) -> None:
     mistakes = []
     if (label := protocol.analysis.condition_label) and label not in levels:
         mistakes.append(f"$.analysis.conditions: has 'label:{label}', which is no label; {known}")
+    elif label:
+        mistakes += _find_unknown_levels(protocol, list(map(str, levels[label])))
     for number, rule in enumerate(protocol.exclusions):
         path = f"$.exclusions[{number}]"
         if rule.measured_label and rule.measured_label not in levels:
@@ -109,6 +112,14 @@ def _check_uses(protocol: Protocol, source: str) -> None:
                 )
     if mistakes:
         raise ProtocolError("\n".join(f"{source}: {mistake}" for mistake in mistakes))
+
+
+def _find_unknown_levels(protocol: Protocol, levels: list[str]) -> Iterator[str]:
+    """Yield an error for each name in a contrast that is no level of the label whose levels are compared."""
+    for number, contrast in enumerate(protocol.design.contrasts):
+        place = f"$.design.contrasts[{number}].weights"
+        for path, message in check_weighted_conditions(place, contrast.weights, levels):
+            yield f"{path}: {message}"
 
 
 def list_levels(protocol: Protocol) -> dict[str, list[Any]]:

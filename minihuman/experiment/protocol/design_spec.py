@@ -1,7 +1,7 @@
 """The table ``[design]`` of a protocol file: the study's question, its primary effect, conditions and contrasts."""
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from typing import Any, Literal
 
 import msgspec
@@ -48,25 +48,44 @@ def check_study_design(
     design: StudyDesignSpec,
     *,
     compared_blocks: tuple[str, ...],
+    condition_label: str,
     options_by_block: Mapping[str, Mapping[str, Any]],
     has_groups: bool,
 ) -> Iterator[FieldError]:
-    """Yield a (path, message) for each part of the design that does not fit the study."""
+    """Yield a (path, message) for each part of the design that does not fit the study.
+
+    The levels of a label are in tables of stimuli, so ``check_stimuli`` compares the names in contrasts with them.
+    """
     needs_groups = design.primary_effect in ("groups", "interaction")
     needs_conditions = design.primary_effect in ("conditions", "interaction") or design.contrasts or design.condition
     if needs_groups and not has_groups:
         yield "$.design.primary_effect", f"is {design.primary_effect!r}, but the study has one group; add another"
+    if condition_label:
+        if design.condition:
+            yield (
+                "$.design.condition",
+                f"is {design.condition!r}, but conditions are the levels of label {condition_label!r}; remove one",
+            )
+        yield from _check_contrasts(design.contrasts, None)
+        return
     if needs_conditions and not compared_blocks:
-        yield "$.design", "is about conditions; name the blocks in [analysis] conditions"
+        yield "$.design", "is about conditions; name the blocks, or a label of trials, in [analysis] conditions"
         return
     yield from _check_condition(design.condition, compared_blocks, options_by_block)
     conditions = set(name_conditions(design.condition, compared_blocks, options_by_block).values())
-    names = [contrast.name for contrast in design.contrasts]
-    for number, contrast in enumerate(design.contrasts):
+    yield from _check_contrasts(design.contrasts, conditions)
+
+
+def _check_contrasts(contrasts: tuple[ContrastSpec, ...], conditions: set[str] | None) -> Iterator[FieldError]:
+    """Yield the errors of contrasts; without ``conditions``, names of conditions are not checked."""
+    names = [contrast.name for contrast in contrasts]
+    for number, contrast in enumerate(contrasts):
         path = f"$.design.contrasts[{number}]"
         if not contrast.name.strip() or contrast.name in names[:number]:
             yield f"{path}.name", f"is {contrast.name!r}; give each contrast its own name"
-        yield from _check_weights(f"{path}.weights", contrast.weights, conditions)
+        if conditions is not None:
+            yield from check_weighted_conditions(f"{path}.weights", contrast.weights, conditions)
+        yield from _check_weights(f"{path}.weights", contrast.weights)
 
 
 def _check_condition(
@@ -85,10 +104,16 @@ def _check_condition(
         yield "$.design.condition", f"is {condition!r}, which is the same in all blocks that are compared; name another"
 
 
-def _check_weights(path: str, weights: Mapping[str, float], conditions: set[str]) -> Iterator[FieldError]:
+def check_weighted_conditions(
+    path: str, weights: Mapping[str, float], conditions: Collection[str]
+) -> Iterator[FieldError]:
+    """Yield a (path, message) for each name in a contrast that is no condition."""
     for name in weights:
         if name not in conditions:
             yield path, f"has {name!r}, which is not a condition; conditions: {', '.join(sorted(conditions))}"
+
+
+def _check_weights(path: str, weights: Mapping[str, float]) -> Iterator[FieldError]:
     if not all(map(math.isfinite, weights.values())) or not any(weights.values()):
         yield path, "has no finite weight other than 0; weigh two conditions or more"
     elif abs(math.fsum(weights.values())) > _ROUNDING:

@@ -155,7 +155,8 @@ def _check_study_design(protocol: Protocol) -> list[FieldError]:
     return list(
         check_study_design(
             protocol.design,
-            compared_blocks=() if protocol.analysis.condition_label else protocol.analysis.conditions,
+            compared_blocks=protocol.analysis.conditions,
+            condition_label=protocol.analysis.condition_label,
             options_by_block={block.name: block.options for block in protocol.blocks},
             has_groups=len(protocol.groups) > 1,
         )
@@ -166,7 +167,7 @@ def _check_study(study: StudySpec) -> Iterator[FieldError]:
     if not specs.NAME_PATTERN.fullmatch(study.name):
         yield "$.study.name", f"is {study.name!r}; {specs.NAME_RULE}"
     if not 0 <= study.seed <= MAX_SEED:
-        yield "$.study.seed", f"is {study.seed}; a seed is 0 or more"
+        yield "$.study.seed", f"is {study.seed}; a seed is a whole number of 0 to {MAX_SEED}"
     if not 1 <= study.participants <= 100_000:
         yield "$.study.participants", f"is {study.participants}; use 1 to 100000"
     if not 0 <= study.min_rest_s <= 86_400:

@@ -14,9 +14,13 @@ from minihuman.dataset.sessions import StudySessions
 from minihuman.dataset.tables import select
 from minihuman.errors import ProtocolError, ReportError
 from minihuman.experiment.plan.dry_run import check_worlds
+from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
 from minihuman.experiment.protocol.protocol import Protocol, decode_protocol
+from minihuman.experiment.protocol.study_design import derive_design
 from minihuman.exporters.bids.export import export as export_bids
 from minihuman.exporters.tables import export_csv, export_spss, export_stata
+from minihuman.planning.preregistration import build_preregistration
+from minihuman.reporting.results import compute_results
 from minihuman.runtime.simulated_session import simulate
 
 TOML = """
@@ -154,3 +158,39 @@ def test_conditions_that_are_no_label_are_refused():
         check_worlds(
             decode_protocol(TOML.replace("label:congruent", "label:side").encode(), "p.toml", {"words.csv": TABLE}), "p"
         )
+
+
+CONTRAST = """
+[design]
+primary_effect = "conditions"
+contrasts = [{{ name = "congruency", weights = {{ {first} = 1.0, {second} = {weight} }} }}]
+"""
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "weight", "message"),
+    [
+        ("no", "maybe", -1.0, r"contrasts\[0\].weights: has 'maybe', which is not a condition; conditions: no, yes"),
+        ("no", "yes", 1.0, r"weights sum to 2; the weights of a contrast sum to 0"),
+    ],
+)
+def test_a_contrast_of_levels_that_cannot_be_is_refused(first, second, weight, message):
+    with pytest.raises(ProtocolError, match=message):
+        check_worlds(decode(CONTRAST.format(first=first, second=second, weight=weight)), "p.toml")
+
+
+def test_a_contrast_of_levels_is_tested_as_it_is_stated(study):
+    protocol = decode(CONTRAST.format(first="no", second="yes", weight=-1.0))
+    check_worlds(protocol, "p.toml")
+    with select(study) as tables:
+        frames = {
+            name: tables.frame(name).assign(exclusion_reason=None) for name in ("episodes", "blocks", "participants")
+        }
+    results = compute_results(**frames, analysis=protocol.analysis, design=derive_design(protocol))
+    assert results.within is not None
+    assert {comparison.first for comparison in results.within.comparisons} == {"congruency"}
+    plain = compute_results(**frames, analysis=protocol.analysis).within
+    assert plain is not None
+    assert [row.p for row in results.within.comparisons] == [row.p for row in plain.comparisons]
+    planned = build_preregistration(protocol, expand_protocol(protocol, enrol_participant(protocol, 0)))
+    assert "Within participants: contrasts congruency of the levels of congruent, paired permutation" in planned

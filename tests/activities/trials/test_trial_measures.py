@@ -111,7 +111,7 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 def test_the_report_of_trials_answers_what_a_stroop_study_asks(report):
     assert "interaction of group and condition: no \N{MINUS SIGN} yes, old \N{MINUS SIGN} young is" in report
-    assert "Levels no and yes of congruent, compared over the participants who played both" in report
+    assert "Levels no and yes of congruent. Each comparison is over the participants with a value in" in report
     assert re.search(r"trimmed \(ms\) primary no \S yes 8 ", report)
     assert re.search(r"stroop congruent accuracy \(share of trials\)", report)
     assert re.search(r"congruent: no \S yes response time, mean of correct", report), "the interaction with the group"

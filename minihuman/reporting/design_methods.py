@@ -1,0 +1,68 @@
+"""Sentences for the methods section on orders of parts, teams and adaptive designs."""
+
+from collections.abc import Iterator, Sequence
+
+from minihuman.activities.team.plan import PERSON
+from minihuman.experiment.protocol.model import BlockSpec, Protocol
+from minihuman.experiment.protocol.specs import OrderSpec
+
+
+def describe_orders(protocols: Sequence[Protocol]) -> list[str]:
+    """Return a paragraph on how the orders of parts were balanced or drawn; [] if all participants had one order."""
+    sentences = dict.fromkeys(
+        _describe_order(order) for protocol in protocols for order in protocol.orders if order.order != "fixed"
+    )
+    if not sentences:
+        return []
+    return [" ".join(sentences)]
+
+
+def _describe_order(order: OrderSpec) -> str:
+    units = list(_name_units(order))
+    parts = f"{', '.join(units[:-1])} and {units[-1]}"
+    if order.order == "shuffled":
+        return f"The order of {parts} was drawn for each participant."
+    return f"The order of {parts} was balanced within each group by Latin squares (Williams, 1949)."
+
+
+def _name_units(order: OrderSpec) -> Iterator[str]:
+    """Yield a name for each unit: its part, or its first part with the others in brackets."""
+    for first, *others in order.units:
+        if others:
+            yield f"{first} (with {', '.join(others)})"
+        else:
+            yield first
+
+
+def describe_team(spec: BlockSpec | None) -> str:
+    """State how many people and which agents play a block together; "" unless it is a team's."""
+    if spec is None or spec.team is None or len(spec.team.seats) < 2:
+        return ""
+    n_people = len(spec.team.persons)
+    agents = [seat for seat in spec.team.seats if seat != PERSON]
+    if not agents:
+        return f"; played by teams of {n_people} people"
+    people = "one person" if n_people == 1 else f"{n_people} people"
+    return f"; played by {people} together with {' and '.join(agents)}"
+
+
+def describe_adaptive_designs(protocols: Sequence[Protocol]) -> list[str]:
+    """Return a paragraph on the protocols' adaptive designs; [] if nothing was adaptive."""
+    sentences: dict[str, None] = {}
+    for protocol in protocols:
+        for opening, spec in (
+            ("Groups were assigned by", protocol.allocation.design),
+            ("Enrolment could be stopped by", protocol.allocation.stopping),
+            *((f"Episodes of block {block.name} were chosen by", block.design) for block in protocol.blocks),
+        ):
+            if spec is None:
+                continue
+            name = spec.name
+            if spec.settings:
+                settings = ", ".join(f"{setting} = {value!r}" for setting, value in spec.settings.items())
+                name = f"{spec.name} ({settings})"
+            sentences[f"{opening} the adaptive design {name}."] = None
+    if not sentences:
+        return []
+    proof = "Each decision is recorded with what it followed from, and verification asks the design again."
+    return [" ".join([*sentences, proof])]
