@@ -27,23 +27,30 @@ class Pose:
 
 @dataclass(frozen=True, slots=True)
 class Thing:
-    """An object in the world: its name ("green goal"), position, radius and colour as "#rrggbb"."""
+    """An object in the world: its name ("green goal"), position, radius, colour as "#rrggbb", and floor, from 0."""
 
     name: str
     x: float
     z: float
     radius: float
     colour: str
+    floor: int = 0
 
 
 @dataclass(frozen=True, slots=True)
 class Map:
-    """The floor plan seen from above, sufficient to draw paths without the world."""
+    """The floor plan seen from above, sufficient to draw paths without the world.
+
+    A building has several floors: ``levels`` are their heights from below, and ``wall_floors`` the floor of each wall.
+    Both are empty in a flat world.
+    """
 
     unit: Literal["cell", "m"]
     bounds: tuple[float, float, float, float]  # x0, z0, x1, z1
     walls: tuple[tuple[float, float, float, float], ...]  # segments x0, z0, x1, z1
     things: tuple[Thing, ...]
+    levels: tuple[float, ...] = ()
+    wall_floors: tuple[int, ...] = ()
 
 
 def wall_outlines(is_wall: NDArray[np.bool_]) -> tuple[tuple[float, float, float, float], ...]:

@@ -1,0 +1,122 @@
+"""Stairs and ramps as sectors: a sector for each step, or one with a sloping floor."""
+
+import math
+
+from minihuman.errors import WorldError
+from minihuman.worlds.first_person.heights.planes import Plane, slope_between
+from minihuman.worlds.first_person.heights.sectors import Sector
+from minihuman.worlds.first_person.rooms import rectangle
+
+Rectangle = tuple[float, float, float, float]  # min_x, max_x, min_z, max_z
+Textures = tuple[str, str, str | None]  # of floor, wall and ceiling
+
+STEP_M = 0.18  # the highest step where none is asked for
+_STEEPEST = 1.0  # of a ramp: a metre up for a metre ahead
+_DIRECTIONS = {"east": (0, 1), "west": (0, -1), "south": (1, 1), "north": (1, -1)}  # axis x (0) or z (1), and sign
+
+
+def build_stairs(
+    sides: Rectangle,
+    up: str,
+    heights: tuple[float, float],
+    *,
+    steps: int | None,
+    step_height: float,
+    height: float,
+    textures: Textures,
+) -> tuple[Sector, ...]:
+    """Return the treads of stairs, from below.
+
+    Args:
+        sides: the rectangle in which they lie, min_x, max_x, min_z, max_z.
+        up: the direction in which they rise.
+        heights: at their foot and at their head.
+        steps: the number of steps up; there is one tread less. None for as many as are at most `STEP_M` high.
+        step_height: the highest step that a body climbs.
+        height: from the treads to the ceiling.
+        textures: of floor, wall and ceiling.
+
+    Raises:
+        WorldError: if the stairs do not rise, or a step is higher than a body climbs.
+    """
+    low, high = _check_rise(heights, "stairs")
+    n_steps = max(math.ceil((high - low) / min(STEP_M, step_height) - 1e-9), 2) if steps is None else int(steps)
+    if n_steps < 2:
+        raise WorldError(f"stairs have steps={steps}; give 2 or more, or none for steps of at most {STEP_M} m")
+    rise = (high - low) / n_steps
+    if rise > step_height + 1e-9:
+        raise WorldError(
+            f"stairs from {low:g} to {high:g} m in {n_steps} steps have steps of {rise:.3g} m, but a body climbs at most "
+            f"step_height = {step_height:g} m; give steps={math.ceil((high - low) / step_height - 1e-9)} or more"
+        )
+    axis, sign = _find_direction(up)
+    start, end = sides[2 * axis : 2 * axis + 2]
+    ceiling = _slope(sides, up, (low + rise + height, high - rise + height)) if n_steps > 2 else Plane(high + height)
+    sectors = []
+    for number in range(1, n_steps):
+        shares = sorted(((number - 1) / (n_steps - 1), number / (n_steps - 1)))
+        ends = [start + share * (end - start) if sign > 0 else end - share * (end - start) for share in shares]
+        part = list(sides)
+        part[2 * axis : 2 * axis + 2] = sorted(ends)
+        level = low + number * rise
+        sectors.append(_sector((part[0], part[1], part[2], part[3]), Plane(level), ceiling, height, textures, (low, high)))
+    return tuple(sectors)
+
+
+def build_ramp(
+    sides: Rectangle, up: str, heights: tuple[float, float], *, height: float, textures: Textures
+) -> Sector:
+    """Return a ramp; the arguments are those of `build_stairs`.
+
+    Raises:
+        WorldError: if the ramp does not rise, or is steeper than 45 degrees.
+    """
+    low, high = _check_rise(heights, "a ramp")
+    axis, _ = _find_direction(up)
+    length = sides[2 * axis + 1] - sides[2 * axis]
+    if high - low > _STEEPEST * length + 1e-9:
+        raise WorldError(
+            f"a ramp from {low:g} to {high:g} m that is {length:g} m long is steeper than 45 degrees; make it at least "
+            f"{(high - low) / _STEEPEST:g} m long, or use add_stairs()"
+        )
+    floor = _slope(sides, up, (low, high))
+    return _sector(sides, floor, floor.raised(height), height, textures, (low, high))
+
+
+def _check_rise(heights: tuple[float, float], what: str) -> tuple[float, float]:
+    low, high = (float(height) + 0.0 for height in heights)
+    if not (math.isfinite(low) and math.isfinite(high) and low < high):
+        raise WorldError(f"{what} from floor_y = {low:g} to top_y = {high:g} m do not rise; give a higher top_y")
+    return low, high
+
+
+def _find_direction(up: str) -> tuple[int, int]:
+    if up not in _DIRECTIONS:
+        raise WorldError(f"up is {up!r}; use {', '.join(map(repr, _DIRECTIONS))}")
+    return _DIRECTIONS[up]
+
+
+def _slope(sides: Rectangle, up: str, heights: tuple[float, float]) -> Plane:
+    """Return the plane that rises in a direction, from one height to another within a rectangle."""
+    axis, sign = _find_direction(up)
+    start, end = sides[2 * axis : 2 * axis + 2]
+    rectangle(*sides)  # or it says what is wrong with them
+    if sign > 0:
+        return slope_between(axis, start, end, *heights)
+    return slope_between(axis, end, start, *heights)
+
+
+def _sector(
+    sides: Rectangle, floor: Plane, ceiling: Plane, height: float, textures: Textures, levels: tuple[float, float]
+) -> Sector:
+    floor_texture, wall, above = textures
+    return Sector(
+        rectangle(*(float(side) for side in sides)),
+        float(height),
+        floor_texture,
+        wall,
+        above,
+        floor_plane=floor,
+        ceiling_plane=ceiling,
+        levels=levels,
+    )
