@@ -41,6 +41,8 @@ class WorldState:
     If ``randomised``, parameters are drawn from their ranges; otherwise, they keep their defaults.
     """
 
+    has_heights = False  # whether floors lie at heights, as in a building
+
     def __init__(self, rng: np.random.Generator, parameters: Parameters, *, randomised: bool) -> None:
         self.rng = rng
         self.parameters = parameters

@@ -12,17 +12,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minihuman.errors import WorldError
-from minihuman.worlds.contract import Palette, View
+from minihuman.worlds.contract import UNKNOWN_BOUNDS, Palette, PathLengthBounds, View
 from minihuman.worlds.first_person.env import FirstPersonEnv
 from minihuman.worlds.first_person.heights.actions import act
 from minihuman.worlds.first_person.heights.floors import building_map, check_reach, draw_floor
 from minihuman.worlds.first_person.heights.flights import build_ramp, build_stairs
 from minihuman.worlds.first_person.heights.planes import Plane
+from minihuman.worlds.first_person.heights.planner import least_steps, plan
 from minihuman.worlds.first_person.heights.sectors import Flight, Sector
 from minihuman.worlds.first_person.heights.state import BuildingState
 from minihuman.worlds.first_person.heights.surfaces import building_tables
 from minihuman.worlds.first_person.rooms import WALL_HEIGHT, OpeningLimits, Point, Room, RoomOutline, outline_of, rectangle
-from minihuman.worlds.first_person.rules import ACTIONS
+from minihuman.worlds.first_person.rules import ACTIONS, GOAL
 from minihuman.worlds.pose import Map
 
 
@@ -231,6 +232,20 @@ class BuildingEnv(FirstPersonEnv):
         """
         super().begin(seed=seed)
         check_reach(self.stage)
+
+    def shortest_path(self) -> Sequence[int] | None:
+        """Return a path to the goal of ``near_goal``; None for a world with another termination rule."""
+        rule = self.termination_rule()
+        if rule.kind != GOAL:
+            return None
+        return plan(self, rule.things[0]) or ()
+
+    def path_length_bounds(self) -> PathLengthBounds:
+        """Return bounds on the number of steps to the goal of ``near_goal``."""
+        rule = self.termination_rule()
+        if rule.kind != GOAL:
+            return UNKNOWN_BOUNDS
+        return PathLengthBounds(least_steps(self, rule.things[0]), len(self.shortest_path() or ()) or None)
 
     def map(self) -> Map:
         """Return the plan of all floors: the walls that stop a body, and all entities but the agent."""

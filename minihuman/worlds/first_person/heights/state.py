@@ -39,6 +39,8 @@ class BuildingState(WorldState):
         fall_height: the deepest edge over which a body goes, metres.
     """
 
+    has_heights = True
+
     def __init__(
         self, rng: np.random.Generator, parameters: Parameters, *, randomised: bool, step_height: float, fall_height: float
     ) -> None:

@@ -42,7 +42,8 @@ def plan(world: "FirstPersonEnv", goal: Entity, *, avoid: Sequence[Entity] = ())
         WorldError: if the world lacks a turn or the forward step.
     """
     stage = world.stage
-    moves = _moves(world)
+    _check_flat(stage)
+    moves = read_moves(world)
     carried = world.stage.agent.carrying
     start = (stage.agent.pos[0], stage.agent.pos[2], stage.agent.dir)
     reach = _reach(stage, goal, carried) - _MARGIN
@@ -85,6 +86,7 @@ def least_steps(world: "FirstPersonEnv", goal: Entity) -> int:
     ignored.
     """
     stage = world.stage
+    _check_flat(stage)
     x, _, z = stage.agent.pos
     dx = goal.pos[0] - x
     dz = goal.pos[2] - z
@@ -107,7 +109,7 @@ def least_steps(world: "FirstPersonEnv", goal: Entity) -> int:
     return steps + max(math.ceil((off - spared) / math.radians(stage.parameters.largest("turn_step")) - 1e-9), 0)
 
 
-def _moves(world: "FirstPersonEnv") -> tuple[int, ...]:
+def read_moves(world: "FirstPersonEnv") -> tuple[int, ...]:
     """Return the world's actions for a left turn, a right turn, a step and, if it exists, a step back."""
     try:
         moves = tuple(world.action_names.index(name) for name in ("turn_left", "turn_right", "move_forward"))
@@ -118,6 +120,16 @@ def _moves(world: "FirstPersonEnv") -> tuple[int, ...]:
     if "move_back" in world.action_names:
         return (*moves, world.action_names.index("move_back"))
     return moves
+
+
+def _check_flat(stage: WorldState) -> None:
+    """Check that a world is flat, as this planner knows one floor.
+
+    Raises:
+        WorldError: if it is a building.
+    """
+    if stage.has_heights:
+        raise WorldError("this planner knows one floor; use the one of minihuman.worlds.first_person.heights.planner")
 
 
 def _default(stage: WorldState, name: str) -> float:
