@@ -10,7 +10,7 @@ from minihuman.worlds.contract import Palette
 from minihuman.worlds.first_person.heights.plan import SectorPlan
 from minihuman.worlds.first_person.heights.state import BuildingState
 from minihuman.worlds.first_person.heights.support import Body, passes
-from minihuman.worlds.first_person.heights.surfaces import building_tables
+from minihuman.worlds.first_person.heights.surfaces import floor_tables
 from minihuman.worlds.first_person.pictures import WorldRenderer
 from minihuman.worlds.pose import Map, Thing
 
@@ -56,7 +56,7 @@ def draw_floor(
     things = [thing for thing in stage.entities if thing is not stage.agent and plan.floor_at(thing.pos[1]) == floor]
     is_here = plan.floor_at(stage.agent.pos[1]) == floor
     return renderer.draw_part(
-        stage, lambda library: building_tables(plan, library, rooms=rooms), things, size_px, palette, shows_agent=is_here
+        stage, lambda library: floor_tables(plan, library, rooms), things, size_px, palette, shows_agent=is_here
     )
 
 

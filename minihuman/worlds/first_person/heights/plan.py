@@ -23,7 +23,7 @@ from minihuman.worlds.hashing import hash64
 
 _PLANS_KEPT = 16
 _OVERLAP_M = 0.01  # that two rooms may share in height
-_LEAST_STOREY_M = 1.5  # floors less apart are one: a podium belongs to the floor around it
+_LEAST_STOREY_M = 2.0  # floors less apart are one: a podium belongs to the floor around it
 
 
 class WallPiece(NamedTuple):

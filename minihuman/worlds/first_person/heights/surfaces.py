@@ -3,7 +3,8 @@
 The renderer's tables take flat convex faces at any height, so that a building is drawn by the kernels of flat worlds.
 """
 
-from collections.abc import Collection
+import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -16,34 +17,77 @@ from minihuman.worlds.first_person.render.kernel_tables import F64, FaceTable, R
 from minihuman.worlds.first_person.render.scene import Opening, SceneRoom, Surface, tables_of
 
 _FLAT_M = 1e-9  # a side of a piece of wall that is lower has one corner
+_RISER_M = 0.5  # a piece of wall on stairs that is higher is no riser
+_LINE_M = 0.14  # how wide a plan draws walls
+_WALL_SHADE = 0.12  # of the brightness of the floor beside them
+_DARKEST = 0.6  # of the brightness of a plan, at the upper end of stairs
 
 
-def building_tables(
-    plan: SectorPlan, library: Library, *, display: bool = False, rooms: Collection[int] | None = None
-) -> tuple[FaceTable, RoomTable]:
-    """Return the renderer's tables of a building, or of some of its sectors, which then show no openings."""
-    numbers = range(len(plan.rooms)) if rooms is None else sorted(rooms)
-    return tables_of([_scene_room(plan, number, opens=rooms is None) for number in numbers], library)
+def building_tables(plan: SectorPlan, library: Library, *, display: bool = False) -> tuple[FaceTable, RoomTable]:
+    """Return the renderer's tables of a building."""
+    return tables_of([_scene_room(plan, number) for number in range(len(plan.rooms))], library)
 
 
-def _scene_room(plan: SectorPlan, number: int, *, opens: bool) -> SceneRoom:
+def floor_tables(plan: SectorPlan, library: Library, rooms: Sequence[int]) -> tuple[FaceTable, RoomTable]:
+    """Return the renderer's tables of some sectors as they are seen from above, in the bounds of the whole building.
+
+    Walls are dark lines. Stairs get dark from below to above, so that a plan shows where they rise.
+    """
+    scene_rooms = []
+    shades: list[float] = []
+    for number in rooms:
+        floors = _floor_surfaces(plan.rooms[number])
+        lines = _wall_lines(plan, number)
+        shades += [_plan_shade(plan.rooms[number])] * len(floors) + [_WALL_SHADE] * len(lines)
+        scene_rooms.append(SceneRoom(np.array(plan.rooms[number].outline.corners), [*floors, *lines]))
+    faces, room_table = tables_of(scene_rooms, library)
+    faces.colour[:] = np.array(shades)[:, None]
+    x0, z0, x1, z1 = plan.bounds
+    bounds = np.tile(np.array((x0, z0, x1, z1)), (len(rooms), 1))
+    return faces, room_table._replace(bounds=bounds)
+
+
+def _wall_lines(plan: SectorPlan, number: int) -> list[Surface]:
+    """Return the walls of a sector as level strips, a little above its floor."""
     room = plan.rooms[number]
-    surfaces = [_level_surface(area, room.floor_plane, _variant(room, 1), is_floor=True) for area in _floor_areas(room)]
+    surfaces = []
+    for x0, z0, x1, z1 in plan.walls[plan.wall_rooms == number].tolist():
+        length = math.hypot(x1 - x0, z1 - z0)
+        ahead_x = _LINE_M / 2 * (x1 - x0) / length
+        ahead_z = _LINE_M / 2 * (z1 - z0) / length
+        area = (  # also half a width beyond both ends, so that lines join at corners
+            (x1 + ahead_x + ahead_z, z1 + ahead_z - ahead_x),
+            (x0 - ahead_x + ahead_z, z0 - ahead_z - ahead_x),
+            (x0 - ahead_x - ahead_z, z0 - ahead_z + ahead_x),
+            (x1 + ahead_x - ahead_z, z1 + ahead_z + ahead_x),
+        )
+        surfaces.append(_level_surface(area, room.floor_plane.raised(_LINE_M), _variant(room, 1), is_floor=True))
+    return surfaces
+
+
+def _plan_shade(room: PlannedSector) -> float:
+    """Return how bright a plan shows a sector: 1 for a room, and less for what leads up from it."""
+    if not room.is_flight:
+        return 1.0
+    low, high = room.levels
+    heights = [room.floor_plane.at(x, z) for x, z in room.outline.corners]
+    return 1.0 - _DARKEST * ((min(heights) + max(heights)) / 2 - low) / (high - low)
+
+
+def _scene_room(plan: SectorPlan, number: int) -> SceneRoom:
+    room = plan.rooms[number]
+    surfaces = _floor_surfaces(room)
     if room.ceiling is not None:
         surfaces += [
             _level_surface(area, room.ceiling_plane, _variant(room, 2), is_floor=False)
             for area in _areas_around(room.outline.corners, room.ceiling_holes)
         ]
-    surfaces += [_wall_surface(room, piece) for piece in plan.pieces[number]]
-    openings: list[Opening] = []
-    if opens:
-        openings += [
-            Opening(_upright(room, WallPiece(*opening[:5])), opening.into) for opening in room.openings
-        ]
-        openings += [Opening(_hole_corners(hole, room.floor_plane, is_floor=True), hole.into) for hole in room.floor_holes]
-        openings += [
-            Opening(_hole_corners(hole, room.ceiling_plane, is_floor=False), hole.into) for hole in room.ceiling_holes
-        ]
+    surfaces += [_wall_surface(room, piece, _covering(plan, number, piece)) for piece in plan.pieces[number]]
+    openings = [Opening(_upright(room, WallPiece(*opening[:5])), opening.into) for opening in room.openings]
+    openings += [Opening(_hole_corners(hole, room.floor_plane, is_floor=True), hole.into) for hole in room.floor_holes]
+    openings += [
+        Opening(_hole_corners(hole, room.ceiling_plane, is_floor=False), hole.into) for hole in room.ceiling_holes
+    ]
     return SceneRoom(np.array(room.outline.corners), surfaces, openings, roofed=room.ceiling is not None)
 
 
@@ -53,8 +97,9 @@ def _variant(room: PlannedSector, part: int) -> str:
     return f"{name}_{room.pictures[part] + 1}"
 
 
-def _floor_areas(room: PlannedSector) -> list[Area]:
-    return _areas_around(room.outline.corners, room.floor_holes)
+def _floor_surfaces(room: PlannedSector) -> list[Surface]:
+    areas = _areas_around(room.outline.corners, room.floor_holes)
+    return [_level_surface(area, room.floor_plane, _variant(room, 1), is_floor=True) for area in areas]
 
 
 def _areas_around(corners: Area, holes: tuple[Hole, ...]) -> list[Area]:
@@ -73,12 +118,30 @@ def _level_surface(area: Area, plane: Plane, texture: str, *, is_floor: bool) ->
     return Surface(corners, corners[:, (0, 2)].copy(), texture)
 
 
-def _wall_surface(room: PlannedSector, piece: WallPiece) -> Surface:
+def _covering(plan: SectorPlan, number: int, piece: WallPiece) -> str:
+    """Return the texture of a piece of wall: below an opening onto stairs it is their first riser, and looks like them."""
+    room = plan.rooms[number]
+    for opening in room.openings:
+        is_above = opening.edge == piece.edge and opening.start <= piece.start and piece.end <= opening.end
+        behind = plan.rooms[opening.into]
+        if is_above and behind.is_flight and opening.heights_at(piece.start)[0] == piece.top[0]:
+            return _variant(behind, 1)
+    return _variant(room, 1 if room.is_flight and _is_riser(room, piece) else 0)
+
+
+def _is_riser(room: PlannedSector, piece: WallPiece) -> bool:
+    """Return whether a piece of a tread's wall is low and stands on it, as the riser below a landing does."""
+    edge = room.outline.edges[piece.edge]
+    x, z = edge.at(piece.start)
+    return piece.bottom[0] == room.floor_plane.at(x, z) and piece.top[0] - piece.bottom[0] <= _RISER_M
+
+
+def _wall_surface(room: PlannedSector, piece: WallPiece, texture: str) -> Surface:
     corners = _upright(room, piece)
     along = np.array([piece.start, piece.start, piece.end, piece.end])
     places = np.column_stack((along, corners[:, 1]))
     is_kept = np.array([piece.top[0] - piece.bottom[0] > _FLAT_M, True, True, piece.top[1] - piece.bottom[1] > _FLAT_M])
-    return Surface(corners[is_kept], places[is_kept], _variant(room, 0))
+    return Surface(corners[is_kept], places[is_kept], texture)
 
 
 def _upright(room: PlannedSector, piece: WallPiece) -> F64:
