@@ -20,6 +20,7 @@ from minihuman.worlds.first_person.heights.sectors import Hole, Sector, WallOpen
 from minihuman.worlds.first_person.parameters import running_sum
 from minihuman.worlds.first_person.rooms import RoomOutline, draw_variant
 from minihuman.worlds.hashing import hash64
+from minihuman.worlds.pose import floor_at
 
 _PLANS_KEPT = 16
 _OVERLAP_M = 0.01  # that two rooms may share in height
@@ -92,9 +93,8 @@ class SectorPlan:
         return hash64([(room.outline.table, *map(_as_plain, room[1:])) for room in self.rooms])
 
     def floor_at(self, height: float) -> int:
-        """Return the number of the floor, from 0, to which a height belongs: the highest one that is not above it."""
-        below = [number for number, level in enumerate(self.levels) if level <= height + _LEAST_STOREY_M / 2]
-        return below[-1] if below else 0
+        """Return the number of the floor, from 0, to which a height belongs."""
+        return floor_at(self.levels, height)
 
     def floors_of(self, number: int) -> tuple[int, ...]:
         """Return the floors to which a sector belongs: one for a room, two or more for stairs and ramps."""

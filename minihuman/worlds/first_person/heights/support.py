@@ -164,7 +164,8 @@ def solids(plan: SectorPlan, room: int, x: float, z: float, body: Body) -> Itera
                 if opening.edge != edge_number:
                     continue
                 nearest = min(max(along, opening.start), opening.end)
-                if passes(sector, opening, plan.rooms[opening.into], nearest, body):
+                is_behind = opening.into in known  # the body overlaps what lies above an edge that it goes over
+                if is_behind or passes(sector, opening, plan.rooms[opening.into], nearest, body):
                     free.append((opening.start, opening.end))
                     if opening.into not in known and _is_near(edge, nearest, x, z, body.radius):
                         known.add(opening.into)
