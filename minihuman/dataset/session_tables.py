@@ -39,6 +39,7 @@ from minihuman.experiment.protocol.protocol import decode_logged_protocol
 from minihuman.log import topics
 from minihuman.log.model.event_columns import NO_ACTION, CategoricalTexts
 from minihuman.log.model.session_log import EpisodeLog, Segment, SegmentNote, SessionLog
+from minihuman.worlds.pose import Map
 
 SessionKey = Mapping[str, Any]  # the columns that all rows of a session share
 RowMaker = Callable[[Any, SessionLog], TableRow | None]
@@ -142,11 +143,12 @@ def _identify_episode(episode: EpisodeLog) -> TableRow:
 
 
 def _start_row(episode: EpisodeLog) -> TableRow:
-    x, _, z, yaw_rad = [None if math.isnan(number) else number for number in episode.poses[0].tolist()]
+    x, y, z, yaw_rad = [None if math.isnan(number) else number for number in episode.poses[0].tolist()]
     row = {
         "t_ns": int(episode.t_ns[0]),
         "mission": episode.start.mission,
         "x": x,
+        "y": y,
         "z": z,
         "yaw_rad": yaw_rad,
         "unit": find_place_unit(episode),
@@ -155,8 +157,18 @@ def _start_row(episode: EpisodeLog) -> TableRow:
     }
     floor = episode.start.map
     if floor:
-        row["map"] = msgspec.json.encode(floor).decode()
+        row["map"] = _encode_map(floor)
     return row
+
+
+def _encode_map(floor: Map) -> str:
+    """Return a map as JSON; a flat world's says nothing of floors."""
+    fields = msgspec.to_builtins(floor)
+    if not floor.levels:
+        del fields["levels"], fields["wall_floors"]
+        for thing in fields["things"]:
+            del thing["floor"]
+    return msgspec.json.encode(fields).decode()
 
 
 def _frame_rows(episode: EpisodeLog) -> RowBatch:
@@ -411,6 +423,7 @@ def _step_rows(episode: EpisodeLog) -> RowBatch:
         "response_ms": response_ms(episode),
         "visible_effect": visible_effect(episode),
         "x": episode.poses[1:, 0],
+        "y": episode.poses[1:, 1],
         "z": episode.poses[1:, 2],
         "unit": find_place_unit(episode),
         "yaw_rad": episode.poses[1:, 3],
