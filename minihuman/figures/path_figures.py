@@ -118,11 +118,12 @@ def draw_map(ax: Axes, floor: Map) -> Axes:
             draw_object(ax, replace(thing, z=thing.z + shift))
         if floor.levels:
             ax.annotate(
-                f"floor {number}", (x0, z0 + shift), (1, 1), textcoords="offset points", fontsize=5.0, color=MUTED, va="bottom"
+                f"floor {number}", (x0, (z0 + z1) / 2 + shift), (-1.5, 0), textcoords="offset points", rotation=90,
+                fontsize=4.5, color=MUTED, ha="right", va="center",
             )  # fmt: skip
     ax.add_collection(LineCollection(segments, colors=WALL, linewidths=0.8, capstyle="projecting", zorder=2))
     margin = 0.03 * max(x1 - x0, z1 - z0)
-    top = z0 + min(shifts) - margin * (3 if floor.levels else 1)
+    top = z0 + shifts.min() - margin
     ax.set(xlim=(x0 - margin, x1 + margin), ylim=(z1 + margin, top), aspect="equal", xticks=[], yticks=[])
     ax.spines[:].set_visible(False)
     return ax
