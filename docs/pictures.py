@@ -114,7 +114,8 @@ def two_floors(folder: Path) -> None:
         hall = env.picture(size_px=(560, 420))
         plans = [env.picture(view="full", floor=floor, size_px=(280, 210)) for floor in (1, 0)]
         picture = np.hstack([hall, np.vstack(plans)])
-        Image.fromarray(picture).quantize(128).save(folder / "two_floors.png", optimize=True)
+        colours = Image.fromarray(picture).quantize(128, method=Image.Quantize.MAXCOVERAGE)  # of small things, too
+        colours.save(folder / "two_floors.png", optimize=True)
 
 
 def kitchen(folder: Path) -> None:

@@ -1,7 +1,7 @@
 """Wayfinding in a building of two floors: from the entrance over the stairs to the archive.
 
-Source: C. Hölscher et al., Up the down staircase, Journal of Environmental Psychology 26 (2006): people look for rooms on
-other floors of a building. At each step `info` has the floor, from 0.
+Source: C. Hölscher et al., Up the down staircase, Journal of Environmental Psychology 26 (2006): people look for rooms
+on other floors of a building. At each step `info` has the floor, from 0.
 """
 
 import gymnasium

@@ -180,7 +180,10 @@ class WorldRenderer:
         self._easels: dict[tuple[Palette, tuple[int, int]], _Observed] = {}  # where what the agent sees is drawn
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return partial(WorldRenderer, shadows=self.shadows, display=self.display, tables=self.tables), (self.size_px, self.assets)
+        return partial(WorldRenderer, shadows=self.shadows, display=self.display, tables=self.tables), (
+            self.size_px,
+            self.assets,
+        )
 
     def forget(self) -> None:
         """Discard the scene, so that the next picture shows the whole state as it then is."""
@@ -234,7 +237,7 @@ class WorldRenderer:
         *,
         shows_agent: bool,
     ) -> NDArray[np.uint8]:
-        """Return a part of the world from above: the rooms of the tables, some entities, and the agent if it is there."""
+        """Return a part of the world from above: the rooms of the tables, some entities,and perhaps the agent."""
         library = asset_library(self.assets)
         with library_lock:
             scene = add_things(

@@ -1,4 +1,4 @@
-"""Buildings: bodies stand on what is under them, climb stairs and ramps, stop or fall at edges, and pass below floors."""
+"""Buildings: bodies stand on what is under them, climb stairs and ramps, and stop or fall at edges."""
 
 import math
 from importlib import import_module
@@ -220,7 +220,7 @@ def low_door(world):
     [
         (overlapping, ["room 0 (x 0 to 5", "room 1 (x 2 to 7", "overlap between 3 and 3.2 m"]),
         (gap, ["gap of 3 m between room 0", "at 0 and 2 m", "add_stairs"]),
-        (unreachable, ["room 1 (x 5 to 12", "cannot be reached", "step up at (x 5, z 2.5) is 1 m", "step_height = 0.3"]),
+        (unreachable, ["room 1 (x 5 to 12", "cannot be reached", "step up at (x 5, z 2.5) is 1 m"]),
         (apart, ["floor 1: room 1", "no opening leads there"]),
         (low_door, ["the opening at (x 5, z 2.5) is 1.5 m high, lower than the body's 1.6 m"]),
         (lambda world: world.add_stairs(min_x=0, max_x=4, min_z=0, max_z=2, up="east", floor_y=0, top_y=3, steps=5),
@@ -245,7 +245,10 @@ def test_a_window_is_seen_through_and_stops_bodies():
         world.box = world.place_entity(Box("red", (0.6, 1.8, 0.6)), pos=(6.0, 0.0, 1.0))
 
     world = start(build)
-    assert world.box in world.visible_entities() or ((world.picture()[..., 0] > 100) & (world.picture()[..., 1] < 60)).any()
+    assert (
+        world.box in world.visible_entities()
+        or ((world.picture()[..., 0] > 100) & (world.picture()[..., 1] < 60)).any()
+    )
     assert walk(world)[-1].x <= 2.6
 
 
@@ -311,7 +314,7 @@ def test_a_body_that_moves_freely_climbs_and_slides_as_on_one_floor():
 def test_the_planner_of_flat_worlds_refuses_a_building():
     world = ThirtyRooms(trig=1)
     world.reset(seed=1)
-    with pytest.raises(WorldError, match="heights.planner"):
+    with pytest.raises(WorldError, match=r"heights\.planner"):
         plan_in_flat_world(world, world.goal)
     assert plan(world, world.goal)
 

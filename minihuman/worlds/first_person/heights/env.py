@@ -6,6 +6,7 @@ its rules: it is stepped in Python, and only the reward is judged by their kerne
 
 import math
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any, ClassVar
 
 import numpy as np
@@ -15,14 +16,22 @@ from minihuman.errors import WorldError
 from minihuman.worlds.contract import UNKNOWN_BOUNDS, Palette, PathLengthBounds, View
 from minihuman.worlds.first_person.env import FirstPersonEnv
 from minihuman.worlds.first_person.heights.actions import act
-from minihuman.worlds.first_person.heights.floors import building_map, check_reach, draw_floor
 from minihuman.worlds.first_person.heights.flights import build_ramp, build_stairs
+from minihuman.worlds.first_person.heights.floors import building_map, check_reach, draw_floor
 from minihuman.worlds.first_person.heights.planes import Plane
 from minihuman.worlds.first_person.heights.planner import least_steps, plan
 from minihuman.worlds.first_person.heights.sectors import Flight, Sector
 from minihuman.worlds.first_person.heights.state import BuildingState
 from minihuman.worlds.first_person.heights.surfaces import building_tables
-from minihuman.worlds.first_person.rooms import WALL_HEIGHT, OpeningLimits, Point, Room, RoomOutline, outline_of, rectangle
+from minihuman.worlds.first_person.rooms import (
+    WALL_HEIGHT,
+    OpeningLimits,
+    Point,
+    Room,
+    RoomOutline,
+    outline_of,
+    rectangle,
+)
 from minihuman.worlds.first_person.rules import ACTIONS, GOAL
 from minihuman.worlds.pose import Map
 
@@ -149,9 +158,14 @@ class BuildingEnv(FirstPersonEnv):
             WorldError: if the stairs do not rise, or a step is higher than ``step_height``.
         """
         sectors = build_stairs(
-            (min_x, max_x, min_z, max_z), up, (floor_y, top_y), steps=steps, step_height=self.step_height, height=height,
+            (min_x, max_x, min_z, max_z),
+            up,
+            (floor_y, top_y),
+            steps=steps,
+            step_height=self.step_height,
+            height=height,
             textures=(floor, wall, ceiling),
-        )  # fmt: skip
+        )
         return self._add_flight(sectors)
 
     def add_ramp(
@@ -174,13 +188,15 @@ class BuildingEnv(FirstPersonEnv):
         Raises:
             WorldError: if the ramp does not rise, or is steeper than 45 degrees.
         """
-        ramp = build_ramp((min_x, max_x, min_z, max_z), up, (floor_y, top_y), height=height, textures=(floor, wall, ceiling))
+        ramp = build_ramp(
+            (min_x, max_x, min_z, max_z), up, (floor_y, top_y), height=height, textures=(floor, wall, ceiling)
+        )
         return self._add_flight((ramp,))
 
     def _add_flight(self, sectors: tuple[Sector, ...]) -> Flight:
         for sector in sectors:
             self.stage.add_room(sector)
-        for below, above in zip(sectors[:-1], sectors[1:], strict=True):
+        for below, above in pairwise(sectors):
             self.stage.connect_sectors(below, above, OpeningLimits(), min_y=None, max_y=None)
         return Flight(sectors[0], sectors[-1], sectors)
 
@@ -214,9 +230,7 @@ class BuildingEnv(FirstPersonEnv):
         first, second = _sectors_of(a, b)
         self.stage.connect_sectors(first, second, OpeningLimits(min_x, max_x, min_z, max_z), min_y=min_y, max_y=max_y)
 
-    def add_hole(
-        self, upper: Sector, lower: Sector, *, min_x: float, max_x: float, min_z: float, max_z: float
-    ) -> None:
+    def add_hole(self, upper: Sector, lower: Sector, *, min_x: float, max_x: float, min_z: float, max_z: float) -> None:
         """Cut a rectangular hole into the floor of a room, and into the ceiling of the one right below it.
 
         Raises:

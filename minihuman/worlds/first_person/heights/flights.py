@@ -46,8 +46,8 @@ def build_stairs(
     rise = (high - low) / n_steps
     if rise > step_height + 1e-9:
         raise WorldError(
-            f"stairs from {low:g} to {high:g} m in {n_steps} steps have steps of {rise:.3g} m, but a body climbs at most "
-            f"step_height = {step_height:g} m; give steps={math.ceil((high - low) / step_height - 1e-9)} or more"
+            f"stairs from {low:g} to {high:g} m in {n_steps} steps have steps of {rise:.3g} m, but a body climbs at "
+            f"most step_height = {step_height:g} m; give steps={math.ceil((high - low) / step_height - 1e-9)} or more"
         )
     axis, sign = _find_direction(up)
     start, end = sides[2 * axis : 2 * axis + 2]
@@ -59,13 +59,13 @@ def build_stairs(
         part = list(sides)
         part[2 * axis : 2 * axis + 2] = sorted(ends)
         level = low + number * rise
-        sectors.append(_sector((part[0], part[1], part[2], part[3]), Plane(level), ceiling, height, textures, (low, high)))
+        sectors.append(
+            _sector((part[0], part[1], part[2], part[3]), Plane(level), ceiling, height, textures, (low, high))
+        )
     return tuple(sectors)
 
 
-def build_ramp(
-    sides: Rectangle, up: str, heights: tuple[float, float], *, height: float, textures: Textures
-) -> Sector:
+def build_ramp(sides: Rectangle, up: str, heights: tuple[float, float], *, height: float, textures: Textures) -> Sector:
     """Return a ramp; the arguments are those of `build_stairs`.
 
     Raises:

@@ -74,7 +74,9 @@ def check_reach(stage: BuildingState) -> None:
             continue
         floor = plan.floors_of(number)[0]
         obstacles = list(_describe_obstacles(plan, number, reached, body))
-        why = obstacles[0] if obstacles else "no opening leads there; connect it, or build it with must_be_reached=False"
+        why = (
+            obstacles[0] if obstacles else "no opening leads there; connect it, or build it with must_be_reached=False"
+        )
         raise WorldError(f"floor {floor}: {plan.describe(number)} cannot be reached from the agent's room: {why}")
 
 
@@ -113,7 +115,8 @@ def _describe_obstacles(plan: SectorPlan, number: int, reached: set[int], body: 
                 yield f"the opening {place} is {top - bottom:.3g} m high, lower than the body's {body.height:g} m"
             elif rise > body.step:
                 yield (
-                    f"the step up {place} is {rise:.3g} m, higher than step_height = {body.step:g} m; add stairs or a ramp"
+                    f"the step up {place} is {rise:.3g} m, higher than step_height = {body.step:g} m; add stairs or a "
+                    "ramp"
                 )
             else:
                 drop = bottom - plan.rooms[number].floor_plane.at(x, z)

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -198,7 +199,7 @@ def _cut_walls(room: PlannedSector) -> tuple[WallPiece, ...]:
     for number, edge in enumerate(room.outline.edges):
         openings = [opening for opening in room.openings if opening.edge == number]
         cuts = sorted({0.0, edge.length, *(at for opening in openings for at in (opening.start, opening.end))})
-        for start, end in zip(cuts[:-1], cuts[1:], strict=True):
+        for start, end in pairwise(cuts):
             if end - start < 1e-9:
                 continue
             middle = (start + end) / 2

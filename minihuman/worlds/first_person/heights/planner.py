@@ -152,9 +152,7 @@ def _find_leg(stage: BuildingState, goal: Entity, n_moves: int, avoid: frozenset
     return _search_region(stage, region, target, body)
 
 
-def _choose_region(
-    floor: SectorPlan, route: Route, walker: Walker, avoid: frozenset[int]
-) -> tuple[list[int], int]:
+def _choose_region(floor: SectorPlan, route: Route, walker: Walker, avoid: frozenset[int]) -> tuple[list[int], int]:
     """Return sectors that do not lie above each other, and how many of the route's they begin with.
 
     The sectors around the route come after it, so that a leg may make a detour around things.
@@ -228,7 +226,10 @@ def _search_region(
 
 
 def region_walls(floor: SectorPlan, region: Sequence[int], walker: Walker) -> NDArray[np.float64]:
-    """Return what stops a body within some sectors, (n, 4): walls, and openings that it does not pass or that lead out."""
+    """Return what stops a body within some sectors, (n, 4): walls, and openings that lead out or that it does not pass.
+
+    The columns are x0, z0, x1, z1.
+    """
     inside = set(region)
     rows: list[tuple[float, ...]] = []
     for number in region:
@@ -247,7 +248,12 @@ def region_walls(floor: SectorPlan, region: Sequence[int], walker: Walker) -> ND
                     rows.append((*edge.at(reached), *edge.at(start)))
                 reached = max(reached, end)
         for hole in sector.floor_holes:
-            corners = ((hole.min_x, hole.min_z), (hole.max_x, hole.min_z), (hole.max_x, hole.max_z), (hole.min_x, hole.max_z))
+            corners = (
+                (hole.min_x, hole.min_z),
+                (hole.max_x, hole.min_z),
+                (hole.max_x, hole.max_z),
+                (hole.min_x, hole.max_z),
+            )
             rows += [(*a, *b) for a, b in zip(corners, corners[1:] + corners[:1], strict=True)]
     return np.array(rows, np.float64).reshape(-1, 4)
 
@@ -258,10 +264,16 @@ def _obstacles(stage: BuildingState, region: Sequence[int]) -> NDArray[np.float6
     load = agent.carrying
     rows = []
     for thing in stage.entities:
-        if thing is agent or thing is load or room_below(stage.floor, thing.pos[0], thing.pos[2], thing.pos[1]) not in region:
+        if (
+            thing is agent
+            or thing is load
+            or room_below(stage.floor, thing.pos[0], thing.pos[2], thing.pos[1]) not in region
+        ):
             continue
         beside_load = 0.0 if load is None else float(load.radius + thing.radius)
-        rows.append((thing.pos[0], thing.pos[2], float(agent.radius + thing.radius) + _MARGIN_M, beside_load + _MARGIN_M))
+        rows.append(
+            (thing.pos[0], thing.pos[2], float(agent.radius + thing.radius) + _MARGIN_M, beside_load + _MARGIN_M)
+        )
     return np.array(rows, np.float64).reshape(-1, 4)
 
 

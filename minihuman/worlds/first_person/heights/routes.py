@@ -27,9 +27,13 @@ class Route(NamedTuple):
 
 
 def find_route(
-    plan: SectorPlan, start: tuple[int, float, float], goal: tuple[int, float, float], body: Body, avoid: Collection[int]
+    plan: SectorPlan,
+    start: tuple[int, float, float],
+    goal: tuple[int, float, float],
+    body: Body,
+    avoid: Collection[int],
 ) -> Route | None:
-    """Return the shortest route from a start to a goal (sector, x, z) that avoids some sectors; None if there is none."""
+    """Return the shortest route from a start to a goal (sector, x, z) that avoids some sectors; None without any."""
     waiting: list[tuple[float, int, tuple[int, Point]]] = [(0.0, 0, (start[0], (start[1], start[2])))]
     parents: dict[tuple[int, Point], tuple[int, Point] | None] = {waiting[0][2]: None}
     reached = {waiting[0][2]: 0.0}
@@ -97,13 +101,15 @@ def _collect(
 def least_length(
     plan: SectorPlan, start: tuple[int, float, float], goal: tuple[int, float, float], body: Body
 ) -> float:
-    """Return a lower bound on the length of every path from a start to a goal (sector, x, z); infinite if none leads there.
+    """Return a lower bound on the length of paths from a start to a goal (sector, x, z); infinite if none leads there.
 
     The middle of a body crosses every opening on its way somewhere, so no path is shorter than the distances between
     openings that follow each other.
     """
     waiting: list[tuple[float, int, int]] = []  # length, sector, opening
-    segments = [[_segment(plan, room, opening) for opening in plan.rooms[room].openings] for room in range(len(plan.rooms))]
+    segments = [
+        [_segment(plan, room, opening) for opening in plan.rooms[room].openings] for room in range(len(plan.rooms))
+    ]
     done: set[tuple[int, int]] = set()
     best = math.inf
     if start[0] == goal[0]:

@@ -7,11 +7,20 @@ metres, and heights are y in the world.
 
 import math
 from dataclasses import dataclass, field
+from functools import partial
 from typing import NamedTuple
 
 from minihuman.errors import WorldError
 from minihuman.worlds.first_person.heights.planes import Plane
-from minihuman.worlds.first_person.rooms import OpeningLimits, OutlineEdge, Point, Room, RoomOutline, outline_of
+from minihuman.worlds.first_person.rooms import (
+    WALL_HEIGHT,
+    OpeningLimits,
+    OutlineEdge,
+    Point,
+    Room,
+    RoomOutline,
+    outline_of,
+)
 
 LEAST_OPENING_M = 0.01  # what is lower or narrower is no opening
 _TOUCHING_M = 0.001  # walls so close have no gap between them
@@ -64,8 +73,8 @@ class Sector(Room):
     that is not ``must_be_reached`` may be out of the agent's reach.
     """
 
-    floor_plane: Plane = Plane(0.0)
-    ceiling_plane: Plane = Plane(2.74)
+    floor_plane: Plane = field(default_factory=partial(Plane, 0.0))
+    ceiling_plane: Plane = field(default_factory=partial(Plane, WALL_HEIGHT))
     levels: tuple[float, float] = (0.0, 0.0)
     must_be_reached: bool = True
     openings: list[WallOpening] = field(default_factory=list)
@@ -209,9 +218,7 @@ def _limit(a: Sector, b: Sector, walls: FacingWalls, limits: OpeningLimits) -> F
         )
     start = max(start, reach[0])
     end = min(end, reach[1])
-    return walls._replace(
-        span_a=(start, end), span_b=_opposite(edge, b.outline.edges[walls.edge_b], start, end)
-    )
+    return walls._replace(span_a=(start, end), span_b=_opposite(edge, b.outline.edges[walls.edge_b], start, end))
 
 
 def _cut_openings(a: Sector, b: Sector, walls: FacingWalls, min_y: float | None, max_y: float | None) -> None:
@@ -267,14 +274,20 @@ def _build_passage(a: Sector, b: Sector, walls: FacingWalls, max_y: float | None
     edge_b = b.outline.edges[walls.edge_b]
     a_start, a_end = (edge_a.at(along) for along in walls.span_a)
     b_start, b_end = (edge_b.at(along) for along in walls.span_b)
-    heights = {room.floor_plane.at(*point) for room, points in _ends(a, b, a_start, a_end, b_start, b_end) for point in points}
+    heights = {
+        room.floor_plane.at(*point) for room, points in _ends(a, b, a_start, a_end, b_start, b_end) for point in points
+    }
     if max(heights) - min(heights) > _TOUCHING_M:
         raise WorldError(
             f"there is a gap of {walls.gap_m:g} m between {a.describe()} and {b.describe()}, whose floors there are at "
             f"{min(heights):g} and {max(heights):g} m; fill it with add_stairs() or add_ramp()"
         )
     level = min(heights)
-    top = min(room.ceiling_plane.at(*point) for room, points in _ends(a, b, a_start, a_end, b_start, b_end) for point in points)
+    top = min(
+        room.ceiling_plane.at(*point)
+        for room, points in _ends(a, b, a_start, a_end, b_start, b_end)
+        for point in points
+    )
     if max_y is not None:
         top = min(top, float(max_y))
     outline: RoomOutline = outline_of((b_start, a_end, a_start, b_end))
@@ -312,7 +325,11 @@ def open_hole(upper: Sector, lower: Sector, hole: tuple[float, float, float, flo
         )
     corners = [(x, z) for x in (min_x, max_x) for z in (min_z, max_z)]
     for room in (upper, lower):
-        if not all(nx * (x - ax) + nz * (z - az) >= -1e-9 for (ax, az), _, _, _, (nx, nz) in room.outline.edges for x, z in corners):
+        if not all(
+            nx * (x - ax) + nz * (z - az) >= -1e-9
+            for (ax, az), _, _, _, (nx, nz) in room.outline.edges
+            for x, z in corners
+        ):
             raise WorldError(
                 f"the hole from x {min_x:g} to {max_x:g} and z {min_z:g} to {max_z:g} does not lie within "
                 f"{room.describe()}; make it smaller"
@@ -331,6 +348,4 @@ def open_hole(upper: Sector, lower: Sector, hole: tuple[float, float, float, flo
 
 def _overlap(hole: tuple[float, float, float, float], other: Hole) -> bool:
     """Return whether two rectangles overlap."""
-    return (
-        hole[0] < other.max_x and other.min_x < hole[2] and hole[1] < other.max_z and other.min_z < hole[3]
-    )
+    return hole[0] < other.max_x and other.min_x < hole[2] and hole[1] < other.max_z and other.min_z < hole[3]

@@ -42,7 +42,13 @@ class BuildingState(WorldState):
     has_heights = True
 
     def __init__(
-        self, rng: np.random.Generator, parameters: Parameters, *, randomised: bool, step_height: float, fall_height: float
+        self,
+        rng: np.random.Generator,
+        parameters: Parameters,
+        *,
+        randomised: bool,
+        step_height: float,
+        fall_height: float,
     ) -> None:
         super().__init__(rng, parameters, randomised=randomised)
         self.step_height = step_height
@@ -136,7 +142,9 @@ class BuildingState(WorldState):
             x, y, z = pos
             room = room_below(self.floor, x, z, y)
             if room is None:
-                raise WorldError(f"there is no floor at or below (x {x:g}, y {y:g}, z {z:g}); place the agent in a room")
+                raise WorldError(
+                    f"there is no floor at or below (x {x:g}, y {y:g}, z {z:g}); place the agent in a room"
+                )
             pos = (x, self.floor.rooms[room].floor_plane.at(x, z), z)
         super().put(entity, pos, dir)
 

@@ -78,7 +78,9 @@ def lets_through(opening: WallOpening, along: float, bottom: float, top: float) 
     return low <= bottom + _ROUNDING_M and top <= high + _ROUNDING_M
 
 
-def trace(plan: SectorPlan, room: int, start: tuple[float, float], end: tuple[float, float], body: Body) -> Arrival | None:
+def trace(
+    plan: SectorPlan, room: int, start: tuple[float, float], end: tuple[float, float], body: Body
+) -> Arrival | None:
     """Return where the middle of a body arrives on a straight line; None if a wall or an edge is in the way."""
     fell = False
     x0, z0 = start

@@ -119,7 +119,7 @@ def _level_surface(area: Area, plane: Plane, texture: str, *, is_floor: bool) ->
 
 
 def _covering(plan: SectorPlan, number: int, piece: WallPiece) -> str:
-    """Return the texture of a piece of wall: below an opening onto stairs it is their first riser, and looks like them."""
+    """Return the texture of a piece of wall; below an opening onto stairs, it is their first riser."""
     room = plan.rooms[number]
     for opening in room.openings:
         is_above = opening.edge == piece.edge and opening.start <= piece.start and piece.end <= opening.end
