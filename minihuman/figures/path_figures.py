@@ -132,7 +132,7 @@ def draw_map(ax: Axes, floor: Map) -> Axes:
 def shift_of_floors(floor: Map) -> NDArray[np.float64]:
     """Return how far along z each floor of a map is drawn from the lowest one, float64[floors]; 0 in a flat world."""
     _, z0, _, z1 = floor.bounds
-    return -_FLOOR_GAP * (z1 - z0) * np.arange(max(1, len(floor.levels)))
+    return np.array([-_FLOOR_GAP * (z1 - z0) * number for number in range(max(1, len(floor.levels)))])
 
 
 def _floors_of(episode: EpisodeLog, poses: NDArray[np.float64]) -> NDArray[np.int64]:

@@ -54,9 +54,12 @@ def places(stage: WorldState, things: Sequence[Entity]) -> NDArray[np.float64]:
     return np.array(rows, dtype=np.float64).reshape(-1, 4)
 
 
-def shaded(places: NDArray[np.float64]) -> NDArray[np.float64]:
+def shaded(stage: WorldState, places: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the places of entities' shadows, below them; NaN for an entity that is not on the ground."""
-    return np.where(places[:, 1:2] == 0.0, places, np.nan)
+    heights = np.array([stage.shadow_height((x, y, z)) for x, y, z in places[:, :3].tolist()], np.float64)
+    below = np.where(np.isnan(heights)[:, None], np.nan, places)
+    below[:, 1] = heights
+    return below
 
 
 def shadow(thing: Entity) -> ShadowLook:
@@ -306,7 +309,7 @@ class WorldRenderer:
         """Return the places of entities, followed by those of their shadows if shadows are drawn."""
         table = places(stage, things)
         if self.shadows:
-            return np.concatenate([table, shaded(table)])
+            return np.concatenate([table, shaded(stage, table)])
         return table
 
 
@@ -328,7 +331,7 @@ class _Observed:
                 self._at[nth] = thing.pos, thing.dir
                 self._easel.move(number, thing.pos, thing.dir)
                 if self._shadows:
-                    x, y, z, yaw = shaded(np.array([(*thing.pos, thing.dir)]))[0].tolist()
+                    x, y, z, yaw = shaded(self.stage, np.array([(*thing.pos, thing.dir)]))[0].tolist()
                     self._easel.move(number + self._shadows, (x, y, z), yaw)
         agent = self.stage.agent
         x, y, z = agent.pos

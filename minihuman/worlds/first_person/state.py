@@ -152,6 +152,10 @@ class WorldState:
                 return other
         return None
 
+    def shadow_height(self, pos: Position) -> float:
+        """Return the height at which the shadow of a thing at a position lies; NaN if it is not on the floor."""
+        return pos[1] if pos[1] == 0.0 else math.nan
+
     def find_place(self, entity: Entity, x: float, z: float) -> Position | None:
         """Return the position that an entity takes when it moves to a place; None if it cannot go there."""
         if self.blocker(entity, x, z, entity.radius) is None:

@@ -131,7 +131,7 @@ def test_a_building_is_walked_through_in_a_browser(tmp_path: Path) -> None:
     path = tmp_path / "building.toml"
     path.write_text(_TOML)
     keys = find_keys(decode_protocol(_TOML.encode()))
-    with serving(path, tmp_path) as served, browsing() as sit_down:
+    with serving(path, tmp_path, options=("--trust",)) as served, browsing() as sit_down:
         person = sit_down(f"http://127.0.0.1:{served.port}/#t={served.tokens[0]}")
         person.to_play()
         for step, key in enumerate(keys):

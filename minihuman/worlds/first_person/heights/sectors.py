@@ -342,8 +342,8 @@ def open_hole(upper: Sector, lower: Sector, hole: tuple[float, float, float, flo
         )
     if any(_overlap(hole, other) for other in upper.floor_holes):
         raise WorldError(f"two holes overlap in the floor of {upper.describe()}; join them")
-    upper.floor_holes.append(Hole(*map(float, hole), lower.number))
-    lower.ceiling_holes.append(Hole(*map(float, hole), upper.number))
+    upper.floor_holes.append(Hole(*hole, lower.number))
+    lower.ceiling_holes.append(Hole(*hole, upper.number))
 
 
 def _overlap(hole: tuple[float, float, float, float], other: Hole) -> bool:

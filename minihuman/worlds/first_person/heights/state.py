@@ -211,6 +211,10 @@ class BuildingState(WorldState):
             return False
         return self._touched(load, x, y, z, load.radius) is None
 
+    def shadow_height(self, pos: Position) -> float:
+        """Return the height at which the shadow of a thing at a position lies; NaN if it is not on the floor."""
+        return pos[1] if pos[1] == self.floor_below(pos) else math.nan
+
     def floor_below(self, pos: Position) -> float | None:
         """Return the height of the floor at or below a position; None if there is none."""
         room = room_below(self.floor, pos[0], pos[2], pos[1])
