@@ -9,6 +9,13 @@ from typing import Any
 
 import numpy as np
 
+from minihuman.worlds.first_person.heights.joints import (
+    OccludedFace,
+    ceiling_joints,
+    floor_joints,
+    occluder_table,
+    wall_joints,
+)
 from minihuman.worlds.first_person.heights.plan import PlannedSector, SectorPlan, WallPiece
 from minihuman.worlds.first_person.heights.planes import Area, Plane, split_around
 from minihuman.worlds.first_person.heights.sectors import Hole
@@ -24,8 +31,31 @@ _DARKEST = 0.6  # of the brightness of a plan, at the upper end of stairs
 
 
 def building_tables(plan: SectorPlan, library: Library, *, display: bool = False) -> tuple[FaceTable, RoomTable]:
-    """Return the renderer's tables of a building."""
-    return tables_of([_scene_room(plan, number) for number in range(len(plan.rooms))], library)
+    """Return the renderer's tables of a building; for a display, with what darkens its joints."""
+    faces, room_table = tables_of([_scene_room(plan, number) for number in range(len(plan.rooms))], library)
+    if display:
+        occluded = [face for number in range(len(plan.rooms)) for face in _occluded_faces(plan, library, number)]
+        first_occluder, occluder = occluder_table(occluded)
+        room_table = room_table._replace(first_occluder=first_occluder, occluder=occluder)
+    return faces, room_table
+
+
+def _occluded_faces(plan: SectorPlan, library: Library, number: int) -> list[OccludedFace]:
+    """Return what darkens each face of a sector, in the order of its surfaces."""
+    room = plan.rooms[number]
+    floor = OccludedFace(
+        floor_joints(plan, number),
+        library.texture_size_m(_variant(room, 1)),
+        room.floor_plane == Plane(0.0),  # around things, only the ground is darkened: the kernel asks for y = 0
+    )
+    faces = [floor] * len(_areas_around(room.outline.corners, room.floor_holes))
+    if room.ceiling is not None:
+        ceiling = OccludedFace(ceiling_joints(plan, number), library.texture_size_m(_variant(room, 2)), False)
+        faces += [ceiling] * len(_areas_around(room.outline.corners, room.ceiling_holes))
+    for piece in plan.pieces[number]:
+        size_m = library.texture_size_m(_covering(plan, number, piece))
+        faces.append(OccludedFace(wall_joints(plan, number, piece), size_m, False))
+    return faces
 
 
 def floor_tables(plan: SectorPlan, library: Library, rooms: Sequence[int]) -> tuple[FaceTable, RoomTable]:
