@@ -350,3 +350,15 @@ def test_what_stands_upstairs_has_a_shadow_there():
 
     plain, shaded = (start(build, start=(7.5, 1.8, 1.0), contact_shadows=shows).picture() for shows in (False, True))
     assert (plain != shaded).any()
+
+
+def test_joints_are_dark_on_a_display_on_every_floor():
+    def corner(world):
+        world.add_rect_room(min_x=0, max_x=4, min_z=0, max_z=4, floor_y=5)
+
+    classic, display = (
+        start(corner, start=(1.0, 5.0, 2.0), look=look).picture().astype(float).mean(axis=2)
+        for look in ("classic", "display")
+    )
+    joint = slice(370, 400)  # rows around the foot of the far wall
+    assert display[joint, 300:340].mean() < 0.8 * classic[joint, 300:340].mean()

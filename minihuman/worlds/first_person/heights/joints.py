@@ -1,8 +1,8 @@
 """What darkens the faces of a building where they meet others, in the look of a display.
 
-The faces come in the order of `surfaces`: of each sector its floors, its ceilings and its pieces of wall. An occluder is a
-segment in the plane of a face's texture: x and z on a floor or ceiling, the distance along the edge and the height on a
-wall.
+The faces come in the order of `surfaces`: of each sector its floors, its ceilings and its pieces of wall. An occluder
+is a segment in the plane of a face's texture: x and z on a floor or ceiling, the distance along the edge and the height
+on a wall. What is lower than the shade reaches, such as a riser, has none: it would be dark all over.
 """
 
 import math
@@ -16,6 +16,7 @@ from minihuman.worlds.first_person.render.kernel_tables import F64, I32, OCCLUDE
 
 Segment = tuple[float, float, float, float, float]  # x, y, direction x, y, length
 
+_LOW_M = 0.8  # pieces of wall that are lower have no joints
 _SAME_M = 1e-6  # heights less apart are one
 _NOWHERE: Segment = (1e6, 1e6, 1.0, 0.0, 0.0)  # too far from a face to darken it
 
@@ -46,10 +47,14 @@ def _feet(plan: SectorPlan, number: int, *, is_floor: bool) -> Iterator[Segment]
     """Yield where pieces of wall meet the floor, or the ceiling, of their sector."""
     room = plan.rooms[number]
     for piece in plan.pieces[number]:
-        if _meets(room, piece, is_floor=is_floor):
+        if not _is_low(piece) and _meets(room, piece, is_floor=is_floor):
             edge = room.outline.edges[piece.edge]
             x, z = edge.at(piece.start)
             yield x, z, *edge.direction, piece.end - piece.start
+
+
+def _is_low(piece: WallPiece) -> bool:
+    return max(piece.top[0] - piece.bottom[0], piece.top[1] - piece.bottom[1]) < _LOW_M
 
 
 def _meets(room: PlannedSector, piece: WallPiece, *, is_floor: bool) -> bool:
@@ -64,8 +69,10 @@ def _meets(room: PlannedSector, piece: WallPiece, *, is_floor: bool) -> bool:
 def wall_joints(plan: SectorPlan, number: int, piece: WallPiece) -> list[Segment]:
     """Return the sides of a piece of wall at which it meets the floor, the ceiling or another wall."""
     room = plan.rooms[number]
-    segments = []
-    if _meets(room, piece, is_floor=True):
+    segments: list[Segment] = []
+    if _is_low(piece):
+        return segments
+    if not room.is_flight and _meets(room, piece, is_floor=True):
         segments.append(_between((piece.start, piece.bottom[0]), (piece.end, piece.bottom[1])))
     if room.ceiling is not None and _meets(room, piece, is_floor=False):
         segments.append(_between((piece.start, piece.top[0]), (piece.end, piece.top[1])))
@@ -82,7 +89,7 @@ def wall_joints(plan: SectorPlan, number: int, piece: WallPiece) -> list[Segment
 def _corner_heights(plan: SectorPlan, number: int) -> tuple[set[tuple[int, float]], set[tuple[int, float]]]:
     """Return at which heights pieces of wall stand at the start and at the end of each edge of a sector."""
     room = plan.rooms[number]
-    pieces = plan.pieces[number]
+    pieces = [piece for piece in plan.pieces[number] if not _is_low(piece)]
     starts = {(piece.edge, piece.bottom[0]) for piece in pieces if piece.start == 0.0}
     ends = {(piece.edge, piece.bottom[1]) for piece in pieces if piece.end == room.outline.edges[piece.edge].length}
     return starts, ends
