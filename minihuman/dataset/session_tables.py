@@ -19,7 +19,13 @@ from minihuman.dataset.episode_columns import compute_episode_columns
 from minihuman.dataset.measures import KeyTally, response_ms, summarize_key_use, visible_effect
 from minihuman.dataset.rows import RowBatch, SessionTables
 from minihuman.dataset.selection import SelectedSession, find_practice_blocks, format_version, summarize_session
-from minihuman.dataset.session_measures import MeasureRow, SessionMeasures, find_place_unit, locate_episode
+from minihuman.dataset.session_measures import (
+    MeasureRow,
+    SessionMeasures,
+    encode_map,
+    find_place_unit,
+    locate_episode,
+)
 from minihuman.dataset.table_columns import LINKS, MODEL_CALLS, OTHER_INPUTS, PARTS
 from minihuman.errors import ProtocolError
 from minihuman.experiment.machine.events import (
@@ -39,7 +45,6 @@ from minihuman.experiment.protocol.protocol import decode_logged_protocol
 from minihuman.log import topics
 from minihuman.log.model.event_columns import NO_ACTION, CategoricalTexts
 from minihuman.log.model.session_log import EpisodeLog, Segment, SegmentNote, SessionLog
-from minihuman.worlds.pose import Map
 
 SessionKey = Mapping[str, Any]  # the columns that all rows of a session share
 RowMaker = Callable[[Any, SessionLog], TableRow | None]
@@ -144,7 +149,7 @@ def _identify_episode(episode: EpisodeLog) -> TableRow:
 
 def _start_row(episode: EpisodeLog) -> TableRow:
     x, y, z, yaw_rad = [None if math.isnan(number) else number for number in episode.poses[0].tolist()]
-    row = {
+    return {
         "t_ns": int(episode.t_ns[0]),
         "mission": episode.start.mission,
         "x": x,
@@ -152,23 +157,9 @@ def _start_row(episode: EpisodeLog) -> TableRow:
         "z": z,
         "yaw_rad": yaw_rad,
         "unit": find_place_unit(episode),
-        "map": "",
+        "map": encode_map(episode.start.map),
         "end_ns": int(episode.t_ns[-1]),
     }
-    floor = episode.start.map
-    if floor:
-        row["map"] = _encode_map(floor)
-    return row
-
-
-def _encode_map(floor: Map) -> str:
-    """Return a map as JSON; a flat world's says nothing of floors."""
-    fields = msgspec.to_builtins(floor)
-    if not floor.levels:
-        del fields["levels"], fields["wall_floors"]
-        for thing in fields["things"]:
-            del thing["floor"]
-    return msgspec.json.encode(fields).decode()
 
 
 def _frame_rows(episode: EpisodeLog) -> RowBatch:

@@ -71,7 +71,6 @@ SEGMENT_COLUMN = (
     TableColumn("segment", "integer", "", "The session's segment, 1 for the first; one more after each resume."),
 )
 
-
 TIME_COLUMN = TableColumn("t_ns", "integer", "ns", "Session time: since the session's first segment began.")
 
 

@@ -16,7 +16,7 @@ from minihuman.errors import WorldError
 from minihuman.worlds.contract import UNKNOWN_BOUNDS, Palette, PathLengthBounds, View
 from minihuman.worlds.first_person.env import FirstPersonEnv
 from minihuman.worlds.first_person.heights.actions import act
-from minihuman.worlds.first_person.heights.flights import build_ramp, build_stairs
+from minihuman.worlds.first_person.heights.flights import FlightLooks, build_ramp, build_stairs
 from minihuman.worlds.first_person.heights.floors import building_map, check_reach, draw_floor
 from minihuman.worlds.first_person.heights.planes import Plane
 from minihuman.worlds.first_person.heights.planner import least_steps, plan
@@ -102,18 +102,11 @@ class BuildingEnv(FirstPersonEnv):
         Raises:
             WorldError: if the outline does not close, is not convex, or is clockwise, or the height is not above 0.
         """
-        if isinstance(outline, RoomOutline):
-            shape = outline
-        else:
-            shape = outline_of(tuple((float(x), float(z)) for x, z in outline))
         _check_height("floor_y", floor_y)
         level = float(floor_y) + 0.0
         sector = Sector(
-            shape,
-            float(height),
-            floor,
-            wall,
-            ceiling,
+            _shape_of(outline),
+            *(float(height), floor, wall, ceiling),
             floor_plane=Plane(level),
             ceiling_plane=Plane(level + float(height)),
             levels=(level, level),
@@ -133,10 +126,7 @@ class BuildingEnv(FirstPersonEnv):
         floor_y: float,
         top_y: float,
         steps: int | None = None,
-        height: float = WALL_HEIGHT,
-        floor: str = "concrete",
-        wall: str = "concrete",
-        ceiling: str | None = "concrete_tiles",
+        **looks: Any,
     ) -> Flight:
         """Add stairs in a rectangle, from the height ``floor_y`` up to ``top_y``.
 
@@ -149,24 +139,16 @@ class BuildingEnv(FirstPersonEnv):
             floor_y: the height at their foot.
             top_y: the height at their head.
             steps: the number of steps up; None for steps of at most 0.18 m.
-            height: from the steps to the ceiling above them.
-            floor: the name of the texture of the steps.
-            wall: the name of a texture.
-            ceiling: the name of a texture; None if they are open to the sky.
+            looks: ``height`` up to the ceiling, and the textures ``floor``, ``wall`` and ``ceiling``.
 
         Raises:
             WorldError: if the stairs do not rise, or a step is higher than ``step_height``.
         """
-        sectors = build_stairs(
-            (min_x, max_x, min_z, max_z),
-            up,
-            (floor_y, top_y),
-            steps=steps,
-            step_height=self.step_height,
-            height=height,
-            textures=(floor, wall, ceiling),
+        sides = (min_x, max_x, min_z, max_z)
+        heights = (floor_y, top_y)
+        return self._add_flight(
+            build_stairs(sides, up, heights, steps=steps, step_height=self.step_height, looks=FlightLooks(**looks))
         )
-        return self._add_flight(sectors)
 
     def add_ramp(
         self,
@@ -178,19 +160,14 @@ class BuildingEnv(FirstPersonEnv):
         up: str,
         floor_y: float,
         top_y: float,
-        height: float = WALL_HEIGHT,
-        floor: str = "concrete",
-        wall: str = "concrete",
-        ceiling: str | None = "concrete_tiles",
+        **looks: Any,
     ) -> Flight:
         """Add a ramp in a rectangle; the arguments are those of ``add_stairs``.
 
         Raises:
             WorldError: if the ramp does not rise, or is steeper than 45 degrees.
         """
-        ramp = build_ramp(
-            (min_x, max_x, min_z, max_z), up, (floor_y, top_y), height=height, textures=(floor, wall, ceiling)
-        )
+        ramp = build_ramp((min_x, max_x, min_z, max_z), up, (floor_y, top_y), looks=FlightLooks(**looks))
         return self._add_flight((ramp,))
 
     def _add_flight(self, sectors: tuple[Sector, ...]) -> Flight:
@@ -310,6 +287,12 @@ class BuildingEnv(FirstPersonEnv):
 
     def _use_hands(self, name: str) -> None:
         act(self.stage, ACTIONS.index(self.motions.get(name, name)))
+
+
+def _shape_of(outline: RoomOutline | Sequence[Point]) -> RoomOutline:
+    if isinstance(outline, RoomOutline):
+        return outline
+    return outline_of(tuple((float(x), float(z)) for x, z in outline))
 
 
 def _sectors_of(a: Sector | Flight, b: Sector | Flight) -> tuple[Sector, Sector]:

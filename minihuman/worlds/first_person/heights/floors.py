@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from minihuman.errors import WorldError
 from minihuman.worlds.contract import Palette
+from minihuman.worlds.first_person.heights.footing import Walker, can_pass
 from minihuman.worlds.first_person.heights.plan import SectorPlan
 from minihuman.worlds.first_person.heights.state import BuildingState
-from minihuman.worlds.first_person.heights.support import Body, passes
 from minihuman.worlds.first_person.heights.surfaces import floor_tables
 from minihuman.worlds.first_person.pictures import WorldRenderer
 from minihuman.worlds.pose import Map, Thing
@@ -80,7 +80,7 @@ def check_reach(stage: BuildingState) -> None:
         raise WorldError(f"floor {floor}: {plan.describe(number)} cannot be reached from the agent's room: {why}")
 
 
-def _find_reached(plan: SectorPlan, start: int, body: Body) -> set[int]:
+def _find_reached(plan: SectorPlan, start: int, body: Walker) -> set[int]:
     """Return the sectors to which a body can go from a sector."""
     reached = {start}
     waiting = [start]
@@ -89,7 +89,7 @@ def _find_reached(plan: SectorPlan, start: int, body: Body) -> set[int]:
         following = [
             opening.into
             for opening in sector.openings
-            if passes(sector, opening, plan.rooms[opening.into], (opening.start + opening.end) / 2, body)
+            if can_pass(sector, opening, plan.rooms[opening.into], (opening.start + opening.end) / 2, body)
         ]
         following += [hole.into for hole in sector.floor_holes if body.fall > body.step]
         for into in following:
@@ -99,7 +99,7 @@ def _find_reached(plan: SectorPlan, start: int, body: Body) -> set[int]:
     return reached
 
 
-def _describe_obstacles(plan: SectorPlan, number: int, reached: set[int], body: Body) -> Iterator[str]:
+def _describe_obstacles(plan: SectorPlan, number: int, reached: set[int], body: Walker) -> Iterator[str]:
     """Yield what keeps a body from going to a sector from those that it has reached."""
     for start in sorted(reached):
         sector = plan.rooms[start]

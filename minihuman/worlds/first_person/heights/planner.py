@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 from minihuman.errors import WorldError
 from minihuman.worlds.first_person.entities import Entity
 from minihuman.worlds.first_person.heights.actions import bring_load, step
+from minihuman.worlds.first_person.heights.footing import Walker, can_pass, room_below
 from minihuman.worlds.first_person.heights.plan import SectorPlan
 from minihuman.worlds.first_person.heights.planes import LEAST_AREA_M2, area_of, common_area
 from minihuman.worlds.first_person.heights.routes import Route, find_route, least_length
 from minihuman.worlds.first_person.heights.state import BuildingState
-from minihuman.worlds.first_person.heights.support import Body as Walker, passes, room_below
 from minihuman.worlds.first_person.motion import turn_body
 from minihuman.worlds.first_person.pathfinding.planner import read_moves
 from minihuman.worlds.first_person.pathfinding.search import (
@@ -32,7 +32,7 @@ from minihuman.worlds.first_person.pathfinding.search import (
 )
 
 if TYPE_CHECKING:
-    from minihuman.worlds.first_person.heights.env import BuildingEnv
+    from minihuman.worlds.first_person.env import FirstPersonEnv
 
 _MARGIN_M = 1e-7  # kept from walls and things beyond the rules', so that rounding never decides a move
 _LOOK_AHEAD_M = 1.2  # a leg ends so far before the end of its sectors, whose last opening is a wall to the search
@@ -43,7 +43,7 @@ _MOST_LEGS = 200
 _NO_ZONES = np.zeros((0, 0, 4))
 
 
-def plan(world: "BuildingEnv", goal: Entity) -> tuple[int, ...] | None:
+def plan(world: "FirstPersonEnv", goal: Entity) -> tuple[int, ...] | None:
     """Return actions that bring the agent, or what it carries, near the goal; None if none were found.
 
     At the goal, the plan is one action, since a world checks after a step. If step length and turn vary, the plan uses
@@ -52,7 +52,7 @@ def plan(world: "BuildingEnv", goal: Entity) -> tuple[int, ...] | None:
     Raises:
         WorldError: if the world lacks a turn or the forward step.
     """
-    stage = world.stage
+    stage = _stage_of(world)
     moves = read_moves(world)
     agent = stage.agent
     load = agent.carrying
@@ -75,13 +75,13 @@ def plan(world: "BuildingEnv", goal: Entity) -> tuple[int, ...] | None:
             thing.dir = heading
 
 
-def least_steps(world: "BuildingEnv", goal: Entity) -> int:
+def least_steps(world: "FirstPersonEnv", goal: Entity) -> int:
     """Return a lower bound on the number of steps to the goal; 1 at the goal, since a world checks after a step.
 
     Raises:
         WorldError: if no path leads to the goal.
     """
-    stage = world.stage
+    stage = _stage_of(world)
     agent = stage.agent
     walker = stage.body_of(agent)
     start = (stage.agent_room, agent.pos[0], agent.pos[2])
@@ -91,6 +91,18 @@ def least_steps(world: "BuildingEnv", goal: Entity) -> int:
     drift = max(abs(float(stage.parameters["forward_drift"].low)), abs(stage.parameters.largest("forward_drift")))  # type: ignore[arg-type]  # one number
     longest = math.hypot(stage.reach, drift)
     return max(math.ceil((length - _reach(stage, goal)) / longest - 1e-9), 1)
+
+
+def _stage_of(world: "FirstPersonEnv") -> BuildingState:
+    """Return the state of a building.
+
+    Raises:
+        WorldError: if the world is flat.
+    """
+    stage = world.stage
+    if not isinstance(stage, BuildingState):
+        raise WorldError("this planner is for buildings; use minihuman.worlds.first_person.pathfinding.planner")
+    return stage
 
 
 def _is_at(stage: BuildingState, goal: Entity) -> bool:
@@ -169,7 +181,7 @@ def _choose_region(floor: SectorPlan, route: Route, walker: Walker, avoid: froze
         for opening in sector.openings:
             middle = (opening.start + opening.end) / 2
             into = opening.into
-            if into in region or into in avoid or not passes(sector, opening, floor.rooms[into], middle, walker):
+            if into in region or into in avoid or not can_pass(sector, opening, floor.rooms[into], middle, walker):
                 continue
             if not any(_lie_above(floor, into, other) for other in region):
                 region.append(into)
@@ -240,7 +252,7 @@ def region_walls(floor: SectorPlan, region: Sequence[int], walker: Walker) -> ND
                 for opening in sector.openings
                 if opening.edge == edge_number
                 and opening.into in inside
-                and passes(sector, opening, floor.rooms[opening.into], (opening.start + opening.end) / 2, walker)
+                and can_pass(sector, opening, floor.rooms[opening.into], (opening.start + opening.end) / 2, walker)
             )
             reached = 0.0
             for start, end in [*free, (edge.length, edge.length)]:

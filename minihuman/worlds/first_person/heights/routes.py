@@ -9,9 +9,9 @@ import math
 from collections.abc import Collection, Iterator, Sequence
 from typing import NamedTuple
 
+from minihuman.worlds.first_person.heights.footing import Walker, can_pass, nearest_point
 from minihuman.worlds.first_person.heights.plan import SectorPlan
 from minihuman.worlds.first_person.heights.sectors import WallOpening
-from minihuman.worlds.first_person.heights.support import Body, nearest_point, passes
 from minihuman.worlds.first_person.rooms import Point
 
 _POINTS = (0.0, 0.25, 0.5, 0.75, 1.0)  # of an opening, between the places at which the body just fits
@@ -30,7 +30,7 @@ def find_route(
     plan: SectorPlan,
     start: tuple[int, float, float],
     goal: tuple[int, float, float],
-    body: Body,
+    body: Walker,
     avoid: Collection[int],
 ) -> Route | None:
     """Return the shortest route from a start to a goal (sector, x, z) that avoids some sectors; None without any."""
@@ -56,7 +56,7 @@ def find_route(
 
 
 def _following(
-    plan: SectorPlan, place: tuple[int, Point], end: tuple[int, Point], body: Body, avoid: Collection[int]
+    plan: SectorPlan, place: tuple[int, Point], end: tuple[int, Point], body: Walker, avoid: Collection[int]
 ) -> Iterator[tuple[tuple[int, Point], float]]:
     """Yield the places to which a straight line leads from a place in a sector, and how far they are."""
     room, (x, z) = place
@@ -69,15 +69,15 @@ def _following(
             yield (opening.into, point), math.hypot(point[0] - x, point[1] - z) + aside * _ASIDE
 
 
-def _points_of(plan: SectorPlan, room: int, opening: WallOpening, body: Body) -> Iterator[tuple[Point, float]]:
-    """Yield points of an opening at which a body passes, each with how far it is from the middle."""
+def _points_of(plan: SectorPlan, room: int, opening: WallOpening, body: Walker) -> Iterator[tuple[Point, float]]:
+    """Yield points of an opening at which a body can_pass, each with how far it is from the middle."""
     edge = plan.rooms[room].outline.edges[opening.edge]
     inset = min(body.radius, (opening.end - opening.start) / 2)
     low = opening.start + inset
     high = opening.end - inset
     for share in _POINTS if high > low else (0.5,):
         along = low + share * (high - low)
-        if passes(plan.rooms[room], opening, plan.rooms[opening.into], along, body):
+        if can_pass(plan.rooms[room], opening, plan.rooms[opening.into], along, body):
             yield edge.at(along), abs(share - 0.5)
 
 
@@ -99,7 +99,7 @@ def _collect(
 
 
 def least_length(
-    plan: SectorPlan, start: tuple[int, float, float], goal: tuple[int, float, float], body: Body
+    plan: SectorPlan, start: tuple[int, float, float], goal: tuple[int, float, float], body: Walker
 ) -> float:
     """Return a lower bound on the length of paths from a start to a goal (sector, x, z); infinite if none leads there.
 
@@ -134,11 +134,11 @@ def least_length(
     return best
 
 
-def _passable(plan: SectorPlan, room: int, body: Body) -> Iterator[int]:
+def _passable(plan: SectorPlan, room: int, body: Walker) -> Iterator[int]:
     """Yield the indices of a sector's openings through which a body passes somewhere."""
     for index, opening in enumerate(plan.rooms[room].openings):
         other = plan.rooms[opening.into]
-        if any(passes(plan.rooms[room], opening, other, along, body) for along in (opening.start, opening.end)):
+        if any(can_pass(plan.rooms[room], opening, other, along, body) for along in (opening.start, opening.end)):
             yield index
 
 

@@ -139,12 +139,12 @@ def connect_sectors(
     if walls.gap_m <= _TOUCHING_M:
         _cut_openings(a, b, walls, min_y, max_y)
         return None
-    passage = _build_passage(a, b, walls, max_y, number)
-    passage_edges = passage.outline.edges
+    gap_room = _build_passage(a, b, walls, max_y, number)
+    gap_edges = gap_room.outline.edges
     for room, edge, span, own_edge in ((a, walls.edge_a, walls.span_a, 1), (b, walls.edge_b, walls.span_b, 3)):
-        whole = (0.0, passage_edges[own_edge].length)
-        _cut_openings(room, passage, FacingWalls(edge, span, own_edge, whole, 0.0), min_y, max_y)
-    return passage
+        whole = (0.0, gap_edges[own_edge].length)
+        _cut_openings(room, gap_room, FacingWalls(edge, span, own_edge, whole, 0.0), min_y, max_y)
+    return gap_room
 
 
 def find_facing_walls(a: Sector, b: Sector, limits: OpeningLimits) -> FacingWalls:
@@ -153,12 +153,9 @@ def find_facing_walls(a: Sector, b: Sector, limits: OpeningLimits) -> FacingWall
     Raises:
         WorldError: if there are none, or the limits do not fit.
     """
-    pairs = [
-        pair
-        for index_a, edge_a in enumerate(a.outline.edges)
-        for index_b, edge_b in enumerate(b.outline.edges)
-        if (pair := _face(index_a, edge_a, index_b, edge_b)) is not None
-    ]
+    edges = ((edge_a, edge_b) for edge_a in enumerate(a.outline.edges) for edge_b in enumerate(b.outline.edges))
+    facing = (_face(*edge_a, *edge_b) for edge_a, edge_b in edges)
+    pairs = [pair for pair in facing if pair is not None]
     if not pairs:
         raise WorldError(f"no wall of {a.describe()} faces a wall of {b.describe()}; place them side by side")
     nearest = min(pairs, key=lambda pair: pair.gap_m)

@@ -7,11 +7,9 @@ from numpy.typing import NDArray
 
 from minihuman.errors import WorldError
 from minihuman.worlds.first_person.entities import Entity, Length, Position
-from minihuman.worlds.first_person.heights.plan import SectorPlan, finish_sector_plan
-from minihuman.worlds.first_person.heights.sectors import Sector, connect_sectors, open_hole
-from minihuman.worlds.first_person.heights.support import (
-    Arrival,
-    Body,
+from minihuman.worlds.first_person.heights.footing import (
+    Footing,
+    Walker,
     floats_at,
     has_headroom,
     push_from_walls,
@@ -19,6 +17,8 @@ from minihuman.worlds.first_person.heights.support import (
     solids,
     trace,
 )
+from minihuman.worlds.first_person.heights.plan import SectorPlan, finish_sector_plan
+from minihuman.worlds.first_person.heights.sectors import Sector, connect_sectors, open_hole
 from minihuman.worlds.first_person.parameters import Parameters, uniform, weighted
 from minihuman.worlds.first_person.rooms import OpeningLimits, Room, check_convex
 from minihuman.worlds.first_person.state import WALL, WorldState
@@ -88,9 +88,9 @@ class BuildingState(WorldState):
     ) -> None:
         """Open the walls with which two sectors face each other, and add a passage if there is a gap between them."""
         self._check_open()
-        passage = connect_sectors(a, b, limits, min_y=min_y, max_y=max_y, number=len(self._rooms))
-        if passage is not None:
-            self._rooms.append(passage)
+        gap_room = connect_sectors(a, b, limits, min_y=min_y, max_y=max_y, number=len(self._rooms))
+        if gap_room is not None:
+            self._rooms.append(gap_room)
 
     def open_hole(self, upper: Sector, lower: Sector, hole: tuple[float, float, float, float]) -> None:
         """Cut a hole into the floor of one sector and the ceiling of the one below."""
@@ -164,9 +164,9 @@ class BuildingState(WorldState):
         self._standing = (pos, room)
         return room
 
-    def body_of(self, entity: Entity, radius: Length | None = None) -> Body:
+    def body_of(self, entity: Entity, radius: Length | None = None) -> Walker:
         """Return the size of an entity, and the steps that it takes."""
-        return Body(
+        return Walker(
             float(entity.radius if radius is None else radius), float(entity.height), self.step_height, self.fall_height
         )
 
@@ -230,7 +230,7 @@ class BuildingState(WorldState):
             raise WorldError(f"there is no floor at or below {entity!r}; place it in a room")
         return room
 
-    def _arrive(self, entity: Entity, x: float, z: float, radius: Length) -> Arrival | None:
+    def _arrive(self, entity: Entity, x: float, z: float, radius: Length) -> Footing | None:
         """Return the sector to which an entity comes that goes to a place; None if walls or edges stop it."""
         plan = self.floor
         body = self.body_of(entity, radius)

@@ -4,7 +4,7 @@ The renderer's tables take flat convex faces at any height, so that a building i
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Sequence, Sized
 from typing import Any
 
 import numpy as np
@@ -19,9 +19,9 @@ from minihuman.worlds.first_person.heights.joints import (
 from minihuman.worlds.first_person.heights.plan import PlannedSector, SectorPlan, WallPiece
 from minihuman.worlds.first_person.heights.planes import Area, Plane, split_around
 from minihuman.worlds.first_person.heights.sectors import Hole
-from minihuman.worlds.first_person.render.assets import Library
-from minihuman.worlds.first_person.render.kernel_tables import F64, FaceTable, RoomTable
-from minihuman.worlds.first_person.render.scene import Opening, SceneRoom, Surface, tables_of
+from minihuman.worlds.first_person.render.assets import Library, pack
+from minihuman.worlds.first_person.render.kernel_tables import F64, I32, FaceTable, RoomTable
+from minihuman.worlds.first_person.render.scene import Opening, SceneRoom, Surface
 
 _FLAT_M = 1e-9  # a side of a piece of wall that is lower has one corner
 _RISER_M = 0.5  # a piece of wall on stairs that is higher is no riser
@@ -32,12 +32,49 @@ _DARKEST = 0.6  # of the brightness of a plan, at the upper end of stairs
 
 def building_tables(plan: SectorPlan, library: Library, *, display: bool = False) -> tuple[FaceTable, RoomTable]:
     """Return the renderer's tables of a building; for a display, with what darkens its joints."""
-    faces, room_table = tables_of([_scene_room(plan, number) for number in range(len(plan.rooms))], library)
+    faces, room_table = _join_rooms([_scene_room(plan, number) for number in range(len(plan.rooms))], library)
     if display:
         occluded = [face for number in range(len(plan.rooms)) for face in _occluded_faces(plan, library, number)]
         first_occluder, occluder = occluder_table(occluded)
         room_table = room_table._replace(first_occluder=first_occluder, occluder=occluder)
     return faces, room_table
+
+
+def _join_rooms(rooms: Sequence[SceneRoom], library: Library) -> tuple[FaceTable, RoomTable]:
+    """Return the renderer's tables of rooms."""
+    surfaces = [surface for room in rooms for surface in room.surfaces]
+    openings = [opening for room in rooms for opening in room.openings]
+    faces = pack(
+        [surface.corners for surface in surfaces],
+        [surface.texture_m / np.array(library.texture_size_m(surface.texture)) for surface in surfaces],
+        [library.texture_row(surface.texture) for surface in surfaces],
+    )
+    outlines = [room.outline for room in rooms]
+    table = RoomTable(
+        _starts([room.surfaces for room in rooms]),
+        np.array([(*outline.min(axis=0), *outline.max(axis=0)) for outline in outlines]),
+        _starts(outlines),
+        np.concatenate([_edge_lines(outline) for outline in outlines]),
+        _starts([room.openings for room in rooms]),
+        np.array([opening.corners for opening in openings]).reshape(-1, 4, 3),
+        np.array([opening.into for opening in openings], np.int32),
+        np.array([room.roofed for room in rooms]),
+    )
+    return faces, table
+
+
+def _starts(parts: Sequence[Sized]) -> I32:
+    """Return where the parts of each room begin in a table of all rooms, int32[rooms + 1]."""
+    return np.cumsum([0, *map(len, parts)]).astype(np.int32)
+
+
+def _edge_lines(outline: F64) -> F64:
+    """Return the line of each edge of an outline, (n, 3) a, b, c: a*x + b*z + c is above 0 inside."""
+    along = np.roll(outline, -1, axis=0) - outline
+    along /= np.sqrt(np.sum(along * along, axis=1, keepdims=True))
+    a = along[:, 1]
+    b = -along[:, 0]
+    return np.column_stack([a, b, -(a * outline[:, 0] + b * outline[:, 1])])
 
 
 def _occluded_faces(plan: SectorPlan, library: Library, number: int) -> list[OccludedFace]:
@@ -70,7 +107,7 @@ def floor_tables(plan: SectorPlan, library: Library, rooms: Sequence[int]) -> tu
         lines = _wall_lines(plan, number)
         shades += [_plan_shade(plan.rooms[number])] * len(floors) + [_WALL_SHADE] * len(lines)
         scene_rooms.append(SceneRoom(np.array(plan.rooms[number].outline.corners), [*floors, *lines]))
-    faces, room_table = tables_of(scene_rooms, library)
+    faces, room_table = _join_rooms(scene_rooms, library)
     faces.colour[:] = np.array(shades)[:, None]
     x0, z0, x1, z1 = plan.bounds
     bounds = np.tile(np.array((x0, z0, x1, z1)), (len(rooms), 1))

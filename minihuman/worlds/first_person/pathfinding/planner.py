@@ -42,7 +42,6 @@ def plan(world: "FirstPersonEnv", goal: Entity, *, avoid: Sequence[Entity] = ())
         WorldError: if the world lacks a turn or the forward step.
     """
     stage = world.stage
-    _check_flat(stage)
     moves = read_moves(world)
     carried = world.stage.agent.carrying
     start = (stage.agent.pos[0], stage.agent.pos[2], stage.agent.dir)
@@ -86,7 +85,6 @@ def least_steps(world: "FirstPersonEnv", goal: Entity) -> int:
     ignored.
     """
     stage = world.stage
-    _check_flat(stage)
     x, _, z = stage.agent.pos
     dx = goal.pos[0] - x
     dz = goal.pos[2] - z
@@ -145,6 +143,7 @@ def _get_lowest(stage: WorldState, name: str) -> float:
 
 def _reach(stage: WorldState, goal: Entity, mover: Entity | None = None) -> float:
     """Return the ground distance between centres at which the agent, or what it puts down, is near the goal."""
+    _check_flat(stage)
     height = stage.agent.pos[1] if mover is None else 0.0
     threshold = float(goal.radius + (mover or stage.agent).radius + 1.1 * stage.reach)
     rise = goal.pos[1] - height

@@ -220,7 +220,7 @@ def build_scene(
     """
     if not rooms:
         raise WorldError("the scene has no rooms; give it one or more")
-    return add_things(tables_of(rooms, library), looks, library=library, places=places, light=light, sky=sky)
+    return add_things(_rooms(rooms, library), looks, library=library, places=places, light=light, sky=sky)
 
 
 def add_things(
@@ -253,8 +253,7 @@ def add_things(
     return Scene(layout, place_table, light if light is not None else Light(), sky, display)
 
 
-def tables_of(rooms: Sequence[SceneRoom], library: Library) -> tuple[FaceTable, RoomTable]:
-    """Return the renderer's tables of rooms: their faces, and their places and openings."""
+def _rooms(rooms: Sequence[SceneRoom], library: Library) -> tuple[FaceTable, RoomTable]:
     polygons = []
     places = []
     rows = []

@@ -20,7 +20,7 @@ _ROUNDING_M = 1e-9
 _MOST_CROSSINGS = 256  # of openings, in one move
 
 
-class Body(NamedTuple):
+class Walker(NamedTuple):
     """The size of a body and the steps that it takes, in metres."""
 
     radius: float
@@ -29,7 +29,7 @@ class Body(NamedTuple):
     fall: float  # the deepest edge over which it goes; no less than a step
 
 
-class Arrival(NamedTuple):
+class Footing(NamedTuple):
     """The sector in which a move ends, and whether it went over an edge deeper than a step."""
 
     room: int
@@ -58,7 +58,7 @@ def _is_over_hole(room: PlannedSector, x: float, z: float) -> bool:
     return any(hole.contains(x, z) for hole in room.floor_holes)
 
 
-def passes(room: PlannedSector, opening: WallOpening, other: PlannedSector, along: float, body: Body) -> bool:
+def can_pass(room: PlannedSector, opening: WallOpening, other: PlannedSector, along: float, body: Walker) -> bool:
     """Return whether a body that stands in a sector can go through an opening at a distance along its edge."""
     x, z = room.outline.edges[opening.edge].at(along)
     bottom, top = opening.heights_at(along)
@@ -79,8 +79,8 @@ def lets_through(opening: WallOpening, along: float, bottom: float, top: float) 
 
 
 def trace(
-    plan: SectorPlan, room: int, start: tuple[float, float], end: tuple[float, float], body: Body
-) -> Arrival | None:
+    plan: SectorPlan, room: int, start: tuple[float, float], end: tuple[float, float], body: Walker
+) -> Footing | None:
     """Return where the middle of a body arrives on a straight line; None if a wall or an edge is in the way."""
     fell = False
     x0, z0 = start
@@ -108,13 +108,13 @@ def trace(
     return _drop(plan, room, end, body, fell)
 
 
-def _drop(plan: SectorPlan, room: int, place: tuple[float, float], body: Body, fell: bool) -> Arrival | None:
+def _drop(plan: SectorPlan, room: int, place: tuple[float, float], body: Walker, fell: bool) -> Footing | None:
     """Return the sector to which a body falls through holes in the floor, if it may; None if it may not."""
     for _ in range(len(plan.rooms)):
         sector = plan.rooms[room]
         hole = next((hole for hole in sector.floor_holes if hole.contains(*place)), None)
         if hole is None:
-            return Arrival(room, fell)
+            return Footing(room, fell)
         depth = sector.floor_plane.at(*place) - plan.rooms[hole.into].floor_plane.at(*place)
         if depth > body.fall + _ROUNDING_M:
             return None
@@ -139,18 +139,18 @@ def _find_exit(
     return best
 
 
-def _find_opening(plan: SectorPlan, room: int, edge: int, along: float, body: Body) -> WallOpening | None:
+def _find_opening(plan: SectorPlan, room: int, edge: int, along: float, body: Walker) -> WallOpening | None:
     """Return the opening through which a body passes at a distance along an edge; None if there is none."""
     sector = plan.rooms[room]
     for opening in sector.openings:
         if opening.edge != edge or not opening.start - _ROUNDING_M <= along <= opening.end + _ROUNDING_M:
             continue
-        if passes(sector, opening, plan.rooms[opening.into], along, body):
+        if can_pass(sector, opening, plan.rooms[opening.into], along, body):
             return opening
     return None
 
 
-def solids(plan: SectorPlan, room: int, x: float, z: float, body: Body) -> Iterator[Segment]:
+def solids(plan: SectorPlan, room: int, x: float, z: float, body: Walker) -> Iterator[Segment]:
     """Yield the walls, and the edges over which it does not go, that a body overlaps which stands in a sector."""
     waiting = [room]
     known = {room}
@@ -167,7 +167,7 @@ def solids(plan: SectorPlan, room: int, x: float, z: float, body: Body) -> Itera
                     continue
                 nearest = min(max(along, opening.start), opening.end)
                 is_behind = opening.into in known  # the body overlaps what lies above an edge that it goes over
-                if is_behind or passes(sector, opening, plan.rooms[opening.into], nearest, body):
+                if is_behind or can_pass(sector, opening, plan.rooms[opening.into], nearest, body):
                     free.append((opening.start, opening.end))
                     if opening.into not in known and _is_near(edge, nearest, x, z, body.radius):
                         known.add(opening.into)
@@ -177,7 +177,7 @@ def solids(plan: SectorPlan, room: int, x: float, z: float, body: Body) -> Itera
             yield from _hole_edges(sector, x, z, body)
 
 
-def _hole_edges(sector: PlannedSector, x: float, z: float, body: Body) -> Iterator[Segment]:
+def _hole_edges(sector: PlannedSector, x: float, z: float, body: Walker) -> Iterator[Segment]:
     """Yield the edges of holes in a floor through which a body does not fall, where it overlaps them."""
     for hole in sector.floor_holes:
         if body.fall > body.step:
@@ -244,7 +244,7 @@ def has_headroom(plan: SectorPlan, room: int, x: float, z: float, height: float)
     return sector.ceiling_plane.at(x, z) - sector.floor_plane.at(x, z) >= height - _ROUNDING_M
 
 
-def push_from_walls(plan: SectorPlan, room: int, x: float, z: float, body: Body) -> tuple[float, float] | None:
+def push_from_walls(plan: SectorPlan, room: int, x: float, z: float, body: Walker) -> tuple[float, float] | None:
     """Return the place beside walls at which a body lands that fell over an edge; None if there is no room for it."""
     for _ in range(4):
         nearest: tuple[float, float, float] | None = None
