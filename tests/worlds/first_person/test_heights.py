@@ -6,12 +6,13 @@ import pickle
 from importlib import import_module
 from pathlib import Path
 
-import gymnasium
 import numpy as np
 import pytest
 
 import minihuman
 from minihuman.errors import WorldError
+from minihuman.figures.path_figures import session_paths
+from minihuman.log.read.session_reader import read_log
 from minihuman.worlds.first_person.entities import Ball, Box
 from minihuman.worlds.first_person.heights.env import BuildingEnv
 from minihuman.worlds.first_person.heights.planner import least_steps, plan
@@ -326,7 +327,8 @@ def test_a_study_of_two_floors_runs_is_proved_and_knows_the_floor(tmp_path):
     steps = minihuman.open_study(tmp_path / "wayfinding").query("select * from steps")
     assert steps["y"].max() == pytest.approx(3.0)
     assert steps["y"].min() == 0
-    assert gymnasium.spec("TwoFloors-v0")
+    panel = next(ax for ax in session_paths(read_log(log)).axes if ax.collections)
+    assert [text.get_text() for text in panel.texts] == ["floor 0", "floor 1"]
 
 
 def test_a_building_can_be_pickled_copied_and_played_on():
