@@ -102,6 +102,22 @@ def water_maze(folder: Path) -> None:
         Image.fromarray(world.frame(size_px=(560, 420))).quantize(128).save(folder / "water_maze.png", optimize=True)
 
 
+def two_floors(folder: Path) -> None:
+    """The building of two floors: the hall with its stairs, and the plans of both floors."""
+    sys.path.insert(0, str(ROOT / "protocols" / "navigation"))
+    import_module("wayfinding")
+    with closing(World("TwoFloors-v0", {"trig": 1}, trusted=True)) as world:
+        world.reset(1)
+        env = world.unwrapped
+        env.agent.pos = (2.0, 0.0, 2.6)
+        env.agent.dir = 0.08
+        hall = env.picture(size_px=(560, 420))
+        plans = [env.picture(view="full", floor=floor, size_px=(280, 210)) for floor in (1, 0)]
+        picture = np.hstack([hall, np.vstack(plans)])
+        colours = Image.fromarray(picture).quantize(128, method=Image.Quantize.MAXCOVERAGE)  # of small things, too
+        colours.save(folder / "two_floors.png", optimize=True)
+
+
 def kitchen(folder: Path) -> None:
     """A kitchen in which both cooks have something to do."""
     cooked = Kitchen(layout="counter_circuit_o_1order")
@@ -184,6 +200,7 @@ def main(folder: Path) -> None:
         teams(folder, Path(work))
     kitchen(folder)
     water_maze(folder)
+    two_floors(folder)
 
 
 if __name__ == "__main__":

@@ -6,12 +6,15 @@ from minihuman.agents.goal_search import FullViewSearch, GoalSearch, GridSearch,
 from minihuman.worlds.adapters.seat import SeatEnv
 from minihuman.worlds.adapters.world import World
 from minihuman.worlds.first_person.env import FirstPersonEnv
+from minihuman.worlds.first_person.heights.env import BuildingEnv
 from minihuman.worlds.grid.engine import GridEngine
 from minihuman.worlds.inside.env import GridFromInside
 
 
 def build_search(world: World, view: str, noise: JudgementNoise, rng: np.random.Generator) -> GoalSearch:
     """Build the goal search that suits a world; with a full view, it searches for nothing and follows the path.
+
+    In a building, it follows the path too, since what is seen is remembered for one floor alone.
 
     Raises:
         SimulationError: if no planner knows the world's goal.
@@ -23,7 +26,7 @@ def build_search(world: World, view: str, noise: JudgementNoise, rng: np.random.
         return FullViewSearch(world)
     if isinstance(env, GridEngine | GridFromInside):
         return GridSearch(world, noise, rng)
-    if isinstance(env, FirstPersonEnv) and env.targets():
+    if isinstance(env, FirstPersonEnv) and not isinstance(env, BuildingEnv) and env.targets():
         return RoomSearch(world, noise, rng)
     return FullViewSearch(world)
 

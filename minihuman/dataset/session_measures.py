@@ -7,6 +7,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -30,6 +31,7 @@ from minihuman.errors import WorldError
 from minihuman.experiment.plan.session_plan import EpisodePlan
 from minihuman.log.model.session_log import EpisodeLog, SessionLog
 from minihuman.worlds.contract import UNKNOWN_BOUNDS, PathLengthBounds
+from minihuman.worlds.pose import Map
 
 PathPlanner = Callable[[EpisodePlan], PathLengthBounds]
 MeasureRow = dict[str, Any]
@@ -155,6 +157,18 @@ def find_place_unit(episode: EpisodeLog) -> str:
     if not floor:
         return ""
     return floor.unit
+
+
+def encode_map(floor: Map | None) -> str:
+    """Return a map as JSON, "" for none; a flat world's says nothing of floors."""
+    if floor is None:
+        return ""
+    fields = msgspec.to_builtins(floor)
+    if not floor.levels:
+        del fields["levels"], fields["wall_floors"]
+        for thing in fields["things"]:
+            del thing["floor"]
+    return msgspec.json.encode(fields).decode()
 
 
 def compare_with_shortest_path(row: Mapping[str, Any], least: PathLengthBounds) -> MeasureRow:

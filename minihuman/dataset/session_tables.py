@@ -19,7 +19,13 @@ from minihuman.dataset.episode_columns import compute_episode_columns
 from minihuman.dataset.measures import KeyTally, response_ms, summarize_key_use, visible_effect
 from minihuman.dataset.rows import RowBatch, SessionTables
 from minihuman.dataset.selection import SelectedSession, find_practice_blocks, format_version, summarize_session
-from minihuman.dataset.session_measures import MeasureRow, SessionMeasures, find_place_unit, locate_episode
+from minihuman.dataset.session_measures import (
+    MeasureRow,
+    SessionMeasures,
+    encode_map,
+    find_place_unit,
+    locate_episode,
+)
 from minihuman.dataset.table_columns import LINKS, MODEL_CALLS, OTHER_INPUTS, PARTS
 from minihuman.errors import ProtocolError
 from minihuman.experiment.machine.events import (
@@ -142,21 +148,18 @@ def _identify_episode(episode: EpisodeLog) -> TableRow:
 
 
 def _start_row(episode: EpisodeLog) -> TableRow:
-    x, _, z, yaw_rad = [None if math.isnan(number) else number for number in episode.poses[0].tolist()]
-    row = {
+    x, y, z, yaw_rad = [None if math.isnan(number) else number for number in episode.poses[0].tolist()]
+    return {
         "t_ns": int(episode.t_ns[0]),
         "mission": episode.start.mission,
         "x": x,
+        "y": y,
         "z": z,
         "yaw_rad": yaw_rad,
         "unit": find_place_unit(episode),
-        "map": "",
+        "map": encode_map(episode.start.map),
         "end_ns": int(episode.t_ns[-1]),
     }
-    floor = episode.start.map
-    if floor:
-        row["map"] = msgspec.json.encode(floor).decode()
-    return row
 
 
 def _frame_rows(episode: EpisodeLog) -> RowBatch:
@@ -411,6 +414,7 @@ def _step_rows(episode: EpisodeLog) -> RowBatch:
         "response_ms": response_ms(episode),
         "visible_effect": visible_effect(episode),
         "x": episode.poses[1:, 0],
+        "y": episode.poses[1:, 1],
         "z": episode.poses[1:, 2],
         "unit": find_place_unit(episode),
         "yaw_rad": episode.poses[1:, 3],

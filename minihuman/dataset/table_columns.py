@@ -71,7 +71,6 @@ SEGMENT_COLUMN = (
     TableColumn("segment", "integer", "", "The session's segment, 1 for the first; one more after each resume."),
 )
 
-
 TIME_COLUMN = TableColumn("t_ns", "integer", "ns", "Session time: since the session's first segment began.")
 
 
@@ -105,6 +104,7 @@ STEPS = (
     ),
     TableColumn("visible_effect", "boolean", "", "Whether the observation changed."),
     TableColumn("x", "number", "cell or m", "Place after the step, to the right."),
+    TableColumn("y", "number", "cell or m", "Height of the floor under the body after the step; 0 in a flat world."),
     TableColumn("z", "number", "cell or m", "Place after the step, down the page."),
     UNIT_COLUMN,
     TableColumn("yaw_rad", "number", "rad", "Heading after the step, 0 along +x, counter-clockwise from above."),
@@ -187,6 +187,7 @@ STARTS = (
     TIME_COLUMN,
     TableColumn("mission", "text", "", "What the world asked for, in words."),
     TableColumn("x", "number", "cell or m", "Where the episode began, to the right."),
+    TableColumn("y", "number", "cell or m", "Height of the floor where it began; 0 in a flat world."),
     TableColumn("z", "number", "cell or m", "Where the episode began, down the page."),
     TableColumn("yaw_rad", "number", "rad", "Heading, 0 along +x, counter-clockwise from above."),
     UNIT_COLUMN,

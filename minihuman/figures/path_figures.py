@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from itertools import cycle
 
 import numpy as np
@@ -75,6 +76,7 @@ def build_object_legend(maps: Iterable[Map | None]) -> list[Line2D]:
 
 
 _SPREAD_CELLS = 0.11  # how far a cell's next visit is drawn from its last, so that ways there and back both show
+_FLOOR_GAP = 1.15  # from one floor of a building to the next, in depths of the plan
 _RING_FROM_RAD = math.pi / 4  # a smaller turn is a bend of the line, which shows without a ring
 _FULL_CIRCLE = 2 * math.pi
 _ACROSS = 4  # panels beside each other that stay readable in a column
@@ -100,19 +102,45 @@ def check_map_bounds(floor: Map) -> Map:
 def draw_map(ax: Axes, floor: Map) -> Axes:
     """Draw the floor, walls and objects as seen from above, x to the right and z down the page.
 
+    The floors of a building lie below each other, the highest at the top.
+
     Raises:
         LogError: if the map's bounds are invalid.
     """
     x0, z0, x1, z1 = check_map_bounds(floor).bounds
-    ax.add_patch(Rectangle((x0, z0), x1 - x0, z1 - z0, facecolor=FLOOR, edgecolor="none", zorder=0))
-    segments = [((wall[0], wall[1]), (wall[2], wall[3])) for wall in floor.walls]
+    shifts = shift_of_floors(floor)
+    segments = []
+    for number, shift in enumerate(shifts):
+        ax.add_patch(Rectangle((x0, z0 + shift), x1 - x0, z1 - z0, facecolor=FLOOR, edgecolor="none", zorder=0))
+        plan = floor.plan_of(number) if floor.levels else floor
+        segments += [((wall[0], wall[1] + shift), (wall[2], wall[3] + shift)) for wall in plan.walls]
+        for thing in plan.things:
+            draw_object(ax, replace(thing, z=thing.z + shift))
+        if floor.levels:
+            ax.annotate(
+                f"floor {number}", (x0, (z0 + z1) / 2 + shift), (-1.5, 0), textcoords="offset points", rotation=90,
+                fontsize=4.5, color=MUTED, ha="right", va="center",
+            )  # fmt: skip
     ax.add_collection(LineCollection(segments, colors=WALL, linewidths=0.8, capstyle="projecting", zorder=2))
-    for thing in floor.things:
-        draw_object(ax, thing)
     margin = 0.03 * max(x1 - x0, z1 - z0)
-    ax.set(xlim=(x0 - margin, x1 + margin), ylim=(z1 + margin, z0 - margin), aspect="equal", xticks=[], yticks=[])
+    top = z0 + shifts.min() - margin
+    ax.set(xlim=(x0 - margin, x1 + margin), ylim=(z1 + margin, top), aspect="equal", xticks=[], yticks=[])
     ax.spines[:].set_visible(False)
     return ax
+
+
+def shift_of_floors(floor: Map) -> NDArray[np.float64]:
+    """Return how far along z each floor of a map is drawn from the lowest one, float64[floors]; 0 in a flat world."""
+    _, z0, _, z1 = floor.bounds
+    return np.array([-_FLOOR_GAP * (z1 - z0) * number for number in range(max(1, len(floor.levels)))])
+
+
+def _floors_of(episode: EpisodeLog, poses: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Return the floor of each pose, int64[n]; 0 in a flat world."""
+    floor = episode.start.map
+    if floor is None or not floor.levels:
+        return np.zeros(len(poses), np.int64)
+    return np.array([floor.floor_at(y) for y in poses[:, 1].tolist()], np.int64)
 
 
 def draw_path(ax: Axes, episode: EpisodeLog) -> Axes:
@@ -126,13 +154,16 @@ def draw_path(ax: Axes, episode: EpisodeLog) -> Axes:
         return ax
     _draw_partners(ax, episode)
     unit = episode.start.map.unit if episode.start.map else "m"
+    floors = _floors_of(episode, episode.poses[has_pose])
     if unit == "cell":
         points = _spread(episode.poses[has_pose][:, [0, 2]])
     else:
         points = episode.poses[has_pose][:, [0, 2]]
+    if episode.start.map is not None and episode.start.map.levels:
+        points[:, 1] += shift_of_floors(episode.start.map)[floors]
     spent = (episode.t_ns[has_pose] - episode.t_ns[0]) / max(1, int(episode.t_ns[-1] - episode.t_ns[0]))
     segments = np.stack([points[:-1], points[1:]], axis=1)
-    moved = np.abs(np.diff(points, axis=0)).sum(axis=1) > 0
+    moved = (np.abs(np.diff(points, axis=0)).sum(axis=1) > 0) & (np.diff(floors) == 0)
     line = LineCollection(
         list(segments[moved]),
         array=spent[1:][moved],
@@ -198,7 +229,7 @@ def find_goal(episode: EpisodeLog) -> tuple[float, float] | None:
     candidates = [*named, *mentioned, *only]
     if not candidates:
         return None
-    return candidates[0].x, candidates[0].z
+    return candidates[0].x, candidates[0].z + float(shift_of_floors(episode.start.map)[candidates[0].floor])
 
 
 def episode_panel(ax: Axes, episode: EpisodeLog) -> Axes:

@@ -185,7 +185,9 @@ AGENT = "#0072b2"
 
 
 def draw_floor_plan(floor: Map, pose: Pose | None) -> Image.Image:
-    """Draw a map from above, +x right and +z down, with its things and, if given, a pose."""
+    """Draw a map from above, +x right and +z down, with its things and, if given, a pose; of a building, its floor."""
+    if floor.levels:
+        floor = floor.plan_of(floor.floor_at(floor.levels[0] if pose is None else pose.y))
     x0, z0, x1, z1 = floor.bounds
     scale = (LONG_SIDE_PX - 2 * MARGIN_PX) / max(x1 - x0, z1 - z0, 1e-9)  # px per cell or metre
 

@@ -4,6 +4,7 @@ x points right, z down the page (along the grid's rows) and y up. The unit is a 
 first-person worlds. A grid cell (column, row) is the unit square centred on (x=column, z=row).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -25,25 +26,50 @@ class Pose:
     yaw_rad: float
 
 
+_BELOW_FLOOR_M = 1.0  # so far below a floor, a body on stairs already belongs to it
+
+
+def floor_at(levels: Sequence[float], y: float) -> int:
+    """Return the number of the floor, of floors at some heights from below, to which a height belongs."""
+    below = [number for number, level in enumerate(levels) if level <= y + _BELOW_FLOOR_M]
+    return below[-1] if below else 0
+
+
 @dataclass(frozen=True, slots=True)
 class Thing:
-    """An object in the world: its name ("green goal"), position, radius and colour as "#rrggbb"."""
+    """An object in the world: its name ("green goal"), position, radius, colour as "#rrggbb", and floor, from 0."""
 
     name: str
     x: float
     z: float
     radius: float
     colour: str
+    floor: int = 0
 
 
 @dataclass(frozen=True, slots=True)
 class Map:
-    """The floor plan seen from above, sufficient to draw paths without the world."""
+    """The floor plan seen from above, sufficient to draw paths without the world.
+
+    A building has several floors: ``levels`` are their heights from below, and ``wall_floors`` the floor of each wall.
+    Both are empty in a flat world.
+    """
 
     unit: Literal["cell", "m"]
     bounds: tuple[float, float, float, float]  # x0, z0, x1, z1
     walls: tuple[tuple[float, float, float, float], ...]  # segments x0, z0, x1, z1
     things: tuple[Thing, ...]
+    levels: tuple[float, ...] = ()
+    wall_floors: tuple[int, ...] = ()
+
+    def floor_at(self, y: float) -> int:
+        """Return the number of the floor to which a height belongs, from 0."""
+        return floor_at(self.levels, y)
+
+    def plan_of(self, floor: int) -> "Map":
+        """Return the plan of one floor, as the map of a flat world."""
+        walls = tuple(wall for wall, number in zip(self.walls, self.wall_floors, strict=True) if number == floor)
+        return Map(self.unit, self.bounds, walls, tuple(thing for thing in self.things if thing.floor == floor))
 
 
 def wall_outlines(is_wall: NDArray[np.bool_]) -> tuple[tuple[float, float, float, float], ...]:

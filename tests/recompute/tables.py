@@ -541,6 +541,7 @@ def step_rows(session: Session, episode: Episode) -> Iterator[Row]:
             "response_ms": response,
             "visible_effect": shows,
             "x": pose and pose.x,
+            "y": pose and pose.y,
             "z": pose and pose.z,
             "unit": episode.start.map.unit or None,
             "yaw_rad": pose and pose.yaw_rad,

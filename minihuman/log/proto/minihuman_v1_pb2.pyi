@@ -260,30 +260,36 @@ class Wall(_message.Message):
     def __init__(self, x0: _Optional[float] = ..., z0: _Optional[float] = ..., x1: _Optional[float] = ..., z1: _Optional[float] = ...) -> None: ...
 
 class Thing(_message.Message):
-    __slots__ = ("name", "x", "z", "radius", "colour")
+    __slots__ = ("name", "x", "z", "radius", "colour", "floor")
     NAME_FIELD_NUMBER: _ClassVar[int]
     X_FIELD_NUMBER: _ClassVar[int]
     Z_FIELD_NUMBER: _ClassVar[int]
     RADIUS_FIELD_NUMBER: _ClassVar[int]
     COLOUR_FIELD_NUMBER: _ClassVar[int]
+    FLOOR_FIELD_NUMBER: _ClassVar[int]
     name: str
     x: float
     z: float
     radius: float
     colour: str
-    def __init__(self, name: _Optional[str] = ..., x: _Optional[float] = ..., z: _Optional[float] = ..., radius: _Optional[float] = ..., colour: _Optional[str] = ...) -> None: ...
+    floor: int
+    def __init__(self, name: _Optional[str] = ..., x: _Optional[float] = ..., z: _Optional[float] = ..., radius: _Optional[float] = ..., colour: _Optional[str] = ..., floor: _Optional[int] = ...) -> None: ...
 
 class Map(_message.Message):
-    __slots__ = ("unit", "bounds", "walls", "things")
+    __slots__ = ("unit", "bounds", "walls", "things", "levels", "wall_floors")
     UNIT_FIELD_NUMBER: _ClassVar[int]
     BOUNDS_FIELD_NUMBER: _ClassVar[int]
     WALLS_FIELD_NUMBER: _ClassVar[int]
     THINGS_FIELD_NUMBER: _ClassVar[int]
+    LEVELS_FIELD_NUMBER: _ClassVar[int]
+    WALL_FLOORS_FIELD_NUMBER: _ClassVar[int]
     unit: str
     bounds: Wall
     walls: _containers.RepeatedCompositeFieldContainer[Wall]
     things: _containers.RepeatedCompositeFieldContainer[Thing]
-    def __init__(self, unit: _Optional[str] = ..., bounds: _Optional[_Union[Wall, _Mapping]] = ..., walls: _Optional[_Iterable[_Union[Wall, _Mapping]]] = ..., things: _Optional[_Iterable[_Union[Thing, _Mapping]]] = ...) -> None: ...
+    levels: _containers.RepeatedScalarFieldContainer[float]
+    wall_floors: _containers.RepeatedScalarFieldContainer[int]
+    def __init__(self, unit: _Optional[str] = ..., bounds: _Optional[_Union[Wall, _Mapping]] = ..., walls: _Optional[_Iterable[_Union[Wall, _Mapping]]] = ..., things: _Optional[_Iterable[_Union[Thing, _Mapping]]] = ..., levels: _Optional[_Iterable[float]] = ..., wall_floors: _Optional[_Iterable[int]] = ...) -> None: ...
 
 class EpisodeStart(_message.Message):
     __slots__ = ("t_ns", "plan", "action_names", "mission", "map", "pose", "state_hash", "observation_hash", "onset")

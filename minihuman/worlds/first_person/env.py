@@ -19,7 +19,7 @@ from minihuman.worlds.first_person.entities import Agent, Entity, ImageFrame, Po
 from minihuman.worlds.first_person.free_motion import FreeMotion
 from minihuman.worlds.first_person.miniworld_compat import MiniworldCompat
 from minihuman.worlds.first_person.parameters import DEFAULTS, Parameters, fix_parameters
-from minihuman.worlds.first_person.pictures import WorldRenderer
+from minihuman.worlds.first_person.pictures import RoomTables, WorldRenderer, room_tables
 from minihuman.worlds.first_person.render.drawing import RenderTarget
 from minihuman.worlds.first_person.rooms import (
     WALL_HEIGHT,
@@ -94,6 +94,7 @@ class FirstPersonEnv(ShowsItself, gymnasium.Env[Any, Any], MiniworldCompat, Free
     metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 30}  # noqa: RUF012 (Gymnasium's own way to declare it)
     drawn = True
     assets: ClassVar[str | Path | None] = None  # a world's own textures and meshes
+    room_tables: ClassVar[RoomTables] = staticmethod(room_tables)  # turns the plan into what the renderer draws
     motions: ClassVar[Mapping[str, str]] = {}  # which of rules.ACTIONS an action does, where its name does not say
 
     def __init__(
@@ -137,11 +138,9 @@ class FirstPersonEnv(ShowsItself, gymnasium.Env[Any, Any], MiniworldCompat, Free
         self.step_count = 0
         self.trig = trig  # from the next reset on
         self._over = False  # the episode has ended
+        folder = str(assets or self.assets) if assets or self.assets else None
         self._pictures = WorldRenderer(
-            (obs_width, obs_height),
-            str(assets or self.assets) if assets or self.assets else None,
-            shadows=contact_shadows,
-            display=look == "display",
+            (obs_width, obs_height), folder, shadows=contact_shadows, display=look == "display", tables=self.room_tables
         )
 
     # What a world defines.
@@ -332,7 +331,7 @@ class FirstPersonEnv(ShowsItself, gymnasium.Env[Any, Any], MiniworldCompat, Free
         self.step_count = 0
         self._over = False
         self._stand_still()
-        self._stage = WorldState(self.np_random, self.parameters, randomised=self.domain_rand)
+        self._stage = self._new_state()
         if self.trig:
             self._stage.agent.trig = self.trig
         self._run_build()
@@ -340,6 +339,9 @@ class FirstPersonEnv(ShowsItself, gymnasium.Env[Any, Any], MiniworldCompat, Free
         if self.agent not in self.entities:
             raise WorldError(f"{type(self).__name__}.build() placed no agent; call self.place_agent() at its end")
         self._stage.randomise()
+
+    def _new_state(self) -> WorldState:
+        return WorldState(self.np_random, self.parameters, randomised=self.domain_rand)
 
     def _run_build(self) -> None:
         """Call the author's `build`, which unlike other code may add attributes to a finished world."""

@@ -110,8 +110,12 @@ class FreeMotion(abc.ABC):
             vars(self)["velocity"] = (ahead, right)
         walk(stage, ahead * ahead_m, right * ahead_m + ahead * drift_m)
         if command.use:
-            self.flat_state().step(self, self._kernel_action(command.use), ACT)  # type: ignore[arg-type]  # a world
+            self._use_hands(command.use)
         return name
+
+    def _use_hands(self, name: str) -> None:
+        """Do an action of the hands."""
+        self.flat_state().step(self, self._kernel_action(name), ACT)  # type: ignore[arg-type]  # a world
 
     def _kernel_action(self, name: str) -> int:
         """Return the number by which kernels know an action; for a move of another kind, that of a move."""

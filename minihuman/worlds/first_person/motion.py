@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minihuman.errors import WorldError
-from minihuman.worlds.first_person.entities import Entity
+from minihuman.worlds.first_person.entities import Entity, Position
 from minihuman.worlds.first_person.rules import ACTIONS, MOVE_BACK
 from minihuman.worlds.first_person.state import WorldState
 
@@ -131,32 +131,30 @@ def walk(stage: WorldState, ahead_m: float, right_m: float) -> bool:
 def slide(stage: WorldState, dx: float, dz: float) -> bool:
     """Move the agent by metres in the plan, along what stands in its way; return whether it moved."""
     agent = stage.agent
-    x0, y, z0 = agent.pos
+    x0, _, z0 = agent.pos
     distance = math.sqrt(dx * dx + dz * dz)
     n_parts = max(1, math.ceil(distance / (_PART * float(agent.radius))))
     for _ in range(n_parts):
-        x, _, z = agent.pos
-        place = _find_free_place(stage, x + dx / n_parts, z + dz / n_parts)
+        before = agent.pos
+        place = _find_free_place(stage, before[0] + dx / n_parts, before[2] + dz / n_parts)
         if place is None:
             break
-        agent.pos = (place[0], y, place[1])
+        agent.pos = place
         if not _load_fits(stage):
-            agent.pos = (x, y, z)
+            agent.pos = before
             break
     _bring_load(stage)
     return (agent.pos[0], agent.pos[2]) != (x0, z0)
 
 
-def _find_free_place(stage: WorldState, x: float, z: float) -> tuple[float, float] | None:
-    """Return the place nearest to a point at which the agent overlaps nothing, as far as pushes find one."""
-    agent = stage.agent
+def _find_free_place(stage: WorldState, x: float, z: float) -> Position | None:
+    """Return the position nearest to a point at which the agent overlaps nothing, as far as pushes find one."""
     for _ in range(_MOST_PUSHES):
-        if stage.blocker(agent, x, z, agent.radius) is None:
-            return x, z
+        place = stage.find_place(stage.agent, x, z)
+        if place is not None:
+            return place
         x, z = _push_out(stage, x, z)
-    if stage.blocker(agent, x, z, agent.radius) is None:
-        return x, z
-    return None
+    return stage.find_place(stage.agent, x, z)
 
 
 def _push_out(stage: WorldState, x: float, z: float) -> tuple[float, float]:
@@ -175,14 +173,14 @@ def _find_deepest(stage: WorldState, x: float, z: float) -> tuple[float, float, 
     """Return the point (x, z) that the agent would overlap most, and the distance at which it would not."""
     agent = stage.agent
     radius = float(agent.radius)
-    points = _nearest_on_walls(stage.floor.walls, x, z)
+    points = _nearest_on_walls(stage.solid_walls(agent, x, z), x, z)
     distances = np.sqrt((points[:, 0] - x) ** 2 + (points[:, 1] - z) ** 2)
     deepest = (math.inf, x, z, radius)
     if len(points):
         row = int(distances.argmin())
         deepest = (float(distances[row]) - radius, float(points[row, 0]), float(points[row, 1]), radius)
     for other in stage.entities:
-        if other is agent:
+        if not stage.is_beside(agent, other):
             continue
         reach = float(agent.radius + other.radius)
         dx = other.pos[0] - x
@@ -207,8 +205,7 @@ def _load_fits(stage: WorldState) -> bool:
     load = stage.agent.carrying
     if load is None:
         return True
-    x, _, z = stage.carrying_position(stage.agent.pos, load)
-    return stage.blocker(load, x, z, load.radius) is None
+    return stage.load_fits(load, *stage.carrying_position(stage.agent.pos, load))
 
 
 def _bring_load(stage: WorldState) -> None:

@@ -4,7 +4,7 @@ The module turns the state into the scene that the renderer draws.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
@@ -54,9 +54,12 @@ def places(stage: WorldState, things: Sequence[Entity]) -> NDArray[np.float64]:
     return np.array(rows, dtype=np.float64).reshape(-1, 4)
 
 
-def shaded(places: NDArray[np.float64]) -> NDArray[np.float64]:
+def shaded(stage: WorldState, places: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the places of entities' shadows, below them; NaN for an entity that is not on the ground."""
-    return np.where(places[:, 1:2] == 0.0, places, np.nan)
+    heights = np.array([stage.shadow_height((x, y, z)) for x, y, z in places[:, :3].tolist()], np.float64)
+    below = np.where(np.isnan(heights)[:, None], np.nan, places)
+    below[:, 1] = heights
+    return below
 
 
 def shadow(thing: Entity) -> ShadowLook:
@@ -154,12 +157,22 @@ def look(thing: Entity, palette: Palette, library: Library) -> Look:
 _MOST_EASELS = 8  # palettes and sizes; a window that is drawn larger passes many sizes
 
 
+RoomTables = Callable[..., tuple[FaceTable, RoomTable]]  # of a plan, a library, and whether it is for a display
+
+
 class WorldRenderer:
     """The renderer of one world, which keeps the scene between steps; a copy of a world starts without a scene."""
 
     def __init__(
-        self, size_px: tuple[int, int], assets: str | None, *, shadows: bool = False, display: bool = False
+        self,
+        size_px: tuple[int, int],
+        assets: str | None,
+        *,
+        shadows: bool = False,
+        display: bool = False,
+        tables: RoomTables = room_tables,
     ) -> None:
+        self.tables = tables  # what turns a plan into the tables of its rooms
         self.display = display  # whether pictures have the look of a display
         self.shadows = shadows and not display  # whether things have them, on the ground
         self.size_px = size_px  # of an observation: width, height
@@ -170,7 +183,10 @@ class WorldRenderer:
         self._easels: dict[tuple[Palette, tuple[int, int]], _Observed] = {}  # where what the agent sees is drawn
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return partial(WorldRenderer, shadows=self.shadows, display=self.display), (self.size_px, self.assets)
+        return partial(WorldRenderer, shadows=self.shadows, display=self.display, tables=self.tables), (
+            self.size_px,
+            self.assets,
+        )
 
     def forget(self) -> None:
         """Discard the scene, so that the next picture shows the whole state as it then is."""
@@ -214,6 +230,31 @@ class WorldRenderer:
             return self.aim_target(stage, palette, (size_px[0], size_px[1])).draw()
         return render_top(self.scene(stage, palette), *size_px, agent=Pose(*stage.agent.pos, stage.agent.dir))
 
+    def draw_part(
+        self,
+        stage: WorldState,
+        tables: Callable[[Library], tuple[FaceTable, RoomTable]],
+        things: Sequence[Entity],
+        size_px: tuple[int, int],
+        palette: Palette,
+        *,
+        shows_agent: bool,
+    ) -> NDArray[np.uint8]:
+        """Return a part of the world from above: the rooms of the tables, some entities,and perhaps the agent."""
+        library = asset_library(self.assets)
+        with library_lock:
+            scene = add_things(
+                tables(library),
+                [look(thing, palette, library) for thing in things],
+                library=library,
+                places=places(stage, things),
+                light=light(stage),
+                sky=stage.sky_colour,
+                display=self.display,
+            )
+        agent = Pose(*stage.agent.pos, stage.agent.dir) if shows_agent else None
+        return render_top(scene, *size_px, agent=agent)
+
     def depth(self, stage: WorldState, *, size_px: tuple[int, int]) -> NDArray[np.float32]:
         """Return the depth of the agent's view in metres along its axis."""
         return render_depth(self.scene(stage), camera(stage), *size_px)
@@ -239,7 +280,7 @@ class WorldRenderer:
         """Return the scene, built anew for a new state or a new entity, and otherwise with its entities moved."""
         if self._floor is not stage.floor:
             with library_lock:
-                rooms = room_tables(stage.floor, asset_library(self.assets), display=self.display)
+                rooms = self.tables(stage.floor, asset_library(self.assets), display=self.display)
             self._floor = stage.floor
             self._rooms = rooms
             self._staged = {}
@@ -268,7 +309,7 @@ class WorldRenderer:
         """Return the places of entities, followed by those of their shadows if shadows are drawn."""
         table = places(stage, things)
         if self.shadows:
-            return np.concatenate([table, shaded(table)])
+            return np.concatenate([table, shaded(stage, table)])
         return table
 
 
@@ -290,7 +331,7 @@ class _Observed:
                 self._at[nth] = thing.pos, thing.dir
                 self._easel.move(number, thing.pos, thing.dir)
                 if self._shadows:
-                    x, y, z, yaw = shaded(np.array([(*thing.pos, thing.dir)]))[0].tolist()
+                    x, y, z, yaw = shaded(self.stage, np.array([(*thing.pos, thing.dir)]))[0].tolist()
                     self._easel.move(number + self._shadows, (x, y, z), yaw)
         agent = self.stage.agent
         x, y, z = agent.pos

@@ -485,12 +485,12 @@ def _finish_room(room: Room, rng: np.random.Generator | None) -> RoomPlan:
     if rng is None:
         pictures = (0, 0, 0)
     else:
-        pictures = (_draw_variant(room.wall, rng), _draw_variant(room.floor, rng), _draw_variant(room.ceiling, rng))
+        pictures = (draw_variant(room.wall, rng), draw_variant(room.floor, rng), draw_variant(room.ceiling, rng))
     portals = tuple(sorted(room.portals, key=itemgetter(0, 1)))
     return RoomPlan(room.outline, float(room.wall_height), *textures, pictures, portals)
 
 
-def _draw_variant(texture: str | None, rng: np.random.Generator) -> int:
+def draw_variant(texture: str | None, rng: np.random.Generator) -> int:
     """Draw the number of a picture of a texture; 0 without a texture."""
     if texture is None:
         return 0

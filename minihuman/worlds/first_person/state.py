@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple, Protocol, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from minihuman.errors import WorldError
 from minihuman.worlds.first_person import rules
@@ -39,6 +40,8 @@ class WorldState:
 
     If ``randomised``, parameters are drawn from their ranges; otherwise, they keep their defaults.
     """
+
+    has_heights = False  # whether floors lie at heights, as in a building
 
     def __init__(self, rng: np.random.Generator, parameters: Parameters, *, randomised: bool) -> None:
         self.rng = rng
@@ -148,6 +151,28 @@ class WorldState:
             if math.sqrt(dx * dx + dz * dz) < float(radius + other.radius):
                 return other
         return None
+
+    def shadow_height(self, pos: Position) -> float:
+        """Return the height at which the shadow of a thing at a position lies; NaN if it is not on the floor."""
+        return pos[1] if pos[1] == 0.0 else math.nan
+
+    def find_place(self, entity: Entity, x: float, z: float) -> Position | None:
+        """Return the position that an entity takes when it moves to a place; None if it cannot go there."""
+        if self.blocker(entity, x, z, entity.radius) is None:
+            return x, entity.pos[1], z
+        return None
+
+    def solid_walls(self, entity: Entity, x: float, z: float) -> NDArray[np.float64]:
+        """Return the walls, (n, 4) x0, z0, x1, z1, that can stop an entity which moves to a place."""
+        return self.floor.walls
+
+    def is_beside(self, entity: Entity, other: Entity) -> bool:
+        """Return whether two entities stop each other where they meet in the plan."""
+        return other is not entity
+
+    def load_fits(self, load: Entity, x: float, y: float, z: float) -> bool:
+        """Return whether what the agent carries overlaps nothing at a position."""
+        return self.blocker(load, x, z, load.radius) is None
 
     def carrying_position(self, pos: Position, carried: Entity) -> Position:
         """Return the position of a carried entity when the agent is at ``pos``: ahead, below the picture's middle."""

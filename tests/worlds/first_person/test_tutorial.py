@@ -7,7 +7,7 @@ TUTORIAL = Path(__file__).parents[3] / "docs" / "first-person-worlds.md"
 def test_the_tutorials_code_runs_from_top_to_bottom(capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     blocks = re.findall(r"```python\n(.*?)```", TUTORIAL.read_text(), re.DOTALL)
-    assert len(blocks) == 10
+    assert len(blocks) == 11
     names = {"__name__": "tutorial"}
     for block in blocks:
         exec(compile(block, str(TUTORIAL), "exec"), names)  # one after another, as a reader would

@@ -42,7 +42,7 @@ def plan(world: "FirstPersonEnv", goal: Entity, *, avoid: Sequence[Entity] = ())
         WorldError: if the world lacks a turn or the forward step.
     """
     stage = world.stage
-    moves = _moves(world)
+    moves = read_moves(world)
     carried = world.stage.agent.carrying
     start = (stage.agent.pos[0], stage.agent.pos[2], stage.agent.dir)
     reach = _reach(stage, goal, carried) - _MARGIN
@@ -107,7 +107,7 @@ def least_steps(world: "FirstPersonEnv", goal: Entity) -> int:
     return steps + max(math.ceil((off - spared) / math.radians(stage.parameters.largest("turn_step")) - 1e-9), 0)
 
 
-def _moves(world: "FirstPersonEnv") -> tuple[int, ...]:
+def read_moves(world: "FirstPersonEnv") -> tuple[int, ...]:
     """Return the world's actions for a left turn, a right turn, a step and, if it exists, a step back."""
     try:
         moves = tuple(world.action_names.index(name) for name in ("turn_left", "turn_right", "move_forward"))
@@ -118,6 +118,16 @@ def _moves(world: "FirstPersonEnv") -> tuple[int, ...]:
     if "move_back" in world.action_names:
         return (*moves, world.action_names.index("move_back"))
     return moves
+
+
+def _check_flat(stage: WorldState) -> None:
+    """Check that a world is flat, as this planner knows one floor.
+
+    Raises:
+        WorldError: if it is a building.
+    """
+    if stage.has_heights:
+        raise WorldError("this planner knows one floor; use the one of minihuman.worlds.first_person.heights.planner")
 
 
 def _default(stage: WorldState, name: str) -> float:
@@ -133,6 +143,7 @@ def _get_lowest(stage: WorldState, name: str) -> float:
 
 def _reach(stage: WorldState, goal: Entity, mover: Entity | None = None) -> float:
     """Return the ground distance between centres at which the agent, or what it puts down, is near the goal."""
+    _check_flat(stage)
     height = stage.agent.pos[1] if mover is None else 0.0
     threshold = float(goal.radius + (mover or stage.agent).radius + 1.1 * stage.reach)
     rise = goal.pos[1] - height

@@ -1,0 +1,1 @@
+"""First-person worlds with heights: floors above each other, stairs, ramps, balconies and holes."""
