@@ -360,6 +360,8 @@ class FirstPersonState(FirstPersonPosition, tag="first_person", tag_field="world
     scene: str  # the name of its tables
     textures: list[str]  # the names of the textures
     size: tuple[int, int]  # of the picture, pixels
+    n_actions: int  # that are not moves of another kind
+    uses: list[int]  # the action of each value of the component "use", from 1
 
 
 WorldState = GridState | FirstPersonState
@@ -367,6 +369,32 @@ WorldPosition = GridPosition | FirstPersonPosition
 
 
 JointPace = Literal["", "turns", "ticks"]
+
+
+class VectorRules(msgspec.Struct):
+    """How named actions and axes make a vector, as `VectorActions` does."""
+
+    elements: list[tuple[int, float]]  # of each action from number 1: the component that it moves, and where to
+    rest: list[float]  # by component
+    low: list[float]
+    high: list[float]
+    adds: list[bool]  # opposite directions cancel each other
+    whole: list[bool]  # it takes whole numbers alone
+
+
+class HeldRules(msgspec.Struct):
+    """How keys that are held and axes combine in the step that time makes."""
+
+    axes: dict[str, tuple[int, float]]  # by name: component and scale
+    chords: list[tuple[list[int], int]]  # numbered actions that together are another
+
+
+class HeldInputs(msgspec.Struct):
+    """What the session knows to be held."""
+
+    down: list[str]  # keys, the latest last
+    pressed: list[str]  # since the last step, the latest last
+    axes: dict[str, float]  # where they are; the mouse's: pixels since the last step
 
 
 class EpisodeRules(msgspec.Struct, tag="rules", tag_field="t"):
@@ -384,6 +412,8 @@ class EpisodeRules(msgspec.Struct, tag="rules", tag_field="t"):
     computed: WorldState | None = None  # where the page computes it; else scenes are sent ahead
     motion: float = 0.0  # ms from a picture that the page computes to the next
     team: JointPace = ""  # whose joint steps the server closes
+    vectors: VectorRules | None = None  # where the page computes vectors
+    combines: HeldRules | None = None  # where the page computes, and held keys combine
 
 
 class ArraysMessage(msgspec.Struct, tag="arrays", tag_field="t"):
@@ -400,6 +430,7 @@ class StateCorrection(msgspec.Struct, tag="state", tag_field="t"):
     through: int
     episode: int
     state: WorldPosition
+    inputs: HeldInputs | None = None  # where held keys combine
 
 
 class EpisodeState(msgspec.Struct, tag="now", tag_field="t"):
