@@ -61,7 +61,10 @@ class TrainingWorlds(abc.ABC):
 
     @abc.abstractmethod
     def step(self, actions: NDArray[Any]) -> BatchStep:
-        """Take one action in every world, int64[n] or float32[n, components]. A world whose episode has ended must be begun before its next step."""
+        """Take one action in every world, int64[n] or float32[n, components].
+
+        A world whose episode has ended must be begun before its next step.
+        """
 
     def replay(self, levels: Sequence[TrainingLevel], actions: Sequence[Sequence[Any]]) -> None:
         """Bring each world to where these actions lead from the beginning of its level.

@@ -375,9 +375,8 @@ class Outbox:
             return
         is_behind = not was_playing and computed.sent_step != play.steps
         if is_behind or computed.is_elsewhere:
-            self.outgoing.add(messages.StateCorrection(
-                    self.through, play.plan.episode, computed.position(), find_held(play)
-                )
+            self.outgoing.add(
+                messages.StateCorrection(self.through, play.plan.episode, computed.position(), find_held(play))
             )
 
     def _send_control(self, steering: Steering, episode: int) -> None:

@@ -263,7 +263,9 @@ def _write_scenes(folder: Path, env: FirstPersonEnv, entry: CatalogueEntry, seed
     name, the number of things in its scene, and the names of its textures, which are files of their own.
     """
     if env.control != "discrete":
-        raise WorldError(f"{entry.name} has control = {env.control!r}; pack it with 'discrete', which packed worlds have")
+        raise WorldError(
+            f"{entry.name} has control = {env.control!r}; pack it with 'discrete', which packed worlds have"
+        )
     pool = _ArrayPool()
     starts = []
     for seed in seeds:

@@ -94,6 +94,6 @@ class ContinuousControl:
         has_form = components.shape == (count, self.n_axes) and components.dtype.kind in "fiu"
         if not has_form or uses.shape != (count,) or uses.dtype.kind not in "iu":
             return None
-        if not (np.abs(components) <= 1.0).all() or not ((0 <= uses) & (uses <= len(self.uses))).all():
+        if not (np.abs(components) <= 1.0).all() or not ((uses >= 0) & (uses <= len(self.uses))).all():
             return None
         return np.round(components.astype(np.float64) * RESOLUTION) / RESOLUTION, uses.astype(np.int64)

@@ -40,7 +40,7 @@ from minihuman.worlds.first_person.rules import (
     act,
     add_lengths,
     draw_motion,
-    find_carrying_position,
+    find_carried_place,
     fits_at,
     place_removed,
 )
@@ -60,9 +60,7 @@ _PART = 0.5  # of the body's radius: the length of a part of a move
 
 
 @device_function()
-def _push_out(
-    things: Things, numbers: Numbers, walls: NDArray[np.float64], x: float, z: float
-) -> tuple[float, float]:
+def _push_out(things: Things, numbers: Numbers, walls: NDArray[np.float64], x: float, z: float) -> tuple[float, float]:
     """Return a place at which the agent no longer overlaps what it would overlap most at (x, z)."""
     agent = int(numbers[AGENT])
     radius = things[agent, RADIUS]
@@ -72,7 +70,8 @@ def _push_out(
     for row in range(len(walls)):
         along_x = walls[row, 2] - walls[row, 0]
         along_z = walls[row, 3] - walls[row, 1]
-        share = ((x - walls[row, 0]) * along_x + (z - walls[row, 1]) * along_z) / (along_x * along_x + along_z * along_z)
+        squared_m = along_x * along_x + along_z * along_z
+        share = ((x - walls[row, 0]) * along_x + (z - walls[row, 1]) * along_z) / squared_m
         share = min(max(share, 0.0), 1.0)
         on_x = walls[row, 0] + share * along_x
         on_z = walls[row, 1] + share * along_z
@@ -121,15 +120,13 @@ def _find_free_place(
 
 
 @device_function()
-def _load_fits(
-    things: Things, numbers: Numbers, walls: NDArray[np.float64], ahead_x: float, ahead_z: float
-) -> bool:
+def _load_fits(things: Things, numbers: Numbers, walls: NDArray[np.float64], ahead_x: float, ahead_z: float) -> bool:
     """Return whether what the agent carries overlaps nothing where the agent is, with a heading."""
     carried = int(numbers[CARRIED])
     if carried < 0:
         return True
     agent = int(numbers[AGENT])
-    place = find_carrying_position(things, numbers, carried, things[agent, X], things[agent, Z], ahead_x, ahead_z)
+    place = find_carried_place(things, numbers, carried, things[agent, X], things[agent, Z], ahead_x, ahead_z)
     return fits_at(things, numbers, walls, carried, place[0], place[2])
 
 
@@ -178,7 +175,7 @@ def _slide(
             break
     carried = int(numbers[CARRIED])
     if carried >= 0:
-        place = find_carrying_position(things, numbers, carried, things[agent, X], things[agent, Z], ahead_x, ahead_z)
+        place = find_carried_place(things, numbers, carried, things[agent, X], things[agent, Z], ahead_x, ahead_z)
         things[carried, X], things[carried, Y], things[carried, Z] = place
         things[carried, DIR] = things[agent, DIR]
     return bool(things[agent, X] != x0 or things[agent, Z] != z0)

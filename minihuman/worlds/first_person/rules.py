@@ -117,7 +117,8 @@ def _blocker(
             continue
         dx = things[row, X] - x
         dz = things[row, Z] - z
-        if math.sqrt(dx * dx + dz * dz) < add_lengths(radius, things[row, RADIUS], single or things[row, SINGLE] != 0.0):
+        is_single = single or things[row, SINGLE] != 0.0
+        if math.sqrt(dx * dx + dz * dz) < add_lengths(radius, things[row, RADIUS], is_single):
             return row
     return NOTHING
 
@@ -141,7 +142,7 @@ def fits_at(things: Things, numbers: Numbers, walls: NDArray[np.float64], thing:
 
 
 @device_function()
-def find_carrying_position(
+def find_carried_place(
     things: Things, numbers: Numbers, thing: int, x: float, z: float, ahead_x: float, ahead_z: float
 ) -> tuple[float, float, float]:
     """Return the position of a carried entity when the agent is at a place: ahead, below the picture's middle."""
@@ -196,7 +197,7 @@ def _move(
         if fits_at(things, numbers, walls, agent, to_x, to_z):
             fits = True
             if carried >= 0:
-                carried_to = find_carrying_position(things, numbers, carried, to_x, to_z, ahead_x, ahead_z)
+                carried_to = find_carried_place(things, numbers, carried, to_x, to_z, ahead_x, ahead_z)
                 fits = fits_at(things, numbers, walls, carried, carried_to[0], carried_to[2])
             if fits:
                 things[agent, X] = to_x
@@ -206,7 +207,7 @@ def _move(
         angle = numbers[TURN_DEG] * _RADIANS
         fits = True
         if carried >= 0:
-            carried_to = find_carrying_position(things, numbers, carried, x, z, after_x, after_z)
+            carried_to = find_carried_place(things, numbers, carried, x, z, after_x, after_z)
             fits = fits_at(things, numbers, walls, carried, carried_to[0], carried_to[2])
         if fits:
             things[agent, DIR] += angle if motion == TURN_LEFT else -angle
@@ -227,7 +228,7 @@ def _move(
         status = HANDS | LOAD
     numbers[CARRIED] = carried
     if carried >= 0:
-        carried_to = find_carrying_position(things, numbers, carried, things[agent, X], things[agent, Z], ahead_x, ahead_z)
+        carried_to = find_carried_place(things, numbers, carried, things[agent, X], things[agent, Z], ahead_x, ahead_z)
         things[carried, X], things[carried, Y], things[carried, Z] = carried_to
         things[carried, DIR] = things[agent, DIR]
         status |= LOAD

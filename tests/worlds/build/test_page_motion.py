@@ -1,4 +1,4 @@
-"""Free motion in the page's modules: steps, rewards, ends and pictures are Python's, and what is restored goes on alike."""
+"""Free motion in the page's modules: steps and pictures are Python's, and what is restored goes on alike."""
 
 import math
 
