@@ -63,7 +63,7 @@ def _flat(action):
     """An action in a form for JSON: its number, or the components of its vector one after the other."""
     if isinstance(action, dict):
         return [*action["move"].tolist(), int(action["use"])]
-    return int(action) if isinstance(action, np.integer) else action.tolist()
+    return int(action) if isinstance(action, int | np.integer) else action.tolist()
 
 
 def _act(env, policy, n_steps, seed):
