@@ -3,7 +3,7 @@
 
 import { roundHalfEven } from "./world.js";
 
-/** @import { EpisodeRules, HeldInputs as SentInputs, PageMessage, VectorRules } from "./messages" */
+/** @import { EpisodeRules, PageMessage, VectorRules } from "./messages" */
 /** @typedef {number | number[]} HeldAction by number, or a vector */
 
 const MOUSE_AXES = ["mouse_x", "mouse_y"];
@@ -58,7 +58,7 @@ export class HeldInputs {
     for (const axis of MOUSE_AXES) this.#axes.delete(axis);
   }
 
-  /** What the server has. @param {SentInputs} inputs */
+  /** What the server has. @param {import("./messages").HeldInputs} inputs */
   restore({ down, pressed, axes }) {
     this.#down = new Set(down);
     this.#pressed = new Set(pressed);
