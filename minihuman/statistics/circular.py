@@ -16,7 +16,7 @@ def find_mean_direction_deg(angles_deg: ArrayLike) -> float:
 
 
 def find_resultant_length(angles_deg: ArrayLike) -> float:
-    """Return the length of the mean of unit vectors: 1 if all angles are equal, 0 if none is preferred; NaN for none."""
+    """Return the length of the mean of unit vectors: 1 of equal angles, 0 if none is preferred, NaN of no angles."""
     return float(abs(_average_vectors(angles_deg)))
 
 
