@@ -1,7 +1,7 @@
 """How keys that are held, axes and named actions make a step's action, for a page that computes the steps itself."""
 
 from minihuman.experiment.machine.running_episode import RunningEpisode
-from minihuman.web.messages import HeldInputs, HeldRules, VectorRules
+from minihuman.web.held_messages import HeldInputs, HeldRules, VectorRules
 from minihuman.worlds.adapters.spaces import DiscreteActions
 
 

@@ -17,7 +17,7 @@ HIDDEN = 40.0  # metres below, where nothing is seen or met
 
 
 class TriangleCompletion(FirstPersonEnv):
-    """A field without marks; the legs are ``first_m`` and ``second_m`` long, with a ``turn_deg`` to the left between."""
+    """A field without marks; legs of ``first_m`` and ``second_m`` metres, with ``turn_deg`` to the left between."""
 
     def __init__(self, *, first_m=4.0, second_m=3.0, turn_deg=90.0, max_steps=400, **options):
         self.legs = first_m, second_m, math.radians(turn_deg)

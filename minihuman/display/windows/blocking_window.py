@@ -318,15 +318,19 @@ class BlockingWindow(Window):
             if self._moving is not None:
                 self._put(self._on_its_way(self._moving), lambda: None)
             now_ns = self._clock()
-            if repeats := self._edit_field(self._repeater.repeats(now_ns)):
-                return repeats
-            if self._field.due_ns is not None and now_ns >= self._field.due_ns:
-                return self._field.settle(now_ns)
             is_over = until_ns is not None and now_ns >= until_ns
-            if motion := self._mouse_motion.report(now_ns, is_needed=is_over):
-                return motion
+            if due_inputs := self._list_due(now_ns, is_over=is_over):
+                return due_inputs
             if is_over:
                 return []
+
+    def _list_due(self, now_ns: int, *, is_over: bool) -> list[Input]:
+        """Return what time alone leads to: a repeated key, a settled field, or motion that waited or a step needs."""
+        if repeats := self._edit_field(self._repeater.repeats(now_ns)):
+            return repeats
+        if self._field.due_ns is not None and now_ns >= self._field.due_ns:
+            return self._field.settle(now_ns)
+        return self._mouse_motion.report(now_ns, is_needed=is_over)
 
     def _edit_field(self, arrived: Sequence[Input]) -> list[Input]:
         """Apply inputs to the field on the screen, and show the field; return the inputs that are for the session."""

@@ -2,8 +2,8 @@
 
 The outputs for numbered actions are their log-probabilities. Those for vectors are the means of the components,
 followed by the logarithms of their standard deviations, which do not depend on the observation. A drawn vector is not
-squashed: worlds take it clipped to the bounds of their action space, and its log-probability is that of the vector before it was
-clipped, as in Stable-Baselines3.
+squashed: worlds take it clipped to the bounds of their action space, and its log-probability is that of the vector
+before it was clipped, as in Stable-Baselines3.
 """
 
 import abc

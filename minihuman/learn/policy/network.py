@@ -10,7 +10,6 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any, ClassVar, Literal
 
-import numpy as np
 import torch
 from gymnasium import spaces
 from stable_baselines3.common.policies import MultiInputActorCriticPolicy
@@ -404,24 +403,13 @@ def build_policy(
     hidden: tuple[int, ...] = (64, 64),
     initial_std: float | None = None,
 ) -> Policy:
-    """Build a policy on the CPU, without a training algorithm.
-
-    Args:
-        observation_space: what it observes
-        actions: the number of actions, or of an action's components
-        eyes: the name of its encoder
-        memory: whether it remembers an episode's steps
-        hidden: the sizes of the actor's and the critic's layers
-        initial_std: the standard deviation of a vector's components at first; None if actions are numbered
-    """
-    settings = get_policy_settings(eyes, hidden)
-    policy: Policy
+    """Build a policy on the CPU; with an ``initial_std``, ``actions`` is the number of components of a vector."""
+    settings: dict[str, Any] = get_policy_settings(eyes, hidden)
     if initial_std is None:
         policy = Policy(observation_space, spaces.Discrete(actions), lambda _: 3e-4, **settings)
     else:
-        space = spaces.Box(-1.0, 1.0, (actions,), np.float32)
-        log_std = math.log(initial_std)
-        policy = GaussianPolicy(observation_space, space, lambda _: 3e-4, log_std_init=log_std, **settings)
+        settings["log_std_init"] = math.log(initial_std)
+        policy = GaussianPolicy(observation_space, spaces.Box(-1.0, 1.0, (actions,)), lambda _: 3e-4, **settings)
     if memory:
         policy.memory = nn.GRUCell(policy.features_dim, policy.features_dim)  # of the steps of an episode
     return policy

@@ -155,13 +155,7 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
         joint = self._joint
         if joint is not None and not joint.is_current():
             joint = None
-        action_array: Any
-        if isinstance(self.single_action_space, gymnasium.spaces.Discrete):
-            action_array = self._check_actions(actions, one_by_one=joint is None)
-        elif joint is not None:
-            action_array = self._read_commands(actions)
-        else:
-            action_array = self._check_continuous_actions(actions)
+        action_array = self._read_actions(actions, one_by_one=joint is None)
         again = self._autoreset is AutoresetMode.SAME_STEP
         renewed = self._over & (self._autoreset is AutoresetMode.NEXT_STEP)
         rewards = np.zeros(self.num_envs)
@@ -187,6 +181,18 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
         over = ends[0] | ends[1]
         self._over = np.zeros_like(over) if again else over
         return observations, rewards, *ends, infos | self._final(final)
+
+    def _read_actions(self, actions: Any, *, one_by_one: bool) -> Any:
+        """Return the worlds' actions after checking them: numbers, commands, or each world's own.
+
+        Raises:
+            WorldError: in the same cases as `step`.
+        """
+        if isinstance(self.single_action_space, gymnasium.spaces.Discrete):
+            return self._check_actions(actions, one_by_one=one_by_one)
+        if one_by_one:
+            return self._check_continuous_actions(actions)
+        return self._read_commands(actions)
 
     def _check_actions(self, actions: ArrayLike, *, one_by_one: bool) -> NDArray[Any]:
         """Return the actions as an array after checking them; if ``one_by_one``, every world checks its own action.

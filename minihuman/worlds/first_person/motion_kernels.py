@@ -60,10 +60,8 @@ _PART = 0.5  # of the body's radius: the length of a part of a move
 
 
 @device_function()
-def _push_out(things: Things, numbers: Numbers, walls: NDArray[np.float64], x: float, z: float) -> tuple[float, float]:
-    """Return a place at which the agent no longer overlaps what it would overlap most at (x, z)."""
-    agent = int(numbers[AGENT])
-    radius = things[agent, RADIUS]
+def _find_nearest_wall(walls: NDArray[np.float64], x: float, z: float) -> tuple[float, float, float]:
+    """Return the distance of the nearest point of a wall, and that point (x, z)."""
     nearest = math.inf
     near_x = x
     near_z = z
@@ -82,6 +80,15 @@ def _push_out(things: Things, numbers: Numbers, walls: NDArray[np.float64], x: f
             nearest = distance
             near_x = on_x
             near_z = on_z
+    return nearest, near_x, near_z
+
+
+@device_function()
+def _push_out(things: Things, numbers: Numbers, walls: NDArray[np.float64], x: float, z: float) -> tuple[float, float]:
+    """Return a place at which the agent no longer overlaps what it would overlap most at (x, z)."""
+    agent = int(numbers[AGENT])
+    radius = things[agent, RADIUS]
+    nearest, near_x, near_z = _find_nearest_wall(walls, x, z)
     deepest = nearest - radius
     reach = radius
     for row in range(int(numbers[COUNT])):
@@ -233,6 +240,29 @@ def move_by(
     return _get_changes(numbers, has_slid or (has_turned and dyaw != 0.0))
 
 
+@device_function()
+def _find_velocity(numbers: Numbers, command: NDArray[np.float64]) -> tuple[float, float]:
+    """Return how fast the body goes ahead and to the right in this step, of the longest, and keep that."""
+    ahead = command[COMMAND_AHEAD]
+    right = command[COMMAND_RIGHT]
+    length = math.sqrt(ahead * ahead + right * right)
+    if length > 1.0:
+        ahead = ahead / length
+        right = right / length
+    most = numbers[ACCELERATION]
+    if most > 0.0:
+        change_ahead = ahead - numbers[VELOCITY]
+        change_right = right - numbers[VELOCITY + 1]
+        length = math.sqrt(change_ahead * change_ahead + change_right * change_right)
+        if length > most:
+            share = most / length
+            ahead = numbers[VELOCITY] + share * change_ahead
+            right = numbers[VELOCITY + 1] + share * change_right
+        numbers[VELOCITY] = ahead
+        numbers[VELOCITY + 1] = right
+    return ahead, right
+
+
 @kernel(
     "int64(float64[:, ::1], float64[::1], float64[:, ::1], float64[::1], float64, float64, float64, float64)",
     only=True,
@@ -263,23 +293,7 @@ def move_freely(
         cosine_after: the cosine of the heading after the turn
         sine_after: the sine of the heading after the turn
     """
-    ahead = command[COMMAND_AHEAD]
-    right = command[COMMAND_RIGHT]
-    length = math.sqrt(ahead * ahead + right * right)
-    if length > 1.0:
-        ahead = ahead / length
-        right = right / length
-    most = numbers[ACCELERATION]
-    if most > 0.0:
-        change_ahead = ahead - numbers[VELOCITY]
-        change_right = right - numbers[VELOCITY + 1]
-        length = math.sqrt(change_ahead * change_ahead + change_right * change_right)
-        if length > most:
-            share = most / length
-            ahead = numbers[VELOCITY] + share * change_ahead
-            right = numbers[VELOCITY + 1] + share * change_right
-        numbers[VELOCITY] = ahead
-        numbers[VELOCITY + 1] = right
+    ahead, right = _find_velocity(numbers, command)
     turn = command[COMMAND_TURN] * (numbers[TURN_DEG] * RADIANS)
     heading = things[int(numbers[AGENT]), DIR] + turn
     has_turned = _turn_to(things, numbers, walls, heading, cosine_after, -sine_after)

@@ -272,12 +272,11 @@ def _faces(things: Things, numbers: Numbers, agent: int, own: int, ahead_x: floa
 
 
 @device_function()
-def _judge(things: Things, numbers: Numbers, ahead_x: float, ahead_z: float, action: int) -> int:
+def _judge(things: Things, numbers: Numbers, ahead_x: float, ahead_z: float, named: int) -> int:
     """Compute the reward of a step and whether it ended the episode; a rule can remove an entity."""
     agent = int(numbers[AGENT])
     carried = int(numbers[CARRIED])
     rule = int(numbers[RULE])
-    named = int(numbers[NAMED + action]) & 7 if action >= 0 else MOVE_FORWARD
     own = ARGUMENTS + int(numbers[RULE_THINGS])  # where the rule's numbers are
     reward = 0.0
     ended = False
@@ -353,7 +352,8 @@ def act(
     if status & MOVED != 0 and int(numbers[NAMED + action]) >> 3 <= TURN_RIGHT:
         cosine = cosine_after
         sine = sine_after
-    status |= _judge(things, numbers, cosine, -sine, action)
+    named = int(numbers[NAMED + action]) & 7 if action >= 0 else MOVE_FORWARD
+    status |= _judge(things, numbers, cosine, -sine, named)
     limit = numbers[STEP_LIMIT]
     return status | (TRUNCATED if limit >= 0.0 and numbers[STEPS] >= limit else 0)
 

@@ -14,7 +14,7 @@ from minihuman.worlds.first_person.rules import (
     Numbers,
     Things,
 )
-from minihuman.worlds.kernels import kernel
+from minihuman.worlds.kernels import device_function, kernel
 from minihuman.worlds.rng import RngState
 from minihuman.worlds.step_digest import stir
 
@@ -24,6 +24,15 @@ _15 = np.uint64(15)
 _32 = np.uint64(32)
 _A = np.uint64(0x9E3779B1)
 _B = np.uint64(0x85EBCA77)
+
+
+@device_function()
+def _stir_value(high_half: np.uint64, low_half: np.uint64, value: np.uint64) -> tuple[np.uint64, np.uint64]:
+    """Return both halves of a digest with 64 bits more."""
+    for half in (value & _LOW, value >> _32):
+        high_half = stir(high_half, half, _A, _15)
+        low_half = stir(low_half, half, _B, _13)
+    return high_half, low_half
 
 
 @kernel("(float64[:, ::1], float64[::1], uint64[::1], uint64[::1])", hold_gil=True)
@@ -37,25 +46,15 @@ def digest_state(things: Things, numbers: Numbers, rng_state: RngState, outcome:
     for row in range(rows):
         for column in range(DIR + 1):
             value = places[row, column]
-            for half in (value & _LOW, value >> _32):
-                high_half = stir(high_half, half, _A, _15)
-                low_half = stir(low_half, half, _B, _13)
+            high_half, low_half = _stir_value(high_half, low_half, value)
     for k in range(SCORE + 1):
-        for half in (state[k] & _LOW, state[k] >> _32):
-            high_half = stir(high_half, half, _A, _15)
-            low_half = stir(low_half, half, _B, _13)
+        high_half, low_half = _stir_value(high_half, low_half, state[k])
     if numbers[ACCELERATION] > 0.0:
         for k in range(VELOCITY, ACCELERATION):
-            for half in (state[k] & _LOW, state[k] >> _32):
-                high_half = stir(high_half, half, _A, _15)
-                low_half = stir(low_half, half, _B, _13)
+            high_half, low_half = _stir_value(high_half, low_half, state[k])
     if numbers[DRAWS] != 0.0:
         for k in range(len(rng_state)):
-            for half in (rng_state[k] & _LOW, rng_state[k] >> _32):
-                high_half = stir(high_half, half, _A, _15)
-                low_half = stir(low_half, half, _B, _13)
+            high_half, low_half = _stir_value(high_half, low_half, rng_state[k])
     for k in range(len(outcome)):
-        for half in (outcome[k] & _LOW, outcome[k] >> _32):
-            high_half = stir(high_half, half, _A, _15)
-            low_half = stir(low_half, half, _B, _13)
+        high_half, low_half = _stir_value(high_half, low_half, outcome[k])
     return high_half << _32 | low_half
