@@ -27,9 +27,9 @@ _B = np.uint64(0x85EBCA77)
 
 
 @device_function()
-def _stir_value(high_half: np.uint64, low_half: np.uint64, value: np.uint64) -> tuple[np.uint64, np.uint64]:
+def _stir_value(high_half: np.uint64, low_half: np.uint64, word: np.uint64) -> tuple[np.uint64, np.uint64]:
     """Return both halves of a digest with 64 bits more."""
-    for half in (value & _LOW, value >> _32):
+    for half in (word & _LOW, word >> _32):
         high_half = stir(high_half, half, _A, _15)
         low_half = stir(low_half, half, _B, _13)
     return high_half, low_half
