@@ -172,7 +172,7 @@ def _describe_worlds(job: TrainingJob) -> _Subject:
     is_continuous = is_vector_space(action_space)
     action_names = worlds[0].action_names
     if is_continuous:
-        action_names = tuple(f"component_{n}" for n in range(action_space.shape[0]))
+        action_names = tuple(f"component_{n}" for n in range(spaces.flatdim(action_space)))
     elif not isinstance(action_space, spaces.Discrete) and not hasattr(first, "team"):
         raise LearnError(
             f"{job.worlds[0].id} has the action space {action_space}; PPO learns numbered actions (Discrete) or one "

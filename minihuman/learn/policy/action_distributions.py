@@ -8,6 +8,7 @@ before it was clipped, as in Stable-Baselines3.
 
 import abc
 import math
+from typing import Any
 
 import numpy as np
 import torch
@@ -70,13 +71,14 @@ class GaussianActions(ActionDistribution):
         return (log_stds + 0.5 + _LOG_SQRT_TAU).sum(dim=1)
 
 
-def is_vector_space(space: spaces.Space[object]) -> bool:
+def is_vector_space(space: spaces.Space[Any]) -> bool:
     """Return whether actions are vectors that a Gaussian policy can draw: a Box of one dimension with fractions."""
     return isinstance(space, spaces.Box) and len(space.shape) == 1 and space.dtype.kind == "f"
 
 
-def clip_actions(space: spaces.Space[object], actions: NDArray[np.generic]) -> NDArray[np.generic]:
+def clip_actions(space: spaces.Space[Any], actions: NDArray[Any]) -> NDArray[Any]:
     """Return actions, one a row, within the bounds of a world's action space; numbered ones as they are."""
     if isinstance(space, spaces.Box):
-        return np.clip(actions, space.low, space.high).astype(space.dtype)
+        clipped: NDArray[Any] = np.clip(actions, space.low, space.high).astype(space.dtype)
+        return clipped
     return actions
