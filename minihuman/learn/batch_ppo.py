@@ -67,7 +67,7 @@ class EpisodeSoFar:
     """What a world's current episode consists of: enough to play it again."""
 
     level: TrainingLevel
-    actions: list[int]
+    actions: list[Any]  # numbers, or lists of components
 
 
 class BatchPpo:
@@ -158,9 +158,9 @@ class BatchPpo:
         with torch.no_grad():
             for t in range(settings.rollout):
                 step_fields = {_OBSERVATION_PREFIX + name: part for name, part in self._observations.items()}
-                log_probs, values, self._hidden = policy.think_on(self._observations, self._hidden, self._starts)
-                actions = torch.multinomial(log_probs.exp(), 1).squeeze(1)
-                chosen = log_probs.gather(1, actions[:, None]).squeeze(1)
+                outputs, values, self._hidden = policy.think_on(self._observations, self._hidden, self._starts)
+                actions = policy.distribution.draw(outputs)
+                chosen = policy.distribution.log_probability(outputs, actions)
                 step_fields |= {
                     "actions": actions,
                     "log_probs": chosen,
@@ -194,7 +194,7 @@ class BatchPpo:
             newest_first.append(advantage)
         return torch.stack(newest_first[::-1])
 
-    def _step(self, actions: NDArray[np.int64]) -> torch.Tensor:
+    def _step(self, actions: NDArray[Any]) -> torch.Tensor:
         """Step every world; return rewards float32[n].
 
         At a step limit, the reward includes the discounted value of the state that followed.
@@ -290,21 +290,22 @@ class BatchPpo:
             for name, part in minibatch.items()
             if name.startswith(_OBSERVATION_PREFIX)
         }
-        log_probs, values = self._policy.think_through(observations, start_hidden, minibatch["starts"])
-        log_prob = log_probs.gather(1, minibatch["actions"].flatten()[:, None]).squeeze(1)
+        distribution = self._policy.distribution
+        outputs, values = self._policy.think_through(observations, start_hidden, minibatch["starts"])
+        log_prob = distribution.log_probability(outputs, minibatch["actions"].flatten(0, 1))
         advantages = minibatch["advantages"].flatten()
         advantages = (advantages - advantages.mean()) / (advantages.std() + 1e-8)
         log_ratio = log_prob - minibatch["log_probs"].flatten()
         ratio = log_ratio.exp()
         clipped = ratio.clamp(1 - settings.clip, 1 + settings.clip)
         gain = torch.min(ratio * advantages, clipped * advantages).mean()
-        entropy = -(log_probs.exp() * log_probs).sum(dim=1).mean()
+        entropy = distribution.entropy(outputs).mean()
         error = (values.squeeze(1) - return_targets).square().mean()
         self._note_losses(-gain, error, entropy, log_ratio.detach())
         loss = settings.value * error - gain - settings.entropy * entropy
         if "clone" in minibatch:
             clone = minibatch["clone"].flatten(0, 1)
-            divergence = (clone.exp() * (clone - log_probs)).sum(dim=1).mean()  # KL(clone, policy)
+            divergence = (clone.exp() * (clone - outputs)).sum(dim=1).mean()  # KL(clone, policy)
             loss = loss + settings.kl * self._share_left() * divergence
         return loss
 

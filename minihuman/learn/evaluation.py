@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -57,8 +58,8 @@ def play_levels(
     starts = torch.ones(worlds.num_envs)
     while len(slots.scores) < len(levels):
         with torch.no_grad():
-            log_probs, _, hidden = policy.think_on(encoder.encode(worlds), hidden, starts)
-            actions = torch.multinomial(log_probs.exp(), 1, generator=random).squeeze(1)
+            outputs, _, hidden = policy.think_on(encoder.encode(worlds), hidden, starts)
+            actions = policy.distribution.draw(outputs, random)
         starts = torch.as_tensor(slots.step(actions.numpy(), limits), dtype=torch.float32)
     return [slots.scores[number] for number in range(len(levels))]
 
@@ -78,7 +79,7 @@ class _Slots:
     def _begin(self, slots: list[int]) -> None:
         self._worlds.begin(slots, [self._levels[self._playing[slot] % len(self._levels)] for slot in slots])
 
-    def step(self, actions: NDArray[np.int64], limits: Sequence[int]) -> NDArray[np.bool_]:
+    def step(self, actions: NDArray[Any], limits: Sequence[int]) -> NDArray[np.bool_]:
         """Step all worlds; return which of them begin another level."""
         joint_step = self._worlds.step(actions)
         self._returns += joint_step.rewards

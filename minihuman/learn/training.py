@@ -22,6 +22,7 @@ from minihuman.learn.behaviour_cloning import CloningSettings, Evaluation, clone
 from minihuman.learn.curriculum import Curriculum, make_curriculum
 from minihuman.learn.demonstrations import read_demonstrations
 from minihuman.learn.evaluation import evaluate_in_batch
+from minihuman.learn.policy.action_distributions import is_vector_space
 from minihuman.learn.policy.file import PolicyCard, read_checkpoint, save_atomically, save_policy
 from minihuman.learn.policy.network import EncoderName, Policy, build_policy
 from minihuman.learn.policy.observation import ObservationEncoder, get_image_shape
@@ -55,11 +56,17 @@ class _Subject:
     eyesight: ObservationEncoder
     eyes: EncoderName
     encoder: BatchEncoder
+    is_continuous: bool
 
     def build(self, settings: TrainingSettings) -> Policy:
         """Build a policy with fresh weights, on the CPU."""
         return build_policy(
-            self.space, len(self.action_names), self.eyes, memory=settings.memory, hidden=settings.hidden
+            self.space,
+            len(self.action_names),
+            self.eyes,
+            memory=settings.memory,
+            hidden=settings.hidden,
+            initial_std=settings.initial_std if self.is_continuous else None,
         )
 
 
@@ -155,15 +162,32 @@ def _describe_worlds(job: TrainingJob) -> _Subject:
     first: Any = worlds[0].unwrapped
     image_shape = get_image_shape(ObservationEncoder(settings.missions).space(first))
     channels, height, _ = image_shape
-    is_grid = channels == 3 and height <= LARGEST_VIEW
+    is_grid = channels == 3 and 1 < height <= LARGEST_VIEW
     # spread, the codes of these would be larger than a byte
     is_wide = any(getattr(world.unwrapped, "kinds", ()) for world in worlds) or isinstance(
         getattr(first, "team", None), TeamWorld
     )
     eyesight = ObservationEncoder(settings.missions, scaling="spread" if is_grid and not is_wide else "raw")
+    action_space = worlds[0].action_space
+    is_continuous = is_vector_space(action_space)
+    action_names = worlds[0].action_names
+    if is_continuous:
+        action_names = tuple(f"component_{n}" for n in range(spaces.flatdim(action_space)))
+    elif not isinstance(action_space, spaces.Discrete) and not hasattr(first, "team"):
+        raise LearnError(
+            f"{job.worlds[0].id} has the action space {action_space}; PPO learns numbered actions (Discrete) or one "
+            "vector (Box): give a first-person world with continuous control its moves alone, as in "
+            'actions = ["move_forward"]'
+        )
+    if is_continuous and settings.from_people:
+        raise LearnError(
+            f"{job.worlds[0].id} has continuous actions, and people's are cloned as numbered actions only; omit "
+            "from_people"
+        )
     return _Subject(
         space=eyesight.space(first),
-        action_names=worlds[0].action_names,
+        action_names=action_names,
+        is_continuous=is_continuous,
         eyesight=eyesight,
         eyes=choose_encoder(image_shape, settings, is_wide=is_wide),
         encoder=BatchEncoder(settings.missions, is_grid and not is_wide, settings.device),
@@ -179,6 +203,8 @@ def choose_encoder(image_shape: tuple[int, int, int], settings: TrainingSettings
         is_wide: whether a grid has codes that cannot be spread.
     """
     channels, height, _ = image_shape
+    if height == 1:  # a vector
+        return "flat"
     if height > LARGEST_VIEW:
         return "flat" if settings.network == "mlp" else "atari"
     if channels != 3:
@@ -289,6 +315,7 @@ def _make_card(job: TrainingJob, subject: _Subject, steps: int) -> PolicyCard:
         other_worlds=tuple(dict.fromkeys(choice.id for choice in others if choice.id != first.id)),
         memory=job.settings.memory,
         hidden=job.settings.hidden,
+        is_continuous=subject.is_continuous,
     )
 
 

@@ -55,6 +55,9 @@ class TrainingSettings:
     )
     hidden: tuple[int, ...] = _setting((64, 64), "The sizes of the actor's and the critic's layers.", _NETWORK)
     memory: bool = _setting(False, "Remember an episode's steps, by a gated recurrent unit (GRU).", _NETWORK)
+    initial_std: float = _setting(
+        0.6, "The standard deviation, at first, of each component of a continuous action.", _NETWORK, 1e-3, 10
+    )
     rollout: int = _setting(128, "The number of steps of each world between updates.", _ALGORITHM, 1)
     epochs: int = _setting(4, "How often an update goes through a rollout.", _ALGORITHM, 1)
     minibatches: int = _setting(4, "The number of minibatches of an epoch.", _ALGORITHM, 1)

@@ -17,6 +17,7 @@ from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
 from minihuman.errors import LearnError
+from minihuman.learn.policy.action_distributions import clip_actions
 from minihuman.learn.policy.observation import SPREAD, encode_mission
 from minihuman.learn.training_settings import WorldChoice
 from minihuman.worlds.adapters.world import World
@@ -45,12 +46,12 @@ class TrainingWorlds(abc.ABC):
 
     Attributes:
         num_envs: the number of worlds.
-        images: what each world shows now, uint8[n, height, width, channels].
+        images: what each world shows now, uint8[n, height, width, channels]; vectors are float32[n, 1, 1, components].
         missions: each world's mission; "" where it has none.
     """
 
     num_envs: int
-    images: NDArray[np.uint8]
+    images: NDArray[Any]
     missions: Sequence[str]
     begins_by_itself: bool = False  # the next episode, in the step that ends one
 
@@ -59,28 +60,34 @@ class TrainingWorlds(abc.ABC):
         """Begin an episode of a level in each of the numbered worlds."""
 
     @abc.abstractmethod
-    def step(self, actions: NDArray[np.int64]) -> BatchStep:
-        """Take one action in every world. A world whose episode has ended must be begun before its next step."""
+    def step(self, actions: NDArray[Any]) -> BatchStep:
+        """Take one action in every world, int64[n] or float32[n, components].
 
-    def replay(self, levels: Sequence[TrainingLevel], actions: Sequence[Sequence[int]]) -> None:
+        A world whose episode has ended must be begun before its next step.
+        """
+
+    def replay(self, levels: Sequence[TrainingLevel], actions: Sequence[Sequence[Any]]) -> None:
         """Bring each world to where these actions lead from the beginning of its level.
 
         The episodes are aligned at their ends; until its own episode begins, a world plays anything.
         """
         longest = max(map(len, actions))
         everywhere = range(self.num_envs)
+        first = next((episode[0] for episode in actions if episode), 0)
+        rest: Any = [0.0] * len(first) if isinstance(first, list) else 0
+        kind = np.float32 if isinstance(first, list) else np.int64
         self.begin(everywhere, levels)
         for t in range(longest):
             played = [t - longest + len(episode) for episode in actions]
-            joint = [episode[max(at, 0)] if at >= 0 else 0 for episode, at in zip(actions, played, strict=True)]
-            joint_step = self.step(np.array(joint, np.int64))
+            joint = [episode[max(at, 0)] if at >= 0 else rest for episode, at in zip(actions, played, strict=True)]
+            joint_step = self.step(np.array(joint, kind))
             over = joint_step.terminated | joint_step.truncated
             starting = [i for i in everywhere if played[i] == -1 or (played[i] < -1 and over[i])]
             if starting:
                 self.begin(starting, [levels[number] for number in starting])
 
 
-Batch = dict[str, torch.Tensor]  # what worlds show: uint8[n, channels, height, width], float32[n, 9]
+Batch = dict[str, torch.Tensor]  # what worlds show: uint8 (or float32) [n, channels, height, width], float32[n, 9]
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,6 +113,13 @@ class BatchEncoder:
 _encode_mission = lru_cache(maxsize=1024)(encode_mission)
 
 
+def as_images(observations: NDArray[Any]) -> NDArray[Any]:
+    """Return observations, one a row, as images; a vector is an image of one pixel."""
+    if observations.ndim == 2:
+        return observations[:, None, None, :]
+    return observations
+
+
 class BatchWorlds(TrainingWorlds):
     """Worlds of one id with the same options, stepped by its batch in compiled code."""
 
@@ -124,9 +138,10 @@ class BatchWorlds(TrainingWorlds):
         options = None if mask.all() else {"reset_mask": mask}
         self._take(self._batch.reset(seed=seeds, options=options)[0])
 
-    def step(self, actions: NDArray[np.int64]) -> BatchStep:
+    def step(self, actions: NDArray[Any]) -> BatchStep:
         """Take one action in every world."""
-        observation, rewards, terminated, truncated, _ = self._batch.step(actions)
+        within_bounds = clip_actions(self._batch.single_action_space, actions)
+        observation, rewards, terminated, truncated, _ = self._batch.step(within_bounds)
         self._take(observation)
         return BatchStep(rewards, terminated, truncated)
 
@@ -135,7 +150,7 @@ class BatchWorlds(TrainingWorlds):
             self.images = observation["image"]
             self.missions = observation.get("mission", self.missions)
         else:
-            self.images = observation
+            self.images = as_images(observation)
 
 
 class WorldsInTurn(TrainingWorlds):
@@ -159,13 +174,17 @@ class WorldsInTurn(TrainingWorlds):
             self._observations[number], _ = self._current[number].reset(seed=level.seed)
         self._show()
 
-    def step(self, actions: NDArray[np.int64]) -> BatchStep:
+    def step(self, actions: NDArray[Any]) -> BatchStep:
         """Take one action in every world."""
         rewards = np.zeros(self.num_envs)
         terminated = np.zeros(self.num_envs, np.bool_)
         truncated = np.zeros(self.num_envs, np.bool_)
-        for number, (env, action) in enumerate(zip(self._current, actions.tolist(), strict=True)):
-            answer = env.step(int(env.action_space.start) + action)
+        for number, (env, action) in enumerate(zip(self._current, actions, strict=True)):
+            if actions.ndim == 1:
+                taken: Any = int(env.action_space.start) + int(action)
+            else:
+                taken = clip_actions(env.action_space, action)
+            answer = env.step(taken)
             self._observations[number], rewards[number], terminated[number], truncated[number], _ = answer
         self._show()
         return BatchStep(rewards, terminated, truncated)
@@ -176,7 +195,7 @@ class WorldsInTurn(TrainingWorlds):
             self.images = np.stack([observation["image"] for observation in self._observations])
             self.missions = [str(observation.get("mission", "")) for observation in self._observations]
         else:
-            self.images = np.stack(self._observations)
+            self.images = as_images(np.stack(self._observations))
             self.missions = [""] * self.num_envs
 
 
@@ -202,7 +221,7 @@ class SeatWorlds(TrainingWorlds):
         self._batch.reset(levels[0].seed)
         self._show()
 
-    def step(self, actions: NDArray[np.int64]) -> BatchStep:
+    def step(self, actions: NDArray[Any]) -> BatchStep:
         """Take one action in every seat; where an episode ends, the next one begins."""
         _, rewards, ends = self._batch.step(actions.reshape(-1, self._bodies))
         shaping_weight = max(0.0, 1 - self._steps / self._shaped_steps)

@@ -17,6 +17,7 @@ from minihuman.errors import ReportError
 from minihuman.experiment.machine.activity import find_kind, list_kinds
 from minihuman.plugins import make_plugin
 from minihuman.reporting.questionnaire_scores import name_last_blocks
+from minihuman.statistics.circular import find_mean_direction_deg, find_resultant_length
 
 GROUP = "minihuman.measures"
 Tables = Mapping[str, pd.DataFrame]
@@ -145,6 +146,33 @@ class InfoAtEnd(StudyMeasure):
         return float(number) if isinstance(number, bool | int | float) else None
 
 
+class AngleMean(InfoAtEnd):
+    """``angle_mean:KEY`` is the mean direction of a block's angles in degrees, which `info:KEY` names, -180 to 180."""
+
+    def __init__(self, argument: str) -> None:
+        super().__init__(argument)
+        self.label = f"mean direction of {argument}"
+
+    def compute(self, tables: Tables) -> pd.DataFrame:
+        """Return the value of each block that has angles."""
+        by_block = super().compute(tables).groupby(["participant", "session", "block"], sort=False)
+        return by_block["value"].agg(self._summarize).reset_index()
+
+    def _summarize(self, angles_deg: "pd.Series[float]") -> float:
+        return find_mean_direction_deg(angles_deg)
+
+
+class AngleConcentration(AngleMean):
+    """``angle_concentration:KEY`` is how alike a block's angles are: 1 for all equal, 0 for none preferred."""
+
+    def __init__(self, argument: str) -> None:
+        super().__init__(argument)
+        self.label = f"mean resultant length of {argument}"
+
+    def _summarize(self, angles_deg: "pd.Series[float]") -> float:
+        return find_resultant_length(angles_deg)
+
+
 class DesignEstimate(StudyMeasure):
     """``design:NAME`` is the last estimate of a block's adaptive design; a ``threshold`` is compared on a log scale."""
 
@@ -186,6 +214,8 @@ def load_trial_measures() -> dict[str, str]:
 
 
 _BUILT_IN: Mapping[str, type[StudyMeasure]] = {
+    "angle_concentration": AngleConcentration,
+    "angle_mean": AngleMean,
     "answer": AnswerScore,
     "block": BlockValue,
     "design": DesignEstimate,

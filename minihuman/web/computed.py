@@ -147,6 +147,8 @@ def _describe_first_person(
         scene=tables.name,
         textures=[texture.name for texture in textures],
         size=picture_px,
+        n_actions=len(env.kernel_actions),
+        uses=list(env.use_actions),
     )
     return fixed, [tables, *textures], look
 

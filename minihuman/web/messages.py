@@ -23,6 +23,7 @@ from minihuman.experiment.machine.inputs import (
     TextChange,
 )
 from minihuman.experiment.machine.page_alterations import AlterationKind
+from minihuman.web.held_messages import HeldInputs, HeldRules, VectorRules
 from minihuman.web.screen_types import PageType, ScreenValues
 
 MESSAGE_VERSION = 9
@@ -360,6 +361,8 @@ class FirstPersonState(FirstPersonPosition, tag="first_person", tag_field="world
     scene: str  # the name of its tables
     textures: list[str]  # the names of the textures
     size: tuple[int, int]  # of the picture, pixels
+    n_actions: int  # that are not moves of another kind
+    uses: list[int]  # the action of each value of the component "use", from 1
 
 
 WorldState = GridState | FirstPersonState
@@ -384,6 +387,8 @@ class EpisodeRules(msgspec.Struct, tag="rules", tag_field="t"):
     computed: WorldState | None = None  # where the page computes it; else scenes are sent ahead
     motion: float = 0.0  # ms from a picture that the page computes to the next
     team: JointPace = ""  # whose joint steps the server closes
+    vectors: VectorRules | None = None  # where the page computes vectors
+    combines: HeldRules | None = None  # where the page computes, and held keys combine
 
 
 class ArraysMessage(msgspec.Struct, tag="arrays", tag_field="t"):
@@ -400,6 +405,7 @@ class StateCorrection(msgspec.Struct, tag="state", tag_field="t"):
     through: int
     episode: int
     state: WorldPosition
+    inputs: HeldInputs | None = None  # where held keys combine
 
 
 class EpisodeState(msgspec.Struct, tag="now", tag_field="t"):

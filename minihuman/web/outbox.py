@@ -19,6 +19,7 @@ from minihuman.web import messages
 from minihuman.web.computed import ComputedEpisode, can_compute
 from minihuman.web.episode_ahead import EpisodeAhead
 from minihuman.web.episode_steps import EpisodeSteps
+from minihuman.web.held_actions import describe_held, describe_vectors, find_held
 from minihuman.web.message_streams import OutgoingStream
 from minihuman.web.page_contents import PageContents
 from minihuman.web.prefetch import advances_by_itself, describe_screen
@@ -78,6 +79,8 @@ def build_rules(
         keep=keep,
         motion=getattr(part_plan, "motion_ms", None) or 0.0,
         computed=computed,
+        vectors=None if computed is None else describe_vectors(play),
+        combines=None if computed is None else describe_held(play),
     )
 
 
@@ -372,7 +375,9 @@ class Outbox:
             return
         is_behind = not was_playing and computed.sent_step != play.steps
         if is_behind or computed.is_elsewhere:
-            self.outgoing.add(messages.StateCorrection(self.through, play.plan.episode, computed.position()))
+            self.outgoing.add(
+                messages.StateCorrection(self.through, play.plan.episode, computed.position(), find_held(play))
+            )
 
     def _send_control(self, steering: Steering, episode: int) -> None:
         """Send the controls of an agent's episode, and the scene that the agent's next action leads to."""

@@ -262,6 +262,10 @@ def _write_scenes(folder: Path, env: FirstPersonEnv, entry: CatalogueEntry, seed
     The header is JSON. It gives the data type and bytes of each array and, for each seed, the numbers of its arrays by
     name, the number of things in its scene, and the names of its textures, which are files of their own.
     """
+    if env.control != "discrete":
+        raise WorldError(
+            f"{entry.name} has control = {env.control!r}; pack it with 'discrete', which packed worlds have"
+        )
     pool = _ArrayPool()
     starts = []
     for seed in seeds:

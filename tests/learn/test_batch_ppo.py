@@ -157,7 +157,7 @@ def test_the_command_trains_and_refuses_what_has_no_batch_and_a_file_that_is_the
     with pytest.raises(LearnError, match="device 'gpu' is not here"):
         train_in(EMPTY, tmp_path / "other.pt", replace(SMALL, device="gpu"))
     with pytest.raises(LearnError, match="an image with"):
-        train_in("CartPole-v1", tmp_path / "other.pt", SMALL)
+        train_in("FrozenLake-v1", tmp_path / "other.pt", SMALL)
 
 
 @pytest.mark.parametrize("world", ["minihuman/Team-CrampedRoom-v0", "minihuman/Team-FourRooms-v0"])

@@ -23,6 +23,10 @@ BRIEF = TrainingSettings(steps=1_000, worlds=4, rollout=16, minibatches=2, check
 JOBS = {
     "batch": TrainingJob(WORLDS[:1], BRIEF),
     "memory, stages": TrainingJob(WORLDS[::-1], replace(BRIEF, memory=True, curriculum="staged", stage_episodes=5)),
+    "vectors, memory": TrainingJob(
+        (WorldChoice("minihuman/MiniWorld-OneRoom-v0", {"control": "continuous", "max_steps": 20}),),
+        replace(BRIEF, memory=True, network="mlp"),
+    ),
     "plr": TrainingJob(WORLDS, replace(BRIEF, curriculum="plr", replay_levels=6)),
 }
 

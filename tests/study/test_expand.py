@@ -178,6 +178,11 @@ def test_a_participant_beyond_the_list_is_refused():
         ("minihuman/MiniGrid-FourRooms-v0", 'options = { view = "first_person" }', "server"),
         ("minihuman/MiniGrid-GoToObj-Transfer-v0", "", "server"),
         ("minihuman/MiniWorld-FourRooms-v0", "", "page"),
+        (
+            "minihuman/MiniWorld-FourRooms-v0",
+            'pace = "real_time"\nstep_period_ms = 300.0\nhold = "repeat"',
+            "page",
+        ),
         ("lab_worlds:lab/Maze-v0", "", "server"),
         ("lab_worlds:lab/Maze-v0", 'computed = "page"', "page"),
     ],

@@ -100,7 +100,6 @@ MISTAKES = [
     ('step_period_ms = 300.0', 'step_period_ms = 300.0\nview = "top"', 41, ["'top'", "partial, full"]),
     ('step_period_ms = 300.0', 'step_period_ms = 300.0\npalette = 3', 41, ["block 'h'", "is 3", '"classic"']),
     ('key_map = "new"', 'key_map = "cary_over"', 30, ["block 'g'", "'cary_over'", "did you mean 'carry_over'?"]),
-    ('step_period_ms = 300.0', 'hold = "repeat"\nstep_period_ms = 300.0\ncomputed = "page"', 42, ["block 'h'", "held"]),
     ('seeds = "new"', 'view = "text"\ncomputed = "page"', 30, ["block 'g'", "view is 'text'", "use 'server'"]),
     ('seeds = "new"', 'computed = "phone"', 29, ["block 'g'", "'phone'", "page, server"]),
     ('seeds = "new"', 'seeds = [1, 2]', 29, ["block 'g'", "2 seeds for 3", "one an episode"]),

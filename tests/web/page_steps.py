@@ -12,6 +12,7 @@ from minihuman.web.messages import (
     WorldPosition,
 )
 from minihuman.worlds.first_person import rules as first_person
+from minihuman.worlds.first_person.state_digest import digest_state
 
 
 class PageSteps:
@@ -89,4 +90,4 @@ class _FirstPersonSteps:
     def digest(self, reward: float, terminated: bool, truncated: bool) -> str:
         ends = 1 if terminated else 2 if truncated else 0
         outcome = np.array([np.float64(reward).view(np.uint64), ends], np.uint64)
-        return f"{int(first_person.digest_state(self._things, self._numbers, self._words, outcome)):016x}"
+        return f"{int(digest_state(self._things, self._numbers, self._words, outcome)):016x}"

@@ -27,11 +27,11 @@ from minihuman.display.drawing.screen import (
 )
 from minihuman.display.drawing.sheet import Size
 from minihuman.display.windows.desk_field import Clipboard, DeskField, OwnClipboard
+from minihuman.display.windows.mouse_motion import MouseMotion
 from minihuman.display.windows.window import Clock, Window
 from minihuman.errors import WindowError
 from minihuman.experiment.keys import MOUSE_AXES
 from minihuman.experiment.machine.inputs import (
-    AxisChanged,
     FocusChanged,
     Input,
     KeyDown,
@@ -144,6 +144,7 @@ class BlockingWindow(Window):
         self._last_key_ns = -(1 << 62)
         self._accepts = (False, False)  # text, pointer
         self._mouse_axes: tuple[str, ...] = ()  # for which the mouse is captured
+        self._mouse_motion = MouseMotion()
         self._moving: PlayScreen | None = None  # whose view is still on its way
         self._moves_from_ns = 0
         self._pointer_at = (0.0, 0.0)  # where it was last while the button was down
@@ -243,6 +244,7 @@ class BlockingWindow(Window):
         mouse_axes = tuple(axis for axis in axes if axis in MOUSE_AXES)
         if self._mouse_axes != mouse_axes:
             self._mouse_axes = mouse_axes
+            self._mouse_motion.forget()
             self._capture_mouse(bool(mouse_axes))
         try:
             await_log()
@@ -303,7 +305,7 @@ class BlockingWindow(Window):
         while True:
             if self._field.has_waiting and (waiting := self._edit_field(())):
                 return waiting
-            due_times = (until_ns, self._repeater.next_repeat_ns, self._field.due_ns)
+            due_times = (until_ns, self._repeater.next_repeat_ns, self._field.due_ns, self._mouse_motion.due_ns)
             due_ns = min((t for t in due_times if t is not None), default=None)
             timeout_ns = None
             if due_ns is not None:
@@ -316,12 +318,19 @@ class BlockingWindow(Window):
             if self._moving is not None:
                 self._put(self._on_its_way(self._moving), lambda: None)
             now_ns = self._clock()
-            if repeats := self._edit_field(self._repeater.repeats(now_ns)):
-                return repeats
-            if self._field.due_ns is not None and now_ns >= self._field.due_ns:
-                return self._field.settle(now_ns)
-            if until_ns is not None and now_ns >= until_ns:
+            is_over = until_ns is not None and now_ns >= until_ns
+            if due_inputs := self._list_due(now_ns, is_over=is_over):
+                return due_inputs
+            if is_over:
                 return []
+
+    def _list_due(self, now_ns: int, *, is_over: bool) -> list[Input]:
+        """Return what time alone leads to: a repeated key, a settled field, or motion that waited or a step needs."""
+        if repeats := self._edit_field(self._repeater.repeats(now_ns)):
+            return repeats
+        if self._field.due_ns is not None and now_ns >= self._field.due_ns:
+            return self._field.settle(now_ns)
+        return self._mouse_motion.report(now_ns, is_needed=is_over)
 
     def _edit_field(self, arrived: Sequence[Input]) -> list[Input]:
         """Apply inputs to the field on the screen, and show the field; return the inputs that are for the session."""
@@ -412,13 +421,14 @@ class BlockingWindow(Window):
         if not self._focused:
             return []
         motion_px = {"mouse_x": right_px, "mouse_y": down_px}
-        return [AxisChanged(t_ns, axis, float(motion_px[axis])) for axis in self._mouse_axes if motion_px[axis]]
+        return self._mouse_motion.add({axis: motion_px[axis] for axis in self._mouse_axes}, t_ns)
 
     def _focus(self, t_ns: int, focused: bool) -> list[Input]:
         """Convert a focus event to inputs; repeated events of the same kind are ignored."""
         if focused == self._focused:
             return []
         self._focused = focused
+        self._mouse_motion.forget()
         if focused:
             presses = [self._key(True, key, "", t_ns, "held_before_focus") for key in self._find_held_keys()]
             return [FocusChanged(t_ns, True), *chain.from_iterable(presses)]

@@ -31,7 +31,7 @@ from minihuman.worlds.picture_hash import hash_picture
 from minihuman.worlds.pose import Pose
 
 if TYPE_CHECKING:
-    from minihuman.experiment.machine.bindings import Bindings, SpotBinding
+    from minihuman.experiment.machine.bindings import AxisBinding, Bindings, SpotBinding
     from minihuman.worlds.adapters.spaces import Action, ActionVector
     from minihuman.worlds.adapters.world import World  # imports Gymnasium, which reading a log does not need
 
@@ -154,6 +154,16 @@ class RunningEpisode:
     def repeats_held(self) -> bool:
         """Return whether a held key repeats its action at every tick."""
         return self.plan.hold == "repeat"
+
+    @property
+    def axis_bindings(self) -> "Mapping[str, AxisBinding]":
+        """Return the axes that move components of the action."""
+        return self._bindings.axes if self._bindings else {}
+
+    @property
+    def held_inputs(self) -> tuple[tuple[str, ...], tuple[str, ...], dict[str, float]]:
+        """Return the keys that are down, those pressed since the last tick, each the latest last, and the axes."""
+        return tuple(self._keys_down), tuple(self._pressed), dict(self._axes)
 
     def action_of(self, key: str) -> int | None:
         """Return the action number of a key; None if the key has no action."""

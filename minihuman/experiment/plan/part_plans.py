@@ -300,10 +300,10 @@ def _computed_by(block: BlockSpec) -> ComputedBy:
         return block.computed
     if not find_kind(block.kind).is_plain_play:
         return "server"
-    if block.hold != "once" or block.design is not None:  # only the server combines held keys and asks designs
+    if block.design is not None:  # only the server asks designs
         return "server"
-    is_grid = is_compiled_grid(block.world, block.options) and block.view != "text"
     is_view_from_inside = is_first_person(block.world) and block.view != "full"
+    is_grid = is_compiled_grid(block.world, block.options) and block.view != "text" and block.hold == "once"
     return "page" if is_grid or is_view_from_inside else "server"
 
 

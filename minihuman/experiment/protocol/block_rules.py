@@ -196,8 +196,6 @@ def _check_page_computation(block: BlockSpec) -> Iterator[FieldError]:
         yield "computed", f"is 'page' for a {block.kind} block; a page computes play alone: use 'server'"
     if block.view == "text":
         yield "computed", "is 'page', but view is 'text', which a page does not draw: use 'server'"
-    if block.hold == "repeat":
-        yield "computed", "is 'page', but held keys repeat: a page does not compute them; use 'server'"
     if block.design is not None:
         yield "computed", "is 'page', but a design resolves each episode on the server; use 'server'"
 

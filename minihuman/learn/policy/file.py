@@ -25,7 +25,7 @@ from minihuman.learn.policy.network import (
     Policy,
     build_policy,
 )
-from minihuman.learn.policy.observation import ObservationEncoder
+from minihuman.learn.policy.observation import ObservationEncoder, make_image_space
 from minihuman.storage.durable_files import UNFINISHED_SUFFIX, replace_durably
 
 FORMAT = 1
@@ -41,7 +41,7 @@ class PolicyCard:
 
     world: str  # a Gymnasium id
     world_options: dict[str, Any]
-    action_names: tuple[str, ...]  # by the policy's action number
+    action_names: tuple[str, ...]  # by the policy's action number, or of an action's components
     image_shape: tuple[int, int, int]  # channels, height, width
     eyesight: ObservationEncoder
     eyes: EncoderName
@@ -52,6 +52,7 @@ class PolicyCard:
     other_worlds: tuple[str, ...] = ()  # in which it was trained, too
     memory: bool = False  # whether it remembers an episode's steps
     hidden: tuple[int, ...] = (64, 64)  # sizes of the actor's and the critic's layers
+    is_continuous: bool = False  # actions are vectors from a Gaussian
 
     @property
     def worlds(self) -> tuple[str, ...]:
@@ -61,7 +62,7 @@ class PolicyCard:
     @property
     def observation_space(self) -> spaces.Dict:
         """The observation space of the policy's network."""
-        image = spaces.Box(0, 255, self.image_shape, np.uint8)
+        image = make_image_space(self.image_shape)
         if not self.eyesight.missions:
             return spaces.Dict({"image": image})
         return spaces.Dict({"image": image, "mission": spaces.Box(0, 1, (9,), np.float32)})
@@ -93,7 +94,12 @@ def load_policy(path: Path) -> tuple[Policy, PolicyCard]:
     try:
         if (problem := _find_misfit(card, weights)) is None:
             policy = build_policy(
-                card.observation_space, len(card.action_names), card.eyes, memory=card.memory, hidden=card.hidden
+                card.observation_space,
+                len(card.action_names),
+                card.eyes,
+                memory=card.memory,
+                hidden=card.hidden,
+                initial_std=1.0 if card.is_continuous else None,  # the file has its own
             )
             policy.load_state_dict(weights)
             policy.set_training_mode(False)
@@ -125,6 +131,8 @@ def _find_misfit(card: PolicyCard, weights: Any) -> str | None:
         extractor = MissionImageExtractor(card.observation_space, card.eyes).state_dict()
     shapes = {f"features_extractor.{name}": tuple(value.shape) for name, value in extractor.items()}
     shapes[f"{ACTOR_HEAD}bias"] = (len(card.action_names),)
+    if card.is_continuous:
+        shapes["log_std"] = (len(card.action_names),)
     for name, shape in shapes.items():
         if name not in weights:
             return f"{name} is absent, not {shape}"

@@ -65,7 +65,7 @@ class ObservationEncoder:
         Raises:
             LearnError: if the world has no image, or is not a grid although the sight is the whole grid.
         """
-        image = spaces.Box(0, 255, self._image_shape(world), np.uint8)
+        image = make_image_space(self._image_shape(world))
         if not self.missions:
             return spaces.Dict({"image": image})
         return spaces.Dict({"image": image, "mission": spaces.Box(0, 1, (len(COLOURS) + len(KINDS),), np.float32)})
@@ -93,6 +93,8 @@ class ObservationEncoder:
                 image = raw["image"]
             else:
                 image = raw
+        if image.ndim == 1:
+            image = image[None, None]
         if self.spreads(world, raw):
             image = image * np.array(SPREAD, np.uint8)
         observation: Observation = {"image": np.ascontiguousarray(np.moveaxis(image, -1, 0))}
@@ -122,15 +124,24 @@ class ObservationEncoder:
         else:
             picture = inner
         shape = picture.shape if isinstance(picture, spaces.Box) else ()
+        if isinstance(picture, spaces.Box) and len(shape) == 1 and picture.dtype == np.float32:
+            return shape[0], 1, 1
         has_planes = hasattr(world, "team")  # a kitchen's, of any number
         has_channels = len(shape) == 3 and (shape[-1] == _CHANNELS or has_planes)
         if not has_channels:
             raise LearnError(
                 f"{world} has the observation space {inner}; choose a world whose observations contain an image with "
-                "three channels"
+                "three channels, or are one vector of float32"
             )
         height, width, channels = shape
         return channels, height, width
+
+
+def make_image_space(shape: tuple[int, int, int]) -> spaces.Box:
+    """Return the space of images of a shape (channels, height, width); an image of one pixel is a vector of float32."""
+    if shape[1:] == (1, 1):
+        return spaces.Box(-np.inf, np.inf, shape, np.float32)
+    return spaces.Box(0, 255, shape, np.uint8)
 
 
 def get_image_shape(space: spaces.Dict) -> tuple[int, int, int]:

@@ -110,7 +110,12 @@ class PolicyAgent(BaseAgent):
 
 
 def _require_world(path: Path, card: PolicyCard, plan: EpisodePlan, world: World) -> None:
-    """Refuse a policy that was trained in another world, or with options that give other observations."""
+    """Refuse a policy of another world or of continuous actions, or with options that give other observations."""
+    if card.is_continuous:
+        raise LearnError(
+            f"{path} has continuous actions; agents and simulated participants of a study choose numbered actions: "
+            "train a policy in the world with control = 'discrete', or measure this one by `minihuman learn ppo`"
+        )
     if plan.world not in card.worlds:
         raise LearnError(
             f"{path} was trained in {', '.join(card.worlds)}, but block {plan.block_name!r} plays {plan.world}; use "

@@ -1,9 +1,10 @@
 // Episodes that the page computes: scenes that are stepped and drawn here, by the server's own compiled rules, the moment
 // a key asks for them. The server compares every step by its digest, and says where it is if that is elsewhere.
 
+import { combineElements } from "./held.js";
 import { FirstPersonWorld, GridWorld, Kernels, Scene } from "./world.js";
 
-/** @import { ArraysMessage, FirstPersonState, GridState, WorldPosition, WorldState } from "./messages" */
+/** @import { ArraysMessage, FirstPersonState, GridState, VectorRules, WorldPosition, WorldState } from "./messages" */
 /** @typedef {Record<string, any>} Arrays by name */
 /**
  * What a state looks like: nothing until what it is drawn with is unpacked.
@@ -51,10 +52,13 @@ export class EpisodeComputer {
     return arrays;
   }
 
-  /** The scenes of an episode. @param {WorldState} state the first @param {number} mostSteps */
-  open(state, mostSteps) {
+  /**
+   * The scenes of an episode. @param {WorldState} state the first @param {number} mostSteps
+   * @param {VectorRules | null} [vectors] where actions are vectors
+   */
+  open(state, mostSteps, vectors = null) {
     const [world, artist] = state.world === "grid" ? this.#openGrid(state) : this.#openFirstPerson(state);
-    return new ComputedScenes(world, artist, mostSteps, state);
+    return new ComputedScenes(world, artist, mostSteps, state, vectors);
   }
 
   /** @param {GridState} state @returns {[GridWorld, Artist]} */
@@ -72,8 +76,8 @@ export class EpisodeComputer {
 
   /** @param {FirstPersonState} state @returns {[FirstPersonWorld, Artist]} */
   #openFirstPerson(state) {
-    const { looks } = state, [walls, rooms, edges] = [state.walls, state.rooms, state.edges].map(decodeFloats);
-    const world = new FirstPersonWorld(this.firstPerson, { ...decodeState(state), walls, rooms, edges, looks });
+    const { looks, n_actions, uses } = state, [walls, rooms, edges] = [state.walls, state.rooms, state.edges].map(decodeFloats);
+    const world = new FirstPersonWorld(this.firstPerson, { ...decodeState(state), walls, rooms, edges, looks, n_actions, uses });
     const unpacked = this.#sceneOf(state);
     /** @type {Scene | null} */ let scene = null;
     unpacked.then((built) => { scene = built; });
@@ -110,7 +114,7 @@ export class EpisodeComputer {
  * @property {number} reward of that step
  * @property {number} ends whether the episode is over: 1 where the world ended it, 2 where a limit did
  * @property {number} picture none of the server's
- * @property {{ get(action: number | null | undefined): [scene: number, ends: boolean] | undefined, has(): boolean }} edges
+ * @property {{ get(action: number | number[] | null | undefined): [scene: number, ends: boolean] | undefined, has(): boolean }} edges
  */
 
 /** The scenes of an episode, as a graph whose edges are computed when they are asked for. */
@@ -119,9 +123,13 @@ export class ComputedScenes {
   #next = 0;
   start = { step: 0, scene: 0 }; // where the server said that it was
 
-  /** @param {World} world @param {Artist} artist @param {number} mostSteps @param {WorldState} state */
-  constructor(world, artist, mostSteps, state) {
+  /**
+   * @param {World} world @param {Artist} artist @param {number} mostSteps @param {WorldState} state
+   * @param {VectorRules | null} [vectors] where actions are vectors
+   */
+  constructor(world, artist, mostSteps, state, vectors = null) {
     this.world = world;
+    this.vectors = vectors;
     this.artist = artist;
     this.mostSteps = mostSteps;
     this.place(state);
@@ -154,13 +162,14 @@ export class ComputedScenes {
   /** @param {any} saved @param {number} step @param {{ digest: string, reward: number, ends: number }} outcome */
   #add(saved, step, outcome) {
     const name = this.#next++;
-    /** @type {Map<number, [number, boolean]>} */ const edges = new Map();
+    /** @type {Map<string, [number, boolean]>} */ const edges = new Map();
     /** @type {ComputedScene} */
     const scene = { saved, step, ...outcome, picture: -1, edges: {
       get: (action) => {
-        if (typeof action !== "number") return undefined;
-        const edge = edges.get(action) ?? this.#step(scene, action);
-        if (edge) edges.set(action, edge);
+        if (action === null || action === undefined) return undefined;
+        const taken = this.vectors && typeof action === "number" ? combineElements(this.vectors, [action]) : action;
+        const edge = edges.get(`${taken}`) ?? this.#step(scene, taken);
+        if (edge) edges.set(`${taken}`, edge);
         return edge;
       },
       has: () => true,
@@ -169,11 +178,11 @@ export class ComputedScenes {
     return name;
   }
 
-  /** @param {ComputedScene} scene @param {number} action @returns {[scene: number, ends: boolean] | undefined} */
+  /** @param {ComputedScene} scene @param {number | number[]} action @returns {[scene: number, ends: boolean] | undefined} */
   #step(scene, action) {
     const { world } = this;
     world.restore(scene.saved);
-    const { status, reward } = world.step(action);
+    const { status, reward } = world.step(/** @type {any} */ (action));
     if (status < 0) return undefined;
     const step = scene.step + 1;
     const isTruncated = status & TRUNCATED || step >= this.mostSteps;

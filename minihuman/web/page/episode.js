@@ -3,6 +3,7 @@
 
 import { ComputedScenes } from "./computed.js";
 import { capOf, el, fit, paint, words } from "./elements.js";
+import { HeldInputs } from "./held.js";
 import { isFlat } from "./pictures.js";
 import { UNTIMED } from "./stream.js";
 
@@ -10,7 +11,7 @@ import { UNTIMED } from "./stream.js";
 /** @import { AgentControl, EpisodeRules, EpisodeState, LookAheadUpdate, PageMessage, PlayValues, StateCorrection, Texts } from "./messages" */
 /** @import { FlipReporter, ImageCache, Picture } from "./pictures.js" */
 /** @import { Outbox } from "./stream.js" */
-/** @typedef {number | null | undefined} Action null: none; undefined: one that is not known */
+/** @typedef {number | number[] | null | undefined} Action a number, or a vector; null: none; undefined: one that is not known */
 /** @typedef {{ get(action: Action): [scene: number, ends: boolean] | undefined, has(action: Action): boolean }} Edges */
 /** @typedef {{ picture: number, edges: Edges }} Scene */
 /** @typedef {{ picture: number, edges: Map<Action, [scene: number, ends: boolean]> }} SentScene */
@@ -83,6 +84,7 @@ export class EpisodePlayer {
   #ratedAt = -Infinity;
   /** @type {{ play: Play, step: number, saved: any } | null} the scene that was drawn last */ #drawn = null;
   /** @type {EpisodeComputer | null} */ computer = null;
+  held = new HeldInputs();
 
   /**
    * @param {Outbox} outbox @param {ImageCache} images @param {FlipReporter} flips @param {() => void} schedule
@@ -130,7 +132,7 @@ export class EpisodePlayer {
     for (const number of [...this.#graphs.keys()]) if (number < m.episode) this.#graphs.delete(number);
     const graph = this.#graphOf(m.episode);
     graph.rules = m;
-    if (m.computed && this.computer) graph.scenes = this.computer.open(m.computed, m.most_steps);
+    if (m.computed && this.computer) graph.scenes = this.computer.open(m.computed, m.most_steps, m.vectors);
     this.#agents.clear(); // whether one plays is told when it begins
   }
 
@@ -153,6 +155,10 @@ export class EpisodePlayer {
     const { scenes } = this.#graphOf(m.episode);
     if (scenes instanceof Map) return;
     scenes.place(m.state);
+    if (m.inputs) {
+      this.held.restore(m.inputs);
+      for (const { n, what } of this.outbox.list()) if (n > m.through) this.held.take(what);
+    }
     if (this.play?.number !== m.episode) return;
     this.play.confirmed = { ...scenes.start };
     this.play.trail = this.play.trail.filter((press) => press.n > m.through);
@@ -220,6 +226,7 @@ export class EpisodePlayer {
       number, rules, confirmed: null, trail: [], asked: [], pace: 0, step: -1, scene: -1, ended: false, known: false, frozen: 0,
       nextTick: null, queued: null, drawn: "", agent: this.#agents.get(number), who: "", agentDue: null, flipped: null,
     };
+    this.held.drop();
     for (const message of this.outbox.list()) if (message.n > through && message.at > this.taken()) this.#learnSent(play, message);
     return this.play = play;
   }
@@ -246,8 +253,14 @@ export class EpisodePlayer {
   #learnPress(play, n, { key, repeat }) {
     const { rules } = play, action = rules.actions[key];
     if (action === undefined) return;
-    if (rules.real_time) { if (!repeat) play.queued = action; }
+    if (rules.real_time) { if (!repeat) this.#queue(play, key, action); }
     else if (!play.frozen && (!repeat || rules.auto_repeat)) play.trail.push({ n, action });
+  }
+
+  /** @param {Play} play @param {string} key @param {number} action */
+  #queue(play, key, action) {
+    if (play.rules.combines) this.held.press(key);
+    else play.queued = action;
   }
 
   // ---- the picture
@@ -392,13 +405,17 @@ export class EpisodePlayer {
   #isTickDue({ nextTick }, at) { return nextTick !== null && at >= nextTick; }
 
   // Periods that were missed altogether are skipped, as by the session.
-  /** @param {Play} play @param {number} at @returns {number | null} */
+  /** @param {Play} play @param {number} at @returns {number | number[] | null} */
   #takeTick(play, at) {
-    const { rules: { period, noop }, nextTick, queued } = play;
+    const { rules: { period }, nextTick } = play, action = this.#tickAction(play);
     if (nextTick !== null) play.nextTick = nextTick + period * (Math.floor((at - nextTick) / period) + 1);
     play.queued = null;
-    return queued ?? noop;
+    if (play.rules.combines) this.held.drop();
+    return action;
   }
+
+  /** What the step does that time makes next. @param {Play} play @returns {number | number[] | null} */
+  #tickAction({ rules, queued }) { return rules.combines ? this.held.combine(rules) : queued ?? rules.noop; }
 
   /** @param {Play} play */
   #computed(play) {
@@ -413,7 +430,7 @@ export class EpisodePlayer {
   computeTick(now, due) {
     const play = this.play;
     if (!play?.confirmed || play.frozen || play.ended || !this.#isTickDue(play, now)) return undefined;
-    const scenes = this.#computed(play), action = play.queued ?? play.rules.noop;
+    const scenes = this.#computed(play), action = this.#tickAction(play);
     if (!scenes || (due !== null && now >= due)) return undefined;
     if (action === null) {
       this.#takeTick(play, now); // no step, so that nobody need be told
@@ -462,6 +479,7 @@ export class EpisodePlayer {
   /** @param {number} n a message that the session stops for */
   freeze(n) {
     if (this.play) Object.assign(this.play, { frozen: n, nextTick: null, queued: null, agentDue: null });
+    this.held.drop();
   }
 
   /**
@@ -479,7 +497,7 @@ export class EpisodePlayer {
     if (team && (isRepeat || (team === "turns" && trailOf(play).length))) return;
     if (team) this.view.acknowledgePress();
     if (team === "ticks") return; // the server's step shows it
-    if (play.rules.real_time) play.queued = action;
+    if (play.rules.real_time) this.#queue(play, key, action);
     else this.#step(play, { n, action });
   }
 

@@ -273,6 +273,8 @@ export interface EpisodeRules {
   computed: GridState | FirstPersonState | null;
   motion: number;
   team: "" | "turns" | "ticks";
+  vectors: VectorRules | null;
+  combines: HeldRules | null;
 }
 
 /** A grid world's state, from which the page computes the steps that follow. */
@@ -301,6 +303,24 @@ export interface FirstPersonState {
   scene: string;
   textures: string[];
   size: [number, number];
+  n_actions: number;
+  uses: number[];
+}
+
+/** How named actions and axes make a vector, as `VectorActions` does. */
+export interface VectorRules {
+  elements: [number, number][];
+  rest: number[];
+  low: number[];
+  high: number[];
+  adds: boolean[];
+  whole: boolean[];
+}
+
+/** How keys that are held and axes combine in the step that time makes. */
+export interface HeldRules {
+  axes: Record<string, [number, number]>;
+  chords: [number[], number][];
 }
 
 /** The session's position in an episode that the page computes, from which the page may have diverged. */
@@ -309,6 +329,14 @@ export interface StateCorrection {
   through: number;
   episode: number;
   state: WorldPosition;
+  inputs: HeldInputs | null;
+}
+
+/** What the session knows to be held. */
+export interface HeldInputs {
+  down: string[];
+  pressed: string[];
+  axes: Record<string, number>;
 }
 
 /** The controls of an episode that an agent plays: the effects of keys and time, and the texts below the picture. */

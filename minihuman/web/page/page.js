@@ -175,6 +175,7 @@ class Page {
       return this.#send(what, canWait);
     }
     const n = this.#outbox.add(what, canWait ? this.#player.isComputed && this.#due === null ? COMPUTED_WAIT_MS : WAIT_MS : 0, now);
+    if (n) this.#player.held.take(what);
     if (n && !UNTIMED.has(what.t)) {
       const at = this.#outbox.state.last;
       this.#player.passTime(n, at, what.t, this.#due);

@@ -246,12 +246,21 @@ export class Picture {
 /**
  * A first-person episode's first state: the arrays of the server's `step`, and how many things its scene is made of.
  * @typedef {{ things: Float64Array, numbers: Float64Array, walls: Float64Array, words: BigUint64Array, rooms: Float64Array,
- * edges: Float64Array, looks: number }} FirstPersonStart
+ * edges: Float64Array, looks: number, n_actions?: number, uses?: number[] }} FirstPersonStart of `n_actions` actions that `step` does;
+ * what else there is are steps sideways, or vectors, whose last component may be which of `uses` the hands do
  */
 /** @typedef {{ things: Float64Array, numbers: Float64Array, words: BigUint64Array }} FirstPersonSave */
 
 const COLUMNS = 9, ROOM_COLUMNS = 7, EDGE_COLUMNS = 4, PLACE_COLUMNS = 6, THING_COLUMNS = 15;
 const VIEW_SIZE = 40, MEMORY = 36, SPANS = 43;
+const COMMAND = 3, RESOLUTION = 1024; // components of a command to the body, and the parts of 1 to which they are rounded
+
+/** The nearest whole number, the even one of two, as NumPy has it. @param {number} value */
+export function roundHalfEven(value) {
+  const low = Math.floor(value), part = value - low;
+  const rounded = part < 0.5 || (part === 0.5 && low % 2 === 0) ? low : low + 1;
+  return rounded === 0 && (value < 0 || Object.is(value, -0)) ? -0 : rounded;
+}
 
 /** A first-person world in an episode, without its pictures. The module's whole memory is its own. */
 export class FirstPersonWorld {
@@ -261,14 +270,19 @@ export class FirstPersonWorld {
     /** @param {Float64Array} rows @param {number} columns */
     const table = (rows, columns) => kernels.array("float64", [rows.length / columns, columns], rows);
     this.kernels = kernels;
+    this.actionCount = start.n_actions ?? Infinity;
+    this.uses = start.uses ?? [];
     this.things = table(start.things, COLUMNS);
     this.numbers = kernels.array("float64", [start.numbers.length], start.numbers);
     this.words = kernels.array("uint64", [start.words.length], start.words);
     this.places = kernels.array("float64", [start.looks, PLACE_COLUMNS]);
     this.view = kernels.array("float64", [VIEW_SIZE]);
     this.outcome = kernels.array("uint64", [2]);
-    this.stepped = kernels.bind("step", this.things, this.numbers, table(start.walls, 4), this.words,
-      table(start.rooms, ROOM_COLUMNS), table(start.edges, EDGE_COLUMNS));
+    this.command = kernels.array("float64", [COMMAND]);
+    const state = [this.things, this.numbers, table(start.walls, 4), this.words, table(start.rooms, ROOM_COLUMNS),
+      table(start.edges, EDGE_COLUMNS)];
+    this.stepped = kernels.bind("step", ...state);
+    this.steppedFreely = kernels.bind("step_freely", ...state, this.command);
     this.digested = kernels.bind("digest_state", this.things, this.numbers, this.words, this.outcome);
   }
 
@@ -284,10 +298,21 @@ export class FirstPersonWorld {
     this.words.data.set(words);
   }
 
-  /** The status, bit 0 for an end and bit 1 for the step limit. @param {number} action */
+  /** The status, bit 0 for an end and bit 1 for the step limit. @param {number | number[]} action its number, or a vector */
   step(action) {
-    const status = this.stepped.call(action) & 3;
+    const isKernels = typeof action === "number" && action < this.actionCount;
+    const status = (isKernels ? this.stepped.call(action) : this.#stepFreely(action)) & 3;
     return { status, reward: /** @type {number} */ (this.numbers.data[NUMBERS_REWARD]) };
+  }
+
+  /** @param {number | number[]} action a step sideways, or speed, turn, perhaps strafe, and perhaps what the hands do */
+  #stepFreely(action) {
+    const vector = typeof action === "number" ? [0, 0, action === this.actionCount ? -1 : 1] : action;
+    const moves = this.uses.length ? vector.slice(0, -1) : vector;
+    this.command.data.fill(0);
+    this.command.data.set(moves.map((component) => roundHalfEven(component * RESOLUTION) / RESOLUTION));
+    const use = this.uses.length ? vector[vector.length - 1] : 0;
+    return this.steppedFreely.call(use ? this.uses[use - 1] : -1);
   }
 
   /** As `GridWorld.digest`. @param {number} reward @param {number} ends */

@@ -43,5 +43,7 @@ def _list_plan_obstacles(plan: SessionPlan) -> Iterator[str]:
     for episode in plan.episodes:
         if episode.pace != "on_key":
             yield f"block {episode.block_name!r} has pace {episode.pace!r}, and a site's blocks are played on_key"
+        if episode.options.get("control", "discrete") != "discrete":
+            yield f"block {episode.block_name!r} has free motion, and a site's worlds have the eight actions"
         if episode.response_deadline_ms:
             yield f"block {episode.block_name!r} has a response deadline"

@@ -18,7 +18,7 @@ from minihuman.worlds.adapters.spaces import Action
 from minihuman.worlds.adapters.transition import StepResult
 from minihuman.worlds.adapters.world import World
 from minihuman.worlds.first_person.page_scene import copy_state
-from minihuman.worlds.first_person.rules import digest_state
+from minihuman.worlds.first_person.state_digest import digest_state
 from minihuman.worlds.grid.engine import GridEngine
 from minihuman.worlds.step_digest import digest_step
 

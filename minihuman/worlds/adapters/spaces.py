@@ -126,6 +126,26 @@ class VectorActions:
         self.names = (REST, *(element.name for element in self._elements), CHORD)
 
     @property
+    def elements(self) -> tuple[ActionElement, ...]:
+        """Return what each action from number 1 moves."""
+        return self._elements
+
+    @property
+    def bounds(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """Return the lowest and the highest value of each component."""
+        return tuple(self._low.tolist()), tuple(self._high.tolist())
+
+    @property
+    def adds(self) -> tuple[bool, ...]:
+        """Return for each component whether opposite directions cancel each other."""
+        return tuple(self._adds)
+
+    @property
+    def is_whole(self) -> tuple[bool, ...]:
+        """Return for each component whether it takes whole numbers alone."""
+        return tuple(self._is_integral)
+
+    @property
     def unbound(self) -> int:
         """Return the number of components that no element moves, and that stay at rest."""
         return len(self.rest) - len({element.component for element in self._elements})

@@ -12,11 +12,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from minihuman.worlds.first_person.motion_kernels import step_freely
 from minihuman.worlds.first_person.render.draw_buffers import size_of
 from minihuman.worlds.first_person.render.shading import colour
 from minihuman.worlds.first_person.render.texture import fill_sizes
 from minihuman.worlds.first_person.render.visibility import cover
-from minihuman.worlds.first_person.rules import digest_state, look, step
+from minihuman.worlds.first_person.rules import look, step
+from minihuman.worlds.first_person.state_digest import digest_state
 from minihuman.worlds.grid.babyai.verifier import step_instructed
 from minihuman.worlds.grid.core.view import see
 from minihuman.worlds.grid.pictures.drawing import draw_cells
@@ -47,6 +49,7 @@ EXPORTS: Mapping[str, Mapping[str, Callable[..., Any]]] = {
     },
     "first_person": {
         "step": step,
+        "step_freely": step_freely,
         "look": look,
         "digest_state": digest_state,
         "fill_sizes": fill_sizes,

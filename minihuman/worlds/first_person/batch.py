@@ -17,14 +17,34 @@ from gymnasium.vector.utils import batch_space, concatenate, create_empty_array,
 from numpy.typing import ArrayLike, NDArray
 
 from minihuman.errors import WorldError
-from minihuman.worlds.first_person.batch_kernels import AFTER, EARNED, HEADING, OWN_SIZE, ROW_SIZE, act_together
+from minihuman.worlds.first_person.batch_kernels import (
+    AFTER,
+    EARNED,
+    HEADING,
+    NOTHING,
+    OWN_SIZE,
+    ROW_SIZE,
+    SKIPPED,
+    USE,
+    act_together,
+    move_together,
+)
 from minihuman.worlds.first_person.entities import LATEST_CHANGE
 from minihuman.worlds.first_person.env import FirstPersonEnv
+from minihuman.worlds.first_person.motion_kernels import COMMAND_SIZE, COMMAND_TURN, RADIANS
 from minihuman.worlds.first_person.parameter_names import read_parameters
 from minihuman.worlds.first_person.render.drawing import RenderTarget, turn
 from minihuman.worlds.first_person.render.rasterisation import ROOM
 from minihuman.worlds.first_person.render.render_pool import RenderPool, addresses
-from minihuman.worlds.first_person.rules import MOVED, TERMINATED, TRUNCATED, TURN_LEFT, TURN_RIGHT
+from minihuman.worlds.first_person.rules import (
+    MOVED,
+    TERMINATED,
+    TRUNCATED,
+    TURN_DEG,
+    TURN_LEFT,
+    TURN_RIGHT,
+    VELOCITY,
+)
 from minihuman.worlds.first_person.snapshot import FirstPersonSnapshot
 from minihuman.worlds.options import BatchSeeds, seeds_per_world
 from minihuman.worlds.shared_work import helper_threads
@@ -91,8 +111,11 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
         own = kind.observe is not FirstPersonEnv.observe or kind.see is not FirstPersonEnv.see
         self._draws_together = num_envs > 1 and not own
         stepped = kind.advance is FirstPersonEnv.advance and first.kernels_judge and not first.domain_rand
-        stepped = stepped and first.control == "discrete"
-        self._joint = JointStep(self.worlds) if self._draws_together and stepped else None
+        self._joint: JointStep | None = None
+        if self._draws_together and stepped and first.control == "discrete":
+            self._joint = JointStep(self.worlds)
+        elif self._draws_together and stepped and first.control != "discrete-strafe" and not _turns_by_hand(first):
+            self._joint = JointMotion(self.worlds)
 
     @property  # type: ignore[misc]  # Gymnasium's can be set; Gymnasium's own vectors give one per world too
     def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
@@ -132,17 +155,13 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
         joint = self._joint
         if joint is not None and not joint.is_current():
             joint = None
-        action_array: Any
-        if isinstance(self.single_action_space, gymnasium.spaces.Discrete):
-            action_array = self._check_actions(actions, one_by_one=joint is None)
-        else:
-            action_array = self._check_continuous_actions(actions)
+        action_array = self._read_actions(actions, one_by_one=joint is None)
         again = self._autoreset is AutoresetMode.SAME_STEP
         renewed = self._over & (self._autoreset is AutoresetMode.NEXT_STEP)
         rewards = np.zeros(self.num_envs)
         statuses = np.full(self.num_envs, -1)
         if joint is not None:
-            joint.step(np.where(renewed, -1, action_array.astype(np.int64)), rewards, statuses)
+            joint.step(action_array, renewed, rewards, statuses)
         stepped = statuses >= 0
         ends = [stepped & (statuses & part != 0) for part in (TERMINATED, TRUNCATED)]
         other = np.flatnonzero(statuses & ~MOVED).tolist()  # than a move: those that Python has to do something about
@@ -162,6 +181,18 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
         over = ends[0] | ends[1]
         self._over = np.zeros_like(over) if again else over
         return observations, rewards, *ends, infos | self._final(final)
+
+    def _read_actions(self, actions: Any, *, one_by_one: bool) -> Any:
+        """Return the worlds' actions after checking them: numbers, commands, or each world's own.
+
+        Raises:
+            WorldError: in the same cases as `step`.
+        """
+        if isinstance(self.single_action_space, gymnasium.spaces.Discrete):
+            return self._check_actions(actions, one_by_one=one_by_one)
+        if one_by_one:
+            return self._check_continuous_actions(actions)
+        return self._read_commands(actions)
 
     def _check_actions(self, actions: ArrayLike, *, one_by_one: bool) -> NDArray[Any]:
         """Return the actions as an array after checking them; if ``one_by_one``, every world checks its own action.
@@ -195,6 +226,25 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
             world.check(action)
         self._require_running()
         return separate
+
+    def _read_commands(self, actions: Any) -> NDArray[np.float64]:
+        """Return the command of each world, float64[n, COMMAND_SIZE + 1], as `move_together` takes it.
+
+        Raises:
+            WorldError: in the same cases as `step`.
+        """
+        first = self.worlds[0]
+        assert first._continuous is not None
+        read_actions = first._continuous.read_all(actions, self.num_envs)
+        if read_actions is None:
+            self._check_continuous_actions(actions)
+            raise WorldError(f"the actions are not in {self.action_space}; give one for each world")
+        self._require_running()
+        components, uses = read_actions
+        commands = np.zeros((self.num_envs, COMMAND_SIZE + 1))
+        commands[:, : components.shape[1]] = components
+        commands[:, USE] = np.array((NOTHING, *first.use_actions))[uses]
+        return commands
 
     def _require_running(self) -> None:
         """Check that no episode is over, where worlds do not begin anew by themselves.
@@ -310,17 +360,21 @@ class JointStep:
         """Return whether nothing else has changed the worlds since their views were aimed."""
         return self._latest == LATEST_CHANGE[0] and self._counts == self._count()
 
-    def step(self, actions: NDArray[np.int64], rewards: NDArray[np.float64], statuses: NDArray[np.int64]) -> None:
-        """Step every world whose action is not -1; write each world's reward, and its status as in `rules.act`."""
+    def step(
+        self,
+        actions: NDArray[Any],
+        skipped: NDArray[np.bool_],
+        rewards: NDArray[np.float64],
+        statuses: NDArray[np.int64],
+    ) -> None:
+        """Step every world that is not skipped; write each world's reward, and its status as in `rules.act` or -1."""
         self._latest = -1  # until all are aimed
         own = self._own
         scored = bool(self._flats[0].score)
         for flat, world in zip(self._flats, self._worlds, strict=True) if scored else ():
             flat.count(world)
-        headings = own[:, HEADING] + self._turns_rad[self._all, actions]
-        own[:, AFTER:EARNED] = list(map(turn, headings.tolist(), self._trigs))
-        act_together(self._rows, actions, own, statuses)
-        rewards[:] = np.where(actions < 0, 0.0, own[:, EARNED])
+        self._act(actions, skipped, statuses)
+        rewards[:] = np.where(skipped, 0.0, own[:, EARNED])
         outcomes = zip(
             self._worlds, self._flats, self._agents, own[:, : HEADING + 1].tolist(), statuses.tolist(), strict=True
         )
@@ -331,6 +385,16 @@ class JointStep:
                 agent["dir"] = heading
                 if scored or status & _MORE:
                     flat.take(world, status)
+
+    def _act(self, actions: NDArray[Any], skipped: NDArray[np.bool_], statuses: NDArray[np.int64]) -> None:
+        """Do the worlds' actions in the kernels' arrays; write the statuses."""
+        numbers = np.where(skipped, -1, actions.astype(np.int64))
+        self._turn_to(self._own[:, HEADING] + self._turns_rad[self._all, numbers])
+        act_together(self._rows, numbers, self._own, statuses)
+
+    def _turn_to(self, headings: NDArray[np.float64]) -> None:
+        """Compute the sines of the headings after a turn."""
+        self._own[:, AFTER:EARNED] = list(map(turn, headings.tolist(), self._trigs))
 
     def aim_targets(self, changed: Sequence[int]) -> list[RenderTarget]:
         """Return the render targets of all worlds.
@@ -359,6 +423,30 @@ class JointStep:
     def _count(self) -> tuple[list[int], int]:
         stages = [world._stage for world in self._worlds]
         return [world.step_count for world in self._worlds], sum(len(stage.entities) for stage in stages if stage)
+
+
+class JointMotion(JointStep):
+    """A joint step of worlds with continuous actions, of which each has a command."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return JointMotion, (self._worlds,)
+
+    def _act(self, actions: NDArray[Any], skipped: NDArray[np.bool_], statuses: NDArray[np.int64]) -> None:
+        """Do the worlds' commands in the kernels' arrays; write the statuses."""
+        commands = actions.copy()
+        commands[skipped, USE] = SKIPPED
+        widest_rad = np.array([flat.numbers[TURN_DEG] for flat in self._flats]) * RADIANS
+        self._turn_to(self._own[:, HEADING] + commands[:, COMMAND_TURN] * widest_rad)
+        move_together(self._rows, commands, self._own, statuses)
+        if self._worlds[0].acceleration:
+            for world, flat in zip(self._worlds, self._flats, strict=True):
+                vars(world)["velocity"] = tuple(flat.numbers[VELOCITY : VELOCITY + 2].tolist())
+
+
+def _turns_by_hand(world: FirstPersonEnv) -> bool:
+    """Return whether a world has an action of the hands that turns the body, under a name of its own."""
+    names = (world.motions.get(world.kernel_actions[number], "") for number in world.use_actions)
+    return any(name in ("turn_left", "turn_right") for name in names)
 
 
 _MORE = ~(MOVED | TERMINATED | TRUNCATED)  # of what came of a step

@@ -3,12 +3,14 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from minihuman.worlds.first_person.motion_kernels import COMMAND_SIZE, move_freely
 from minihuman.worlds.first_person.render.kernel_tables import F64, I64
 from minihuman.worlds.first_person.render.rasterisation import ROOM, VIEW_SIZE
 from minihuman.worlds.first_person.rules import (
     ACT,
     AGENT,
     COLUMNS,
+    DIR,
     EYE,
     JUDGE,
     MOVED,
@@ -21,7 +23,7 @@ from minihuman.worlds.first_person.rules import (
     Z,
     act,
 )
-from minihuman.worlds.kernels import array_at, int64, kernel
+from minihuman.worlds.kernels import array_at, device_function, int64, kernel
 
 # The columns of a row: address and length of the arrays of `rules.act`; the address of the view that sees the world,
 # and how many spans of a row there is memory for.
@@ -39,6 +41,10 @@ AFTER = 6
 EARNED = 8
 AHEAD = 9
 OWN_SIZE = 10
+# Of a row of commands: the components of `motion_kernels`, then what the hands do, an action, or one of these
+USE = COMMAND_SIZE
+NOTHING = -1
+SKIPPED = -2  # the world makes no step
 
 _floats_at = array_at(np.float64)
 
@@ -73,19 +79,57 @@ def act_together(rows: I64, actions: NDArray[np.int64], own: F64, statuses: NDAr
         statuses[nth] = status
         if status & MOVED:
             facts[NOW], facts[NOW + 1] = facts[after], facts[after + 1]
-        agent = int(numbers[AGENT])
-        for column in range(HEADING + 1):
-            facts[column] = things[agent, column]
-        facts[EARNED] = numbers[REWARD]
-        view = _floats_at(row[VIEW], VIEW_SIZE)
-        cos_yaw = facts[NOW]
-        sin_yaw = facts[NOW + 1]
-        cos_pitch = view[7]
-        sin_pitch = view[10]
-        ahead_x = facts[AHEAD] * cos_yaw
-        ahead_z = facts[AHEAD] * sin_yaw
-        view[0], view[1], view[2] = facts[X] + ahead_x, facts[Y] + numbers[EYE], facts[Z] - ahead_z
-        view[3], view[5] = sin_yaw, cos_yaw
-        view[6], view[8] = -sin_pitch * cos_yaw, sin_pitch * sin_yaw
-        view[9], view[11] = cos_pitch * cos_yaw, -cos_pitch * sin_yaw
-        view[ROOM] = row[SPANS]
+        _aim(things, numbers, facts, row)
+
+
+@kernel("(int64[:, ::1], float64[:, ::1], float64[:, ::1], int64[::1])", nogil=True)
+def move_together(rows: I64, commands: F64, own: F64, statuses: NDArray[np.int64]) -> None:
+    """Step each world by its command, as `motion_kernels.step_freely` does, and aim its view.
+
+    ``commands`` are (n, COMMAND_SIZE + 1). A world that is skipped gets the status -1. No action of the hands turns the
+    body, or a world is not stepped here.
+    """
+    for nth in range(len(commands)):
+        use = int64(commands[nth, USE])
+        if use == SKIPPED:
+            statuses[nth] = -1
+            continue
+        row = rows[nth]
+        facts = own[nth]
+        things = _floats_at(row[THINGS], row[THINGS + 1]).reshape(row[THINGS + 1] // COLUMNS, COLUMNS)
+        numbers = _floats_at(row[NUMBERS], row[NUMBERS + 1])
+        numbers[STEPS] += 1.0
+        walls = _floats_at(row[WALLS], row[WALLS + 1]).reshape(row[WALLS + 1] // 4, 4)
+        status = move_freely(
+            *(things, numbers, walls, commands[nth]),
+            *(facts[NOW], facts[NOW + 1], facts[AFTER], facts[AFTER + 1]),
+        )
+        if things[int(numbers[AGENT]), DIR] != facts[HEADING]:
+            facts[NOW], facts[NOW + 1] = facts[AFTER], facts[AFTER + 1]
+        cosine = facts[NOW]
+        sine = facts[NOW + 1]
+        if use >= 0:
+            status |= act(things, numbers, walls, cosine, sine, cosine, sine, use, ACT)
+        statuses[nth] = status | act(things, numbers, walls, cosine, sine, cosine, sine, use, JUDGE)
+        _aim(things, numbers, facts, row)
+
+
+@device_function(nogil=True)
+def _aim(things: F64, numbers: NDArray[np.float64], facts: NDArray[np.float64], row: NDArray[np.int64]) -> None:
+    """Copy what a step led to into a world's own numbers, and aim its view."""
+    agent = int(numbers[AGENT])
+    for column in range(HEADING + 1):
+        facts[column] = things[agent, column]
+    facts[EARNED] = numbers[REWARD]
+    view = _floats_at(row[VIEW], VIEW_SIZE)
+    cos_yaw = facts[NOW]
+    sin_yaw = facts[NOW + 1]
+    cos_pitch = view[7]
+    sin_pitch = view[10]
+    ahead_x = facts[AHEAD] * cos_yaw
+    ahead_z = facts[AHEAD] * sin_yaw
+    view[0], view[1], view[2] = facts[X] + ahead_x, facts[Y] + numbers[EYE], facts[Z] - ahead_z
+    view[3], view[5] = sin_yaw, cos_yaw
+    view[6], view[8] = -sin_pitch * cos_yaw, sin_pitch * sin_yaw
+    view[9], view[11] = cos_pitch * cos_yaw, -cos_pitch * sin_yaw
+    view[ROOM] = row[SPANS]

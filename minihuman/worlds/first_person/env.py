@@ -410,7 +410,7 @@ class FirstPersonEnv(ShowsItself, gymnasium.Env[Any, Any], MiniworldCompat, Free
     def is_compiled(self) -> bool:
         """Return whether kernels alone step the world with our own sine; `reward_and_done` or `advance` prevents it."""
         own = type(self)
-        plain = own.advance is FirstPersonEnv.advance and own.step is FirstPersonEnv.step and self.control == "discrete"
+        plain = own.advance is FirstPersonEnv.advance and own.step is FirstPersonEnv.step
         return bool(self.trig) and plain and self.kernels_judge and len(self.action_names) <= rules.MOST_ACTIONS
 
     @property

@@ -8,21 +8,16 @@ import gymnasium
 from minihuman.errors import WorldError
 from minihuman.worlds.first_person.motion import (
     CONTROLS,
-    RADIANS,
     RESOLUTION,
     STRAFES,
     Command,
     ContinuousControl,
-    approach,
-    limit_length,
-    slide,
-    turn_body,
-    walk,
 )
 from minihuman.worlds.first_person.rules import ACT, ACTIONS
-from minihuman.worlds.first_person.state import MOTION_PARAMETERS, FlatState, WorldState
+from minihuman.worlds.first_person.state import FlatState, WorldState, move_body
 from minihuman.worlds.options import check_number, check_one_of
 
+_FARTHEST = 1e5  # metres or radians, of one move of an author's
 _FASTEST_CHANGE = 2.0  # from full speed back to full speed ahead
 
 
@@ -53,8 +48,9 @@ class FreeMotion(abc.ABC):
 
         It slides along what it meets. What it carries is turned and moved with it, and must fit, too.
         """
-        turned = turn_body(self.stage, dyaw)
-        return slide(self.stage, dx, dz) or turned
+        for name, number in (("dx", dx), ("dz", dz), ("dyaw", dyaw)):
+            check_number(name, number, -_FARTHEST, _FARTHEST)
+        return self._move_body(float(dx), float(dz), float(dyaw))
 
     def _set_actions(self, actions: tuple[str, ...], control: str, acceleration: float) -> None:
         """Set the action space and the names of its actions.
@@ -85,6 +81,13 @@ class FreeMotion(abc.ABC):
         self.action_names = (*actions, *STRAFES) if control == "discrete-strafe" else actions
         self.action_space = gymnasium.spaces.Discrete(len(self.action_names))
 
+    @property
+    def use_actions(self) -> tuple[int, ...]:
+        """Return the kernels' action of each value of "use", from 1; () without such a component."""
+        if self._continuous is None:
+            return ()
+        return tuple(self._kernel_action(name) for name in self._continuous.uses)
+
     def _stand_still(self) -> None:
         """Begin an episode at rest."""
         if self.acceleration:
@@ -101,24 +104,25 @@ class FreeMotion(abc.ABC):
         else:
             command = self._continuous.read(action)
             name = command.use or "move_forward"
-        stage = self.stage
-        ahead_m, drift_m, turn_deg = (stage.parameters.number(kind, stage.varying) for kind in MOTION_PARAMETERS)
-        turn_body(stage, command.turn * (turn_deg * RADIANS))
-        ahead, right = limit_length(command.ahead, command.right)
-        if self.acceleration:
-            ahead, right = approach(self.velocity, (ahead, right), self.acceleration)
-            vars(self)["velocity"] = (ahead, right)
-        walk(stage, ahead * ahead_m, right * ahead_m + ahead * drift_m)
+        self._move_by_command(command)
         if command.use:
             self._use_hands(command.use)
         return name
+
+    def _move_body(self, dx: float, dz: float, dyaw: float) -> bool:
+        """Turn the agent to the left by radians, then move it by metres in the plan; return whether it changed."""
+        return move_body(self.stage, dx, dz, dyaw)
+
+    def _move_by_command(self, command: Command) -> None:
+        """Do the motion of a continuous action."""
+        self.flat_state().move(self, command.components)  # type: ignore[arg-type]  # a world
 
     def _use_hands(self, name: str) -> None:
         """Do an action of the hands."""
         self.flat_state().step(self, self._kernel_action(name), ACT)  # type: ignore[arg-type]  # a world
 
     def _kernel_action(self, name: str) -> int:
-        """Return the number by which kernels know an action; for a move of another kind, that of a move."""
+        """Return the number by which kernels know an action; -1 for a move that is none of the world's actions."""
         if name in self.kernel_actions:
             return self.kernel_actions.index(name)
-        return 0
+        return -1

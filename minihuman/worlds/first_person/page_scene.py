@@ -54,11 +54,9 @@ class PageScene(NamedTuple):
 def copy_state(env: "FirstPersonEnv") -> tuple[F64, F64, RngState]:
     """Return copies of what a step changes: entities, numbers, and the random stream (0 if no step draws from it)."""
     flat = env.flat_state()
+    flat.count(env)
     rng_state = np.zeros(6, np.uint64)
     numbers = flat.numbers.copy()
-    numbers[rules.STEPS] = env.step_count
-    if flat.score:
-        numbers[rules.SCORE] = getattr(env, flat.score)
     if numbers[rules.DRAWS]:
         read_rng_state(env.np_random, rng_state)
     return flat.things.copy(), numbers, rng_state

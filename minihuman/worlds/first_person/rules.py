@@ -23,7 +23,6 @@ from minihuman.worlds.first_person.render.rasterisation import (
 from minihuman.worlds.first_person.walls import touches_wall
 from minihuman.worlds.kernels import device_function, inline, int64, kernel
 from minihuman.worlds.rng import RngState, unit
-from minihuman.worlds.step_digest import stir
 from minihuman.worlds.trigonometry import wave
 
 ACTIONS = ("turn_left", "turn_right", "move_forward", "move_back", "pickup", "drop", "toggle", "done")
@@ -66,7 +65,9 @@ RULE_THINGS = 26
 RULE_NUMBERS = 27
 NAMED = 28  # for each action of the world its own number, and eight times what it does
 GONE_ROW = NAMED + MOST_ACTIONS  # where the thing was that a step took off the stage
-ARGUMENTS = GONE_ROW + 1  # rows of the rule's things, then its numbers
+VELOCITY = GONE_ROW + 1  # of continuous motion with an acceleration: ahead and to the right, of the longest step
+ACCELERATION = VELOCITY + 2  # the most by which the velocity changes in a step; 0 for at once
+ARGUMENTS = ACCELERATION + 1  # rows of the rule's things, then its numbers
 
 NEVER, GOAL, TAKE_ALL, PUT_NEXT, HEALTH, SIGN, FACE = range(7)  # rules; `termination` says what they are
 # parts of a step
@@ -87,16 +88,10 @@ WALL = -2
 _RADIANS = math.pi / 180
 _MOST_TRIES = 100_000
 _UNIT = 2.0**-53
-_LOW = np.uint64(0xFFFFFFFF)
-_13 = np.uint64(13)
-_15 = np.uint64(15)
-_32 = np.uint64(32)
-_A = np.uint64(0x9E3779B1)
-_B = np.uint64(0x85EBCA77)
 
 
 @inline
-def _sum(a: float, b: float, single: bool) -> float:
+def add_lengths(a: float, b: float, single: bool) -> float:
     """Return the sum of two lengths, in single precision if either has it, as in NumPy."""
     if single:
         return np.float64(np.float32(a) + np.float32(b))
@@ -122,7 +117,8 @@ def _blocker(
             continue
         dx = things[row, X] - x
         dz = things[row, Z] - z
-        if math.sqrt(dx * dx + dz * dz) < _sum(radius, things[row, RADIUS], single or things[row, SINGLE] != 0.0):
+        is_single = single or things[row, SINGLE] != 0.0
+        if math.sqrt(dx * dx + dz * dz) < add_lengths(radius, things[row, RADIUS], is_single):
             return row
     return NOTHING
 
@@ -134,25 +130,25 @@ def _near(things: Things, numbers: Numbers, a: int, b: int) -> bool:
     dy = things[a, Y] - things[b, Y]
     dz = things[a, Z] - things[b, Z]
     single = things[a, SINGLE] != 0.0 or things[b, SINGLE] != 0.0
-    reach = _sum(_sum(things[a, RADIUS], things[b, RADIUS], single), 1.1 * numbers[REACH], single)
+    reach = add_lengths(add_lengths(things[a, RADIUS], things[b, RADIUS], single), 1.1 * numbers[REACH], single)
     return math.sqrt(dx * dx + dy * dy + dz * dz) < reach
 
 
 @device_function()
-def _fits(things: Things, numbers: Numbers, walls: NDArray[np.float64], thing: int, x: float, z: float) -> bool:
+def fits_at(things: Things, numbers: Numbers, walls: NDArray[np.float64], thing: int, x: float, z: float) -> bool:
     """Return whether an entity would touch nothing at a place."""
     touched = _blocker(things, numbers, walls, thing, x, z, things[thing, RADIUS], things[thing, SINGLE] != 0.0)
     return touched == NOTHING
 
 
 @device_function()
-def _floating(
+def find_carried_place(
     things: Things, numbers: Numbers, thing: int, x: float, z: float, ahead_x: float, ahead_z: float
 ) -> tuple[float, float, float]:
     """Return the position of a carried entity when the agent is at a place: ahead, below the picture's middle."""
     agent = int(numbers[AGENT])
     single = things[agent, SINGLE] != 0.0 or things[thing, SINGLE] != 0.0
-    distance = _sum(_sum(things[agent, RADIUS], things[thing, RADIUS], single), numbers[REACH], single)
+    distance = add_lengths(add_lengths(things[agent, RADIUS], things[thing, RADIUS], single), numbers[REACH], single)
     rise = max(numbers[EYE] - things[thing, TALL] - 0.3, 0.0)
     return x + ahead_x * 1.05 * distance, things[agent, Y] + rise, z + ahead_z * 1.05 * distance
 
@@ -198,11 +194,11 @@ def _move(
         drift = numbers[DRIFT]
         to_x = x + ahead_x * ahead - ahead_z * drift
         to_z = z + ahead_z * ahead + ahead_x * drift
-        if _fits(things, numbers, walls, agent, to_x, to_z):
+        if fits_at(things, numbers, walls, agent, to_x, to_z):
             fits = True
             if carried >= 0:
-                carried_to = _floating(things, numbers, carried, to_x, to_z, ahead_x, ahead_z)
-                fits = _fits(things, numbers, walls, carried, carried_to[0], carried_to[2])
+                carried_to = find_carried_place(things, numbers, carried, to_x, to_z, ahead_x, ahead_z)
+                fits = fits_at(things, numbers, walls, carried, carried_to[0], carried_to[2])
             if fits:
                 things[agent, X] = to_x
                 things[agent, Z] = to_z
@@ -211,8 +207,8 @@ def _move(
         angle = numbers[TURN_DEG] * _RADIANS
         fits = True
         if carried >= 0:
-            carried_to = _floating(things, numbers, carried, x, z, after_x, after_z)
-            fits = _fits(things, numbers, walls, carried, carried_to[0], carried_to[2])
+            carried_to = find_carried_place(things, numbers, carried, x, z, after_x, after_z)
+            fits = fits_at(things, numbers, walls, carried, carried_to[0], carried_to[2])
         if fits:
             things[agent, DIR] += angle if motion == TURN_LEFT else -angle
             ahead_x = after_x
@@ -232,7 +228,7 @@ def _move(
         status = HANDS | LOAD
     numbers[CARRIED] = carried
     if carried >= 0:
-        carried_to = _floating(things, numbers, carried, things[agent, X], things[agent, Z], ahead_x, ahead_z)
+        carried_to = find_carried_place(things, numbers, carried, things[agent, X], things[agent, Z], ahead_x, ahead_z)
         things[carried, X], things[carried, Y], things[carried, Z] = carried_to
         things[carried, DIR] = things[agent, DIR]
         status |= LOAD
@@ -276,12 +272,11 @@ def _faces(things: Things, numbers: Numbers, agent: int, own: int, ahead_x: floa
 
 
 @device_function()
-def _judge(things: Things, numbers: Numbers, ahead_x: float, ahead_z: float, action: int) -> int:
+def _judge(things: Things, numbers: Numbers, ahead_x: float, ahead_z: float, named: int) -> int:
     """Compute the reward of a step and whether it ended the episode; a rule can remove an entity."""
     agent = int(numbers[AGENT])
     carried = int(numbers[CARRIED])
     rule = int(numbers[RULE])
-    named = int(numbers[NAMED + action]) & 7
     own = ARGUMENTS + int(numbers[RULE_THINGS])  # where the rule's numbers are
     reward = 0.0
     ended = False
@@ -346,7 +341,7 @@ def act(
         sine: the sine of the agent's heading
         cosine_after: the cosine of the heading after a turn, if the action is a turn
         sine_after: the sine of the heading after a turn, if the action is a turn
-        action: the world's action
+        action: the world's action; -1 to judge a move that is none of them
         parts: the parts to execute: ACT, JUDGE or both
     """
     status: int = int64(0)
@@ -357,7 +352,8 @@ def act(
     if status & MOVED != 0 and int(numbers[NAMED + action]) >> 3 <= TURN_RIGHT:
         cosine = cosine_after
         sine = sine_after
-    status |= _judge(things, numbers, cosine, -sine, action)
+    named = int(numbers[NAMED + action]) & 7 if action >= 0 else MOVE_FORWARD
+    status |= _judge(things, numbers, cosine, -sine, named)
     limit = numbers[STEP_LIMIT]
     return status | (TRUNCATED if limit >= 0.0 and numbers[STEPS] >= limit else 0)
 
@@ -368,7 +364,15 @@ def _uniform(rng_state: RngState, low: float, high: float) -> float:
 
 
 @device_function()
-def _place(
+def draw_motion(numbers: Numbers, rng_state: RngState) -> None:
+    """Draw how far the next step goes, drifts and turns, if that varies."""
+    if numbers[VARIES] != 0.0:
+        for k in range(3):
+            numbers[AHEAD + k] = _uniform(rng_state, numbers[LOW + k], numbers[HIGH + k])
+
+
+@device_function()
+def place_removed(
     things: Things,
     numbers: Numbers,
     walls: NDArray[np.float64],
@@ -390,7 +394,7 @@ def _place(
         inside = True
         for k in range(int(rooms[room, 5]), int(rooms[room, 6])):
             inside = inside and edges[k, 2] * (x - edges[k, 0]) + edges[k, 3] * (z - edges[k, 1]) > 0.0
-        if inside and _fits(things, numbers, walls, thing, x, z):
+        if inside and fits_at(things, numbers, walls, thing, x, z):
             things[thing, X] = x
             things[thing, Y] = 0.0
             things[thing, Z] = z
@@ -418,9 +422,7 @@ def step(
     of ``edges`` are a start x, z and a normal x, z.
     """
     numbers[STEPS] += 1.0
-    if numbers[VARIES] != 0.0:
-        for k in range(3):
-            numbers[AHEAD + k] = _uniform(rng_state, numbers[LOW + k], numbers[HIGH + k])
+    draw_motion(numbers, rng_state)
     heading = things[int(numbers[AGENT]), DIR]
     after = 0.0
     motion = int(numbers[NAMED + action]) >> 3
@@ -431,7 +433,7 @@ def step(
         things, numbers, walls, wave(heading, 1), wave(heading, 0), wave(after, 1), wave(after, 0), action, ACT | JUDGE
     )
     if status & PLACES:
-        _place(things, numbers, walls, rng_state, rooms, edges)
+        place_removed(things, numbers, walls, rng_state, rooms, edges)
     return status
 
 
@@ -483,33 +485,3 @@ def look(
     view[BOTTOM] = height
     view[HEIGHT] = height
     view[WIDTH] = width
-
-
-@kernel("(float64[:, ::1], float64[::1], uint64[::1], uint64[::1])", hold_gil=True)
-def digest_state(things: Things, numbers: Numbers, rng_state: RngState, outcome: NDArray[np.uint64]) -> np.uint64:
-    """Return the digest of the state after a step; ``outcome`` is as in the grid's `digest_step`."""
-    high_half = _A
-    low_half = _B
-    rows = max(int(numbers[COUNT]), int(numbers[CARRIED]) + 1)
-    places = things.view(np.uint64)
-    state = numbers.view(np.uint64)
-    for row in range(rows):
-        for column in range(DIR + 1):
-            value = places[row, column]
-            for half in (value & _LOW, value >> _32):
-                high_half = stir(high_half, half, _A, _15)
-                low_half = stir(low_half, half, _B, _13)
-    for k in range(SCORE + 1):
-        for half in (state[k] & _LOW, state[k] >> _32):
-            high_half = stir(high_half, half, _A, _15)
-            low_half = stir(low_half, half, _B, _13)
-    if numbers[DRAWS] != 0.0:
-        for k in range(len(rng_state)):
-            for half in (rng_state[k] & _LOW, rng_state[k] >> _32):
-                high_half = stir(high_half, half, _A, _15)
-                low_half = stir(low_half, half, _B, _13)
-    for k in range(len(outcome)):
-        for half in (outcome[k] & _LOW, outcome[k] >> _32):
-            high_half = stir(high_half, half, _A, _15)
-            low_half = stir(low_half, half, _B, _13)
-    return high_half << _32 | low_half

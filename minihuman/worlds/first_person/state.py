@@ -7,7 +7,7 @@ from which it came, the entities stay the same objects; in other worlds, they ar
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple, Protocol, cast
 
 import numpy as np
@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from minihuman.errors import WorldError
 from minihuman.worlds.first_person import rules
 from minihuman.worlds.first_person.entities import LATEST_CHANGE, Agent, Entity, Length, Position, note_change
-from minihuman.worlds.first_person.parameters import Parameters, uniform, weighted
+from minihuman.worlds.first_person.motion_kernels import COMMAND_TURN, RADIANS, move_by, move_freely
+from minihuman.worlds.first_person.parameters import Parameter, Parameters, uniform, weighted
 from minihuman.worlds.first_person.rooms import (
     FloorPlan,
     OpeningLimits,
@@ -156,24 +157,6 @@ class WorldState:
         """Return the height at which the shadow of a thing at a position lies; NaN if it is not on the floor."""
         return pos[1] if pos[1] == 0.0 else math.nan
 
-    def find_place(self, entity: Entity, x: float, z: float) -> Position | None:
-        """Return the position that an entity takes when it moves to a place; None if it cannot go there."""
-        if self.blocker(entity, x, z, entity.radius) is None:
-            return x, entity.pos[1], z
-        return None
-
-    def solid_walls(self, entity: Entity, x: float, z: float) -> NDArray[np.float64]:
-        """Return the walls, (n, 4) x0, z0, x1, z1, that can stop an entity which moves to a place."""
-        return self.floor.walls
-
-    def is_beside(self, entity: Entity, other: Entity) -> bool:
-        """Return whether two entities stop each other where they meet in the plan."""
-        return other is not entity
-
-    def load_fits(self, load: Entity, x: float, y: float, z: float) -> bool:
-        """Return whether what the agent carries overlaps nothing at a position."""
-        return self.blocker(load, x, z, load.radius) is None
-
     def carrying_position(self, pos: Position, carried: Entity) -> Position:
         """Return the position of a carried entity when the agent is at ``pos``: ahead, below the picture's middle."""
         agent = self.agent
@@ -204,6 +187,37 @@ class WorldState:
             raise WorldError(
                 "a thing has been placed, so the floor plan is fixed; add and connect all rooms before placing things"
             )
+
+
+def move_body(stage: WorldState, dx: float, dz: float, dyaw: float) -> bool:
+    """Turn the agent by radians to the left, then move it by metres in the plan; return whether it changed.
+
+    It slides along what it meets. The world may be one that is still being built.
+    """
+    agent = stage.agent
+    load = agent.carrying
+    things = list(dict.fromkeys((*stage.entities, agent, *(() if load is None else (load,)))))
+    numbers = np.zeros(rules.ARGUMENTS)
+    numbers[rules.COUNT] = len(stage.entities)
+    numbers[rules.AGENT] = things.index(agent)
+    numbers[rules.CARRIED] = -1.0 if load is None else things.index(load)
+    numbers[rules.REACH] = stage.reach
+    numbers[rules.EYE] = agent.cam_height
+    rows = np.array([describe_thing(thing) for thing in things])
+    cos, sin = (cosine, sine) if agent.trig else (math.cos, math.sin)
+    sines = cos(agent.dir), sin(agent.dir), cos(agent.dir + dyaw), sin(agent.dir + dyaw)
+    status: int = move_by(rows, numbers, stage.floor.walls, dx, dz, dyaw, *sines)
+    for thing in (agent,) if load is None else (agent, load):
+        x, y, z, thing.dir = rows[things.index(thing), : rules.DIR + 1].tolist()
+        thing.pos = x, y, z
+    return bool(status & rules.MOVED)
+
+
+def describe_thing(thing: Entity) -> tuple[float, ...]:
+    """Return an entity as a row of the kernels' arrays."""
+    looks = -1.0
+    is_single = isinstance(thing.radius, np.float32)
+    return *thing.pos, thing.dir, float(thing.radius), thing.height, thing.static, is_single, looks
 
 
 def state_hash(kind: str, state: dict[str, Any]) -> int:
@@ -282,7 +296,6 @@ def floor_map(stage: WorldState) -> Map:
 
 
 MOTION_PARAMETERS = ("forward_step", "forward_drift", "turn_step")
-_RADIANS = math.pi / 180
 _CHANGED = ~(rules.TERMINATED | rules.TRUNCATED)
 
 
@@ -299,6 +312,8 @@ class SteppedWorld(Protocol):
     """The part of `FirstPersonEnv` that `FlatState` needs of the world it steps."""
 
     kernel_actions: tuple[str, ...]
+    acceleration: float
+    velocity: tuple[float, float]  # with an acceleration
     max_steps: int | None
     step_count: int
 
@@ -331,6 +346,7 @@ class FlatState:
         self._head = np.zeros(rules.ARGUMENTS)
         self._head[rules.STEP_LIMIT] = -1.0 if world.max_steps is None else world.max_steps
         self._head[rules.REACH] = stage.reach
+        self._head[rules.ACCELERATION] = world.acceleration
         for k, parameter in enumerate(ranges):
             bounds = (parameter.default, parameter.low, parameter.high)
             for start, value in zip((rules.AHEAD, rules.LOW, rules.HIGH), bounds, strict=True):
@@ -338,7 +354,7 @@ class FlatState:
         self._head[rules.VARIES] = stage.randomised
         for k, (name, motion) in enumerate(zip(world.kernel_actions, self.motions, strict=True)):
             self._head[rules.NAMED + k] = rules.ACTIONS.index(name) + 8 * motion
-        self.turn_rad = float(self._head[rules.TURN_DEG]) * _RADIANS
+        self.turn_rad = float(self._head[rules.TURN_DEG]) * RADIANS
         self.take_rule(world)
 
     @property
@@ -364,10 +380,7 @@ class FlatState:
         if self._entities != stage.entities or (carried is not None and id(carried) not in self._rows):
             self._lay_out()
         self.latest_change = LATEST_CHANGE[0]
-        self.things[:, : rules.LOOK] = [
-            (*thing.pos, thing.dir, thing.radius, thing.height, thing.static, isinstance(thing.radius, np.float32))
-            for thing in self.listed
-        ]
+        self.things[:, : rules.LOOK] = [describe_thing(thing)[: rules.LOOK] for thing in self.listed]
         self._numbers[rules.CARRIED] = -1.0 if carried is None else self._rows[id(carried)]
         self._numbers[rules.EYE] = stage.agent.cam_height
 
@@ -397,19 +410,23 @@ class FlatState:
         self._numbers[rules.STEPS] = world.step_count
         if self._rule.score:
             self._numbers[rules.SCORE] = getattr(world, self._rule.score)
+        if world.acceleration:
+            self._numbers[rules.VELOCITY], self._numbers[rules.VELOCITY + 1] = world.velocity
 
     def step(self, world: SteppedWorld, action: int, parts: int) -> int:
-        """Execute parts of a step, as `rules.act` does, and store its reward in ``reward``; call `refresh` before."""
+        """Execute parts of a step, as `rules.act` does, and store its reward in ``reward``; call `refresh` before.
+
+        Action -1 is a move that is none of the world's, which can only be judged.
+        """
         agent = self.stage.agent
         numbers = self._numbers
         self.count(world)
         turn_rad = self.turn_rad
-        motion = self.motions[action]
+        motion = self.motions[action] if action >= 0 else rules.MOVE_FORWARD
         heading = agent.dir
         if self._varies is not None and parts & rules.ACT:
-            for k, parameter in enumerate(self._varies, rules.AHEAD):
-                numbers[k] = cast("float", parameter.sample(self.stage.rng))
-            turn_rad = numbers[rules.TURN_DEG] * _RADIANS
+            self._draw_motion(self._varies)
+            turn_rad = numbers[rules.TURN_DEG] * RADIANS
         cos, sin = (cosine, sine) if agent.trig else (math.cos, math.sin)
         cos_after, sin_after = cos_now, sin_now = cos(heading), sin(heading)
         if motion <= rules.TURN_RIGHT:
@@ -421,6 +438,26 @@ class FlatState:
         )
         self.take(world, status, parts)
         return status
+
+    def _draw_motion(self, ranges: Sequence[Parameter]) -> None:
+        """Draw how far the next step goes, drifts and turns."""
+        for k, parameter in enumerate(ranges, rules.AHEAD):
+            self._numbers[k] = cast("float", parameter.sample(self.stage.rng))
+
+    def move(self, world: SteppedWorld, command: NDArray[np.float64]) -> None:
+        """Move the body as a command asks, float64[COMMAND_SIZE]; judge nothing. Call `refresh` before."""
+        self.count(world)
+        if self._varies is not None:
+            self._draw_motion(self._varies)
+        agent = self.stage.agent
+        heading = agent.dir
+        after = heading + float(command[COMMAND_TURN]) * (self._numbers[rules.TURN_DEG] * RADIANS)
+        cos, sin = (cosine, sine) if agent.trig else (math.cos, math.sin)
+        sines = cos(heading), sin(heading), cos(after), sin(after)
+        status: int = move_freely(self.things, self.numbers, self.walls, command, *sines)
+        self._give_back(status)
+        if world.acceleration:
+            vars(world)["velocity"] = self._numbers[rules.VELOCITY], self._numbers[rules.VELOCITY + 1]
 
     def take(self, world: SteppedWorld, status: int, parts: int = rules.ACT | rules.JUDGE) -> None:
         """Copy what a step changed to the world and its entities."""

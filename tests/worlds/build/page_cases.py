@@ -11,7 +11,7 @@ import numpy as np
 
 from minihuman.worlds.first_person.env import FirstPersonEnv
 from minihuman.worlds.first_person.page_scene import copy_state, describe
-from minihuman.worlds.first_person.rules import digest_state
+from minihuman.worlds.first_person.state_digest import digest_state
 from minihuman.worlds.grid.engine import GridEngine
 from minihuman.worlds.grid.pictures.drawing import atlas
 from minihuman.worlds.step_digest import digest_step
@@ -58,11 +58,16 @@ def _tile_px(size_px: tuple[int, int], columns: int, rows: int) -> int:
 
 
 def page_case(
-    env: GridEngine | FirstPersonEnv, seed: int, files: Files, name: str, extent: Extent = USUAL
+    env: GridEngine | FirstPersonEnv,
+    seed: int,
+    files: Files,
+    name: str,
+    extent: Extent = USUAL,
+    actions: Sequence[Any] = (),
 ) -> tuple[dict[str, Any], str]:
-    """A world's case for the page, and the digest of Python's own play."""
+    """A world's case for the page, and the digest of Python's own play; in first person, of given actions."""
     if isinstance(env, FirstPersonEnv):
-        return _first_person_case(env, seed, files, name, extent)
+        return _first_person_case(env, seed, files, name, extent, actions)
     return _grid_case(env, seed, files, name, extent)
 
 
@@ -100,14 +105,14 @@ def _grid_case(env: GridEngine, seed: int, files: Files, name: str, extent: Exte
 
 
 def _first_person_case(
-    env: FirstPersonEnv, seed: int, files: Files, name: str, extent: Extent
+    env: FirstPersonEnv, seed: int, files: Files, name: str, extent: Extent, given: Sequence[Any]
 ) -> tuple[dict[str, Any], str]:
     env.reset(seed=seed)
     state, scene, _ = describe(env, "classic", extent.size_px)
     first, digest = env.save(), hashlib.sha256()
-    actions = _seeking(env, seed, extent.steps)
+    actions = given or _seeking(env, seed, extent.steps)
     for at, action in enumerate(actions):
-        reward, terminated, truncated = env.advance(action)
+        reward, terminated, truncated = env.advance(as_action(env, action))
         outcome = np.array([np.float64(reward).view(np.uint64), 1 if terminated else 2 if truncated else 0], np.uint64)
         digest.update(bytes([terminated | truncated << 1]) + np.float64(reward).tobytes())
         digest.update(f"{digest_state(*copy_state(env), outcome):016x}".encode())
@@ -127,8 +132,19 @@ def _first_person_case(
         "textures": [files.add(pixels, shared=True) for pixels in scene.textures],
         "size": extent.size_px,
         "actions": actions,
+        "n_actions": len(env.kernel_actions),
+        "uses": env.use_actions,
     }
     return case, digest.hexdigest()
+
+
+def as_action(env: FirstPersonEnv, action: Any) -> Any:
+    """An action as the world takes it, of a number or a flat vector."""
+    if not isinstance(action, list):
+        return action
+    if env.use_actions:
+        return {"move": np.array(action[:-1], np.float32), "use": int(action[-1])}
+    return np.array(action, np.float32)
 
 
 def _seeking(env: FirstPersonEnv, seed: int, steps: int) -> list[int]:

@@ -55,7 +55,8 @@ async function playGrid(one) {
 
 let drawn = { name: "" }; // the textures that were unpacked last
 async function playFirstPerson(one) {
-  const tables = await read(one.tables), start = { ...(await read(one.state)), looks: one.looks };
+  const tables = await read(one.tables), { looks, n_actions, uses } = one;
+  const start = { ...(await read(one.state)), looks, n_actions, uses };
   const name = one.textures.map(({ file }) => file).join();
   if (drawn.name !== name) {
     const kernels = await kernelsOf("first_person"), textures = [];
@@ -67,6 +68,11 @@ async function playFirstPerson(one) {
   const first = world.save(), parts = [];
   [scene.width, scene.height] = one.size;
   one.actions.forEach((action, at) => {
+    if (at % one.every === 1) { // a detour that is taken back leaves nothing behind
+      const saved = world.save();
+      one.actions.slice(at, at + 3).reverse().forEach((other) => world.step(other));
+      world.restore(saved);
+    }
     const done = world.step(action);
     parts.push(new Uint8Array([done.status]), copyOf(new Float64Array([done.reward])));
     parts.push(bytesOf(world.digest(done.reward, done.status & 1 ? 1 : done.status)));

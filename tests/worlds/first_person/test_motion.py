@@ -114,7 +114,7 @@ def test_the_control_says_which_actions_there_are(control, world, space, names):
             assert set(spaces) == space
         case gymnasium.spaces.Discrete(n=n):
             assert n == space
-    assert not made.is_compiled
+    assert not made.is_compiled  # by the host's sine
     assert made.path_length_bounds() == UNKNOWN_BOUNDS
 
 

@@ -267,7 +267,7 @@ export class Follower {
     const shown = isKept ? { ...screen, step: this.#play?.steps, picture: this.#drawPicture() } : screen;
     if (!overlay && this.#isPlaying && this.#play) this.#say(this.#play.rules);
     this.#say({ t: "screen", id: ++this.#screenId, through: this.#through, at: this.#at, tick: this.#due, screen: shown, name, sounds: [] });
-    if (!overlay && this.#isPlaying && this.#play) this.#say({ t: "state", through: this.#through, episode: this.#play.number, state: this.#encodeState(this.#play) });
+    if (!overlay && this.#isPlaying && this.#play) this.#say({ t: "state", through: this.#through, episode: this.#play.number, state: this.#encodeState(this.#play), inputs: null });
     this.#sayPosition();
     if (node.over) this.#say(node.over);
   }

@@ -6,8 +6,9 @@ A move happens completely or not at all. Who lets go of a thing drops it to the 
 import math
 
 from minihuman.worlds.first_person.entities import Entity
+from minihuman.worlds.first_person.heights.sliding import turn_body
 from minihuman.worlds.first_person.heights.state import BuildingState
-from minihuman.worlds.first_person.motion import RADIANS, turn_body
+from minihuman.worlds.first_person.motion_kernels import RADIANS
 from minihuman.worlds.first_person.rules import (
     DROP,
     MOVE_BACK,

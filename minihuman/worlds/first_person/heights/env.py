@@ -21,8 +21,11 @@ from minihuman.worlds.first_person.heights.floors import building_map, check_rea
 from minihuman.worlds.first_person.heights.planes import Plane
 from minihuman.worlds.first_person.heights.planner import least_steps, plan
 from minihuman.worlds.first_person.heights.sectors import Flight, Sector
+from minihuman.worlds.first_person.heights.sliding import approach, limit_length, slide, turn_body, walk
 from minihuman.worlds.first_person.heights.state import BuildingState
 from minihuman.worlds.first_person.heights.surfaces import building_tables
+from minihuman.worlds.first_person.motion import Command
+from minihuman.worlds.first_person.motion_kernels import RADIANS
 from minihuman.worlds.first_person.rooms import (
     WALL_HEIGHT,
     OpeningLimits,
@@ -33,6 +36,7 @@ from minihuman.worlds.first_person.rooms import (
     rectangle,
 )
 from minihuman.worlds.first_person.rules import ACTIONS, GOAL
+from minihuman.worlds.first_person.state import MOTION_PARAMETERS
 from minihuman.worlds.pose import Map
 
 
@@ -284,6 +288,20 @@ class BuildingEnv(FirstPersonEnv):
             return super()._act_freely(action, name)
         act(self.stage, ACTIONS.index(self.motions.get(name, name)))
         return name
+
+    def _move_body(self, dx: float, dz: float, dyaw: float) -> bool:
+        has_turned = turn_body(self.stage, dyaw)
+        return slide(self.stage, dx, dz) or has_turned
+
+    def _move_by_command(self, command: Command) -> None:
+        stage = self.stage
+        ahead_m, drift_m, turn_deg = (stage.parameters.number(kind, stage.varying) for kind in MOTION_PARAMETERS)
+        turn_body(stage, command.turn * (turn_deg * RADIANS))
+        ahead, right = limit_length(command.ahead, command.right)
+        if self.acceleration:
+            ahead, right = approach(self.velocity, (ahead, right), self.acceleration)
+            vars(self)["velocity"] = (ahead, right)
+        walk(stage, ahead * ahead_m, right * ahead_m + ahead * drift_m)
 
     def _use_hands(self, name: str) -> None:
         act(self.stage, ACTIONS.index(self.motions.get(name, name)))

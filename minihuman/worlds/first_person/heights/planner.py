@@ -18,8 +18,8 @@ from minihuman.worlds.first_person.heights.footing import Walker, can_pass, room
 from minihuman.worlds.first_person.heights.plan import SectorPlan
 from minihuman.worlds.first_person.heights.planes import LEAST_AREA_M2, area_of, common_area
 from minihuman.worlds.first_person.heights.routes import Route, find_route, least_length
+from minihuman.worlds.first_person.heights.sliding import turn_body
 from minihuman.worlds.first_person.heights.state import BuildingState
-from minihuman.worlds.first_person.motion import turn_body
 from minihuman.worlds.first_person.pathfinding.planner import read_moves
 from minihuman.worlds.first_person.pathfinding.search import (
     BACK,

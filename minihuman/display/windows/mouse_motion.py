@@ -1,0 +1,49 @@
+"""The motion of a captured mouse, added up so that a quick mouse does not fill the log. No toolkit and no clock."""
+
+from minihuman.experiment.machine.inputs import AxisChanged, Input
+
+PERIOD_NS = 15_000_000  # between inputs of an axis, as in the page: a mouse may report a thousand motions a second
+
+
+class MouseMotion:
+    """Adds up the motion of the mouse, and hands it on some 60 times a second."""
+
+    def __init__(self) -> None:
+        self._moved_px: dict[str, int] = {}  # by axis, not handed on yet
+        self._moved_ns = 0  # the latest motion
+        self._reported_ns: int | None = None  # motion that was handed on last
+
+    def add(self, motion_px: dict[str, int], t_ns: int) -> list[Input]:
+        """Add a motion by axis; return the inputs that are due with it."""
+        if not any(motion_px.values()):
+            return []
+        for axis, pixels in motion_px.items():
+            self._moved_px[axis] = self._moved_px.get(axis, 0) + pixels
+        self._moved_ns = t_ns
+        return self.report(t_ns)
+
+    @property
+    def due_ns(self) -> int | None:
+        """When the motion that waits is due; None if none waits."""
+        if self._reported_ns is None or not any(self._moved_px.values()):
+            return None
+        return self._reported_ns + PERIOD_NS
+
+    def report(self, now_ns: int, *, is_needed: bool = False) -> list[Input]:
+        """Return the inputs of the motion so far, at the time of the latest; [] if some was handed on just before.
+
+        Args:
+            now_ns: the present time.
+            is_needed: whether motion is handed on in any case, since a step is made now.
+        """
+        has_waited = self._reported_ns is None or now_ns - self._reported_ns >= PERIOD_NS
+        moved_px = {axis: pixels for axis, pixels in self._moved_px.items() if pixels}
+        if not moved_px or not (has_waited or is_needed):
+            return []
+        self._moved_px.clear()
+        self._reported_ns = now_ns
+        return [AxisChanged(self._moved_ns, axis, float(pixels)) for axis, pixels in moved_px.items()]
+
+    def forget(self) -> None:
+        """Forget motion that was not handed on: of another screen, or of before the focus went."""
+        self._moved_px.clear()
