@@ -416,6 +416,14 @@ DRAWN_LEVEL = CatalogueEntry(
     guards_itself=True,
 )
 
+RULES = CatalogueEntry(
+    "Rules-v0",
+    "minihuman.worlds.grid.ruleset.env:RulesetWorld",
+    vector_entry_point="minihuman.worlds.grid.ruleset.batch:RulesetBatch",
+    summary="a goal and rules by which things turn into others, as in XLand-MiniGrid",
+    guards_itself=True,
+)
+
 _TEAMS = "minihuman.worlds.grid.layouts.team_layouts"
 
 
@@ -447,7 +455,7 @@ TEAM_WORLDS: tuple[CatalogueEntry, ...] = (
     _team("HideAndSeek", f"{_TEAMS}:HideAndSeek", "One seeks, the others hide"),
 )
 
-WORLDS: tuple[CatalogueEntry, ...] = (*GRID_WORLDS, *BABYAI_WORLDS, *FIRST_PERSON_WORLDS, DRAWN_LEVEL)
+WORLDS: tuple[CatalogueEntry, ...] = (*GRID_WORLDS, *BABYAI_WORLDS, *FIRST_PERSON_WORLDS, DRAWN_LEVEL, RULES)
 
 
 TRIAL_WORLDS = {  # ids of what one trial is; not listed, as their options make them

@@ -26,6 +26,7 @@ from minihuman.worlds.grid.ruleset.dynamics import (
     see_tiles,
     step_by_rules,
 )
+from minihuman.worlds.grid.ruleset.encodings import encode_tasks
 from minihuman.worlds.grid.ruleset.instructions import TaskTexts, describe_task, name_tile
 from minihuman.worlds.grid.ruleset.layouts import ROOMS, lay_out_task
 from minihuman.worlds.grid.ruleset.pictures import draw_ruleset, hex_colour
@@ -37,8 +38,6 @@ from minihuman.worlds.grid.ruleset.tasks import (
     TaskSet,
     build_task_set,
     check_task,
-    encode_goal,
-    encode_rule,
     find_task_set,
     parse_task,
 )
@@ -172,7 +171,7 @@ class RulesetWorld(ShowsItself, gymnasium.Env[dict[str, Any], int], NativeWorld)
         self._row[[fields.HEIGHT, fields.WIDTH]] = height, width
         self._row[fields.MAX_STEPS] = check_max_steps(STEPS_PER_CELL * height * width if max_steps is None else max_steps)
         self._rng_state: RngState = np.zeros(6, np.uint64)
-        self._task_numbers: dict[str, NDArray[np.uint8]] = {}
+        self._encodings: dict[str, NDArray[np.uint8]] = {}
 
     def _build_space(self) -> spaces.Dict:
         kinds = len(fields.TILE_KINDS) - 1
@@ -243,12 +242,10 @@ class RulesetWorld(ShowsItself, gymnasium.Env[dict[str, Any], int], NativeWorld)
 
     def _read_task(self) -> None:
         """Write the mission and the numbers of the task of the row for observations."""
-        task = self.task
-        self.mission = describe_task(task)
-        rules = np.zeros((self.most_rules, 7), np.uint8)
-        for number, rule in enumerate(task.rules):
-            rules[number] = encode_rule(rule)
-        self._task_numbers = {"goal_encoding": np.array(encode_goal(task.goal), np.uint8), "rule_encoding": rules}
+        self.mission = describe_task(self.task)
+        if self.observes_task:
+            goals, rules = encode_tasks(self._row[None], self.most_rules)
+            self._encodings = {"goal_encoding": goals[0], "rule_encoding": rules[0]}
 
     def step(self, action: int) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
         """Take an action as Gymnasium defines it; raise a WorldError outside an episode and for an unknown action."""
@@ -299,7 +296,7 @@ class RulesetWorld(ShowsItself, gymnasium.Env[dict[str, Any], int], NativeWorld)
             "mission": self.mission,
         }
         if self.observes_task:
-            observation |= {name: numbers.copy() for name, numbers in self._task_numbers.items()}
+            observation |= {name: numbers.copy() for name, numbers in self._encodings.items()}
         return observation
 
     def _check_laid_out(self) -> None:

@@ -197,27 +197,6 @@ def _read_rule(encoding: list[int]) -> Rule:
     return Rule(kind, tiles[0], 0, tiles[1])
 
 
-def encode_goal(goal: RuleGoal) -> list[int]:
-    """Return a goal as XLand-MiniGrid's five numbers."""
-    if goal.kind == numbers.GOAL_AGENT_AT:
-        return [goal.kind, goal.first, goal.second, 0, 0]
-    encoding = [goal.kind]
-    for tile in goal.tiles:
-        encoding += [tile & 15, tile >> 4]
-    if goal.kind == numbers.GOAL_TILE_AT:
-        encoding += [goal.second, goal.third]
-    return [*encoding, *[0] * (5 - len(encoding))]
-
-
-def encode_rule(rule: Rule) -> list[int]:
-    """Return a rule as XLand-MiniGrid's seven numbers."""
-    encoding = [rule.kind]
-    if rule.kind != numbers.NO_RULE:
-        for tile in (*rule.inputs, rule.product):
-            encoding += [tile & 15, tile >> 4]
-    return [*encoding, *[0] * (7 - len(encoding))]
-
-
 @dataclass(frozen=True, eq=False)
 class TaskSet:
     """A set of tasks, sorted by difficulty.

@@ -12,7 +12,7 @@ from minihuman.worlds.grid.ruleset import dynamics as numbers
 from minihuman.worlds.grid.ruleset.dynamics import HEADER, PER_RULE, ruleset_row_length
 from minihuman.worlds.grid.ruleset.generator import PRESETS, generate_tasks
 from minihuman.worlds.grid.ruleset.layouts import ROOMS, lay_out_tasks
-from minihuman.worlds.grid.ruleset.tasks import RuleTask, build_task_set, encode_goal, encode_rule
+from minihuman.worlds.grid.ruleset.tasks import Rule, RuleGoal, RuleTask, build_task_set
 from minihuman.worlds.rng import read_rng_state
 
 RECORDED = Path(__file__).parent / "transitions.npz"
@@ -134,6 +134,27 @@ def ask_xminigrid(rows: np.ndarray, tasks: list[RuleTask], actions: np.ndarray) 
 
 def _step_with_limit(environment: Any, parameters: Any, timestep: Any, action: Any, max_steps: Any) -> Any:
     return environment.step(parameters.replace(max_steps=max_steps), timestep, action)
+
+
+def encode_goal(goal: RuleGoal) -> list[int]:
+    """Return a goal as XLand-MiniGrid's five numbers."""
+    if goal.kind == numbers.GOAL_AGENT_AT:
+        return [goal.kind, goal.first, goal.second, 0, 0]
+    encoding = [goal.kind]
+    for tile in goal.tiles:
+        encoding += [tile & 15, tile >> 4]
+    if goal.kind == numbers.GOAL_TILE_AT:
+        encoding += [goal.second, goal.third]
+    return [*encoding, *[0] * (5 - len(encoding))]
+
+
+def encode_rule(rule: Rule) -> list[int]:
+    """Return a rule as XLand-MiniGrid's seven numbers."""
+    encoding = [rule.kind]
+    if rule.kind != numbers.NO_RULE:
+        for tile in (*rule.inputs, rule.product):
+            encoding += [tile & 15, tile >> 4]
+    return [*encoding, *[0] * (7 - len(encoding))]
 
 
 def record(count: int, rounds: int, seed: int) -> Transitions:
