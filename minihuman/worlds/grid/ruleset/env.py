@@ -30,6 +30,7 @@ from minihuman.worlds.grid.ruleset.encodings import encode_tasks
 from minihuman.worlds.grid.ruleset.instructions import TaskTexts, describe_task, name_tile
 from minihuman.worlds.grid.ruleset.layouts import ROOMS, lay_out_task
 from minihuman.worlds.grid.ruleset.pictures import draw_ruleset, hex_colour
+from minihuman.worlds.grid.ruleset.planner import find_plan
 from minihuman.worlds.grid.ruleset.tasks import (
     UNREACHABLE,
     Rule,
@@ -363,6 +364,15 @@ class RulesetWorld(ShowsItself, gymnasium.Env[dict[str, Any], int], NativeWorld)
         height, width = tiles.shape
         walls = wall_outlines(np.ascontiguousarray((kinds == fields.WALL).T))
         return Map("cell", (-0.5, -0.5, width - 0.5, height - 0.5), walls, things)
+
+    def shortest_path(self) -> Sequence[int] | None:
+        """Return the actions of a short plan that reaches the goal, not always the shortest; empty if there is none.
+
+        Raises:
+            WorldError: if none was found in the time that a search may take.
+        """
+        self._check_laid_out()
+        return find_plan(self._row, self.task, self.tiles.size)
 
     def _now(self) -> RngState:
         """Return a copy of the state of the random stream."""

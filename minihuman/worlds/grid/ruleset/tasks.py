@@ -76,6 +76,11 @@ class RuleTask(NamedTuple):
         The number is that of the tree of rules, without regard to the rooms: things that a rule takes have to lie there
         or be made by another rule.
         """
+        return UNREACHABLE if self.uses is None else min(self.uses, UNREACHABLE)
+
+    @property
+    def uses(self) -> int | None:
+        """Return how many times rules have to be used before the goal is possible; None if it never is."""
         costs = dict.fromkeys(self.things, 0)
         for _ in self.rules:  # a round per level of the tree
             before = dict(costs)
@@ -85,8 +90,9 @@ class RuleTask(NamedTuple):
                     costs[rule.product] = min(cost, costs.get(rule.product, cost))
             if costs == before:
                 break
-        needed = [costs.get(tile, UNREACHABLE) for tile in self.goal.tiles]
-        return min(sum(needed), UNREACHABLE)
+        if all(tile in costs for tile in self.goal.tiles):
+            return sum(costs[tile] for tile in self.goal.tiles)
+        return None
 
     def record(self) -> bytes:
         """Return the task's bytes in a file."""
@@ -264,7 +270,7 @@ def build_task_set(tasks: Iterable[RuleTask], origin: Mapping[str, Any] | None =
     pairs.sort(key=lambda pair: pair[0])
     lengths = np.array([len(record) for _, record in pairs])
     return TaskSet(
-        np.frombuffer(b"".join(record for _, record in pairs), np.uint8),
+        np.frombuffer(b"".join(record for _, record in pairs), np.uint8).copy(),  # which kernels take: it is writeable
         np.concatenate(([0], np.cumsum(lengths))).astype(np.int64),
         np.array([difficulty for difficulty, _ in pairs], np.uint8),
         origin or {},
