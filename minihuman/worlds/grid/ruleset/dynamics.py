@@ -11,7 +11,7 @@ then the tiles, row by row. The outermost tiles are walls, which no rule names, 
 import numpy as np
 from numpy.typing import NDArray
 
-from minihuman.worlds.kernels import device_function, inline, int64, kernel
+from minihuman.worlds.kernels import device_function, inline, kernel
 
 Row = NDArray[np.int32]
 

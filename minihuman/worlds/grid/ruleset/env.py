@@ -170,7 +170,9 @@ class RulesetWorld(ShowsItself, gymnasium.Env[dict[str, Any], int], NativeWorld)
         self.observation_space = self._build_space()
         self._row = np.zeros(ruleset_row_length(height, width, self.most_rules), np.int32)
         self._row[[fields.HEIGHT, fields.WIDTH]] = height, width
-        self._row[fields.MAX_STEPS] = check_max_steps(STEPS_PER_CELL * height * width if max_steps is None else max_steps)
+        self._row[fields.MAX_STEPS] = check_max_steps(
+            STEPS_PER_CELL * height * width if max_steps is None else max_steps
+        )
         self._rng_state: RngState = np.zeros(6, np.uint64)
         self._encodings: dict[str, NDArray[np.uint8]] = {}
 
@@ -419,5 +421,7 @@ _COLOUR_LETTERS = " rgbpyekowni"  # by colour: e grey, k black, n brown, i pink
 def _hash_state(saved: RulesetSnapshot) -> int:
     row = saved.row.copy()
     row[fields.TASK] = 0  # where the task stands in its set changes nothing
-    rng_state = saved.rng_state[: 6 if saved.rng_state[4] else 4]  # without a buffered half draw its value means nothing
+    rng_state = saved.rng_state[
+        : 6 if saved.rng_state[4] else 4
+    ]  # without a buffered half draw its value means nothing
     return hash64(["ruleset", row, rng_state])

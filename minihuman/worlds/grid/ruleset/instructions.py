@@ -78,7 +78,7 @@ def describe_rule(rule: Rule) -> str:
         case kind if kind >= numbers.AGENT_NEAR_UP:
             made = "disappears" if disappears else f"turns into {_a(rule.product)}"
             return f"If you step {_OPPOSITE[kind - numbers.AGENT_NEAR_UP]} {_a(first)}, it {made}."
-    made = "both disappear" if disappears else f"both turn into one {name_tile(rule.product)}"
+    made = "both disappear" if disappears else f"the two turn into {_a(rule.product)}"
     if rule.kind == numbers.TILE_NEAR:
         together = _put_together(first, second)
         return f"If you {together[:1].lower()}{together[1:]}, {made}."

@@ -126,7 +126,9 @@ class _Search:
                 continue
             done.add(scene)
             if len(done) > MOST_STATES:
-                raise WorldError(f"no plan was found in the first {MOST_STATES} states searched; there may still be one")
+                raise WorldError(
+                    f"no plan was found in the first {MOST_STATES} states searched; there may still be one"
+                )
             for after, more, move in self._expand(row, is_narrow=is_narrow):
                 next_key = after.tobytes()
                 if next_key in reached or self._scene(after) in done:

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple, cast
+from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -133,7 +134,9 @@ def check_task(task: RuleTask, height: int, width: int) -> None:
         _check_tile("a task has", tile)
     place = {numbers.GOAL_TILE_AT: task.goal[2:], numbers.GOAL_AGENT_AT: task.goal[1:3]}.get(task.goal.kind)
     if place is not None and not (place[0] < height and place[1] < width):
-        raise WorldError(f"the goal is about row {place[0]} and column {place[1]} of a grid of {height} x {width} cells")
+        raise WorldError(
+            f"the goal is about row {place[0]} and column {place[1]} of a grid of {height} x {width} cells"
+        )
 
 
 def _check_tile(what: str, tile: int) -> None:
@@ -291,7 +294,7 @@ def read_task_set(path: Path) -> TaskSet:
             records = np.ascontiguousarray(archive["records"])
             difficulties = np.ascontiguousarray(archive["difficulties"])
             origin = json.loads(archive["origin"].tobytes())
-    except (OSError, KeyError, ValueError, EOFError) as error:
+    except (OSError, KeyError, ValueError, EOFError, BadZipFile) as error:
         raise WorldError(f"{path} is no set of tasks ({error}); write one with `TaskSet.save`") from error
     task_set = TaskSet(records, starts, difficulties, origin)
     if len(difficulties) == 0 or len(starts) != len(difficulties) + 1 or starts[-1] != len(records):
@@ -308,7 +311,10 @@ def _check_lengths(task_set: TaskSet, path: Path) -> None:
         raise WorldError(f"{path} is damaged: a record is too short; write it again")
     rules = task_set.records[first + N_RULES].astype(np.int64)
     things = task_set.records[first + N_THINGS].astype(np.int64)
-    if not np.array_equal(lengths, RECORD + numbers.PER_RULE * rules + things) or (np.diff(task_set.difficulties) < 0).any():
+    if (
+        not np.array_equal(lengths, RECORD + numbers.PER_RULE * rules + things)
+        or (np.diff(task_set.difficulties) < 0).any()
+    ):
         raise WorldError(f"{path} is damaged: a record has another length than it says; write it again")
 
 

@@ -1,21 +1,30 @@
 """XLand-MiniGrid, stepped from states of ours: what it makes of them is what our kernels have to make of them.
 
-`python -m tests.worlds.grid.ruleset.xminigrid_oracle` writes `transitions.npz` anew, where xminigrid 0.9.3 is installed.
+`python -m tests.worlds.grid.ruleset.xminigrid_oracle` writes `transitions.npz` anew, where xminigrid 0.9.3 is installed;
+with the path of its `scripts/ruleset_generator.py`, it writes `generated_tasks.json`.
 """
 
+import importlib.util
+import json
+import random
+import sys
+from collections.abc import Callable
+from dataclasses import asdict
+from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from minihuman.worlds.grid.ruleset import dynamics as numbers
-from minihuman.worlds.grid.ruleset.dynamics import HEADER, PER_RULE, ruleset_row_length
+from minihuman.worlds.grid.ruleset.dynamics import ruleset_row_length
 from minihuman.worlds.grid.ruleset.generator import PRESETS, generate_tasks
 from minihuman.worlds.grid.ruleset.layouts import ROOMS, lay_out_tasks
-from minihuman.worlds.grid.ruleset.tasks import Rule, RuleGoal, RuleTask, build_task_set
+from minihuman.worlds.grid.ruleset.tasks import Rule, RuleGoal, RuleTask, build_task_set, parse_task
 from minihuman.worlds.rng import read_rng_state
 
 RECORDED = Path(__file__).parent / "transitions.npz"
+RECORDED_TASKS = Path(__file__).parent / "generated_tasks.json"
 SIZE = 13
 VIEW = 5
 MOST_RULES = 20
@@ -52,7 +61,9 @@ def draw_rows(tasks: list[RuleTask], rng: np.random.Generator) -> np.ndarray:
     for i, task in enumerate(tasks):
         single = build_task_set([task])
         rooms = int(rng.choice(ROOMS))
-        failed = lay_out_tasks(rows[i : i + 1], np.zeros(1, np.int64), states[i : i + 1], single.records, single.starts, 0, 1, rooms)
+        failed = lay_out_tasks(
+            rows[i : i + 1], np.zeros(1, np.int64), states[i : i + 1], single.records, single.starts, 0, 1, rooms
+        )
         assert failed < 0
         rows[i, numbers.STEP] = rng.integers(0, rows[i, numbers.MAX_STEPS] - 1)
         _scatter(rows[i], task, rng)
@@ -84,24 +95,34 @@ def _scatter(row: np.ndarray, task: RuleTask, rng: np.random.Generator) -> None:
         row[numbers.POCKET] = second
 
 
-def ask_xminigrid(rows: np.ndarray, tasks: list[RuleTask], actions: np.ndarray) -> Transitions:
-    """Step XLand-MiniGrid from states, one task each."""
+@cache
+def compile_step() -> Callable[..., Any]:
+    """Return XLand-MiniGrid's step of many states at once, each with a task and a step limit of its own."""
     import jax
     import jax.numpy as jnp
     import xminigrid
-    from xminigrid.types import AgentState, EnvCarry, RuleSet, State, StepType, TimeStep
+    from xminigrid.types import EnvCarry, State, StepType, TimeStep
 
     environment, parameters = xminigrid.make("XLand-MiniGrid-R1-13x13", view_size=VIEW)
+
+    def step(grid: Any, agent: Any, goal: Any, rules: Any, step_number: Any, max_steps: Any, action: Any) -> Any:
+        state = State(jax.random.key(0), step_number, grid, agent, goal, rules, EnvCarry())
+        image = jnp.zeros((VIEW, VIEW, 2), jnp.uint8)
+        timestep = TimeStep(state, StepType.MID, jnp.asarray(0.0), jnp.asarray(1.0), image)
+        return environment.step(parameters.replace(max_steps=max_steps), timestep, action)
+
+    return jax.jit(jax.vmap(step))
+
+
+def ask_xminigrid(rows: np.ndarray, tasks: list[RuleTask], actions: np.ndarray) -> Transitions:
+    """Step XLand-MiniGrid from states, one task each."""
+    import jax.numpy as jnp
+    from xminigrid.types import AgentState
+
+    stepped = compile_step()
     goals = jnp.array([encode_goal(task.goal) for task in tasks], jnp.uint8)
     padded = [[*map(encode_rule, task.rules), *[[0] * 7] * (MOST_RULES - len(task.rules))] for task in tasks]
     rules = jnp.array(padded, jnp.uint8)
-
-    def step(grid: Any, agent: Any, goal: Any, rule: Any, step_number: Any, max_steps: Any, action: Any) -> Any:
-        state = State(jax.random.key(0), step_number, grid, agent, goal, rule, EnvCarry())
-        timestep = TimeStep(state, StepType.MID, jnp.asarray(0.0), jnp.asarray(1.0), jnp.zeros((VIEW, VIEW, 2), jnp.uint8))
-        return _step_with_limit(environment, parameters, timestep, action, max_steps)
-
-    stepped = jax.jit(jax.vmap(step))
     recorded: list[tuple[np.ndarray, ...]] = []
     now = rows.copy()
     for number in range(len(actions)):
@@ -127,13 +148,11 @@ def ask_xminigrid(rows: np.ndarray, tasks: list[RuleTask], actions: np.ndarray) 
         agents = now[:, [numbers.Y, numbers.X, numbers.DIRECTION, numbers.POCKET]].copy()
         images = np.asarray(after.observation)
         assert (np.asarray(after.last()) == (terminated | truncated)).all()
-        recorded.append((before, actions[number], tiles, agents, images, terminated, truncated, np.asarray(after.reward)))
+        recorded.append(
+            (before, actions[number], tiles, agents, images, terminated, truncated, np.asarray(after.reward))
+        )
         now[:, numbers.STEP] = np.minimum(now[:, numbers.STEP], now[:, numbers.MAX_STEPS] - 1)  # it steps on
     return Transitions(*map(np.stack, zip(*recorded, strict=True)))
-
-
-def _step_with_limit(environment: Any, parameters: Any, timestep: Any, action: Any, max_steps: Any) -> Any:
-    return environment.step(parameters.replace(max_steps=max_steps), timestep, action)
 
 
 def encode_goal(goal: RuleGoal) -> list[int]:
@@ -190,7 +209,7 @@ def find_differences(transitions: Transitions) -> dict[str, int]:
 
 
 def write_recorded() -> None:
-    transitions = record(100, 8, seed=9)
+    transitions = record(100, 4, seed=9)
     np.savez_compressed(RECORDED, **transitions._asdict())
 
 
@@ -199,5 +218,34 @@ def read_recorded() -> Transitions:
         return Transitions(*(archive[name] for name in Transitions._fields))
 
 
+def write_recorded_tasks(script: Path) -> None:
+    """Record what XLand-MiniGrid's own generator draws, as its ``main`` runs it: `ruleset_generator.py` at 0d306d14."""
+    specification = importlib.util.spec_from_file_location("ruleset_generator", script)
+    generator = importlib.util.module_from_spec(specification)
+    specification.loader.exec_module(generator)
+    tasks: dict[str, list[Any]] = {}
+    for name, settings in PRESETS.items():
+        random.seed(42)
+        known = set()
+        tasks[name] = []
+        while len(tasks[name]) < 60:
+            drawn = generator.sample_ruleset(**asdict(settings))
+            if generator.encode(drawn) in known:
+                continue
+            known.add(generator.encode(drawn))
+            rules = [rule.encode().tolist() for rule in drawn["rules"]]
+            tiles = [[int(part) for part in tile] for tile in drawn["init_tiles"]]
+            tasks[name].append({"goal": drawn["goal"].encode().tolist(), "rules": rules, "init_tiles": tiles})
+    RECORDED_TASKS.write_text(json.dumps(tasks, separators=(",", ":")) + "\n")
+
+
+def read_recorded_tasks() -> dict[str, list[RuleTask]]:
+    recorded = json.loads(RECORDED_TASKS.read_text())
+    return {name: [parse_task(task) for task in tasks] for name, tasks in recorded.items()}
+
+
 if __name__ == "__main__":
-    write_recorded()
+    if len(sys.argv) > 1:
+        write_recorded_tasks(Path(sys.argv[1]))
+    else:
+        write_recorded()
