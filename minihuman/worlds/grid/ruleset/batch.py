@@ -16,18 +16,18 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
 from minihuman.errors import WorldError
+from minihuman.worlds.grid.ruleset.batch_steps import observe_rulesets, step_rulesets
 from minihuman.worlds.grid.ruleset.dynamics import FAILED, NEW, OVER, PHASE, TASK, TOGGLE, Row
 from minihuman.worlds.grid.ruleset.encodings import encode_tasks
 from minihuman.worlds.grid.ruleset.env import RulesetSnapshot, RulesetWorld
 from minihuman.worlds.grid.ruleset.instructions import describe_task
 from minihuman.worlds.grid.ruleset.layouts import lay_out_tasks
-from minihuman.worlds.grid.ruleset.passes import observe_rulesets, step_rulesets
 from minihuman.worlds.grid.ruleset.tasks import TaskSet
 from minihuman.worlds.options import BatchSeeds, seeds_per_world
 from minihuman.worlds.rng import RngState, read_rng_state, write_rng_state
 from minihuman.worlds.vector_names import VectorNames
 
-MODES = (AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP, AutoresetMode.DISABLED)  # in the order of `passes`
+MODES = (AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP, AutoresetMode.DISABLED)  # in the order of `batch_steps`
 Observation = dict[str, Any]
 
 

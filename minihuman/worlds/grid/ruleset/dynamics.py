@@ -92,6 +92,34 @@ def is_pickable(tile: int) -> bool:
     return (BALL <= kind <= PYRAMID) or kind == KEY or kind == HEX or kind == STAR
 
 
+@inline
+def go_forward(row: Row) -> None:
+    """Move the agent to the next tile."""
+    if row[DIRECTION] % 2 == 0:
+        row[Y] += row[DIRECTION] - 1
+    else:
+        row[X] += 2 - row[DIRECTION]
+
+
+@device_function()
+def use_hand(row: Row, action: int, front: int) -> None:
+    """Pick up the tile in front, put down what is carried, or toggle a door."""
+    tile = row[front]
+    kind = tile & 15
+    if action == PICK_UP:
+        if is_pickable(tile) and row[POCKET] & 15 == EMPTY:
+            row[POCKET] = tile
+            row[front] = BLACK_FLOOR
+    elif action == PUT_DOWN:
+        if kind == FLOOR and row[POCKET] & 15 != EMPTY:
+            row[front] = row[POCKET]
+            row[POCKET] = EMPTY
+    elif kind == DOOR_OPEN:
+        row[front] = DOOR_CLOSED | tile >> 4 << 4
+    elif kind == DOOR_CLOSED or (kind == DOOR_LOCKED and row[POCKET] == (KEY | tile >> 4 << 4)):
+        row[front] = DOOR_OPEN | tile >> 4 << 4
+
+
 @device_function()
 def act_alone(row: Row, action: int) -> int:
     """Apply an action without the rules; return the index in the row of the tile that the action is about.
@@ -107,30 +135,12 @@ def act_alone(row: Row, action: int) -> int:
         row[DIRECTION] = (direction + 3) % 4
         return here
     front = here + offset(row, direction)
-    tile = row[front]
     if action == FORWARD:
-        if not is_walkable(tile):
+        if not is_walkable(row[front]):
             return here
-        if direction % 2 == 0:
-            row[Y] += direction - 1
-        else:
-            row[X] += 2 - direction
-        return front
-    if action == PICK_UP:
-        if is_pickable(tile) and row[POCKET] & 15 == EMPTY:
-            row[POCKET] = tile
-            row[front] = BLACK_FLOOR
-    elif action == PUT_DOWN:
-        if tile & 15 == FLOOR and row[POCKET] & 15 != EMPTY:
-            row[front] = row[POCKET]
-            row[POCKET] = EMPTY
-    elif tile & 15 == DOOR_LOCKED:
-        if row[POCKET] == (KEY | tile >> 4 << 4):
-            row[front] = DOOR_OPEN | tile >> 4 << 4
-    elif tile & 15 == DOOR_CLOSED:
-        row[front] = DOOR_OPEN | tile >> 4 << 4
-    elif tile & 15 == DOOR_OPEN:
-        row[front] = DOOR_CLOSED | tile >> 4 << 4
+        go_forward(row)
+    else:
+        use_hand(row, action, front)
     return front
 
 
@@ -222,7 +232,7 @@ def is_beside(row: Row, place: int, direction: int, tile: int) -> bool:
 
 @device_function()
 def is_tile_near(row: Row, place: int, direction: int, a: int, b: int) -> bool:
-    """Return whether what lies in a place is beside its partner: tile b in the given direction of tile a, -1 for any."""
+    """Return whether what lies in a place is beside its partner: tile b in a direction of tile a, -1 for any."""
     tile = row[place]
     if direction < 0:
         if tile == a:

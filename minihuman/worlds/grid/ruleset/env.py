@@ -29,19 +29,19 @@ from minihuman.worlds.grid.ruleset.dynamics import (
 from minihuman.worlds.grid.ruleset.encodings import encode_tasks
 from minihuman.worlds.grid.ruleset.instructions import TaskTexts, describe_task, name_tile
 from minihuman.worlds.grid.ruleset.layouts import ROOMS, lay_out_task
-from minihuman.worlds.grid.ruleset.pictures import draw_ruleset, hex_colour
 from minihuman.worlds.grid.ruleset.planner import find_plan
 from minihuman.worlds.grid.ruleset.tasks import (
     UNREACHABLE,
-    Rule,
     RuleGoal,
     RuleTask,
     TaskSet,
+    TileRule,
     build_task_set,
     check_task,
     find_task_set,
     parse_task,
 )
+from minihuman.worlds.grid.ruleset.tile_pictures import draw_ruleset, hex_colour
 from minihuman.worlds.hashing import hash64
 from minihuman.worlds.human_window import ShowsItself
 from minihuman.worlds.options import check_bool, check_one_of, check_pair, check_whole
@@ -210,10 +210,10 @@ class RulesetWorld(ShowsItself, gymnasium.Env[dict[str, Any], int], NativeWorld)
         things = self.source.tasks[int(self._row[fields.TASK])].things
         return RuleTask(goal, self._rules(), things)
 
-    def _rules(self) -> tuple[Rule, ...]:
+    def _rules(self) -> tuple[TileRule, ...]:
         end = fields.HEADER + fields.PER_RULE * int(self._row[fields.RULES])
         flat = self._row[fields.HEADER : end].reshape(-1, fields.PER_RULE)
-        return tuple(Rule(*rule) for rule in flat.tolist())
+        return tuple(TileRule(*rule) for rule in flat.tolist())
 
     @property
     def tiles(self) -> NDArray[np.int32]:
@@ -421,7 +421,5 @@ _COLOUR_LETTERS = " rgbpyekowni"  # by colour: e grey, k black, n brown, i pink
 def _hash_state(saved: RulesetSnapshot) -> int:
     row = saved.row.copy()
     row[fields.TASK] = 0  # where the task stands in its set changes nothing
-    rng_state = saved.rng_state[
-        : 6 if saved.rng_state[4] else 4
-    ]  # without a buffered half draw its value means nothing
+    rng_state = saved.rng_state[: 6 if saved.rng_state[4] else 4]  # the others: a buffered half draw
     return hash64(["ruleset", row, rng_state])

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from itertools import product
 
 from minihuman.worlds.grid.ruleset import dynamics as numbers
-from minihuman.worlds.grid.ruleset.tasks import Rule, RuleGoal, RuleTask
+from minihuman.worlds.grid.ruleset.tasks import RuleGoal, RuleTask, TileRule
 
 Tile = tuple[int, int]  # kind and colour: in sets of these, the order is the source's
 
@@ -122,14 +122,14 @@ def _draw_goal(draws: random.Random) -> tuple[RuleGoal, tuple[Tile, ...]]:
     return RuleGoal(_GOALS[number], *map(_code, tiles)), tiles
 
 
-def _draw_rule(product_tile: Tile, used: list[Tile], draws: random.Random) -> tuple[Rule, tuple[Tile, ...]]:
+def _draw_rule(product_tile: Tile, used: list[Tile], draws: random.Random) -> tuple[TileRule, tuple[Tile, ...]]:
     number = draws.randint(0, len(_RULES) - 1)
     if number < _FIRST_PAIR:
         tile = draws.choice(_left(_CARRIED_TILES, used))
-        return Rule(_RULES[number], _code(tile), 0, _code(product_tile)), (tile,)
+        return TileRule(_RULES[number], _code(tile), 0, _code(product_tile)), (tile,)
     first = draws.choice(_left(_NEAR, used))
     second = draws.choice(_left(_CARRIED_TILES, used))
-    return Rule(_RULES[number], _code(first), _code(second), _code(product_tile)), (first, second)
+    return TileRule(_RULES[number], _code(first), _code(second), _code(product_tile)), (first, second)
 
 
 def _draw_task(settings: GeneratorSettings, draws: random.Random) -> tuple[RuleTask, bool]:
@@ -140,7 +140,7 @@ def _draw_task(settings: GeneratorSettings, draws: random.Random) -> tuple[RuleT
     goal, chain = _draw_goal(draws)
     used = list(chain)
     chain_tiles = list(chain)
-    rules: list[Rule] = []
+    rules: list[TileRule] = []
     things: list[Tile] = []
     levels = draws.randint(0, settings.chain_depth) if settings.sample_depth else settings.chain_depth
     if levels == 0:

@@ -12,7 +12,7 @@ from minihuman.errors import WorldError
 from minihuman.worlds.grid.missions import Sentences, words_in
 from minihuman.worlds.grid.ruleset import dynamics as numbers
 from minihuman.worlds.grid.ruleset.dynamics import TILE_COLOURS, TILE_KINDS
-from minihuman.worlds.grid.ruleset.tasks import MOST_RULES, Rule, RuleGoal, RuleTask
+from minihuman.worlds.grid.ruleset.tasks import MOST_RULES, RuleGoal, RuleTask, TileRule
 
 _NAMES = {"goal": "mat", "hex": "hexagon"}  # what people call what the numbers call goal and hex
 _FROM = ("directly above", "directly to the right of", "directly below", "directly to the left of")  # by direction
@@ -62,7 +62,7 @@ def _put_together(first: int, second: int) -> str:
     return f"Put {_a(first)} next to {_a(second)}"
 
 
-def describe_rule(rule: Rule) -> str:
+def describe_rule(rule: TileRule) -> str:
     """Return a rule as a sentence."""
     first, second = rule.first, rule.second
     disappears = rule.product == numbers.BLACK_FLOOR
@@ -107,9 +107,9 @@ def _vocabulary() -> Iterable[str]:
         yield describe_goal(RuleGoal(kind, key, key, 0))
     for kind in range(12):
         for first in (key, mat):
-            rules = Rule(kind, first, key, key), Rule(kind, first, key, numbers.BLACK_FLOOR)
+            rules = TileRule(kind, first, key, key), TileRule(kind, first, key, numbers.BLACK_FLOOR)
             yield describe_task(RuleTask(RuleGoal(numbers.GOAL_TILE_NEAR, first, key), rules, ()))
-    yield describe_task(RuleTask(RuleGoal(0), (Rule(0, 0, 0, 0),), ()))
+    yield describe_task(RuleTask(RuleGoal(0), (TileRule(0, 0, 0, 0),), ()))
     yield " ".join([*(f"({number})" for number in range(MOST_RULES + 1)), *(f"{n}, {n}." for n in range(257))])
 
 

@@ -32,7 +32,7 @@ from minihuman.worlds.grid.ruleset.dynamics import (
 from minihuman.worlds.grid.ruleset.reach import FAR, reach_changes
 from minihuman.worlds.grid.ruleset.tasks import RuleTask
 
-MOST_STATES = 4_000  # that are expanded before the search is given up
+MOST_SCENES = 4_000  # that are expanded before the search is given up
 STEPS_PER_RULE = 30  # that a rule counts for in the estimate: more than it mostly takes, so that the search is greedy
 MOST_DROPS = 8  # places in which a thing is put down without effect in a narrow search: the nearest
 _IMPOSSIBLE = float("inf")
@@ -72,7 +72,7 @@ def find_plan(row: Row, task: RuleTask, n_cells: int) -> Sequence[int]:
         n_cells: the number of cells of the grid.
 
     Raises:
-        WorldError: if no plan was found in `MOST_STATES` states.
+        WorldError: if no plan was found in `MOST_SCENES` states.
     """
     if row[PHASE] == OVER or task.goal.kind == NO_GOAL:
         return ()
@@ -105,8 +105,8 @@ class _Search:
         """Search; return the plan, or None if there is none among the states that were looked at.
 
         Args:
-            is_narrow: whether to close no door, to pick up only what is needed, and to put it down without effect in few
-                places.
+            is_narrow: whether to close no door, to pick up only what is needed, and to put it down without effect only
+                in few places.
 
         Raises:
             WorldError: if there are too many states.
@@ -125,9 +125,9 @@ class _Search:
             if scene in done:
                 continue
             done.add(scene)
-            if len(done) > MOST_STATES:
+            if len(done) > MOST_SCENES:
                 raise WorldError(
-                    f"no plan was found in the first {MOST_STATES} states searched; there may still be one"
+                    f"no plan was found in the first {MOST_SCENES} states searched; there may still be one"
                 )
             for after, more, move in self._expand(row, is_narrow=is_narrow):
                 next_key = after.tobytes()

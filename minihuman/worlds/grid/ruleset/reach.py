@@ -5,7 +5,6 @@ from numpy.typing import NDArray
 
 from minihuman.worlds.grid.ruleset.dynamics import (
     DIRECTION,
-    FORWARD,
     MAX_STEPS,
     PHASE,
     PLAYING,
@@ -13,8 +12,6 @@ from minihuman.worlds.grid.ruleset.dynamics import (
     STEP,
     TERMINATED,
     TOGGLE,
-    TURN_LEFT,
-    TURN_RIGHT,
     WIDTH,
     Row,
     X,
@@ -36,6 +33,12 @@ def changes(row: Row, after: Row) -> bool:
         if row[cell] != after[cell]:
             return True
     return False
+
+
+@device_function()
+def pose_of(row: Row) -> int:
+    """Return the number of the agent's pose: its cell and its direction."""
+    return 4 * (row[Y] * row[WIDTH] + row[X]) + row[DIRECTION]
 
 
 @device_function()
@@ -81,7 +84,7 @@ def reach_changes(
         The number of states.
     """
     parents[:] = -1
-    start = 4 * (row[Y] * row[WIDTH] + row[X]) + row[DIRECTION]
+    start = pose_of(row)
     parents[start] = -2
     queue[0] = start
     distance = 0
@@ -98,19 +101,13 @@ def reach_changes(
         for action in range(TOGGLE + 1):
             if count == len(after):
                 break
-            if action == TURN_RIGHT or action == TURN_LEFT:
-                near = pose // 4 * 4 + (pose % 4 + (1 if action == TURN_RIGHT else 3)) % 4
-            else:
-                status = try_action(row, after[count], pose, action)
-                if status & TERMINATED or changes(row, after[count]):
-                    costs[count] = distance + 1
-                    moves[count] = pose * 8 + action
-                    after[count, PHASE] = 2 if status & TERMINATED else PLAYING
-                    count += 1
-                    continue
-                if action != FORWARD:
-                    continue
-                near = 4 * (after[count, Y] * row[WIDTH] + after[count, X]) + pose % 4
+            status = try_action(row, after[count], pose, action)
+            if status & TERMINATED or changes(row, after[count]):
+                costs[count] = distance + 1
+                moves[count] = pose * 8 + action
+                count += 1
+                continue
+            near = pose_of(after[count])
             if parents[near] == -1:
                 parents[near] = pose * 8 + action
                 queue[tail] = near

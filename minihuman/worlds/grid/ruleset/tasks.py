@@ -1,7 +1,7 @@
-"""Tasks of worlds of rules: a goal, rules, and the things that lie there; sets of tasks as files; and how hard one is.
+"""Tasks of worlds of rules: a goal, rules, and the things that lie there; sets of tasks as files; how hard a task is.
 
-All is written in the numbers of `dynamics`. A file is a NumPy archive of one record per task, sorted by difficulty: four
-bytes for the goal, two for the numbers of rules and things, four per rule, one per thing.
+All is written in the numbers of `dynamics`. A file is a NumPy archive of one record per task, sorted by difficulty:
+four bytes for the goal, two for the numbers of rules and things, four per rule, one per thing.
 """
 
 import json
@@ -47,7 +47,7 @@ class RuleGoal(NamedTuple):
         return (self.first,)
 
 
-class Rule(NamedTuple):
+class TileRule(NamedTuple):
     """A rule: its kind, the tiles that it takes (the second is 0 where it takes one), and the tile that it makes."""
 
     kind: int
@@ -67,7 +67,7 @@ class RuleTask(NamedTuple):
     """A task: the goal, the rules in the order in which they are tested, and the things that lie there at the start."""
 
     goal: RuleGoal
-    rules: tuple[Rule, ...]
+    rules: tuple[TileRule, ...]
     things: tuple[int, ...]
 
     @property
@@ -107,7 +107,7 @@ def read_record(record: Sequence[int]) -> RuleTask:
     plain = [int(number) for number in record]
     n_rules = plain[N_RULES]
     first_thing = RECORD + numbers.PER_RULE * n_rules
-    rules = tuple(Rule(*plain[at : at + numbers.PER_RULE]) for at in range(RECORD, first_thing, numbers.PER_RULE))
+    rules = tuple(TileRule(*plain[at : at + numbers.PER_RULE]) for at in range(RECORD, first_thing, numbers.PER_RULE))
     things = tuple(plain[first_thing : first_thing + plain[N_THINGS]])
     return RuleTask(RuleGoal(*plain[:N_RULES]), rules, things)
 
@@ -155,34 +155,34 @@ def _name(tile: int) -> str:
     return "tile of no kind"
 
 
-def parse_task(value: Any) -> RuleTask:
+def parse_task(given: Any) -> RuleTask:
     """Return a task that is given in XLand-MiniGrid's numbers: ``goal``, ``rules`` and ``init_tiles``, padded or not.
 
     Args:
-        value: a mapping; a goal has a kind and numbers, a rule a kind and the kind and colour of up to three tiles, the
+        given: a mapping; a goal has a kind and numbers, a rule a kind and the kind and colour of up to three tiles, the
             last of which it makes, and each initial tile a kind and a colour.
 
     Raises:
         WorldError: if something is missing or has another form.
     """
-    if isinstance(value, RuleTask):
-        return value
-    if not isinstance(value, Mapping) or value.keys() != {"goal", "rules", "init_tiles"}:
-        raise WorldError(f"task is {value!r}; give a table with goal, rules and init_tiles")
-    goal = _read_goal(_whole_list("goal", value["goal"], 5))
-    rules = [_read_rule(_whole_list("a rule", rule, 7)) for rule in value["rules"]]
-    things = [_whole_list("an initial tile", tile, 2) for tile in value["init_tiles"]]
+    if isinstance(given, RuleTask):
+        return given
+    if not isinstance(given, Mapping) or given.keys() != {"goal", "rules", "init_tiles"}:
+        raise WorldError(f"task is {given!r}; give a table with goal, rules and init_tiles")
+    goal = _read_goal(_whole_list("goal", given["goal"], 5))
+    rules = [_read_rule(_whole_list("a rule", rule, 7)) for rule in given["rules"]]
+    things = [_whole_list("an initial tile", tile, 2) for tile in given["init_tiles"]]
     codes = tuple(kind | colour << 4 for kind, colour in things if kind != numbers.EMPTY)
     return RuleTask(goal, tuple(rule for rule in rules if rule.kind != numbers.NO_RULE), codes)
 
 
-def _whole_list(what: str, value: Any, most: int) -> list[int]:
-    plain = value.tolist() if isinstance(value, np.ndarray) else value
+def _whole_list(what: str, encoding: Any, most: int) -> list[int]:
+    plain = encoding.tolist() if isinstance(encoding, np.ndarray) else encoding
     if not isinstance(plain, list | tuple) or len(plain) > most:
-        raise WorldError(f"{what} of the task is {value!r}; give up to {most} whole numbers")
+        raise WorldError(f"{what} of the task is {encoding!r}; give up to {most} whole numbers")
     read = [whole_number(number) for number in plain]
     if any(number is None or not 0 <= number < 256 for number in read):
-        raise WorldError(f"{what} of the task is {value!r}; give whole numbers from 0 to 255")
+        raise WorldError(f"{what} of the task is {encoding!r}; give whole numbers from 0 to 255")
     return [*cast(list[int], read), *[0] * (most - len(read))]
 
 
@@ -198,12 +198,12 @@ def _read_goal(encoding: list[int]) -> RuleGoal:
     return RuleGoal(kind, first if kind else 0)
 
 
-def _read_rule(encoding: list[int]) -> Rule:
+def _read_rule(encoding: list[int]) -> TileRule:
     kind, *rest = encoding
     tiles = [rest[at] | rest[at + 1] << 4 for at in (0, 2, 4)]
     if numbers.TILE_NEAR <= kind <= numbers.TILE_NEAR_LEFT:
-        return Rule(kind, *tiles)
-    return Rule(kind, tiles[0], 0, tiles[1])
+        return TileRule(kind, *tiles)
+    return TileRule(kind, tiles[0], 0, tiles[1])
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,9 +17,9 @@ from minihuman.worlds.grid.ruleset.env import RulesetWorld
 from minihuman.worlds.grid.ruleset.generator import PRESETS, generate_tasks
 from minihuman.worlds.grid.ruleset.instructions import describe_task
 from minihuman.worlds.grid.ruleset.tasks import (
-    Rule,
     RuleGoal,
     RuleTask,
+    TileRule,
     build_task_set,
     find_task_set,
     packaged_sets,
@@ -31,7 +31,7 @@ from tests.worlds.grid.ruleset import xminigrid_oracle
 RED_BALL, BLUE_KEY, GREEN_STAR = (numbers.BALL | 1 << 4, numbers.KEY | 3 << 4, numbers.STAR | 2 << 4)
 RECIPE = RuleTask(
     RuleGoal(numbers.GOAL_HOLD, GREEN_STAR),
-    (Rule(numbers.TILE_NEAR, RED_BALL, BLUE_KEY, GREEN_STAR),),
+    (TileRule(numbers.TILE_NEAR, RED_BALL, BLUE_KEY, GREEN_STAR),),
     (RED_BALL, BLUE_KEY),
 )
 

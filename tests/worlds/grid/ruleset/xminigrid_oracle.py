@@ -1,6 +1,6 @@
 """XLand-MiniGrid, stepped from states of ours: what it makes of them is what our kernels have to make of them.
 
-`python -m tests.worlds.grid.ruleset.xminigrid_oracle` writes `transitions.npz` anew, where xminigrid 0.9.3 is installed;
+`python -m tests.worlds.grid.ruleset.xminigrid_oracle` writes `transitions.npz` anew, where xminigrid 0.9.3 is there;
 with the path of its `scripts/ruleset_generator.py`, it writes `generated_tasks.json`.
 """
 
@@ -20,7 +20,7 @@ from minihuman.worlds.grid.ruleset import dynamics as numbers
 from minihuman.worlds.grid.ruleset.dynamics import ruleset_row_length
 from minihuman.worlds.grid.ruleset.generator import PRESETS, generate_tasks
 from minihuman.worlds.grid.ruleset.layouts import ROOMS, lay_out_tasks
-from minihuman.worlds.grid.ruleset.tasks import Rule, RuleGoal, RuleTask, build_task_set, parse_task
+from minihuman.worlds.grid.ruleset.tasks import RuleGoal, RuleTask, TileRule, build_task_set, parse_task
 from minihuman.worlds.rng import read_rng_state
 
 RECORDED = Path(__file__).parent / "transitions.npz"
@@ -167,7 +167,7 @@ def encode_goal(goal: RuleGoal) -> list[int]:
     return [*encoding, *[0] * (5 - len(encoding))]
 
 
-def encode_rule(rule: Rule) -> list[int]:
+def encode_rule(rule: TileRule) -> list[int]:
     """Return a rule as XLand-MiniGrid's seven numbers."""
     encoding = [rule.kind]
     if rule.kind != numbers.NO_RULE:

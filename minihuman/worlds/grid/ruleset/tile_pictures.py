@@ -55,7 +55,7 @@ def _regular(
     for number in range(count):
         far = inner if inner and number % 2 else radius
         angle = 2 * math.pi * number / count - math.pi / 2
-        points.append((u + far * math.cos(angle), v + far * math.sin(angle)))
+        points.append((0.5 + far * math.cos(angle), v + far * math.sin(angle)))
     return points
 
 

@@ -17,9 +17,29 @@ from minihuman.worlds.grid.ruleset.dynamics import (
     step_row,
     view_row,
 )
-from minihuman.worlds.kernels import kernel
+from minihuman.worlds.kernels import device_function, kernel
 
 NEXT_STEP, SAME_STEP, DISABLED = range(3)
+
+
+@device_function()
+def find_refusal(rows: Row, actions: NDArray[np.int64], mode: int) -> int:
+    """Return the complement (~) of the index of the first world that cannot be stepped, or 0 if there is none."""
+    for i in range(len(rows)):
+        phase = rows[i, PHASE]
+        ready = phase == PLAYING or (mode == NEXT_STEP and phase == OVER)
+        if not ready or actions[i] < 0 or actions[i] > TOGGLE:
+            return ~i
+    return 0
+
+
+@device_function()
+def observe_row(row: Row, image: NDArray[np.uint8], pocket: NDArray[np.uint8]) -> int:
+    """Write the view and what is carried; return the direction."""
+    view_row(row, image)
+    pocket[0] = row[POCKET] & 15
+    pocket[1] = row[POCKET] >> 4
+    return row[DIRECTION]
 
 
 @kernel(
@@ -48,12 +68,9 @@ def step_rulesets(
         The number of worlds to lay out anew; or, if a world refuses its action or must not be stepped now, the
             complement (~) of the index of the first such world. No world is stepped then.
     """
-    for i in range(len(rows)):
-        phase = rows[i, PHASE]
-        ready = phase == PLAYING or (mode == NEXT_STEP and phase == OVER)
-        if not ready or actions[i] < 0 or actions[i] > TOGGLE:
-            return ~i
-    count = 0
+    count = find_refusal(rows, actions, mode)
+    if count < 0:
+        return count
     for i in range(len(rows)):
         row = rows[i]
         status = 0
@@ -67,10 +84,7 @@ def step_rulesets(
         if not stepped or (mode == SAME_STEP and ended):
             over[count] = i
             count += 1
-        view_row(row, images[i])
-        directions[i] = row[DIRECTION]
-        pockets[i, 0] = row[POCKET] & 15
-        pockets[i, 1] = row[POCKET] >> 4
+        directions[i] = observe_row(row, images[i], pockets[i])
     return count
 
 
@@ -86,7 +100,4 @@ def observe_rulesets(
     for k in range(len(worlds)):
         i = worlds[k]
         row = rows[i]
-        view_row(row, images[i])
-        directions[i] = row[DIRECTION]
-        pockets[i, 0] = row[POCKET] & 15
-        pockets[i, 1] = row[POCKET] >> 4
+        directions[i] = observe_row(row, images[i], pockets[i])
