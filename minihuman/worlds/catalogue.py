@@ -64,14 +64,9 @@ GRID_WORLDS: tuple[CatalogueEntry, ...] = (
     _list_grid_world("LavaCrossingS11N5-v0", "crossing", "cross five rivers of lava", size=11, num_crossings=5),
     *(
         _list_grid_world(
-            f"SimpleCrossingS{size}N{n}-v0",
-            "crossing",
-            f"cross {walls}",
-            size=size,
-            num_crossings=n,
-            obstacle_type="wall",
+            f"SimpleCrossingS{s}N{n}-v0", "crossing", f"cross {walls}", size=s, num_crossings=n, obstacle_type="wall"
         )
-        for size, n, walls in ((9, 1, "a wall"), (9, 2, "two walls"), (9, 3, "three walls"), (11, 5, "five walls"))
+        for s, n, walls in ((9, 1, "a wall"), (9, 2, "two walls"), (9, 3, "three walls"), (11, 5, "five walls"))
     ),
     _list_grid_world("LavaGapS5-v0", "lava_gap", "find the gap in the lava", size=5),
     _list_grid_world("LavaGapS6-v0", "lava_gap", "find the gap in the lava", size=6),
