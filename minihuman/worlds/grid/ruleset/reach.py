@@ -58,8 +58,8 @@ def try_action(row: Row, after: Row, pose: int, action: int) -> int:
     return status
 
 
-@kernel("(int32[::1], int32[:, ::1], int64[::1], int64[::1], int64[::1], int64[::1])", hold_gil=True)
-def reach_changes(
+@device_function()
+def walk_to_changes(
     row: Row,
     after: Row,
     costs: NDArray[np.int64],
@@ -67,22 +67,7 @@ def reach_changes(
     parents: NDArray[np.int64],
     queue: NDArray[np.int64],
 ) -> int:
-    """Find every state that differs in more than the agent's pose and that one action after a walk leads to.
-
-    A walk is a shortest sequence of turns and steps that change nothing else.
-
-    Args:
-        row: the state.
-        after: receives the states, without their steps, in the order of their costs.
-        costs: receives the number of actions that lead to each.
-        moves: receives the pose in which the last action is taken and that action: ``pose * 8 + action``.
-        parents: receives, for each pose that the agent can walk to, the pose and action before it, likewise; -1 for
-            others, and -2 for the pose at the start.
-        queue: space for all poses.
-
-    Returns:
-        The number of states.
-    """
+    """Do what `reach_changes` says: go through all poses in the order of their distance, and try all actions in each."""
     parents[:] = -1
     start = pose_of(row)
     parents[start] = -2
@@ -113,3 +98,31 @@ def reach_changes(
                 queue[tail] = near
                 tail += 1
     return count
+
+
+@kernel("(int32[::1], int32[:, ::1], int64[::1], int64[::1], int64[::1], int64[::1])", hold_gil=True)
+def reach_changes(
+    row: Row,
+    after: Row,
+    costs: NDArray[np.int64],
+    moves: NDArray[np.int64],
+    parents: NDArray[np.int64],
+    queue: NDArray[np.int64],
+) -> int:
+    """Find every state that differs in more than the agent's pose and that one action after a walk leads to.
+
+    A walk is a shortest sequence of turns and steps that change nothing else.
+
+    Args:
+        row: the state.
+        after: receives the states, without their steps, in the order of their costs.
+        costs: receives the number of actions that lead to each.
+        moves: receives the pose in which the last action is taken and that action: ``pose * 8 + action``.
+        parents: receives, for each pose that the agent can walk to, the pose and action before it, likewise; -1 for
+            others, and -2 for the pose at the start.
+        queue: space for all poses.
+
+    Returns:
+        The number of states.
+    """
+    return walk_to_changes(row, after, costs, moves, parents, queue)
