@@ -67,7 +67,7 @@ def walk_to_changes(
     parents: NDArray[np.int64],
     queue: NDArray[np.int64],
 ) -> int:
-    """Do what `reach_changes` says: go through all poses in the order of their distance, and try all actions in each."""
+    """Do what `reach_changes` says: try all actions in all poses, in the order of their distance."""
     parents[:] = -1
     start = pose_of(row)
     parents[start] = -2
