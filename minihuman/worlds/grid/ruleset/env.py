@@ -345,7 +345,7 @@ class RulesetWorld(ShowsItself, gymnasium.Env[dict[str, Any], int], NativeWorld)
         if tile == BLACK_FLOOR:
             return " ."
         if tile & 15 == fields.WALL:
-            return "##"
+            return "WW"
         return _KIND_LETTERS[tile & 15] + _COLOUR_LETTERS[tile >> 4]
 
     def pose(self) -> Pose:
