@@ -114,7 +114,7 @@ class RulesetBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], ND
         self._image_shape = (num_envs, self._world.view_size, self._world.view_size, 2)
         self._after_layout()
 
-    @property
+    @property  # type: ignore[misc]  # Gymnasium's can be set
     def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
         """Return a copy of each world's random generator. Drawing from it does not affect the world."""
         generators = tuple(np.random.default_rng(0) for _ in self._rng_states)

@@ -306,7 +306,7 @@ class RulesetWorld(ShowsItself, gymnasium.Env[dict[str, Any], int], NativeWorld)
         if self._row[fields.PHASE] == fields.NEW:
             raise WorldError(f"{self} has not been reset; call reset() first")
 
-    def render(self) -> NDArray[np.uint8] | str | None:  # type: ignore[override]
+    def render(self) -> NDArray[np.uint8] | str | None:
         """Return the world as a picture from above or as text, according to the render mode; None without one."""
         if self.render_mode is None:
             return None

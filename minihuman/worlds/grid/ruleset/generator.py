@@ -112,6 +112,7 @@ def _code(tile: Tile) -> int:
 
 def _draw_goal(draws: random.Random) -> tuple[RuleGoal, tuple[Tile, ...]]:
     number = draws.randint(0, len(_GOALS) - 1)
+    tiles: tuple[Tile, ...]
     if number == 0:
         tiles = (draws.choice(_CARRIED_TILES),)
     elif number < _FIRST_PAIR:

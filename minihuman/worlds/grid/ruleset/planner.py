@@ -59,8 +59,9 @@ class _Expansion(NamedTuple):
         """Return the space for a row of so many cells."""
         poses = 4 * n_cells
         after = np.zeros((4 * poses, len(row)), np.int32)
-        lines = [np.zeros(4 * poses, np.int64) for _ in range(2)]
-        return cls(after, *lines, np.zeros(poses, np.int64), np.zeros(poses, np.int64))
+        costs = np.zeros(4 * poses, np.int64)
+        moves = np.zeros(4 * poses, np.int64)
+        return cls(after, costs, moves, np.zeros(poses, np.int64), np.zeros(poses, np.int64))
 
 
 def find_plan(row: Row, task: RuleTask, n_cells: int) -> Sequence[int]:
