@@ -62,17 +62,11 @@ GRID_WORLDS: tuple[CatalogueEntry, ...] = (
     _list_grid_world("LavaCrossingS9N2-v0", "crossing", "cross two rivers of lava", size=9, num_crossings=2),
     _list_grid_world("LavaCrossingS9N3-v0", "crossing", "cross three rivers of lava", size=9, num_crossings=3),
     _list_grid_world("LavaCrossingS11N5-v0", "crossing", "cross five rivers of lava", size=11, num_crossings=5),
-    _list_grid_world(
-        "SimpleCrossingS9N1-v0", "crossing", "cross a wall", size=9, num_crossings=1, obstacle_type="wall"
-    ),
-    _list_grid_world(
-        "SimpleCrossingS9N2-v0", "crossing", "cross two walls", size=9, num_crossings=2, obstacle_type="wall"
-    ),
-    _list_grid_world(
-        "SimpleCrossingS9N3-v0", "crossing", "cross three walls", size=9, num_crossings=3, obstacle_type="wall"
-    ),
-    _list_grid_world(
-        "SimpleCrossingS11N5-v0", "crossing", "cross five walls", size=11, num_crossings=5, obstacle_type="wall"
+    *(
+        _list_grid_world(
+            f"SimpleCrossingS{s}N{n}-v0", "crossing", f"cross {walls}", size=s, num_crossings=n, obstacle_type="wall"
+        )
+        for s, n, walls in ((9, 1, "a wall"), (9, 2, "two walls"), (9, 3, "three walls"), (11, 5, "five walls"))
     ),
     _list_grid_world("LavaGapS5-v0", "lava_gap", "find the gap in the lava", size=5),
     _list_grid_world("LavaGapS6-v0", "lava_gap", "find the gap in the lava", size=6),
@@ -415,6 +409,9 @@ DRAWN_LEVEL = CatalogueEntry(
     summary="a level of your own, drawn as a diagram",
     guards_itself=True,
 )
+_RULESET = "minihuman.worlds.grid.ruleset"
+_RULES = "Rules-v0", f"{_RULESET}.env:RulesetWorld", {}, f"{_RULESET}.batch:RulesetBatch"
+RULES = CatalogueEntry(*_RULES, "a goal, and rules by which things turn into others", guards_itself=True)
 
 _TEAMS = "minihuman.worlds.grid.layouts.team_layouts"
 
@@ -447,7 +444,7 @@ TEAM_WORLDS: tuple[CatalogueEntry, ...] = (
     _team("HideAndSeek", f"{_TEAMS}:HideAndSeek", "One seeks, the others hide"),
 )
 
-WORLDS: tuple[CatalogueEntry, ...] = (*GRID_WORLDS, *BABYAI_WORLDS, *FIRST_PERSON_WORLDS, DRAWN_LEVEL)
+WORLDS: tuple[CatalogueEntry, ...] = (*GRID_WORLDS, *BABYAI_WORLDS, *FIRST_PERSON_WORLDS, DRAWN_LEVEL, RULES)
 
 
 TRIAL_WORLDS = {  # ids of what one trial is; not listed, as their options make them

@@ -1,0 +1,147 @@
+"""The instructions that are made of a task's goal and rules, in plain English, for people and language models.
+
+Directions are those of the plan from above: "above" is towards its top. "Next to" is never diagonal.
+"""
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+from minihuman.errors import WorldError
+from minihuman.worlds.grid.missions import Sentences, words_in
+from minihuman.worlds.grid.ruleset import dynamics as numbers
+from minihuman.worlds.grid.ruleset.dynamics import TILE_COLOURS, TILE_KINDS
+from minihuman.worlds.grid.ruleset.tasks import MOST_RULES, RuleGoal, RuleTask, TileRule
+
+_NAMES = {"goal": "mat", "hex": "hexagon"}  # what people call what the numbers call goal and hex
+_FROM = ("directly above", "directly to the right of", "directly below", "directly to the left of")  # by direction
+_OPPOSITE = (*_FROM[2:], *_FROM[:2])
+_LONGEST = 12_000
+
+
+def name_tile(tile: int) -> str:
+    """Return what a tile is called, as "red ball"."""
+    kind = TILE_KINDS[tile & 15]
+    return f"{TILE_COLOURS[tile >> 4]} {_NAMES.get(kind, kind)}"
+
+
+def _a(tile: int) -> str:
+    name = name_tile(tile)
+    return f"an {name}" if name[0] in "aeiou" else f"a {name}"
+
+
+def describe_goal(goal: RuleGoal) -> str:
+    """Return the goal as a sentence."""
+    first, second = goal.first, goal.second
+    match goal.kind:
+        case numbers.NO_GOAL:
+            return "There is nothing to reach."
+        case numbers.GOAL_HOLD:
+            return f"Pick up {_a(first)}."
+        case numbers.GOAL_ON_TILE:
+            return f"Walk onto {_a(first)}."
+        case numbers.GOAL_AGENT_NEAR:
+            return f"Walk up to {_a(first)}, so that you stand next to it."
+        case numbers.GOAL_TILE_NEAR:
+            return f"{_put_together(first, second)}."
+        case numbers.GOAL_TILE_AT:
+            return f"Bring {_a(first)} to row {second + 1}, column {goal.third + 1}."
+        case numbers.GOAL_AGENT_AT:
+            return f"Go to row {first + 1}, column {second + 1}."
+        case kind if kind >= numbers.GOAL_AGENT_NEAR_UP:
+            return f"Stand {_OPPOSITE[kind - numbers.GOAL_AGENT_NEAR_UP]} {_a(first)}."
+        case kind:
+            return f"Put {_a(second)} {_FROM[kind - numbers.GOAL_TILE_NEAR_UP]} {_a(first)}."
+
+
+def _put_together(first: int, second: int) -> str:
+    """Return what to do to bring two tiles together; what cannot be carried is named last."""
+    if first & 15 == numbers.GOAL_TILE:
+        return f"Put {_a(second)} next to {_a(first)}"
+    return f"Put {_a(first)} next to {_a(second)}"
+
+
+def describe_rule(rule: TileRule) -> str:
+    """Return a rule as a sentence."""
+    first, second = rule.first, rule.second
+    disappears = rule.product == numbers.BLACK_FLOOR
+    match rule.kind:
+        case numbers.NO_RULE:
+            return "Nothing happens."
+        case numbers.HOLD:
+            made = "a useless black tile" if disappears else _a(rule.product)
+            return f"If you pick up {_a(first)}, it turns into {made} in your hand."
+        case numbers.AGENT_NEAR:
+            made = "disappears" if disappears else f"turns into {_a(rule.product)}"
+            return f"If you step next to {_a(first)}, it {made}."
+        case kind if kind >= numbers.AGENT_NEAR_UP:
+            made = "disappears" if disappears else f"turns into {_a(rule.product)}"
+            return f"If you step {_OPPOSITE[kind - numbers.AGENT_NEAR_UP]} {_a(first)}, it {made}."
+    made = "both disappear" if disappears else f"the two turn into {_a(rule.product)}"
+    if rule.kind == numbers.TILE_NEAR:
+        together = _put_together(first, second)
+        return f"If you {together[:1].lower()}{together[1:]}, {made}."
+    return f"If you put {_a(second)} {_FROM[rule.kind - numbers.TILE_NEAR_UP]} {_a(first)}, {made}."
+
+
+def describe_task(task: RuleTask) -> str:
+    """Return the goal and all rules as a text."""
+    rules = [describe_rule(rule) for rule in task.rules]
+    if not rules:
+        return f"Goal: {describe_goal(task.goal)}"
+    if len(rules) == 1:
+        return f"Goal: {describe_goal(task.goal)} Rule: {rules[0]}"
+    listed = " ".join(f"({number}) {rule}" for number, rule in enumerate(rules, 1))
+    return f"Goal: {describe_goal(task.goal)} Rules: {listed}"
+
+
+def _vocabulary() -> Iterable[str]:
+    """Yield texts that have every word of every instruction."""
+    tiles = [kind | colour << 4 for kind in range(1, len(TILE_KINDS)) for colour in range(1, len(TILE_COLOURS))]
+    for tile in tiles:
+        yield f"{_a(tile)} {name_tile(tile)}."
+    key = numbers.KEY | 1 << 4
+    mat = numbers.GOAL_TILE | 2 << 4
+    for kind in range(15):
+        yield describe_goal(RuleGoal(kind, key, key, 0))
+    for kind in range(12):
+        for first in (key, mat):
+            rules = TileRule(kind, first, key, key), TileRule(kind, first, key, numbers.BLACK_FLOOR)
+            yield describe_task(RuleTask(RuleGoal(numbers.GOAL_TILE_NEAR, first, key), rules, ()))
+    yield describe_task(RuleTask(RuleGoal(0), (TileRule(0, 0, 0, 0),), ()))
+    yield " ".join([*(f"({number})" for number in range(MOST_RULES + 1)), *(f"{n}, {n}." for n in range(257))])
+
+
+_WORDS = sorted({word for text in _vocabulary() for word in words_in(text)})
+
+
+class TaskTexts(Sentences):
+    """The space of all instructions that tasks of rules have.
+
+    Args:
+        example: one of them, which `sample` returns.
+        seed: the seed of the space.
+    """
+
+    def __init__(self, example: str, *, seed: int | np.random.Generator | None = None) -> None:
+        super().__init__(_WORDS, max_length=_LONGEST, most_words=_LONGEST // 4, seed=seed)
+        self.example = example
+
+    def contains(self, x: Any) -> bool:
+        """Return whether a text is made of the words of instructions."""
+        return isinstance(x, str) and len(x) <= _LONGEST and set(words_in(x)) <= set(self.words)
+
+    def sample(self, mask: Any = None, probability: Any = None) -> str:
+        """Return an instruction. Masks and probabilities are not supported."""
+        if mask is not None or probability is not None:
+            raise WorldError("a space of instructions takes no mask and no probability; remove them")
+        return self.example
+
+    def __repr__(self) -> str:
+        return "TaskTexts()"
+
+    def __eq__(self, other: Any) -> bool:
+        return isinstance(other, TaskTexts)
+
+    __hash__ = None  # type: ignore[assignment]  # spaces hold a random stream, so none of them is hashable
