@@ -16,9 +16,8 @@ import pytest
 from minihuman.activities.team.events import JointStepped, TeamFormed
 from minihuman.admin.verify.episodes import verify_teams
 from minihuman.admin.verify.log import find_log_differences
-from minihuman.experiment.machine.events import Event, Noted
+from minihuman.experiment.machine.events import CLOCK_NOTE, Event, Noted
 from minihuman.log.read.session_reader import read_events
-from minihuman.web.session_clocks import CLOCK_NOTE
 from minihuman.worlds.adapters.world import World
 from tests.activities.team.study import PEOPLE, team_study
 from tests.counts import PATIENCE_S, count
@@ -27,7 +26,7 @@ from tests.web.typed_page import TypedPage
 
 pytestmark = [pytest.mark.program, pytest.mark.nightly]
 N_PAIRS = count(1, 6)  # of each kind
-N_STEPS = count(20, 70)
+N_STEPS = count(20, 40)
 PERIOD_MS = 300
 LATE_MS = 100
 AHEAD_S = 4.0  # a server refuses what is more than 5 s ahead
