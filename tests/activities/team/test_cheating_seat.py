@@ -25,7 +25,7 @@ from tests.web.serving import serving
 from tests.web.typed_page import TypedPage
 
 pytestmark = [pytest.mark.program, pytest.mark.nightly]
-N_PAIRS = count(1, 6)  # of each kind
+N_PAIRS = count(1, 4)  # of each kind
 N_STEPS = count(20, 40)
 PERIOD_MS = 300
 LATE_MS = 100
@@ -96,7 +96,9 @@ def measure_late_share(events: list[Event], seat: int) -> float:
 
 
 def list_claims(events: list[Event]) -> list[str]:
-    return [event.text for event in events if isinstance(event, Noted) and event.text.startswith(CLOCK_NOTE)]
+    """List what a log has of a page that is ahead; a busy machine's may be behind."""
+    notes = [event.text for event in events if isinstance(event, Noted)]
+    return [text for text in notes if text.startswith(CLOCK_NOTE) and "ahead" in text]
 
 
 def test_an_honest_partner_of_a_seat_that_claims_its_ticks_early_keeps_control(tmp_path: Path) -> None:
