@@ -16,7 +16,7 @@ import pytest
 from minihuman.activities.team.events import JointStepped, TeamFormed
 from minihuman.admin.verify.episodes import verify_teams
 from minihuman.admin.verify.log import find_log_differences
-from minihuman.experiment.machine.events import CLOCK_NOTE, Event, Noted
+from minihuman.experiment.machine.events import CLOCK_NOTE, Event, Noted, SessionEnded
 from minihuman.log.read.session_reader import read_events
 from minihuman.worlds.adapters.world import World
 from tests.activities.team.study import PEOPLE, team_study
@@ -25,7 +25,7 @@ from tests.web.serving import serving
 from tests.web.typed_page import TypedPage
 
 pytestmark = [pytest.mark.program, pytest.mark.nightly]
-N_PAIRS = count(1, 4)  # of each kind
+N_PAIRS = count(1, 3)  # of each kind
 N_STEPS = count(20, 40)
 PERIOD_MS = 300
 LATE_MS = 100
@@ -91,7 +91,8 @@ async def play_pairs(host: str, tokens: list[str]) -> list[float]:
 def measure_late_share(events: list[Event], seat: int) -> float:
     """Return the share of the joint steps in which the seat's input came too late."""
     sources = [event.sources[seat] for event in events if isinstance(event, JointStepped)]
-    assert len(sources) == N_STEPS
+    ends = [(event.reason, event.detail) for event in events if isinstance(event, SessionEnded)]
+    assert len(sources) == N_STEPS, (ends, sources, [event.text for event in events if isinstance(event, Noted)])
     return sources.count("late") / N_STEPS
 
 
