@@ -123,7 +123,7 @@ def test_an_honest_partner_of_a_seat_that_claims_its_ticks_early_keeps_control(t
         assert bool(list_claims(sessions[1])) == (ahead_s[number] > NOTED_S), (kind, ahead_s[number])
     means = {kind: sum(of_kind) / len(of_kind) for kind, of_kind in shares.items()}
     print(
-        f"{N_PAIRS} pairs of each kind, at most {N_STEPS} steps of {PERIOD_MS} ms: share of the honest partner's inputs that "
+        f"{N_PAIRS} pairs of each kind, at most {N_STEPS} steps of {PERIOD_MS} ms: share of the honest inputs that "
         f"were late " + ", ".join(f"{100 * mean:.1f} % beside {kind}" for kind, mean in means.items())
     )
     assert means["early"] < means["honest"] + MAX_RISE
