@@ -189,7 +189,7 @@ def _send_trial(family: Family, name: str, into: Connection, *, is_full: bool) -
             into.send(Trial(family.package, version(family.package), name, verdict="failed", failures=[failure]))
 
 
-def try_in_process(family: Family, name: str, *, is_full: bool) -> Trial:
+def try_in_process(family: Family, name: str, *, is_full: bool, timeout_s: float) -> Trial:
     """Try one id in a process of its own, which an environment may end or hang."""
     ours, theirs = multiprocessing.get_context("fork").Pipe(duplex=False)
     send = partial(_send_trial, family, name, theirs, is_full=is_full)
@@ -197,10 +197,10 @@ def try_in_process(family: Family, name: str, *, is_full: bool) -> Trial:
     process.start()
     theirs.close()
     try:
-        if ours.poll(TIMEOUT_S):
+        if ours.poll(timeout_s):
             trial: Trial = ours.recv()
             return trial
-        reason = f"nothing came within {TIMEOUT_S:g} s"
+        reason = f"nothing came within {timeout_s:g} s"
     except EOFError:
         process.join()
         reason = f"its process ended with status {process.exitcode}"
@@ -217,12 +217,12 @@ def warm_up() -> None:
         try_environment(farama, "MiniGrid-Empty-5x5-v0", Path(folder), is_full=False)
 
 
-def try_all(families: Iterable[Family], patterns: Iterable[str], *, is_full: bool) -> Iterator[Trial]:
+def try_all(families: Iterable[Family], patterns: Iterable[str], *, is_full: bool, timeout_s: float) -> Iterator[Trial]:
     """Try every id of the families that the patterns name."""
     for family in families:
         for name in list_ids(family):
             if any(fnmatchcase(name, pattern) for pattern in patterns):
-                trial = try_in_process(family, name, is_full=is_full)
+                trial = try_in_process(family, name, is_full=is_full, timeout_s=timeout_s)
                 print(
                     f"{trial.verdict:8} {name}: {trial.failures or trial.refused_because or trial.outcomes}", flush=True
                 )
@@ -339,13 +339,14 @@ def main() -> None:
     parser.add_argument("--only", nargs="*", metavar="PACKAGE", help="Packages to try; all without it.")
     parser.add_argument("--ids", nargs="*", default=["*"], metavar="PATTERN", help="Ids to try.")
     parser.add_argument("--full", action="store_true", help="Check each as before a study begins, which takes longer.")
+    parser.add_argument("--timeout", type=float, default=TIMEOUT_S, help="Seconds for each; more on a busy machine.")
     parser.add_argument("--out", type=Path, default=FOLDER, help="Folder to write into.")
     arguments = parser.parse_args()
     families = [family for family in read_families() if not arguments.only or family.package in arguments.only]
     os.environ[TRUST_VARIABLE] = ",".join({family.module for family in families})
     arguments.out.mkdir(parents=True, exist_ok=True)
     warm_up()
-    for trial in try_all(families, arguments.ids, is_full=arguments.full):
+    for trial in try_all(families, arguments.ids, is_full=arguments.full, timeout_s=arguments.timeout):
         write_trial(trial, arguments.out)
     write_page(arguments.out, arguments.out / "public_environments.md")
     print(arguments.out / "public_environments.csv")

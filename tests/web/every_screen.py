@@ -41,7 +41,7 @@ pool = ["left", "right", "up"]
 keyboard_check = true
 [web]
 image_size_px = [160, 160]
-codes = { complete = "C1A2" }
+completion_codes = { complete = "C1A2" }
 [allocation]
 stratify_by = "about.hand"
 [[groups]]
@@ -134,15 +134,25 @@ _UNTIL_OTHERWISE = """(before) => new Promise((resolve) => {
 Look = Callable[[Any, str], None]  # the page, and what is on it in short
 
 
-def every_screen(folder: Path) -> Path:
-    """Write the study."""
+def every_screen(folder: Path, language: str = "en", *, needs_keyboard: bool = True) -> Path:
+    """Write the study, with the interface in a language, or those parts of it that can be done without a keyboard."""
+    toml = TOML.replace("[keys]", f'language = "{language}"\n[keys]', 1)
+    if not needs_keyboard:
+        toml = toml.partition('[[blocks]]\nname = "teach"')[0].replace(', "teach", "rate", "correct", "compare"', "")
+        toml = toml.replace("[web]", "[web]\nrequire_keyboard = false")
     path = folder / "screens.toml"
-    path.write_text(TOML)
+    path.write_text(toml)
     return path
 
 
-def go_through(somebody: Somebody, look: Look) -> list[str]:
-    """From the consent to the code, by the keyboard alone; the looks, each of which was looked at once."""
+def go_through(somebody: Somebody, look: Look, *, correcting: str = "Show what") -> list[str]:
+    """From the consent to the code, by the keyboard alone; the looks, each of which was looked at once.
+
+    Args:
+        somebody: at the study.
+        look: looks at a screen.
+        correcting: words that only the screen has on which a person shows what should have been done.
+    """
     page, looked, paused = somebody.page, list[str](), False
     until_s = time.monotonic() + PATIENCE_MS / 1000
     somebody.until("s.welcomed && s.kind !== ''")
@@ -158,12 +168,12 @@ def go_through(somebody: Somebody, look: Look) -> list[str]:
         if looks.startswith("play") and state["playing"] and not paused:
             paused = True
             somebody.press("escape")  # a question whether they want to stop
-        elif not _acts(somebody, state, looks, corrected=any("Show what" in one for one in looked)):
+        elif not _acts(somebody, state, looks, correcting, corrected=any(correcting in one for one in looked)):
             state_now = [state[name] for name in ("kind", "playing", "ended", "finished")]
             page.evaluate(_UNTIL_OTHERWISE, json.dumps([looks, *state_now], separators=(",", ":"), ensure_ascii=False))
 
 
-def _acts(somebody: Somebody, state: dict[str, Any], looks: str, *, corrected: bool) -> bool:
+def _acts(somebody: Somebody, state: dict[str, Any], looks: str, correcting: str, *, corrected: bool) -> bool:
     """Do what the screen asks for; False where it asks for nothing."""
     kind = state["kind"]
     match kind:
@@ -180,7 +190,7 @@ def _acts(somebody: Somebody, state: dict[str, Any], looks: str, *, corrected: b
             somebody.page.wait_for_timeout(60)
         case "play" if not state["playing"] or state["ended"]:
             return False
-        case "play" if "Show what" in looks:  # a correction goes on until they end it
+        case "play" if correcting in looks:  # a correction goes on until they end it
             somebody.press("left", "space")
             somebody.until("s.kind !== 'play'")
         case "play" if "steers" not in looks:

@@ -95,3 +95,11 @@ def test_the_legend_of_a_window_has_the_same_places_in_every_language(language: 
         for locale in ("en", language)
     ]
     assert np.array_equal(*drawn)
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_the_key_for_the_left_of_two_films_is_named_left_of_the_other_in_every_language(language: str) -> None:
+    words = InterfaceWords(language)
+    prompt = words["pair.prompt"]
+    is_left_first = prompt.index("{left}") < prompt.index("{right}")
+    assert is_left_first == (not words.rtl)

@@ -215,6 +215,7 @@ def test_a_phone_plays_a_grid_and_answers_questions_with_taps_alone(browser: str
         with hold_phone(browser, url, tmp_path) as phone:
             fingers = Fingers(phone, tmp_path)
             turning = fingers.play()
+            assert phone.find("document.querySelector('#touch').hidden"), "nothing is left to tap at the end"
     assert {name: each for name, each in fingers.findings.items() if each} == {}
     [log] = tmp_path.rglob("*.mcap")
     assert list(find_log_differences(log, World)) == []

@@ -215,6 +215,7 @@ class Page {
         this.#connection.finished = true;
         this.#outbox.clear();
         this.#outbox.storage.removeItem("stream");
+        this.#touch.end();
         this.#view.showEnd(m, this.#connection.words.leaving);
     }
   }

@@ -58,6 +58,13 @@ export class TouchKeys {
     this.resized();
   }
 
+  /** Take the buttons away: the session is over, and nothing is asked for any more. */
+  end() {
+    this.bar.hidden = true;
+    this.#looks = "";
+    this.resized();
+  }
+
   /** @param {ScreenValues} screen @returns {string[]} */
   #namesFor(screen) {
     if (OWN_BUTTONS.has(screen.kind)) return [];
