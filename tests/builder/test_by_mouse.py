@@ -9,6 +9,7 @@ import pytest
 
 from minihuman.admin.protocol_file import read_protocol
 from minihuman.experiment.plan.dry_run import check_worlds
+from minihuman.experiment.protocol.protocol import Protocol
 from minihuman.runtime.simulated_session import simulate
 from tests.builder.hand import Hand, at_the_page
 from tests.machine import needs
@@ -44,6 +45,20 @@ def chip(hand: Hand, lane: str, part: str) -> Any:
     return hand.page.get_by_role("list", name=f"Parts of {lane}").locator("li.chip").filter(has=name).first
 
 
+def expect_budget(hand: Hand, task: str) -> None:
+    """Check that a task took no more than a person would bear, and say what it took."""
+    print(f"{task}: {hand.clicks} clicks, {hand.keys} keys")
+    assert hand.clicks <= MOST_CLICKS
+    assert hand.keys <= MOST_KEYS
+
+
+def check(study: Path) -> Protocol:
+    """Check a file as `minihuman check` does, and return its protocol."""
+    protocol = read_protocol(study)
+    check_worlds(protocol, str(study))
+    return protocol
+
+
 def test_two_groups_three_worlds_a_quiz_that_loops_and_a_questionnaire_after_each_world(tmp_path: Path) -> None:
     study = tmp_path / "rooms.toml"
     with at_the_page(tmp_path) as (hand, _):
@@ -75,15 +90,12 @@ def test_two_groups_three_worlds_a_quiz_that_loops_and_a_questionnaire_after_eac
                 hand.click(chip(hand, lane, world))
                 add_known(hand, lane, "opinion")
         hand.wait_until_saved()
-        print(f"two groups: {hand.clicks} clicks, {hand.keys} keys")
-        assert hand.clicks <= MOST_CLICKS
-        assert hand.keys <= MOST_KEYS
+        expect_budget(hand, "two groups")
     groups = {group["name"]: group["parts"] for group in tomllib.loads(study.read_text())["groups"]}
     around = ["page", "questions"]
     assert groups["forward"] == [*around, "world-1", "opinion", "world-2", "opinion", "world-3", "opinion"]
     assert groups["backward"] == [*around, "world-3", "opinion", "world-2", "opinion", "world-1", "opinion"]
-    protocol = read_protocol(study)
-    check_worlds(protocol, str(study))
+    protocol = check(study)
     logs = list(simulate(protocol, tmp_path / "sessions", participants=2, seed=1, player="random"))
     assert len(logs) == 2
 
@@ -105,12 +117,40 @@ def test_a_stroop_task_whose_words_are_pasted_from_a_spreadsheet(tmp_path: Path)
         hand.type(page.get_by_label("Episodes *"), "8")
         hand.type(page.get_by_role("textbox", name="Response deadline"), "1500")
         hand.wait_until_saved()
-        print(f"Stroop: {hand.clicks} clicks, {hand.keys} keys")
-        assert hand.clicks <= MOST_CLICKS
-        assert hand.keys <= MOST_KEYS
+        expect_budget(hand, "Stroop")
     [study] = tmp_path.glob("*/farben.toml")
-    protocol = read_protocol(study)
-    check_worlds(protocol, str(study))
+    protocol = check(study)
     [block] = [block for block in protocol.blocks if block.stimuli]
     assert (block.episodes, block.response_deadline_ms) == (8, 1500)
     assert protocol.files["stroop.csv"].count(b"\n") == WORDS.count("\n")
+
+
+def test_a_level_of_ones_own_that_needs_a_key(tmp_path: Path) -> None:
+    with at_the_page(tmp_path) as (hand, _):
+        page = hand.page
+        hand.click(hand.button("Copy one world"))
+        hand.type(page.get_by_label("Name of your study"), "locked")
+        hand.click(hand.button("Make the study"))
+        hand.click(chip(hand, "everyone", "play"))
+        hand.click(page.get_by_role("button", name=re.compile("^World: .* choose another$")))
+        hand.click(hand.button("Draw a level of your own"))
+        level = page.get_by_role("application", name="Cells of the level")
+        level.wait_for()
+        hand.wait_until_saved()
+        middle = 4.5 / 9
+        hand.stroke(level, (middle, 1.5 / 7), (middle, 5.5 / 7))
+        hand.wait_until_saved()
+        for kind, place in (("locked door", (4, 3)), ("key", (1, 4))):
+            hand.click(hand.button(kind))
+            hand.stroke(level, *(((place[0] + 0.5) / 9, (place[1] + 0.5) / 7),) * 2)
+            hand.wait_until_saved()
+        hand.type(page.get_by_role("textbox", name="Mission", exact=True).first, "fetch the key and reach the goal")
+        hand.wait_until_saved()
+        hand.wait_for_preview("Go on")
+        expect_budget(hand, "own level")
+    study = tomllib.loads((tmp_path / "locked.toml").read_text())
+    [block] = study["blocks"]
+    assert block["options"]["diagram"].splitlines()[3:5] == ["WW      Ly      WW", "WWKy    WW      WW"]
+    assert block["options"]["mission"] == "fetch the key and reach the goal"
+    assert {"pickup", "toggle"} <= set(block["actions"])
+    check(tmp_path / "locked.toml")

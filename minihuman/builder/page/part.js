@@ -3,6 +3,8 @@
 /** @import { OpenStudy } from "./open_study.js" */
 import { html, useState } from "./vendor/preact.js";
 import { useKinds } from "./add_part.js";
+import { WORLD as LEVEL } from "./level.js";
+import { LevelEditor } from "./level_editor.js";
 import { TableButtons, TableForm, insertTable } from "./form.js";
 import { makeName, nameKind, spellName, stripMarks } from "./words.js";
 
@@ -18,12 +20,15 @@ const ESSENTIAL = /** @type {Record<string, string[]>} */ ({ // shown though the
 export function PartForm({ study, part, deselect }) {
   const [table, place] = /** @type {[string, number]} */ (part.path);
   const kind = table === "blocks" || table === "activities" ? part.kind : "";
-  const hidden = ["name", "kind", ...(table === "questions" ? ["items"] : [])];
+  const isLevel = table === "blocks" && study.read([...part.path, "world"]) === LEVEL;
+  const isPlain = Object.keys(study.read([...part.path, "options"]) ?? {}).every((name) => name === "diagram" || name === "mission");
+  const hidden = ["name", "kind", ...(table === "questions" ? ["items"] : []), ...(isLevel && isPlain ? ["options"] : [])];
   return html`<article class="part-form" aria-label=${`Part ${part.name}`}>
     <header><p class="kind">${nameKind(part.kind)}<small>line ${part.line} of the file</small></p>
       <${NameField} key=${part.name} study=${study} part=${part} />
       <${PartButtons} study=${study} part=${part} table=${table} place=${place} deselect=${deselect} /></header>
     ${table === "questions" && html`<${Questions} study=${study} path=${[...part.path, "items"]} />`}
+    ${isLevel && html`<${LevelEditor} key=${part.name} study=${study} path=${part.path} />`}
     <${TableForm} study=${study} path=${part.path} table=${table} kind=${kind} hidden=${hidden} essential=${ESSENTIAL[table] ?? []} />
   </article>`;
 }
