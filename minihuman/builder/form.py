@@ -11,6 +11,8 @@ import msgspec
 
 from minihuman.activities.play.plan import PlayPlan
 from minihuman.activities.questions.question import find_question_kind
+from minihuman.activities.team.plan import PERSON
+from minihuman.agents.agent import AGENT_GROUP
 from minihuman.builder.consent_page import CONSENT_PAGE
 from minihuman.builder.messages import Choice, FieldForm, FormField, Kinds, PartKind
 from minihuman.builder.shipped_studies import find_example, list_used_fields
@@ -66,6 +68,7 @@ _PLUGINS = {  # fields that name a plug-in, each with its group
     "blocks.agent.learner": "minihuman.learners",
 }
 _OPTIONAL_TABLES = ("agent", "team", "timeline")  # of blocks: only some kinds have them
+_NEED_A_FILE = frozenset({"policy"})  # agents
 _NOT_PARTS = frozenset({"page", "questions", "keyboard_check", "debrief"})  # kinds with tables of their own, or none
 
 
@@ -222,10 +225,19 @@ def _list_choices(path: str, options: list[Schema]) -> list[Choice]:
             values += list_plugin_names(QUESTION_GROUP)
         case "keys.pool":
             values += BUTTON_NAMES
+        case "blocks.team.seats":
+            values += [PERSON, *_list_agents(), "planner"]
+        case "blocks.team.stand_in":
+            values += _list_agents()
         case "blocks.kind" | "activities.kind":
             table = path.partition(".")[0]
             values += [part.kind for part in list_kinds().parts if part.table == table]
     return [Choice(value, str(value)) for value in values]
+
+
+def _list_agents() -> list[str]:
+    """Return the scripted agents that can hold a seat without a file."""
+    return [f"scripted:{name}" for name in list_plugin_names(AGENT_GROUP) if name not in _NEED_A_FILE]
 
 
 def _build_settings_form(table: str, kind: str) -> FieldForm:

@@ -40,7 +40,7 @@ from minihuman.worlds.adapters.world import World
 from minihuman.worlds.catalogue import TEAM_WORLDS, WORLDS
 
 _LONGEST_BYTES = 10_000  # of a request
-MOVES = ("left", "right", "forward", "turn_left", "turn_right", "move_forward", "up", "down")
+MOVES = ("left", "right", "forward", "turn_left", "turn_right", "move_forward", "up", "down", "interact")
 
 
 class ShowRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -154,3 +154,72 @@ def test_a_level_of_ones_own_that_needs_a_key(tmp_path: Path) -> None:
     assert block["options"]["mission"] == "fetch the key and reach the goal"
     assert {"pickup", "toggle"} <= set(block["actions"])
     check(tmp_path / "locked.toml")
+
+
+@pytest.mark.nightly
+def test_a_kitchen_for_two_people_or_one_with_an_agent(tmp_path: Path) -> None:
+    with at_the_page(tmp_path) as (hand, _):
+        page = hand.page
+        hand.click(hand.button("Copy team"))
+        hand.type(page.get_by_label("Name of your study"), "kitchen")
+        hand.click(hand.button("Make the study"))
+        hand.click(hand.button("+ Add a group"))
+        chip(hand, "group", "play").wait_for()
+        hand.click(hand.button("Change group"))
+        hand.type(page.get_by_label("Name of the group"), "with-agent")
+        hand.click(hand.button("Close"))
+        hand.click(chip(hand, "with-agent", "play"))
+        hand.click(page.get_by_role("group", name="For whom these settings are").get_by_role("button", name="with-agent"))
+        hand.click(hand.button("Further settings", exact=False))
+        hand.click(page.get_by_role("button", name=re.compile("^Team ")))
+        hand.click(hand.button("Add team"))
+        hand.choose(page.get_by_label("Seat 2"), "scripted:cook")
+        hand.wait_until_saved()
+        for lane in ("everyone", "with-agent"):
+            hand.click(chip(hand, lane, "play"))
+            if lane == "everyone":
+                add_new(hand, lane, "A questionnaire")
+                hand.click(page.get_by_role("region", name="Questions").get_by_role("button", name="Likert", exact=True))
+                hand.type(page.get_by_label("Ask *"), "We worked together well.")
+            else:
+                add_known(hand, lane, "questions")
+        hand.wait_until_saved()
+        expect_budget(hand, "kitchen")
+    protocol = check(tmp_path / "kitchen.toml")
+    assert "interact" in protocol.blocks[0].actions
+    seats = {group.name: protocol.block_for("play", group.name).team.seats for group in protocol.groups}
+    assert seats == {"everyone": ("person", "person"), "with-agent": ("person", "scripted:cook")}
+    assert [group.parts for group in protocol.groups] == [("play", "questions")] * 2
+
+
+@pytest.mark.nightly
+def test_two_days_of_which_the_second_ends_with_a_questionnaire(tmp_path: Path) -> None:
+    with at_the_page(tmp_path) as (hand, _):
+        page = hand.page
+        hand.click(hand.button("Copy one world"))
+        hand.type(page.get_by_label("Name of your study"), "retention")
+        hand.click(hand.button("Make the study"))
+        hand.click(hand.button("+ Add a group"))
+        chip(hand, "group", "play").wait_for()
+        hand.click(hand.button("+ Add a day"))
+        chip(hand, "day-2 · group", "play").wait_for()
+        hand.click(hand.button("Change day-2 · group"))
+        hand.type(page.get_by_role("textbox", name="Days after previous"), "6")
+        hand.type(page.locator("[id$=days_after_previous-second]"), "8")
+        hand.type(page.get_by_label("Name of the group"), "shown")
+        hand.click(hand.button("Close"))
+        hand.click(chip(hand, "day-2 · everyone", "play"))
+        add_new(hand, "day-2 · everyone", "A questionnaire")
+        hand.click(page.get_by_role("region", name="Questions").get_by_role("button", name="Slider", exact=True))
+        hand.type(page.get_by_label("Ask *"), "How much did you remember?")
+        hand.click(chip(hand, "day-1 · shown", "play"))
+        hand.click(page.get_by_role("group", name="For whom these settings are").get_by_role("button", name="shown"))
+        hand.click(hand.button("Further settings", exact=False))
+        hand.click(page.get_by_role("button", name=re.compile("^Show keys ")))
+        hand.click(page.get_by_label("Show keys"))
+        hand.wait_until_saved()
+        expect_budget(hand, "two days")
+    protocol = check(tmp_path / "retention.toml")
+    assert [session.parts for session in protocol.sessions] == [("play",), ("play", "questions")]
+    assert protocol.sessions[1].days_after_previous == (6, 8)
+    assert [protocol.block_for("play", group).show_keys for group in ("everyone", "shown")] == [False, True]

@@ -7,6 +7,10 @@ import { buildEntryEdits, moveName } from "../../../minihuman/builder/page/lanes
 import { OpenStudy, formatPath } from "../../../minihuman/builder/page/open_study.js";
 import { findSession } from "../../../minihuman/builder/page/preview.js";
 import { findTranslations, listTexts } from "../../../minihuman/builder/page/texts.js";
+import { buildLengthEdits, buildStartEdits, layOutTrial } from "../../../minihuman/builder/page/timeline.js";
+import { Level } from "../../../minihuman/builder/page/level.js";
+import { buildLevelEdits, chooseCell, nameCell } from "../../../minihuman/builder/page/level_editor.js";
+import { buildDayEdits, findDayProblem } from "../../../minihuman/builder/page/lane_settings.js";
 import { formatMinutes, makeName, renderSentence, spellName } from "../../../minihuman/builder/page/words.js";
 import { buildWorldEdits } from "../../../minihuman/builder/page/worlds.js";
 
@@ -162,4 +166,68 @@ test("a word of a command is quoted where a shell would read it otherwise", () =
   assert.equal(quoteWord("--tag=exclude"), "--tag=exclude");
   assert.equal(quoteWord("--note=the phone rang"), "'--note=the phone rang'");
   assert.equal(quoteWord("it's; rm -r ."), `'it'"'"'s; rm -r .'`);
+});
+
+const PRIMING = [
+  { name: "fixation", text: "+", duration_ms: [400, 700] }, { name: "prime", duration_ms: 33 },
+  { name: "mask", duration_ms: 67 }, { name: "target", until: "response" },
+];
+
+test("stimuli follow each other, a range is drawn at its middle, and the last stays until the deadline", () => {
+  const { bars, length_ms } = layOutTrial(PRIMING, 1000);
+  assert.deepEqual(bars.map((bar) => [bar.start_ms, bar.end_ms]), [[0, 550], [550, 583], [583, 650], [650, 1650]]);
+  assert.deepEqual([bars.map((bar) => bar.isKnown), bars[3].isOpen, length_ms], [[false, true, true, true], true, 1650]);
+});
+
+test("times count from the onset or the end of another stimulus, and what comes with the feedback has no bar", () => {
+  const { bars } = layOutTrial([
+    { name: "go", until: "response", onset_ms: 500 }, { name: "stop", since: "go", onset_ms: "{delay}", duration_ms: 100 },
+    { name: "mask", after: "stop", onset_ms: 50, duration_ms: 20 }, { name: "bell", feedback: "goal" },
+  ], 0);
+  assert.deepEqual(bars.map((bar) => bar.start_ms), [500, 800, 950]);
+});
+
+test("a bar that is dragged away from the one before it keeps its distance from it", () => {
+  const list = ["blocks", 0, "timeline", "stimuli"];
+  assert.deepEqual(buildStartEdits(PRIMING, 2, 700, list, 0), [
+    { op: "set", path: [...list, 2, "after"], value: "prime" }, { op: "set", path: [...list, 2, "onset_ms"], value: 117 },
+  ]);
+  assert.deepEqual(buildStartEdits(PRIMING, 2, 560, list, 0), [
+    { op: "set", path: [...list, 2, "since"], value: "prime" }, { op: "set", path: [...list, 2, "onset_ms"], value: 10 },
+  ]);
+  const apart = [{ name: "a", duration_ms: 100 }, { name: "b", after: "a", onset_ms: 50, duration_ms: 100 }];
+  assert.deepEqual(buildStartEdits(apart, 1, 203, list, 0), [{ op: "set", path: [...list, 1, "onset_ms"], value: 100 }]);
+  assert.deepEqual(buildStartEdits(apart, 1, 98, list, 0).map(({ op, path }) => [op, path.at(-1)]), [["remove", "after"], ["remove", "onset_ms"]]);
+  assert.deepEqual(buildLengthEdits(apart[1], 1, 254, list), [{ op: "set", path: [...list, 1, "duration_ms"], value: 250 }]);
+  assert.deepEqual(buildLengthEdits(PRIMING[0], 0, 254, list), []);
+});
+
+test("a level brings the actions and keys that it needs, and leaves those that the block has", () => {
+  const level = Level.start();
+  level.put(3, 3, "Ly");
+  const block = { actions: ["left", "forward"], fixed_keys: { left: "left" }, options: {} };
+  const facts = /** @type {any} */ ({ default_keys: { left: "left", right: "right", space: "toggle" } });
+  const edits = Object.fromEntries(buildLevelEdits(block, ["blocks", 0], level, facts).map((edit) => [edit.path.at(-1), edit.value]));
+  assert.deepEqual(edits.actions, ["left", "forward", "right", "toggle"]);
+  assert.deepEqual(edits.fixed_keys, { left: "left", right: "right", space: "toggle" });
+  assert.equal(edits.diagram.split("\n")[3], "WW    Ly        WW");
+  const same = { actions: edits.actions, options: { diagram: edits.diagram, mission: level.mission } };
+  assert.deepEqual(buildLevelEdits(same, ["blocks", 0], level, facts), []);
+});
+
+test("a click on the agent turns it, and cells have names", () => {
+  assert.deepEqual([chooseCell(">>", "y", ">>"), chooseCell(">>", "y", "  "), chooseCell("G", "y", ""), chooseCell("K", "b", "")], ["vv", ">>", "Gg", "Kb"]);
+  assert.deepEqual(["Ly", "Gg", "^^", "  "].map(nameCell), ["yellow locked door", "goal", "agent, looking up", "empty"]);
+});
+
+test("a second day has the parts of the first without the agreement; groups with other parts must come together first", () => {
+  const tree = { groups: [{ name: "a", parts: ["consent", "one"] }], pages: [{ name: "consent", asks_consent: true }] };
+  const lanes = [{ group: "a", session: "", parts: ["consent", "one"], path: ["groups", 0, "parts"], replaced: {} }];
+  const study = open(makeDocument({ tree, lanes }));
+  assert.deepEqual(buildDayEdits(study), [
+    { op: "remove", path: ["groups", 0, "parts"] },
+    { op: "set", path: ["sessions"], value: [{ name: "day-1", parts: ["consent", "one"] }, { name: "day-2", parts: ["one"], days_after_previous: [1, 3] }] },
+  ]);
+  assert.equal(findDayProblem(study), "");
+  assert.match(findDayProblem(open()), /different parts/);
 });
