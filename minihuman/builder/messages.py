@@ -242,6 +242,7 @@ class Kinds(msgspec.Struct, frozen=True):
     questions: list[PartKind]
     languages: list[str]
     worlds: list[Choice]
+    consents: dict[str, dict[str, Any]]  # by language: the fields of a page of consent
 
 
 class MediaFile(msgspec.Struct, frozen=True):

@@ -160,7 +160,7 @@ def test_a_level_of_ones_own_that_needs_a_key(tmp_path: Path) -> None:
 def test_a_kitchen_for_two_people_or_one_with_an_agent(tmp_path: Path) -> None:
     with at_the_page(tmp_path) as (hand, _):
         page = hand.page
-        hand.click(hand.button("Copy team"))
+        hand.click(page.get_by_role("region", name="Begin with").get_by_role("button", name="Copy team", exact=True))
         hand.type(page.get_by_label("Name of your study"), "kitchen")
         hand.click(hand.button("Make the study"))
         hand.click(hand.button("+ Add a group"))

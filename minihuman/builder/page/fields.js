@@ -186,10 +186,11 @@ function AddText({ id, add }) {
 
 /** @param {ControlProperties} properties */
 function PairControl(properties) {
-  const { field, content, save } = properties;
+  const { study, path, field, content, save } = properties;
   const pair = content ?? field.default ?? [0, 0];
-  const set = (/** @type {number} */ place, /** @type {unknown} */ number) =>
-    save(pair.map((/** @type {unknown} */ other, /** @type {number} */ at) => (at === place ? number : other)));
+  const set = (/** @type {number} */ place, /** @type {unknown} */ number) => (Array.isArray(content)
+    ? study.edit([{ op: "set", path: [...path, place], value: number }]) // its number alone: the other may be on its way
+    : save(pair.map((/** @type {unknown} */ other, /** @type {number} */ at) => (at === place ? number : other))));
   return html`<div class="pair">${["first", "second"].map((word, place) => html`<${TextControl} ...${properties}
     id=${place ? `${properties.id}-second` : properties.id} type=${field.item || "number"} content=${pair[place]}
     save=${(/** @type {unknown} */ number) => set(place, number)} key=${word} />`)}</div>`;

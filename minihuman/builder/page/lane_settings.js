@@ -93,7 +93,7 @@ function Part({ study, table, noun, place, hidden, essential, remove }) {
     if (name && name !== fields.name) study.edit([{ op: "rename", path: [table, place], value: name }]);
   };
   const isFixed = study.restrictionAt([table]) !== "";
-  return html`<fieldset><legend>${noun} ${place + 1}</legend>
+  return html`<fieldset><legend>${noun === "day" ? "Day" : "Group"} ${place + 1}</legend>
     <label class="block">Name of the ${noun} <input type="text" value=${fields.name} disabled=${isFixed} onChange=${rename} /></label>
     <${TableForm} study=${study} path=${[table, place]} table=${table} hidden=${["name", ...hidden]} essential=${essential} />
     ${tables.length > 1 && !isFixed && html`<button type="button" class="small danger" onClick=${() => remove(table, place)}>Remove this ${noun}</button>`}

@@ -218,6 +218,7 @@ export interface Kinds {
   questions: PartKind[];
   languages: string[];
   worlds: Choice[];
+  consents: Record<string, Record<string, unknown>>;
 }
 
 /** A kind of part that can be added, or a kind of question. */

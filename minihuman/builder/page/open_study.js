@@ -71,6 +71,14 @@ export class OpenStudy {
     return this._enqueue((version) => editStudy(this.key, version, edits), edits);
   }
 
+  /**
+   * Change the file by edits that depend on it, once those before them have been made.
+   * @param {() => Edit[]} build @returns {Promise<boolean>} whether they were made
+   */
+  editNext(build) {
+    return this._queue.then(() => this.edit(build()));
+  }
+
   /** @param {"undo" | "redo"} way */
   step(way) {
     return this._enqueue((version) => stepHistory(this.key, version, way), []);

@@ -3,6 +3,7 @@
 /** @import { OpenStudy } from "./open_study.js" */
 import { html, useState } from "./vendor/preact.js";
 import { useKinds } from "./add_part.js";
+import { OpenPlaces } from "./consent.js";
 import { WORLD as LEVEL } from "./level.js";
 import { LevelEditor } from "./level_editor.js";
 import { TableButtons, TableForm, insertTable } from "./form.js";
@@ -33,6 +34,7 @@ export function PartForm({ study, part, deselect }) {
       <${PartButtons} study=${study} part=${part} table=${table} place=${place} deselect=${deselect} /></header>
     ${["blocks", "pages", "questions"].includes(table) && html`<${GroupChoice} study=${study} part=${part} group=${group} choose=${setGroup} />`}
     ${!group && table === "questions" && html`<${Questions} study=${study} path=${[...part.path, "items"]} />`}
+    ${!group && study.read([...part.path, "asks_consent"]) && html`<${OpenPlaces} study=${study} path=${[...part.path, "text"]} />`}
     ${!group && hasTrials && html`<${TimelineEditor} key=${part.name} study=${study} path=${part.path} />`}
     ${!group && isLevel && html`<${LevelEditor} key=${part.name} study=${study} path=${part.path} />`}
     <${TableForm} key=${group} study=${study} path=${path} table=${table} kind=${kind} hidden=${[...hidden, "group_overrides"]} essential=${group ? [] : ESSENTIAL[table] ?? []}

@@ -11,6 +11,7 @@ import { buildLengthEdits, buildStartEdits, layOutTrial } from "../../../minihum
 import { Level } from "../../../minihuman/builder/page/level.js";
 import { buildLevelEdits, chooseCell, nameCell } from "../../../minihuman/builder/page/level_editor.js";
 import { buildDayEdits, findDayProblem } from "../../../minihuman/builder/page/lane_settings.js";
+import { buildProcessingRecord, fillPlaceholder, listPlaceholders } from "../../../minihuman/builder/page/consent.js";
 import { formatMinutes, makeName, renderSentence, spellName } from "../../../minihuman/builder/page/words.js";
 import { buildWorldEdits } from "../../../minihuman/builder/page/worlds.js";
 
@@ -230,4 +231,23 @@ test("a second day has the parts of the first without the agreement; groups with
   ]);
   assert.equal(findDayProblem(study), "");
   assert.match(findDayProblem(open()), /different parts/);
+});
+
+test("what a consent leaves open is filled in place by place, and dollar signs stay", () => {
+  const text = "Purpose: [what]. Contact: [who]. [what]";
+  assert.deepEqual(listPlaceholders(text), ["what", "who", "what"]);
+  assert.equal(fillPlaceholder(text, "who", "$& at [lab]"), "Purpose: [what]. Contact: $& at [lab]. [what]");
+  assert.equal(fillPlaceholder(text, "what", "sleep"), "Purpose: sleep. Contact: [who]. [what]");
+});
+
+test("a record of processing says what the file says, and nothing where the file is silent", () => {
+  const tree = {
+    study: { name: "walk", participants: 1, consent: "Contact: [who]." }, groups: [{}, {}], web: { recruitment_platforms: ["prolific"] },
+    questions: [{ items: [{ name: "age", ask: "How old?" }] }], design: { question: "Does sleep help?" },
+  };
+  const record = Object.fromEntries(buildProcessingRecord(tree));
+  assert.deepEqual(record.Purpose, ["Does sleep help?"]);
+  assert.deepEqual(record["Whose data"], ["1 participant, 2 groups, 1 session each", "recruited by prolific"]);
+  assert.ok(record["Which data"].some((line) => line.includes("How old?")));
+  assert.deepEqual([record.Responsible, record["Recipients, place and duration of storage"]], [[], []]);
 });
