@@ -22,6 +22,7 @@ _FROM_PAGE = (
     | messages.QueryRequest
     | messages.AnnotationRequest
     | messages.ExportRequest
+    | messages.DepartureRequest
     | preview_api.ShowRequest
 )
 _TO_PAGE = (
@@ -35,6 +36,9 @@ _TO_PAGE = (
     | messages.Differences
     | messages.EditRefusal
     | messages.RecordedData
+    | messages.SessionDetails
+    | messages.EpisodeReplay
+    | messages.Departure
     | messages.QueryAnswer
     | messages.DataExport
     | preview_server.Preview

@@ -328,6 +328,7 @@ class RecordedSession(msgspec.Struct, frozen=True):
     problem: str  # why it cannot be read; "" if it can
     replay_command: str
     annotate_command: str  # without the tag and the reason; "" if the log cannot be read
+    film_command: str  # without the episode
 
 
 class QueryExample(msgspec.Struct, frozen=True):
@@ -370,6 +371,93 @@ class AnnotationRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True)
     note: str
     episode: int | None = None
     take_back: bool = False
+
+
+class EpisodeSummary(msgspec.Struct, frozen=True):
+    """A recorded episode: the last attempt at it."""
+
+    number: int
+    block: str
+    world: str
+    outcome: str
+    steps: int
+    reward: float  # summed
+
+
+class GivenAnswer(msgspec.Struct, frozen=True):
+    """An answer to a question."""
+
+    part: str
+    item: str
+    kind: str
+    answer: str  # as the participant saw it; "" where it was left out
+    attempt: int  # more than 1 where the questions were asked again
+    right: bool | None  # None where there is no right answer
+
+
+class SessionDetails(msgspec.Struct, frozen=True):
+    """What a session contains."""
+
+    episodes: list[EpisodeSummary]
+    answers: list[GivenAnswer]
+
+
+class FloorThing(msgspec.Struct, frozen=True):
+    """An object on a floor plan, in the plan's units."""
+
+    name: str
+    x: float
+    z: float
+    radius: float
+    colour: str  # "#rrggbb"
+
+
+class FloorPlan(msgspec.Struct, frozen=True):
+    """A world seen from above: x to the right, z down the page."""
+
+    unit: str  # "cell" or "m"
+    bounds: tuple[float, float, float, float]  # x0, z0, x1, z1
+    walls: list[tuple[float, float, float, float]]  # segments x0, z0, x1, z1
+    things: list[FloorThing]
+
+
+class ReplayStep(msgspec.Struct, frozen=True):
+    """A step of an episode; the first one is the reset."""
+
+    t_ms: float  # since the reset
+    key: str  # that caused it
+    action: str
+    reward: float
+    reaction_ms: float | None
+    place: tuple[float, float] | None  # x, z; None where the world cannot tell
+    yaw_rad: float | None  # 0 along +x, counter-clockwise seen from above
+
+
+class EpisodeReplay(msgspec.Struct, frozen=True):
+    """A recorded episode, step by step."""
+
+    number: int
+    mission: str
+    outcome: str
+    steps: list[ReplayStep]
+    floor: FloorPlan | None
+
+
+class DepartureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A participant who leaves the study: withdrawn, with their data erased, or replaced, with their data kept."""
+
+    participant: str  # the code
+    kind: Literal["withdraw", "replace"]
+    reason: str
+    experimenter: str = ""
+
+
+class Departure(msgspec.Struct, frozen=True):
+    """What came of a departure."""
+
+    lines: list[str]  # as the command prints them
+    command: str
+    data: RecordedData  # as it is now
 
 
 class ExportRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

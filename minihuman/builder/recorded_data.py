@@ -11,17 +11,24 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from minihuman.admin.enrolment_entries import AuditNote
 from minihuman.admin.session_index import SessionRow
+from minihuman.admin.withdrawal import replace_participant, withdraw_participant
+from minihuman.builder import episode_replay
 from minihuman.builder.edit_errors import EditRefusedError
 from minihuman.builder.messages import (
     AnnotationRequest,
     DataExport,
+    Departure,
+    DepartureRequest,
     EditRefusal,
+    EpisodeReplay,
     QueryAnswer,
     QueryExample,
     RecordedData,
     RecordedSession,
     RefusalReason,
+    SessionDetails,
     SessionNote,
 )
 from minihuman.dataset.annotations import Annotation, add_annotation, read_annotations
@@ -98,6 +105,59 @@ class RecordedStudy:
                 )
             return png.getvalue()
 
+    def describe_session(self, log: str) -> SessionDetails:
+        """Return a session's episodes and answers.
+
+        Raises:
+            EditRefusedError: if there is no such log, or it cannot be read.
+        """
+        with _refusing():
+            return episode_replay.describe_session(read_log(self._find_log(log)))
+
+    def describe_episode(self, log: str, number: int) -> EpisodeReplay:
+        """Return a recorded episode step by step.
+
+        Raises:
+            EditRefusedError: if there is no such log or episode.
+        """
+        with _refusing():
+            return episode_replay.describe_episode(read_log(self._find_log(log)), number)
+
+    def draw_step(self, log: str, number: int, step: int) -> bytes:
+        """Draw what the participant saw after a step of an episode, as a PNG.
+
+        Raises:
+            EditRefusedError: if there is no such step, or the world no longer shows what was seen.
+        """
+        with _refusing():
+            return episode_replay.draw_step(self._find_log(log), number, step)
+
+    def depart(self, request: DepartureRequest) -> Departure:
+        """Withdraw a participant and erase their data, or free the slot of one whose data are kept.
+
+        Raises:
+            EditRefusedError: if there is no such participant, a session of theirs is running, or there is no reason.
+        """
+        words = [request.participant, f"--study={self._folder}", f"--reason={request.reason}"]
+        if request.experimenter:
+            words.append(f"--experimenter={request.experimenter}")
+        with _refusing():
+            if not request.reason.strip():
+                raise _refuse("not_valid", "a departure has no reason; write why, for the enrolment log")
+            note = AuditNote(request.reason.strip(), request.experimenter)
+            lines = self._take_out(request, note)
+        if request.kind == "withdraw":
+            words.append("--erase")
+        return Departure(lines, _write_command(request.kind, *words), self.describe())
+
+    def _take_out(self, request: DepartureRequest, note: AuditNote) -> list[str]:
+        """Carry out a departure; return what there is to say of it."""
+        if request.kind == "replace":
+            replace_participant(self._folder, request.participant, note)
+            return [f"The next session offers {request.participant}'s slot; their data stay."]
+        withdrawal = withdraw_participant(self._folder, request.participant, seal=None, note=note)
+        return [withdrawal.line(), *withdrawal.left]
+
     def query(self, sql: str) -> QueryAnswer:
         """Answer a query of the study's tables, which changes nothing.
 
@@ -170,7 +230,7 @@ class RecordedStudy:
         state = describe_state(row, running)
         replay = _write_command("replay", str(row.path))
         if row.summary is None:
-            return RecordedSession(log, row.path.name, "", 0, state, "", 0, 0, 0.0, [], row.problem, replay, "")
+            return RecordedSession(log, row.path.name, "", 0, state, "", 0, 0, 0.0, [], row.problem, replay, "", "")
         summary = row.summary
         notes, problem = _read_notes(row.path)
         return RecordedSession(
@@ -187,6 +247,7 @@ class RecordedStudy:
             problem,
             replay,
             _write_command("annotate", str(row.path)),
+            _write_command("film", str(row.path)),
         )
 
 

@@ -45,6 +45,12 @@ def chip(hand: Hand, lane: str, part: str) -> Any:
     return hand.page.get_by_role("list", name=f"Parts of {lane}").locator("li.chip").filter(has=name).first
 
 
+def further(hand: Hand, setting: str) -> Any:
+    """Find a setting among the further ones."""
+    settings = hand.page.get_by_role("region", name="Further settings")
+    return settings.get_by_role("button", name=re.compile(f"^{setting} "))
+
+
 def expect_budget(hand: Hand, task: str) -> None:
     """Check that a task took no more than a person would bear, and say what it took."""
     print(f"{task}: {hand.clicks} clicks, {hand.keys} keys")
@@ -169,9 +175,11 @@ def test_a_kitchen_for_two_people_or_one_with_an_agent(tmp_path: Path) -> None:
         hand.type(page.get_by_label("Name of the group"), "with-agent")
         hand.click(hand.button("Close"))
         hand.click(chip(hand, "with-agent", "play"))
-        hand.click(page.get_by_role("group", name="For whom these settings are").get_by_role("button", name="with-agent"))
+        hand.click(
+            page.get_by_role("group", name="For whom these settings are").get_by_role("button", name="with-agent")
+        )
         hand.click(hand.button("Further settings", exact=False))
-        hand.click(page.get_by_role("button", name=re.compile("^Team ")))
+        hand.click(further(hand, "Team"))
         hand.click(hand.button("Add team"))
         hand.choose(page.get_by_label("Seat 2"), "scripted:cook")
         hand.wait_until_saved()
@@ -179,7 +187,9 @@ def test_a_kitchen_for_two_people_or_one_with_an_agent(tmp_path: Path) -> None:
             hand.click(chip(hand, lane, "play"))
             if lane == "everyone":
                 add_new(hand, lane, "A questionnaire")
-                hand.click(page.get_by_role("region", name="Questions").get_by_role("button", name="Likert", exact=True))
+                hand.click(
+                    page.get_by_role("region", name="Questions").get_by_role("button", name="Likert", exact=True)
+                )
                 hand.type(page.get_by_label("Ask *"), "We worked together well.")
             else:
                 add_known(hand, lane, "questions")
@@ -215,7 +225,7 @@ def test_two_days_of_which_the_second_ends_with_a_questionnaire(tmp_path: Path) 
         hand.click(chip(hand, "day-1 · shown", "play"))
         hand.click(page.get_by_role("group", name="For whom these settings are").get_by_role("button", name="shown"))
         hand.click(hand.button("Further settings", exact=False))
-        hand.click(page.get_by_role("button", name=re.compile("^Show keys ")))
+        hand.click(further(hand, "Show keys"))
         hand.click(page.get_by_label("Show keys"))
         hand.wait_until_saved()
         expect_budget(hand, "two days")

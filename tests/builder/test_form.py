@@ -92,13 +92,19 @@ def test_kinds_of_parts_and_questions_are_those_that_are_installed() -> None:
     assert "minihuman/MiniGrid-FourRooms-v0" in {world.value for world in kinds.worlds}
 
 
-def test_a_consent_page_to_begin_with_is_valid_and_asks_for_agreement() -> None:
-    (consent,) = (kind for kind in list_kinds().parts if kind.kind == "consent")
-    document = TomlDocument.parse(CONSENTED).insert(("pages", 0), {**consent.new, "name": "consent"})
-    (page,) = decode_protocol(document.text.encode()).pages
-    assert page.asks_consent
-    for topic in ("Purpose", "Storage", "Your rights", "Contact"):
-        assert f"{topic}: " in page.text
+def test_a_consent_page_to_begin_with_is_valid_in_each_language_and_leaves_the_same_places_open() -> None:
+    kinds = list_kinds()
+    (consent,) = (kind for kind in kinds.parts if kind.kind == "consent")
+    assert consent.new == kinds.consents["en"]
+    assert kinds.consents.keys() == set(kinds.languages)
+    texts = []
+    for fields in kinds.consents.values():
+        document = TomlDocument.parse(CONSENTED).insert(("pages", 0), {**fields, "name": "consent"})
+        (page,) = decode_protocol(document.text.encode()).pages
+        assert page.asks_consent
+        texts.append(page.text)
+    assert {text.count("\n\n") for text in texts} == {3}  # purpose, storage, rights, contact
+    assert {text.count("[") for text in texts} == {texts[0].count("]")} == {7}
 
 
 def test_templates_are_at_least_sixteen_studies_with_their_minutes() -> None:

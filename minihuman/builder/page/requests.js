@@ -1,5 +1,6 @@
 // Requests to the builder's server, and what it refuses. Knows no element.
 /** @import { Document, FieldForm, Kinds, Media, PageInfo, Preview, EditRefusal, ShowRequest, Studies, StimulusTable, SimulationRun } from "./messages" */
+/** @import { Departure, DepartureRequest, EpisodeReplay, SessionDetails } from "./messages" */
 /** @import { AnnotationRequest, DataExport, QueryAnswer, RecordedData } from "./messages" */
 /** @import { CheckReport, Edit, NewStudyRequest, TableRequest, WorldInfo } from "./messages" */
 
@@ -77,6 +78,14 @@ export const describeWorld = (id) => get("api/world", { id });
 export const readData = (key) => get("api/data", { key });
 /** @param {string} key @param {string} log */
 export const pathsAddress = (key, log) => buildAddress("api/data/paths.png", { key, log });
+/** @param {string} key @param {string} log @returns {Promise<SessionDetails>} */
+export const readSession = (key, log) => get("api/data/session", { key, log });
+/** @param {string} key @param {string} log @param {number} episode @returns {Promise<EpisodeReplay>} */
+export const readEpisode = (key, log, episode) => get("api/data/episode", { key, log, episode: String(episode) });
+/** @param {string} key @param {string} log @param {number} episode @param {number} step */
+export const frameAddress = (key, log, episode, step) => buildAddress("api/data/frame.png", { key, log, episode: String(episode), step: String(step) });
+/** @param {string} key @param {DepartureRequest} request @returns {Promise<Departure>} */
+export const departParticipant = (key, request) => post("api/data/departure", { key }, request);
 /** @param {string} key @param {string} sql @returns {Promise<QueryAnswer>} */
 export const queryData = (key, sql) => post("api/data/query", { key }, { sql });
 /** @param {string} key @param {AnnotationRequest} request @returns {Promise<RecordedData>} */

@@ -1,7 +1,7 @@
 // The builder's page without a browser: the edits that its buttons make, and what becomes of them in a conflict.
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { quoteWord } from "../../../minihuman/builder/page/data.js";
+import { quoteWord } from "../../../minihuman/builder/page/command.js";
 import { readLike } from "../../../minihuman/builder/page/fields.js";
 import { buildEntryEdits, moveName } from "../../../minihuman/builder/page/lanes.js";
 import { OpenStudy, formatPath } from "../../../minihuman/builder/page/open_study.js";
