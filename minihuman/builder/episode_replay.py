@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from minihuman.builder.messages import (
+from minihuman.builder.data_messages import (
     EpisodeReplay,
     EpisodeSummary,
     FloorPlan,

@@ -2,9 +2,11 @@
 
 import json
 import re
+import tomllib
 from functools import cache
 from pathlib import Path
 
+from minihuman.activities.team.plan import PERSON
 from minihuman.admin.protocol_file import (
     SCHEMA_FILE,
     TEMPLATES,
@@ -20,6 +22,7 @@ from minihuman.errors import MinihumanError
 from minihuman.experiment.protocol.protocol import Protocol, build_json_schema, decode_protocol
 from minihuman.storage.durable_files import replace_durably, write_atomically
 from minihuman.trust import Trust, list_foreign_modules
+from minihuman.worlds.catalogue import is_first_person
 
 _PLAIN = "one-world"
 _LAST_NUMBER = re.compile(r"\d+(?=\D*$)")
@@ -133,7 +136,9 @@ def _decode_draft(name: str) -> Protocol:
 
 
 def _describe_draft(name: str, summary: str) -> Template:
-    return Template(name, name.replace("-", " "), summary, "en", _find_minutes(_decode_draft(name)), [], "start")
+    protocol = _decode_draft(name)
+    title = name.replace("-", " ")
+    return Template(name, title, summary, "en", _find_minutes(protocol), [], "start", "", _list_topics(protocol))
 
 
 def _describe_shipped(study: ShippedStudy) -> Template:
@@ -147,7 +152,34 @@ def _describe_shipped(study: ShippedStudy) -> Template:
         _find_minutes(protocol),
         list(study.read_files()),
         "trials" if study.name.startswith("trials/") else "example",
+        _load_citations().get(study.name, ""),
+        _list_topics(protocol),
     )
+
+
+@cache
+def _load_citations() -> dict[str, str]:
+    return tomllib.loads(Path(__file__).with_name("citations.toml").read_text(encoding="utf-8"))
+
+
+def _list_topics(protocol: Protocol) -> list[str]:
+    """Return what a study shows, for who looks for one like it."""
+    groups = [group.name for group in protocol.groups]
+    blocks = [protocol.block_for(block.name, group) for block in protocol.blocks for group in groups]
+    seats = [seat for block in blocks if block.team for seat in block.team.seats]
+    topics = {
+        "trials": any(block.kind == "trials" for block in blocks),
+        "grid": any(not is_first_person(block.world) and block.kind != "trials" for block in blocks),
+        "first person": any(is_first_person(block.world) for block in blocks),
+        "team": bool(seats),
+        "agent": any(block.agent for block in blocks) or any(seat != PERSON for seat in seats),
+        "several groups": len(protocol.groups) > 1,
+        "two days": len(protocol.sessions) > 1,
+        "online": bool(protocol.web.recruitment_platforms or protocol.web.open_access),
+        "adaptive": any(block.design for block in blocks) or protocol.allocation.design is not None,
+        "own Python": any(":" in block.world for block in blocks),
+    }
+    return [topic for topic, is_shown in topics.items() if is_shown]
 
 
 def _find_minutes(protocol: Protocol) -> tuple[float, float] | None:

@@ -15,22 +15,21 @@ from minihuman.admin.enrolment_entries import AuditNote
 from minihuman.admin.session_index import SessionRow
 from minihuman.admin.withdrawal import replace_participant, withdraw_participant
 from minihuman.builder import episode_replay
-from minihuman.builder.edit_errors import EditRefusedError
-from minihuman.builder.messages import (
+from minihuman.builder.data_messages import (
     AnnotationRequest,
     DataExport,
     Departure,
     DepartureRequest,
-    EditRefusal,
     EpisodeReplay,
     QueryAnswer,
     QueryExample,
     RecordedData,
     RecordedSession,
-    RefusalReason,
     SessionDetails,
     SessionNote,
 )
+from minihuman.builder.edit_errors import EditRefusedError
+from minihuman.builder.messages import EditRefusal, RefusalReason
 from minihuman.dataset.annotations import Annotation, add_annotation, read_annotations
 from minihuman.errors import MinihumanError
 from minihuman.exporters.exporter import list_exporters

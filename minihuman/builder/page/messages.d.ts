@@ -1,8 +1,8 @@
 // What the builder's page and its server send each other. Generated: edit minihuman/builder/messages.py, then run
 // `python -m minihuman.builder.message_types`.
 
-export type FromPage = EditRequest | VersionRequest | NewStudyRequest | TableRequest | QueryRequest | AnnotationRequest | ExportRequest | DepartureRequest | ShowRequest;
-export type ToPage = Studies | Document | FieldForm | Kinds | CheckReport | Media | StimulusTable | Differences | EditRefusal | RecordedData | SessionDetails | EpisodeReplay | Departure | QueryAnswer | DataExport | Preview | PageInfo | WorldInfo | SimulationRun;
+export type FromPage = EditRequest | VersionRequest | NewStudyRequest | TableRequest | QueryRequest | AnnotationRequest | ExportRequest | DepartureRequest | TrustRequest | ShowRequest;
+export type ToPage = Studies | Document | FieldForm | Kinds | CheckReport | Media | StimulusTable | Differences | EditRefusal | RecordedData | SessionDetails | ImportedFile | TrustQuestion | EpisodeReplay | Departure | QueryAnswer | DataExport | Preview | PageInfo | WorldInfo | SimulationRun;
 
 /** Edits of the version of a file that the page shows. */
 export interface EditRequest {
@@ -65,6 +65,11 @@ export interface DepartureRequest {
   kind: "withdraw" | "replace";
   reason: string;
   experimenter?: string;
+}
+
+/** The user's trust in a study whose code they have seen. */
+export interface TrustRequest {
+  sha256: string;
 }
 
 /** The session that the page asks for; the fields are those of `PreviewRequest`. */
@@ -130,6 +135,8 @@ export interface Template {
   minutes: [number, number] | null;
   files: string[];
   group: "start" | "example" | "trials";
+  citation: string;
+  topics: string[];
 }
 
 /** A protocol file that is open in the builder. */
@@ -352,6 +359,25 @@ export interface GivenAnswer {
   answer: string;
   attempt: number;
   right: boolean | null;
+}
+
+/** A file of an imported folder, as it has been written. */
+export interface ImportedFile {
+  path: string;
+  bytes: number;
+}
+
+/** What a study would run or read if it were trusted. */
+export interface TrustQuestion {
+  untrusted: string;
+  files: CodeFile[];
+  sha256: string;
+}
+
+/** A Python file beside a protocol. */
+export interface CodeFile {
+  name: string;
+  text: string;
 }
 
 /** A recorded episode, step by step. */

@@ -44,6 +44,11 @@ export class OpenStudy {
     this._timer = setTimeout(look, LOOK_MS);
   }
 
+  /** Read the file again, such as after what it may run has changed. */
+  async reload() {
+    this._show(await readStudy(this.key));
+  }
+
   close() {
     clearTimeout(this._timer);
     this.changed = () => {};

@@ -1,6 +1,7 @@
 // Requests to the builder's server, and what it refuses. Knows no element.
 /** @import { Document, FieldForm, Kinds, Media, PageInfo, Preview, EditRefusal, ShowRequest, Studies, StimulusTable, SimulationRun } from "./messages" */
 /** @import { Departure, DepartureRequest, EpisodeReplay, SessionDetails } from "./messages" */
+/** @import { ImportedFile, TrustQuestion } from "./messages" */
 /** @import { AnnotationRequest, DataExport, QueryAnswer, RecordedData } from "./messages" */
 /** @import { CheckReport, Edit, NewStudyRequest, TableRequest, WorldInfo } from "./messages" */
 
@@ -57,6 +58,10 @@ export const editStudy = (key, version, edits) => post("api/edit", { key }, { ve
 export const stepHistory = (key, version, way) => post(`api/${way}`, { key }, { version });
 /** @param {NewStudyRequest} request @returns {Promise<Document>} */
 export const makeStudy = (request) => post("api/new", {}, request);
+/** @param {string} key @returns {Promise<TrustQuestion>} */
+export const askTrust = (key) => get("api/trust", { key });
+/** @param {string} key @param {string} sha256 of the code that was shown @returns {Promise<Document>} */
+export const trustStudy = (key, sha256) => post("api/trust", { key }, { sha256 });
 /** @param {string} key @returns {Promise<Media>} */
 export const listMedia = (key) => get("api/media", { key });
 /** @param {string} key @param {string} name */
@@ -92,6 +97,15 @@ export const queryData = (key, sql) => post("api/data/query", { key }, { sql });
 export const annotateSession = (key, request) => post("api/data/annotate", { key }, request);
 /** @param {string} key @param {string} format @returns {Promise<DataExport>} */
 export const exportStudy = (key, format) => post("api/data/export", { key }, { format });
+
+/**
+ * Send a file of a folder that is imported.
+ * @param {string} folder its name @param {string} path of the file in it @param {File} file @returns {Promise<ImportedFile>}
+ */
+export async function importFile(folder, path, file) {
+  const headers = { "content-type": "application/octet-stream" };
+  return readAnswer(await fetch(buildAddress("api/import", { folder, path }), { method: "POST", headers, body: file }));
+}
 
 /**
  * Send a file into the study's folder.

@@ -12,6 +12,9 @@ import { Level } from "../../../minihuman/builder/page/level.js";
 import { buildLevelEdits, chooseCell, nameCell } from "../../../minihuman/builder/page/level_editor.js";
 import { buildDayEdits, findDayProblem } from "../../../minihuman/builder/page/lane_settings.js";
 import { buildProcessingRecord, fillPlaceholder, listPlaceholders } from "../../../minihuman/builder/page/consent.js";
+import { sortFiles } from "../../../minihuman/builder/page/import.js";
+import { findWait, listPoints } from "../../../minihuman/builder/page/replay.js";
+import { writeDeparture } from "../../../minihuman/builder/page/departure.js";
 import { formatMinutes, makeName, renderSentence, spellName } from "../../../minihuman/builder/page/words.js";
 import { buildWorldEdits } from "../../../minihuman/builder/page/worlds.js";
 
@@ -250,4 +253,20 @@ test("a record of processing says what the file says, and nothing where the file
   assert.deepEqual(record["Whose data"], ["1 participant, 2 groups, 1 session each", "recruited by prolific"]);
   assert.ok(record["Which data"].some((line) => line.includes("How old?")));
   assert.deepEqual([record.Responsible, record["Recipients, place and duration of storage"]], [[], []]);
+});
+
+test("of a colleague's folder, the files of a study are copied, and what programs leave behind is not", () => {
+  const paths = ["My Study/walk.toml", "My Study/img/a.png", "My Study/.git/config.txt", "My Study/__pycache__/a.py", "My Study/sessions/a/b/c.csv", "My Study/run.sh"];
+  assert.deepEqual(sortFiles(paths), { folder: "my-study", wanted: ["walk.toml", "img/a.png"], left: [".git/config.txt", "__pycache__/a.py", "sessions/a/b/c.csv", "run.sh"] });
+});
+
+test("a replay waits as the participant did, and its way leaves out what has no place", () => {
+  const step = (/** @type {number} */ t_ms, /** @type {any} */ place) => /** @type {any} */ ({ t_ms, place });
+  const steps = [step(0, [1, 2]), step(900, null), step(60_900, [3, 4])];
+  assert.deepEqual([findWait(steps, 0, 1), findWait(steps, 0, 4), findWait(steps, 1, 1), findWait(steps, 2, 1)], [900, 225, 4000, 0]);
+  assert.deepEqual([listPoints(steps, 1), listPoints(steps, 2)], ["1,2", "1,2 3,4"]);
+});
+
+test("the command of a departure is one that a shell can take", () => {
+  assert.equal(writeDeparture("withdraw", "sub-01", "my data/walk", "it's over"), "minihuman withdraw sub-01 '--study=my data/walk' '--reason=it'\"'\"'s over' --erase");
 });
