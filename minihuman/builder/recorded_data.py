@@ -79,7 +79,7 @@ class RecordedStudy:
         with _refusing():
             running = self._study_entry.running()
             sessions = [self._describe_session(row, running) for row in self._study_entry.sessions()]
-            return RecordedData(str(self._folder), sessions, list(EXAMPLES), list(list_exporters()))
+            return RecordedData(_spell_path(self._folder), sessions, list(EXAMPLES), list(list_exporters()))
 
     def draw_paths(self, log: str) -> bytes:
         """Draw the paths of a session's episodes as a PNG.
@@ -137,7 +137,7 @@ class RecordedStudy:
         Raises:
             EditRefusedError: if there is no such participant, a session of theirs is running, or there is no reason.
         """
-        words = [request.participant, f"--study={self._folder}", f"--reason={request.reason}"]
+        words = [request.participant, f"--study={_spell_path(self._folder)}", f"--reason={request.reason}"]
         if request.experimenter:
             words.append(f"--experimenter={request.experimenter}")
         with _refusing():
@@ -170,7 +170,11 @@ class RecordedStudy:
             rows = [[_format_cell(cell) for cell in row.values()] for row in answer.slice(0, MOST_ROWS).to_pylist()]
             notes = [*(log.line() for log in tables.account.skipped), *tables.account.notes]
         return QueryAnswer(
-            list(answer.column_names), rows, answer.num_rows, notes, _write_command("query", str(self._folder), sql)
+            list(answer.column_names),
+            rows,
+            answer.num_rows,
+            notes,
+            _write_command("query", _spell_path(self._folder), sql),
         )
 
     def annotate(self, request: AnnotationRequest) -> RecordedData:
@@ -200,7 +204,10 @@ class RecordedStudy:
         with _refusing():
             out = self._find_export_folder(format_name)
             export(format_name, self._folder, out)
-        return DataExport(str(out), _write_command("export", format_name, str(self._folder), f"--out={out}"))
+        return DataExport(
+            _spell_path(out),
+            _write_command("export", format_name, _spell_path(self._folder), f"--out={_spell_path(out)}"),
+        )
 
     def _find_export_folder(self, format_name: str) -> Path:
         """Return a folder that does not exist yet.
@@ -227,7 +234,7 @@ class RecordedStudy:
     def _describe_session(self, row: SessionRow, running: set[str]) -> RecordedSession:
         log = row.path.relative_to(self._folder).as_posix()
         state = describe_state(row, running)
-        replay = _write_command("replay", str(row.path))
+        replay = _write_command("replay", _spell_path(row.path))
         if row.summary is None:
             return RecordedSession(log, row.path.name, "", 0, state, "", 0, 0, 0.0, [], row.problem, replay, "", "")
         summary = row.summary
@@ -245,8 +252,8 @@ class RecordedStudy:
             notes,
             problem,
             replay,
-            _write_command("annotate", str(row.path)),
-            _write_command("film", str(row.path)),
+            _write_command("annotate", _spell_path(row.path)),
+            _write_command("film", _spell_path(row.path)),
         )
 
 
@@ -271,6 +278,14 @@ def _format_cell(cell: object) -> str:
     if isinstance(cell, float):
         return f"{cell:.6g}"
     return str(cell)
+
+
+def _spell_path(path: Path) -> str:
+    """Return a path as it is typed in the folder in which the desk was started, or whole if it lies elsewhere."""
+    started_in = Path.cwd()
+    if started_in != Path(started_in.anchor) and path.is_relative_to(started_in):
+        return str(path.relative_to(started_in))
+    return str(path)
 
 
 def _write_command(*words: str) -> str:
