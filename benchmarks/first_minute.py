@@ -72,9 +72,9 @@ def measure(python: Path, folder: Path) -> dict[str, float]:
     """Return the seconds until the desk answers, and until a round of a new study is played."""
     times_s = {}
     begin_s = time.monotonic()
-    environment = {
-        key: text for key, text in os.environ.items() if key != "PYTHONPATH" or python == Path(sys.executable)
-    }
+    environment = dict(os.environ)
+    if python != Path(sys.executable):
+        environment.pop("PYTHONPATH", None)
     command: list[Any] = [python, "-m", "minihuman", "desk", folder, "--data", folder / "sessions", "--no-browser"]
     with (
         subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment, cwd=folder) as desk,
@@ -101,9 +101,8 @@ def main() -> None:
     parser.add_argument("package", nargs="?", default=str(HERE), metavar="WHAT_TO_INSTALL")
     parser.add_argument("--installed", action="store_true")
     arguments = parser.parse_args()
-    print(
-        f"Python {platform.python_version()}, {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}, {time.strftime('%F')}"
-    )
+    machine = f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}"
+    print(f"Python {platform.python_version()}, {machine}, {time.strftime('%F')}")
     with tempfile.TemporaryDirectory() as temporary:
         begin_s = time.monotonic()
         python = Path(sys.executable)

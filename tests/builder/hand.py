@@ -51,7 +51,7 @@ class Hand:
         self.clicks += 1
 
     def stroke(self, area: Any, start: tuple[float, float], end: tuple[float, float]) -> None:
-        """Drag across an area, from one point to another, each as shares of its width and height; it counts as a click."""
+        """Drag across an area, from one share of its width and height to another, which counts as a click."""
         box = area.bounding_box()
         for number, (x, y) in enumerate((start, end)):
             self.page.mouse.move(box["x"] + x * box["width"], box["y"] + y * box["height"], steps=1 + 15 * number)
