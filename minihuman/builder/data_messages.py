@@ -103,7 +103,7 @@ class SessionDetails(msgspec.Struct, frozen=True):
     answers: list[GivenAnswer]
 
 
-class FloorThing(msgspec.Struct, frozen=True):
+class ReplayThing(msgspec.Struct, frozen=True):
     """An object on a floor plan, in the plan's units."""
 
     name: str
@@ -113,13 +113,13 @@ class FloorThing(msgspec.Struct, frozen=True):
     colour: str  # "#rrggbb"
 
 
-class FloorPlan(msgspec.Struct, frozen=True):
+class ReplayMap(msgspec.Struct, frozen=True):
     """A world seen from above: x to the right, z down the page."""
 
     unit: str  # "cell" or "m"
     bounds: tuple[float, float, float, float]  # x0, z0, x1, z1
     walls: list[tuple[float, float, float, float]]  # segments x0, z0, x1, z1
-    things: list[FloorThing]
+    things: list[ReplayThing]
 
 
 class ReplayStep(msgspec.Struct, frozen=True):
@@ -141,7 +141,7 @@ class EpisodeReplay(msgspec.Struct, frozen=True):
     mission: str
     outcome: str
     steps: list[ReplayStep]
-    floor: FloorPlan | None
+    floor: ReplayMap | None
 
 
 class DepartureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -14,10 +14,10 @@ from PIL import Image
 from minihuman.builder.data_messages import (
     EpisodeReplay,
     EpisodeSummary,
-    FloorPlan,
-    FloorThing,
     GivenAnswer,
+    ReplayMap,
     ReplayStep,
+    ReplayThing,
     SessionDetails,
 )
 from minihuman.dataset.measures import response_ms
@@ -124,16 +124,16 @@ def _read_pose(episode: EpisodeLog, state: int) -> tuple[_Point | None, float | 
     return (round(x, _POINT_DIGITS), round(z, _POINT_DIGITS)), round(yaw_rad, _POINT_DIGITS)
 
 
-def _describe_floor(floor: Map | None) -> FloorPlan | None:
+def _describe_floor(floor: Map | None) -> ReplayMap | None:
     if floor is None:
         return None
-    things = [FloorThing(thing.name, thing.x, thing.z, thing.radius, thing.colour) for thing in floor.things]
-    return FloorPlan(floor.unit, floor.bounds, list(floor.walls), things)
+    things = [ReplayThing(thing.name, thing.x, thing.z, thing.radius, thing.colour) for thing in floor.things]
+    return ReplayMap(floor.unit, floor.bounds, list(floor.walls), things)
 
 
 def _spell_answer(event: Answered) -> str:
     """Return an answer as the participant saw it, or its value."""
     if event.words:
         return event.words
-    value = json.loads(event.value)
-    return "" if value is None else str(value)
+    answer = json.loads(event.value)
+    return "" if answer is None else str(answer)

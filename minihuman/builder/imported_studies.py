@@ -12,7 +12,7 @@ from typing import Any
 from minihuman.admin.protocol_file import MAX_PROTOCOL_BYTES, list_named_worlds
 from minihuman.builder.edit_errors import EditRefusedError
 from minihuman.builder.media import MAX_FILES, MEDIA_TYPES
-from minihuman.builder.messages import CodeFile, EditRefusal, ImportedFile, RefusalReason, TrustQuestion
+from minihuman.builder.messages import CodeFile, CopiedFile, EditRefusal, RefusalReason, TrustQuestion
 from minihuman.storage.durable_files import replace_durably
 from minihuman.storage.outside_names import OutsideNameError, require_name
 from minihuman.trust import admit_worlds
@@ -33,7 +33,7 @@ class StudyImports:
         self._begun: set[str] = set()  # that this process has made, into which further files may come
         self._lock = Lock()
 
-    def write(self, name: str, place: str, content: bytes) -> ImportedFile:
+    def write(self, name: str, place: str, content: bytes) -> CopiedFile:
         """Write a file of a folder that is imported.
 
         Args:
@@ -53,7 +53,7 @@ class StudyImports:
             raise _refuse("not_valid", str(error)) from error
         suffix = Path(parts[-1]).suffix.lower()
         if suffix not in IMPORTED_SUFFIXES or len(parts) > _MOST_PARTS:
-            raise _refuse("not_valid", f"{place} is not a file of a study; it is left out")
+            raise _refuse("not_valid", f"{place} is not a file of a study; it is not copied")
         if suffix == ".toml" and len(content) > MAX_PROTOCOL_BYTES:
             raise _refuse("not_valid", f"{place} has {len(content)} bytes; a protocol has {MAX_PROTOCOL_BYTES} at most")
         with self._lock:
@@ -64,7 +64,7 @@ class StudyImports:
         path.parent.mkdir(parents=True, exist_ok=True)
         with replace_durably(path, mode=0o644) as file:
             file.write(content)
-        return ImportedFile(f"{name}/{place}", len(content))
+        return CopiedFile(f"{name}/{place}", len(content))
 
     def _begin(self, name: str) -> None:
         if name in self._begun:

@@ -38,7 +38,7 @@ _TO_PAGE = (
     | messages.EditRefusal
     | data_messages.RecordedData
     | data_messages.SessionDetails
-    | messages.ImportedFile
+    | messages.CopiedFile
     | messages.TrustQuestion
     | data_messages.EpisodeReplay
     | data_messages.Departure

@@ -189,7 +189,7 @@ class NewStudyRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     language: str = "en"
 
 
-class ImportedFile(msgspec.Struct, frozen=True):
+class CopiedFile(msgspec.Struct, frozen=True):
     """A file of an imported folder, as it has been written."""
 
     path: str  # in the desk's folder

@@ -19,7 +19,7 @@ in the query, since they contain slashes. All requests that change something are
     POST api/media/file?key=&name=  bytes  -> Media             201; an existing file is refused unless &replace=1
     GET  api/table?key=&name=              -> StimulusTable             a CSV file beside the protocol
     POST api/table?key=    TableRequest    -> StimulusTable
-    POST api/import?folder=&path=   bytes  -> ImportedFile      201; into a new folder only
+    POST api/import?folder=&path=   bytes  -> CopiedFile      201; into a new folder only
     GET  api/trust?key=                    -> TrustQuestion     the code that a study would run
     POST api/trust?key=    TrustRequest    -> Document
     GET  api/data?key=                     -> RecordedData      the sessions, and what can be asked of them

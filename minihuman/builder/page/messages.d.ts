@@ -2,7 +2,7 @@
 // `python -m minihuman.builder.message_types`.
 
 export type FromPage = EditRequest | VersionRequest | NewStudyRequest | TableRequest | QueryRequest | AnnotationRequest | ExportRequest | DepartureRequest | TrustRequest | ShowRequest;
-export type ToPage = Studies | Document | FieldForm | Kinds | CheckReport | Media | StimulusTable | Differences | EditRefusal | RecordedData | SessionDetails | ImportedFile | TrustQuestion | EpisodeReplay | Departure | QueryAnswer | DataExport | Preview | PageInfo | WorldInfo | SimulationRun;
+export type ToPage = Studies | Document | FieldForm | Kinds | CheckReport | Media | StimulusTable | Differences | EditRefusal | RecordedData | SessionDetails | CopiedFile | TrustQuestion | EpisodeReplay | Departure | QueryAnswer | DataExport | Preview | PageInfo | WorldInfo | SimulationRun;
 
 /** Edits of the version of a file that the page shows. */
 export interface EditRequest {
@@ -362,7 +362,7 @@ export interface GivenAnswer {
 }
 
 /** A file of an imported folder, as it has been written. */
-export interface ImportedFile {
+export interface CopiedFile {
   path: string;
   bytes: number;
 }
@@ -386,7 +386,7 @@ export interface EpisodeReplay {
   mission: string;
   outcome: string;
   steps: ReplayStep[];
-  floor: FloorPlan | null;
+  floor: ReplayMap | null;
 }
 
 /** A step of an episode; the first one is the reset. */
@@ -401,15 +401,15 @@ export interface ReplayStep {
 }
 
 /** A world seen from above: x to the right, z down the page. */
-export interface FloorPlan {
+export interface ReplayMap {
   unit: string;
   bounds: [number, number, number, number];
   walls: [number, number, number, number][];
-  things: FloorThing[];
+  things: ReplayThing[];
 }
 
 /** An object on a floor plan, in the plan's units. */
-export interface FloorThing {
+export interface ReplayThing {
   name: string;
   x: number;
   z: number;

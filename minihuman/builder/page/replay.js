@@ -1,5 +1,5 @@
 // A recorded episode, replayed: what the participant saw, the way on the floor plan, and each step with its key.
-/** @import { EpisodeReplay, EpisodeSummary, FloorPlan, ReplayStep } from "./messages" */
+/** @import { EpisodeReplay, EpisodeSummary, ReplayMap, ReplayStep } from "./messages" */
 import { html, useEffect, useState } from "./vendor/preact.js";
 import { Command } from "./command.js";
 import { frameAddress, readEpisode } from "./requests.js";
@@ -68,7 +68,7 @@ function Picture({ address, step }) {
   return html`<img class="seen" src=${address} alt=${`What the participant saw after step ${step}`} onError=${fail} />`;
 }
 
-/** @param {{ floor: FloorPlan, steps: ReplayStep[], step: number }} properties */
+/** @param {{ floor: ReplayMap, steps: ReplayStep[], step: number }} properties */
 function FloorView({ floor, steps, step }) {
   const [left, top, right, bottom] = floor.bounds;
   const margin = 0.04 * Math.max(right - left, bottom - top);

@@ -1,7 +1,7 @@
 // Requests to the builder's server, and what it refuses. Knows no element.
 /** @import { Document, FieldForm, Kinds, Media, PageInfo, Preview, EditRefusal, ShowRequest, Studies, StimulusTable, SimulationRun } from "./messages" */
 /** @import { Departure, DepartureRequest, EpisodeReplay, SessionDetails } from "./messages" */
-/** @import { ImportedFile, TrustQuestion } from "./messages" */
+/** @import { CopiedFile, TrustQuestion } from "./messages" */
 /** @import { AnnotationRequest, DataExport, QueryAnswer, RecordedData } from "./messages" */
 /** @import { CheckReport, Edit, NewStudyRequest, TableRequest, WorldInfo } from "./messages" */
 
@@ -100,7 +100,7 @@ export const exportStudy = (key, format) => post("api/data/export", { key }, { f
 
 /**
  * Send a file of a folder that is imported.
- * @param {string} folder its name @param {string} path of the file in it @param {File} file @returns {Promise<ImportedFile>}
+ * @param {string} folder its name @param {string} path of the file in it @param {File} file @returns {Promise<CopiedFile>}
  */
 export async function importFile(folder, path, file) {
   const headers = { "content-type": "application/octet-stream" };
