@@ -89,7 +89,7 @@ class GivenAnswer(msgspec.Struct, frozen=True):
     """An answer to a question."""
 
     part: str
-    item: str
+    question: str
     kind: str
     answer: str  # as the participant saw it; "" where it was left out
     attempt: int  # more than 1 where the questions were asked again
@@ -158,7 +158,7 @@ class Departure(msgspec.Struct, frozen=True):
 
     lines: list[str]  # as the command prints them
     command: str
-    data: RecordedData  # as it is now
+    recorded: RecordedData  # as it is now
 
 
 class ExportRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

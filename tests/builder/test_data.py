@@ -144,10 +144,10 @@ def test_a_participant_is_replaced_and_another_withdrawn_each_with_a_reason(tmp_
         assert send(client, "departure", participant="../..", kind="withdraw", reason="x").status_code == 400
         answer = send(client, "departure", participant="sub-01", kind="replace", reason="the bus was late").json()
         assert answer["command"] == f"minihuman replace sub-01 --study={study} '--reason=the bus was late'"
-        assert len(answer["data"]["sessions"]) == 2  # the data stay
+        assert len(answer["recorded"]["sessions"]) == 2  # the data stay
         answer = send(client, "departure", participant="sub-02", kind="withdraw", reason="asked for it").json()
         assert answer["command"].endswith("--erase")
-        assert [row["participant"] for row in answer["data"]["sessions"]] == ["sub-01"]
+        assert [row["participant"] for row in answer["recorded"]["sessions"]] == ["sub-01"]
     assert not list((study / "sub-02").rglob("*.mcap"))
     reasons = [getattr(line, "reason", "") for line in read_enrolment_log(study)]
     assert {"the bus was late", "asked for it"} <= set(reasons)

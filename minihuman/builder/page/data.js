@@ -22,7 +22,7 @@ export function DataView({ study }) {
   const finish = (/** @type {Departure} */ left) => {
     setDeparture(left);
     setOpen("");
-    setRecorded(left.data);
+    setRecorded(left.recorded);
   };
   if (!recorded) return html`<p role="status">${problem || "Reading the sessions …"}</p>`;
   const farewell = departure && html`<div class="notice" role="status">${departure.lines.map((line) => html`<p>${line}</p>`)}<${Command} about="The same as" line=${departure.command} /></div>`;
@@ -86,7 +86,7 @@ function Answers({ answers }) {
   if (!answers.length) return html`<h3>Answers</h3><p class="quiet">No question was answered.</p>`;
   const judge = (/** @type {GivenAnswer} */ { right }) => new Map([[true, "right"], [false, "wrong"]]).get(/** @type {boolean} */ (right)) ?? "";
   return html`<h3>Answers</h3><table class="answers"><thead><tr><th scope="col">question</th><th scope="col">answer</th><th scope="col"></th></tr></thead>
-    <tbody>${answers.map((given) => html`<tr><th scope="row">${given.part} · ${given.item}${given.attempt > 1 ? ` (try ${given.attempt})` : ""}</th>
+    <tbody>${answers.map((given) => html`<tr><th scope="row">${given.part} · ${given.question}${given.attempt > 1 ? ` (try ${given.attempt})` : ""}</th>
       <td dir="auto">${given.answer || html`<span class="quiet">left out</span>`}</td><td>${judge(given)}</td></tr>`)}</tbody></table>`;
 }
 

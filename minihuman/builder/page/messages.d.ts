@@ -354,7 +354,7 @@ export interface EpisodeSummary {
 /** An answer to a question. */
 export interface GivenAnswer {
   part: string;
-  item: string;
+  question: string;
   kind: string;
   answer: string;
   attempt: number;
@@ -421,7 +421,7 @@ export interface ReplayThing {
 export interface Departure {
   lines: string[];
   command: string;
-  data: RecordedData;
+  recorded: RecordedData;
 }
 
 /** The result of a query. */
