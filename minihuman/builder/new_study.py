@@ -18,6 +18,7 @@ from minihuman.builder.durations import estimate_durations
 from minihuman.builder.edit_errors import EditRefusedError
 from minihuman.builder.messages import EditRefusal, NewStudyRequest, Template
 from minihuman.builder.shipped_studies import ShippedStudy, list_shipped_studies
+from minihuman.builder.study_notebook import write_notebook
 from minihuman.errors import MinihumanError
 from minihuman.experiment.protocol.protocol import Protocol, build_json_schema, decode_protocol
 from minihuman.storage.durable_files import replace_durably, write_atomically
@@ -25,6 +26,8 @@ from minihuman.trust import Trust, list_foreign_modules
 from minihuman.worlds.catalogue import is_first_person
 
 _PLAIN = "one-world"
+_NOTEBOOK = "notebook"  # the same, with a notebook beside it
+_WITHOUT_TEMPLATE = frozenset({"", _PLAIN, _NOTEBOOK})
 _LAST_NUMBER = re.compile(r"\d+(?=\D*$)")
 
 
@@ -49,6 +52,7 @@ def write_draft(draft: ProtocolDraft, folder: Path) -> Path:
 def list_templates() -> tuple[Template, ...]:
     """Return the studies that can be copied: those that are written from answers, then those of the package."""
     plain = [(_PLAIN, "one world, keys to be found out"), *TEMPLATES.items()]
+    plain.append((_NOTEBOOK, "one world, and a Jupyter notebook that simulates participants and looks at their data"))
     starts = [_describe_draft(name, summary) for name, summary in plain]
     return (*starts, *(_describe_shipped(study) for study in list_shipped_studies()))
 
@@ -84,8 +88,11 @@ def make_study(request: NewStudyRequest, folder: Path, source: Path | None) -> P
         for study in list_shipped_studies():
             if study.name == request.template:
                 return _copy_shipped(study, name, folder)
-        templates = () if request.template in ("", _PLAIN) else (request.template,)
+        templates = () if request.template in _WITHOUT_TEMPLATE else (request.template,)
         _require_new(folder / f"{name}.toml")
+        if request.template == _NOTEBOOK:
+            _require_new(folder / f"{name}.ipynb")
+            _write(folder / f"{name}.ipynb", write_notebook(name).encode())
         return write_draft(ProtocolDraft(name, templates=templates, language=request.language), folder)
     except EditRefusedError:
         raise
@@ -131,14 +138,17 @@ def _require_new(path: Path) -> None:
 
 @cache
 def _decode_draft(name: str) -> Protocol:
-    templates = () if name == _PLAIN else (name,)
+    templates = () if name in _WITHOUT_TEMPLATE else (name,)
     return decode_protocol(ProtocolDraft("my-study", templates=templates).toml().encode())
 
 
 def _describe_draft(name: str, summary: str) -> Template:
     protocol = _decode_draft(name)
     title = name.replace("-", " ")
-    return Template(name, title, summary, "en", _find_minutes(protocol), [], "start", "", _list_topics(protocol))
+    topics = _list_topics(protocol)
+    if name == _NOTEBOOK:
+        topics.append(_NOTEBOOK)
+    return Template(name, title, summary, "en", _find_minutes(protocol), [], "start", "", topics)
 
 
 def _describe_shipped(study: ShippedStudy) -> Template:

@@ -1,8 +1,10 @@
 """The forms of a protocol's tables: every field with its sentence, type, unit and choices, and what can be added."""
 
 import io
+import json
 import tomllib
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -116,6 +118,20 @@ def test_templates_are_at_least_sixteen_studies_with_their_minutes() -> None:
     assert stroop.minutes is not None
     assert 1 < stroop.minutes[0] < stroop.minutes[1] < 10
     assert "Stroop, 1935" in stroop.summary
+
+
+def test_a_notebook_beside_a_study_runs_from_its_first_cell_to_its_last(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert make_study(NewStudyRequest("My rooms", template="notebook"), tmp_path, None).name == "my-rooms.toml"
+    notebook = json.loads((tmp_path / "my-rooms.ipynb").read_text())
+    assert (notebook["nbformat"], notebook["cells"][0]["cell_type"]) == (4, "markdown")
+    monkeypatch.chdir(tmp_path)
+    variables: dict[str, Any] = {}
+    for cell in notebook["cells"]:
+        if cell["cell_type"] == "code":
+            exec(cell["source"], variables)
+    assert len(variables["frames"]) == len(variables["session"].episodes[0].actions) + 1
 
 
 def test_a_template_with_python_of_its_own_is_copied_with_it_and_left_to_the_user_to_trust(tmp_path: Path) -> None:
