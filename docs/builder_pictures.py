@@ -21,6 +21,7 @@ from minihuman.builder.new_study import make_study
 
 ROOT = Path(__file__).resolve().parents[1]
 SIZE = {"width": 1440, "height": 900}
+PATIENCE_MS = 180_000
 
 
 @contextmanager
@@ -41,7 +42,7 @@ def take_pictures(page: Page, address: str, out: Path) -> None:
     """Take each view that the page of the docs shows."""
     page.goto(address)
     page.get_by_role("heading", name="Begin with").wait_for()
-    page.wait_for_load_state("networkidle")
+    page.wait_for_function("[...document.images].every((image) => image.complete || image.y > innerHeight)")
     page.screenshot(path=out / "builder-studies.png")
     page.goto(f"{address}#/study/online.toml/parts/practice")
     page.get_by_label("Instructions", exact=True).wait_for()
@@ -93,13 +94,14 @@ def main(out: Path) -> None:
         folder.mkdir()
         for name in ("online.toml", "two-days.toml", "demo.toml"):
             shutil.copy(ROOT / "protocols" / name, folder)
-        make_study(NewStudyRequest("stop", template="trials/stop-signal"), folder, None)
-        level = make_study(NewStudyRequest("level", template="one-world"), folder, None)
-        level.write_text(level.read_text().replace("minihuman/MiniGrid-FourRooms-v0", "minihuman/Level-v0"))
         browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=["--no-sandbox"])
         with serve_desk(folder) as address:
             page = browser.new_page(viewport=SIZE)
+            page.set_default_timeout(PATIENCE_MS)
             take_pictures(page, address, out)
+            make_study(NewStudyRequest("stop", template="trials/stop-signal"), folder, None)
+            level = make_study(NewStudyRequest("level", template="one-world"), folder, None)
+            level.write_text(level.read_text().replace("minihuman/MiniGrid-FourRooms-v0", "minihuman/Level-v0"))
             take_editor_pictures(page, address, out)
             simulate = [sys.executable, "-m", "minihuman", "simulate", "online.toml", "--participants=4"]
             subprocess.run([*simulate, "--data=sessions"], cwd=folder, check=True, stdout=subprocess.DEVNULL)
