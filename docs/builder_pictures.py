@@ -42,7 +42,7 @@ def take_pictures(page: Page, address: str, out: Path) -> None:
     """Take each view that the page of the docs shows."""
     page.goto(address)
     page.get_by_role("heading", name="Begin with").wait_for()
-    page.wait_for_function("[...document.images].every((image) => image.complete || image.y > innerHeight)")
+    page.wait_for_load_state("networkidle")
     page.screenshot(path=out / "builder-studies.png")
     page.goto(f"{address}#/study/online.toml/parts/practice")
     page.get_by_label("Instructions", exact=True).wait_for()
