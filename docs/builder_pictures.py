@@ -16,8 +16,12 @@ from pathlib import Path
 
 from playwright.sync_api import Page, sync_playwright
 
+from minihuman.builder.messages import NewStudyRequest
+from minihuman.builder.new_study import make_study
+
 ROOT = Path(__file__).resolve().parents[1]
 SIZE = {"width": 1440, "height": 900}
+PATIENCE_MS = 180_000
 
 
 @contextmanager
@@ -53,14 +57,33 @@ def take_pictures(page: Page, address: str, out: Path) -> None:
     page.screenshot(path=out / "builder-parts.png")
 
 
+def take_editor_pictures(page: Page, address: str, out: Path) -> None:
+    """Take the editors of a level and of a trial's time course, without the preview beside them."""
+    page.goto(f"{address}#/study/level.toml/parts/play")
+    cells = page.locator(".cells-grid")
+    cells.wait_for()
+    for x, y, kind in ((0.5, 0.35, "key"), (0.61, 0.5, "wall"), (0.61, 0.64, "locked door"), (0.61, 0.79, "wall")):
+        page.get_by_role("button", name=kind, exact=True).click()
+        box = cells.bounding_box()
+        assert box is not None
+        page.mouse.click(box["x"] + x * box["width"], box["y"] + y * box["height"])
+        page.get_by_role("status").filter(has_text=re.compile("^Saved")).wait_for()
+    page.wait_for_load_state("networkidle")
+    page.locator("section.level").screenshot(path=out / "builder-level.png")
+    page.goto(f"{address}#/study/stop%2Fstop.toml/parts/stop-signal")
+    page.locator(".track").first.wait_for()
+    page.locator("section.timeline").screenshot(path=out / "builder-trial.png")
+
+
 def take_data_picture(page: Page, address: str, out: Path) -> None:
     """Take the view of recorded sessions."""
     page.goto(f"{address}#/study/online.toml/data")
     page.get_by_role("button", name="Details of sub-02").click()
-    page.locator(".details-box img").wait_for()  # it has no height before it is loaded
-    page.get_by_label("Reason").fill("the phone rang")
-    page.get_by_role("button", name="Episodes and mean reward").click()
-    page.get_by_role("group", name="Result of the query").wait_for()
+    page.get_by_role("region", name="Replay of sub-02, session 1").get_by_label("Episode").select_option("7")
+    page.get_by_label("Step", exact=True).fill("60")
+    page.locator(".seen").wait_for()
+    page.get_by_label("Reason", exact=True).fill("the phone rang")
+    page.wait_for_load_state("networkidle")
     page.screenshot(path=out / "builder-data.png")
 
 
@@ -74,7 +97,12 @@ def main(out: Path) -> None:
         browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=["--no-sandbox"])
         with serve_desk(folder) as address:
             page = browser.new_page(viewport=SIZE)
+            page.set_default_timeout(PATIENCE_MS)
             take_pictures(page, address, out)
+            make_study(NewStudyRequest("stop", template="trials/stop-signal"), folder, None)
+            level = make_study(NewStudyRequest("level", template="one-world"), folder, None)
+            level.write_text(level.read_text().replace("minihuman/MiniGrid-FourRooms-v0", "minihuman/Level-v0"))
+            take_editor_pictures(page, address, out)
             simulate = [sys.executable, "-m", "minihuman", "simulate", "online.toml", "--participants=4"]
             subprocess.run([*simulate, "--data=sessions"], cwd=folder, check=True, stdout=subprocess.DEVNULL)
             take_data_picture(page, address, out)

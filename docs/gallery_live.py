@@ -5,6 +5,7 @@ import shutil
 from collections.abc import Collection
 from pathlib import Path
 
+from minihuman.builder.application import PAGE_FOLDER
 from minihuman.web.world_pack import pack_worlds
 
 
@@ -15,6 +16,7 @@ def write_gallery(folder: Path, seeds: int = 100, names: Collection[str] = ()) -
     first states of so many seeds.
     """
     shutil.copytree(Path(__file__).parent / "gallery-live", folder, dirs_exist_ok=True)
+    shutil.copy(PAGE_FOLDER / "level.js", folder)  # a level is the same in the builder
     return len(pack_worlds(folder, range(seeds), names).worlds)
 
 

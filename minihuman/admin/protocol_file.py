@@ -165,7 +165,7 @@ class ProtocolDraft:
         if self.has("trials"):
             return task | {"max_steps": 1, "others": "", **_fixed_keys({"space": "press"}), "fixed": ""}
         if self.has("team"):
-            keys = {key: name for key, name in keys.items() if name in names[:5]}
+            keys = {key: name for key, name in keys.items() if name != task["noop"]}
             period_ms = 150.0
         if period_ms is not None:
             task |= _fixed_keys(keys) | {"period_ms": round(period_ms, 3)}

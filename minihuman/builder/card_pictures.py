@@ -26,10 +26,13 @@ from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.runtime.screenshots import render_screens
 from minihuman.trust import TRUST_VARIABLE
 from minihuman.worlds.adapters.world import World
-from minihuman.worlds.catalogue import is_first_person
+from minihuman.worlds.catalogue import DRAWN_LEVEL, is_first_person
 from minihuman.worlds.contract import View
 
 THUMB_PX = (320, 180)
+CELL_PX = 48  # a side of a level's cell
+LEVEL_WORLD = DRAWN_LEVEL.id
+AGENT_CELLS = (">>", "vv", "<<", "^^")
 _LEAST_COLOURS = 12  # of a world's first picture; one with fewer shows a fixation cross or nothing
 _PHASE = "playing"  # of the screens that show a stimulus
 _PATIENCE_S = 120.0  # for a process that draws
@@ -60,6 +63,21 @@ def draw_world(world_id: str, options: str = "{}", seed: int = 1) -> bytes:
             return _encode_png(world.frame(view, THUMB_PX))
     except (MinihumanError, ValueError, TypeError):
         return BLANK_PNG
+
+
+@cache
+def draw_cell(cell: str) -> bytes:
+    """Draw a cell of a level ("Ky", ">>") as a PNG; a blank one for characters that mean nothing."""
+    agent = "WW" if cell in AGENT_CELLS else "^^"  # which looks away, as what it sees is lit
+    diagram = f"{agent}WWWW\nWW{cell}WW\nWWWWWW"
+    try:
+        with closing(World(LEVEL_WORLD, {"diagram": diagram})) as world:
+            world.reset(1)
+            picture = world.frame("full", (3 * CELL_PX, 3 * CELL_PX))
+    except (MinihumanError, ValueError):
+        return BLANK_PNG
+    middle = slice(CELL_PX, 2 * CELL_PX)
+    return _encode_png(picture[middle, middle])
 
 
 @cache

@@ -1,26 +1,25 @@
-"""A page of informed consent to begin with; what only the laboratory knows is in square brackets.
+"""Pages of informed consent to begin with, in each of the package's languages; brackets hold what only a lab knows.
 
-It has what the Declaration of Helsinki (2013, paragraph 26) and the GDPR (article 13) ask for: purpose, procedure,
-storage, rights and contact. What it says of storage is what a session's log contains.
+They have what the Declaration of Helsinki (2013, paragraph 26) and the GDPR (article 13) ask for: purpose, procedure,
+storage, rights and contact. What they say of storage is what a session's log contains.
 """
 
+import tomllib
 from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
 from types import MappingProxyType
 
-_TEXT = """\
-Purpose: [what the study is about, in one or two sentences]. You will [what participants do]. It takes about [minutes] \
-minutes. [Risks, if there are any; what you get for taking part.]
+_PATH = Path(__file__).with_name("consent_texts.toml")
 
-Storage: we store which keys you press and when, and your answers, under a code; no name and no address. From these \
-times we also estimate whether a person or a program pressed the keys; a person decides what follows from it. [Where \
-the data are, for how long, and who gets them.]
 
-Your rights: taking part is voluntary. You may stop at any time, without a reason and without a disadvantage. Later, \
-too, you may ask us to show, correct or delete your data, as long as we can find them by your code.
-
-Contact: [name, institution, e-mail address]. Complaints: [ethics committee or data protection officer].
-"""
-
-CONSENT_PAGE: Mapping[str, str | bool] = MappingProxyType(
-    {"title": "Consent", "text": _TEXT.strip(), "asks_consent": True}
-)
+@cache
+def load_consent_pages() -> Mapping[str, Mapping[str, str | bool]]:
+    """Return the fields of a page of consent by language code."""
+    texts = tomllib.loads(_PATH.read_text(encoding="utf-8"))
+    return MappingProxyType(
+        {
+            language: MappingProxyType({"title": page["title"], "text": page["text"].strip(), "asks_consent": True})
+            for language, page in texts.items()
+        }
+    )

@@ -11,7 +11,9 @@ import msgspec
 
 from minihuman.activities.play.plan import PlayPlan
 from minihuman.activities.questions.question import find_question_kind
-from minihuman.builder.consent_page import CONSENT_PAGE
+from minihuman.activities.team.plan import PERSON
+from minihuman.agents.agent import AGENT_GROUP
+from minihuman.builder.consent_page import load_consent_pages
 from minihuman.builder.messages import Choice, FieldForm, FormField, Kinds, PartKind
 from minihuman.builder.shipped_studies import find_example, list_used_fields
 from minihuman.errors import ProtocolError
@@ -19,7 +21,7 @@ from minihuman.experiment.keys import BUTTON_NAMES
 from minihuman.experiment.machine.activity import GROUP as ACTIVITY_GROUP, find_installed_kind
 from minihuman.experiment.protocol.protocol import build_json_schema, walk_tables
 from minihuman.experiment.protocol.specs import SHIPPED_FORMS
-from minihuman.experiment.words import LANGUAGES
+from minihuman.experiment.words import ENGLISH, LANGUAGES
 from minihuman.plugins import QUESTION_GROUP, list_plugin_names
 from minihuman.worlds.catalogue import TEAM_WORLDS, WORLDS
 
@@ -66,6 +68,7 @@ _PLUGINS = {  # fields that name a plug-in, each with its group
     "blocks.agent.learner": "minihuman.learners",
 }
 _OPTIONAL_TABLES = ("agent", "team", "timeline")  # of blocks: only some kinds have them
+_NEED_A_FILE = frozenset({"policy"})  # agents
 _NOT_PARTS = frozenset({"page", "questions", "keyboard_check", "debrief"})  # kinds with tables of their own, or none
 
 
@@ -93,9 +96,10 @@ def build_form(table: str, kind: str = "") -> FieldForm:
 
 def list_kinds() -> Kinds:
     """Return everything that can be added to a study."""
+    consents = {language: dict(page) for language, page in load_consent_pages().items()}
     parts = [
         PartKind("page", "pages", "A text to read: instructions, a pause, the last words.", {"text": ""}),
-        PartKind("consent", "pages", "Purpose, storage, rights and contact, to be agreed to.", dict(CONSENT_PAGE)),
+        PartKind("consent", "pages", "Purpose, storage, rights and contact, to be agreed to.", consents[ENGLISH]),
         PartKind(
             "questions", "questions", "A questionnaire, or a quiz with right answers.", {"title": "", "items": []}
         ),
@@ -111,7 +115,7 @@ def list_kinds() -> Kinds:
         parts.append(PartKind(name, table, _first_line(installed.plan), _build_new_part(table, name)))
     questions = [_describe_question_kind(name) for name in list_plugin_names(QUESTION_GROUP)]
     worlds = [Choice(world.id, world.summary) for world in (*WORLDS, *TEAM_WORLDS)]
-    return Kinds(parts, questions, list(LANGUAGES), worlds)
+    return Kinds(parts, questions, list(LANGUAGES), worlds, consents)
 
 
 def _describe_question_kind(name: str) -> PartKind:
@@ -222,10 +226,19 @@ def _list_choices(path: str, options: list[Schema]) -> list[Choice]:
             values += list_plugin_names(QUESTION_GROUP)
         case "keys.pool":
             values += BUTTON_NAMES
+        case "blocks.team.seats":
+            values += [PERSON, *_list_agents(), "planner"]
+        case "blocks.team.stand_in":
+            values += _list_agents()
         case "blocks.kind" | "activities.kind":
             table = path.partition(".")[0]
             values += [part.kind for part in list_kinds().parts if part.table == table]
     return [Choice(value, str(value)) for value in values]
+
+
+def _list_agents() -> list[str]:
+    """Return the scripted agents that can hold a seat without a file."""
+    return [f"scripted:{name}" for name in list_plugin_names(AGENT_GROUP) if name not in _NEED_A_FILE]
 
 
 def _build_settings_form(table: str, kind: str) -> FieldForm:

@@ -6,7 +6,7 @@ python -m minihuman.builder.message_types     # writes page/messages.d.ts, which
 from pathlib import Path
 from typing import Any
 
-from minihuman.builder import messages, preview_api, preview_server, trial_runs
+from minihuman.builder import data_messages, messages, preview_api, preview_server, trial_runs
 from minihuman.web.page_types import write_types
 
 PATH = Path(__file__).with_name("page") / "messages.d.ts"
@@ -19,9 +19,11 @@ _FROM_PAGE = (
     | messages.VersionRequest
     | messages.NewStudyRequest
     | messages.TableRequest
-    | messages.QueryRequest
-    | messages.AnnotationRequest
-    | messages.ExportRequest
+    | data_messages.QueryRequest
+    | data_messages.AnnotationRequest
+    | data_messages.ExportRequest
+    | data_messages.DepartureRequest
+    | messages.TrustRequest
     | preview_api.ShowRequest
 )
 _TO_PAGE = (
@@ -34,9 +36,14 @@ _TO_PAGE = (
     | messages.StimulusTable
     | messages.Differences
     | messages.EditRefusal
-    | messages.RecordedData
-    | messages.QueryAnswer
-    | messages.DataExport
+    | data_messages.RecordedData
+    | data_messages.SessionDetails
+    | messages.CopiedFile
+    | messages.TrustQuestion
+    | data_messages.EpisodeReplay
+    | data_messages.Departure
+    | data_messages.QueryAnswer
+    | data_messages.DataExport
     | preview_server.Preview
     | preview_api.PageInfo
     | preview_api.WorldInfo

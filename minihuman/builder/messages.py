@@ -168,6 +168,8 @@ class Template(msgspec.Struct, frozen=True):
     minutes: tuple[float, float] | None
     files: list[str]  # that are copied with it
     group: Literal["start", "example", "trials"]
+    citation: str  # of the publication from which it comes; "" if there is none
+    topics: list[str]  # what it shows: "team", "agent", "two days", "online", "adaptive", ...
 
 
 class Studies(msgspec.Struct, frozen=True):
@@ -185,6 +187,34 @@ class NewStudyRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     template: str = ""  # of `Template`
     source_key: str = ""  # or the key of a study, whose new version this is
     language: str = "en"
+
+
+class CopiedFile(msgspec.Struct, frozen=True):
+    """A file of an imported folder, as it has been written."""
+
+    path: str  # in the desk's folder
+    bytes: int
+
+
+class CodeFile(msgspec.Struct, frozen=True):
+    """A Python file beside a protocol."""
+
+    name: str
+    text: str
+
+
+class TrustQuestion(msgspec.Struct, frozen=True):
+    """What a study would run or read if it were trusted."""
+
+    untrusted: str  # folders and modules; "" if all is trusted
+    files: list[CodeFile]
+    sha256: str  # of the code, by which an answer refers to what was seen
+
+
+class TrustRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The user's trust in a study whose code they have seen."""
+
+    sha256: str
 
 
 class Choice(msgspec.Struct, frozen=True):
@@ -242,6 +272,7 @@ class Kinds(msgspec.Struct, frozen=True):
     questions: list[PartKind]
     languages: list[str]
     worlds: list[Choice]
+    consents: dict[str, dict[str, Any]]  # by language: the fields of a page of consent
 
 
 class MediaFile(msgspec.Struct, frozen=True):
@@ -301,84 +332,3 @@ class CheckReport(msgspec.Struct, frozen=True):
     mistakes: list[Mistake]
     notices: list[str]
     plan: list[str]  # of one participant, line by line
-
-
-class SessionNote(msgspec.Struct, frozen=True):
-    """An annotation that is in force."""
-
-    tag: str
-    episode: int | None  # None for the whole session
-    note: str
-
-
-class RecordedSession(msgspec.Struct, frozen=True):
-    """A recorded session of a study."""
-
-    log: str  # the path of its log in the study's folder, which names it in requests
-    participant: str  # the name of the log if it cannot be read
-    group: str
-    session: int
-    state: str  # "ended", "running", "unfinished" or "unreadable"
-    started_at: str
-    episodes_completed: int
-    episodes_planned: int
-    minutes: float
-    notes: list[SessionNote]
-    problem: str  # why it cannot be read; "" if it can
-    replay_command: str
-    annotate_command: str  # without the tag and the reason; "" if the log cannot be read
-
-
-class QueryExample(msgspec.Struct, frozen=True):
-    """A query to begin with."""
-
-    about: str
-    sql: str
-
-
-class RecordedData(msgspec.Struct, frozen=True):
-    """What a study has recorded, and what can be asked of it."""
-
-    folder: str
-    sessions: list[RecordedSession]
-    examples: list[QueryExample]
-    formats: list[str]  # of exports
-
-
-class QueryRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A query of a study's tables."""
-
-    sql: str
-
-
-class QueryAnswer(msgspec.Struct, frozen=True):
-    """The result of a query."""
-
-    columns: list[str]
-    rows: list[list[str]]  # the first ones
-    n_rows: int  # all
-    notes: list[str]  # such as logs that cannot be read
-    command: str
-
-
-class AnnotationRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """An annotation of a session or an episode, or its revocation."""
-
-    log: str
-    tag: str
-    note: str
-    episode: int | None = None
-    take_back: bool = False
-
-
-class ExportRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """An export of a study into a new folder."""
-
-    format: str
-
-
-class DataExport(msgspec.Struct, frozen=True):
-    """A folder into which a study was exported."""
-
-    folder: str
-    command: str

@@ -2,9 +2,11 @@
 
 import json
 import re
+import tomllib
 from functools import cache
 from pathlib import Path
 
+from minihuman.activities.team.plan import PERSON
 from minihuman.admin.protocol_file import (
     SCHEMA_FILE,
     TEMPLATES,
@@ -16,12 +18,16 @@ from minihuman.builder.durations import estimate_durations
 from minihuman.builder.edit_errors import EditRefusedError
 from minihuman.builder.messages import EditRefusal, NewStudyRequest, Template
 from minihuman.builder.shipped_studies import ShippedStudy, list_shipped_studies
+from minihuman.builder.study_notebook import write_notebook
 from minihuman.errors import MinihumanError
 from minihuman.experiment.protocol.protocol import Protocol, build_json_schema, decode_protocol
 from minihuman.storage.durable_files import replace_durably, write_atomically
 from minihuman.trust import Trust, list_foreign_modules
+from minihuman.worlds.catalogue import is_first_person
 
 _PLAIN = "one-world"
+_NOTEBOOK = "notebook"  # the same, with a notebook beside it
+_WITHOUT_TEMPLATE = frozenset({"", _PLAIN, _NOTEBOOK})
 _LAST_NUMBER = re.compile(r"\d+(?=\D*$)")
 
 
@@ -46,6 +52,7 @@ def write_draft(draft: ProtocolDraft, folder: Path) -> Path:
 def list_templates() -> tuple[Template, ...]:
     """Return the studies that can be copied: those that are written from answers, then those of the package."""
     plain = [(_PLAIN, "one world, keys to be found out"), *TEMPLATES.items()]
+    plain.append((_NOTEBOOK, "one world, and a Jupyter notebook that simulates participants and looks at their data"))
     starts = [_describe_draft(name, summary) for name, summary in plain]
     return (*starts, *(_describe_shipped(study) for study in list_shipped_studies()))
 
@@ -81,8 +88,11 @@ def make_study(request: NewStudyRequest, folder: Path, source: Path | None) -> P
         for study in list_shipped_studies():
             if study.name == request.template:
                 return _copy_shipped(study, name, folder)
-        templates = () if request.template in ("", _PLAIN) else (request.template,)
+        templates = () if request.template in _WITHOUT_TEMPLATE else (request.template,)
         _require_new(folder / f"{name}.toml")
+        if request.template == _NOTEBOOK:
+            _require_new(folder / f"{name}.ipynb")
+            _write(folder / f"{name}.ipynb", write_notebook(name).encode())
         return write_draft(ProtocolDraft(name, templates=templates, language=request.language), folder)
     except EditRefusedError:
         raise
@@ -128,12 +138,17 @@ def _require_new(path: Path) -> None:
 
 @cache
 def _decode_draft(name: str) -> Protocol:
-    templates = () if name == _PLAIN else (name,)
+    templates = () if name in _WITHOUT_TEMPLATE else (name,)
     return decode_protocol(ProtocolDraft("my-study", templates=templates).toml().encode())
 
 
 def _describe_draft(name: str, summary: str) -> Template:
-    return Template(name, name.replace("-", " "), summary, "en", _find_minutes(_decode_draft(name)), [], "start")
+    protocol = _decode_draft(name)
+    title = name.replace("-", " ")
+    topics = _list_topics(protocol)
+    if name == _NOTEBOOK:
+        topics.append(_NOTEBOOK)
+    return Template(name, title, summary, "en", _find_minutes(protocol), [], "start", "", topics)
 
 
 def _describe_shipped(study: ShippedStudy) -> Template:
@@ -147,7 +162,34 @@ def _describe_shipped(study: ShippedStudy) -> Template:
         _find_minutes(protocol),
         list(study.read_files()),
         "trials" if study.name.startswith("trials/") else "example",
+        _load_citations().get(study.name, ""),
+        _list_topics(protocol),
     )
+
+
+@cache
+def _load_citations() -> dict[str, str]:
+    return tomllib.loads(Path(__file__).with_name("citations.toml").read_text(encoding="utf-8"))
+
+
+def _list_topics(protocol: Protocol) -> list[str]:
+    """Return what a study shows, for who looks for one like it."""
+    groups = [group.name for group in protocol.groups]
+    blocks = [protocol.block_for(block.name, group) for block in protocol.blocks for group in groups]
+    seats = [seat for block in blocks if block.team for seat in block.team.seats]
+    topics = {
+        "trials": any(block.kind == "trials" for block in blocks),
+        "grid": any(not is_first_person(block.world) and block.kind != "trials" for block in blocks),
+        "first person": any(is_first_person(block.world) for block in blocks),
+        "team": bool(seats),
+        "agent": any(block.agent for block in blocks) or any(seat != PERSON for seat in seats),
+        "several groups": len(protocol.groups) > 1,
+        "two days": len(protocol.sessions) > 1,
+        "online": bool(protocol.web.recruitment_platforms or protocol.web.open_access),
+        "adaptive": any(block.design for block in blocks) or protocol.allocation.design is not None,
+        "own Python": any(":" in block.world for block in blocks),
+    }
+    return [topic for topic, is_shown in topics.items() if is_shown]
 
 
 def _find_minutes(protocol: Protocol) -> tuple[float, float] | None:

@@ -5,6 +5,7 @@
     GET  api/simulate?number=           -> SimulationRun
     GET  api/world?id=                  -> WorldInfo
     GET  api/world.png?id=                           a picture of a built-in world
+    GET  api/cell.png?cell=                          a picture of a cell of a level: "Ky"
     GET  api/template.png?name=                      a picture of a template
     GET  api/page                       -> PageInfo  where the desk's other pages are
 
@@ -25,7 +26,7 @@ from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import Route
 
-from minihuman.builder.card_pictures import BLANK_PNG, draw_template, draw_world
+from minihuman.builder.card_pictures import BLANK_PNG, draw_cell, draw_template, draw_world
 from minihuman.builder.messages import EditRefusal
 from minihuman.builder.preview_process import PreviewProcess
 from minihuman.builder.preview_server import Kind, PreviewRequest
@@ -39,7 +40,7 @@ from minihuman.worlds.adapters.world import World
 from minihuman.worlds.catalogue import TEAM_WORLDS, WORLDS
 
 _LONGEST_BYTES = 10_000  # of a request
-MOVES = ("left", "right", "forward", "turn_left", "turn_right", "move_forward", "up", "down")
+MOVES = ("left", "right", "forward", "turn_left", "turn_right", "move_forward", "up", "down", "interact")
 
 
 class ShowRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -106,6 +107,7 @@ class PreviewApi:
             Route("/api/simulate", self._describe_trial, methods=["GET"]),
             Route("/api/world", _send_world_info),
             Route("/api/world.png", _send_world_picture),
+            Route("/api/cell.png", _send_cell_picture),
             Route("/api/template.png", _send_template_picture),
             Route("/api/page", self._describe_page),
         ]
@@ -196,6 +198,14 @@ async def _send_world_info(request: Request) -> Response:
         return _encode(await asyncio.to_thread(_describe_world, world_id), HTTPStatus.OK)
     except (MinihumanError, TypeError, ValueError) as error:  # a world that cannot be made without options
         return _encode(EditRefusal("not_valid", str(error)), HTTPStatus.BAD_REQUEST)
+
+
+async def _send_cell_picture(request: Request) -> Response:
+    """Answer with a picture of a cell of a level, which stays the same as long as the desk runs."""
+    cell = request.query_params.get("cell", "")
+    if len(cell) != 2:
+        return _send_picture(BLANK_PNG)
+    return _send_picture(await asyncio.to_thread(draw_cell, cell))
 
 
 async def _send_template_picture(request: Request) -> Response:

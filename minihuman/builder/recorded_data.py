@@ -11,19 +11,25 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from minihuman.admin.enrolment_entries import AuditNote
 from minihuman.admin.session_index import SessionRow
-from minihuman.builder.edit_errors import EditRefusedError
-from minihuman.builder.messages import (
+from minihuman.admin.withdrawal import replace_participant, withdraw_participant
+from minihuman.builder import episode_replay
+from minihuman.builder.data_messages import (
     AnnotationRequest,
     DataExport,
-    EditRefusal,
+    Departure,
+    DepartureRequest,
+    EpisodeReplay,
     QueryAnswer,
     QueryExample,
     RecordedData,
     RecordedSession,
-    RefusalReason,
+    SessionDetails,
     SessionNote,
 )
+from minihuman.builder.edit_errors import EditRefusedError
+from minihuman.builder.messages import EditRefusal, RefusalReason
 from minihuman.dataset.annotations import Annotation, add_annotation, read_annotations
 from minihuman.errors import MinihumanError
 from minihuman.exporters.exporter import list_exporters
@@ -73,7 +79,7 @@ class RecordedStudy:
         with _refusing():
             running = self._study_entry.running()
             sessions = [self._describe_session(row, running) for row in self._study_entry.sessions()]
-            return RecordedData(str(self._folder), sessions, list(EXAMPLES), list(list_exporters()))
+            return RecordedData(_spell_path(self._folder), sessions, list(EXAMPLES), list(list_exporters()))
 
     def draw_paths(self, log: str) -> bytes:
         """Draw the paths of a session's episodes as a PNG.
@@ -98,6 +104,59 @@ class RecordedStudy:
                 )
             return png.getvalue()
 
+    def describe_session(self, log: str) -> SessionDetails:
+        """Return a session's episodes and answers.
+
+        Raises:
+            EditRefusedError: if there is no such log, or it cannot be read.
+        """
+        with _refusing():
+            return episode_replay.describe_session(read_log(self._find_log(log)))
+
+    def describe_episode(self, log: str, number: int) -> EpisodeReplay:
+        """Return a recorded episode step by step.
+
+        Raises:
+            EditRefusedError: if there is no such log or episode.
+        """
+        with _refusing():
+            return episode_replay.describe_episode(read_log(self._find_log(log)), number)
+
+    def draw_step(self, log: str, number: int, step: int) -> bytes:
+        """Draw what the participant saw after a step of an episode, as a PNG.
+
+        Raises:
+            EditRefusedError: if there is no such step, or the world no longer shows what was seen.
+        """
+        with _refusing():
+            return episode_replay.draw_step(self._find_log(log), number, step)
+
+    def depart(self, request: DepartureRequest) -> Departure:
+        """Withdraw a participant and erase their data, or free the slot of one whose data are kept.
+
+        Raises:
+            EditRefusedError: if there is no such participant, a session of theirs is running, or there is no reason.
+        """
+        words = [request.participant, f"--study={_spell_path(self._folder)}", f"--reason={request.reason}"]
+        if request.experimenter:
+            words.append(f"--experimenter={request.experimenter}")
+        with _refusing():
+            if not request.reason.strip():
+                raise _refuse("not_valid", "a departure has no reason; write why, for the enrolment log")
+            note = AuditNote(request.reason.strip(), request.experimenter)
+            lines = self._take_out(request, note)
+        if request.kind == "withdraw":
+            words.append("--erase")
+        return Departure(lines, _write_command(request.kind, *words), self.describe())
+
+    def _take_out(self, request: DepartureRequest, note: AuditNote) -> list[str]:
+        """Carry out a departure; return what there is to say of it."""
+        if request.kind == "replace":
+            replace_participant(self._folder, request.participant, note)
+            return [f"The next session offers {request.participant}'s slot; their data stay."]
+        withdrawal = withdraw_participant(self._folder, request.participant, seal=None, note=note)
+        return [withdrawal.line(), *withdrawal.left]
+
     def query(self, sql: str) -> QueryAnswer:
         """Answer a query of the study's tables, which changes nothing.
 
@@ -111,7 +170,11 @@ class RecordedStudy:
             rows = [[_format_cell(cell) for cell in row.values()] for row in answer.slice(0, MOST_ROWS).to_pylist()]
             notes = [*(log.line() for log in tables.account.skipped), *tables.account.notes]
         return QueryAnswer(
-            list(answer.column_names), rows, answer.num_rows, notes, _write_command("query", str(self._folder), sql)
+            list(answer.column_names),
+            rows,
+            answer.num_rows,
+            notes,
+            _write_command("query", _spell_path(self._folder), sql),
         )
 
     def annotate(self, request: AnnotationRequest) -> RecordedData:
@@ -141,7 +204,10 @@ class RecordedStudy:
         with _refusing():
             out = self._find_export_folder(format_name)
             export(format_name, self._folder, out)
-        return DataExport(str(out), _write_command("export", format_name, str(self._folder), f"--out={out}"))
+        return DataExport(
+            _spell_path(out),
+            _write_command("export", format_name, _spell_path(self._folder), f"--out={_spell_path(out)}"),
+        )
 
     def _find_export_folder(self, format_name: str) -> Path:
         """Return a folder that does not exist yet.
@@ -168,9 +234,9 @@ class RecordedStudy:
     def _describe_session(self, row: SessionRow, running: set[str]) -> RecordedSession:
         log = row.path.relative_to(self._folder).as_posix()
         state = describe_state(row, running)
-        replay = _write_command("replay", str(row.path))
+        replay = _write_command("replay", _spell_path(row.path))
         if row.summary is None:
-            return RecordedSession(log, row.path.name, "", 0, state, "", 0, 0, 0.0, [], row.problem, replay, "")
+            return RecordedSession(log, row.path.name, "", 0, state, "", 0, 0, 0.0, [], row.problem, replay, "", "")
         summary = row.summary
         notes, problem = _read_notes(row.path)
         return RecordedSession(
@@ -186,7 +252,8 @@ class RecordedStudy:
             notes,
             problem,
             replay,
-            _write_command("annotate", str(row.path)),
+            _write_command("annotate", _spell_path(row.path)),
+            _write_command("film", _spell_path(row.path)),
         )
 
 
@@ -211,6 +278,14 @@ def _format_cell(cell: object) -> str:
     if isinstance(cell, float):
         return f"{cell:.6g}"
     return str(cell)
+
+
+def _spell_path(path: Path) -> str:
+    """Return a path as it is typed in the folder in which the desk was started, or whole if it lies elsewhere."""
+    started_in = Path.cwd()
+    if started_in != Path(started_in.anchor) and path.is_relative_to(started_in):
+        return str(path.relative_to(started_in))
+    return str(path)
 
 
 def _write_command(*words: str) -> str:

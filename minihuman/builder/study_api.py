@@ -19,10 +19,17 @@ in the query, since they contain slashes. All requests that change something are
     POST api/media/file?key=&name=  bytes  -> Media             201; an existing file is refused unless &replace=1
     GET  api/table?key=&name=              -> StimulusTable             a CSV file beside the protocol
     POST api/table?key=    TableRequest    -> StimulusTable
+    POST api/import?folder=&path=   bytes  -> CopiedFile      201; into a new folder only
+    GET  api/trust?key=                    -> TrustQuestion     the code that a study would run
+    POST api/trust?key=    TrustRequest    -> Document
     GET  api/data?key=                     -> RecordedData      the sessions, and what can be asked of them
+    GET  api/data/session?key=&log=        -> SessionDetails    episodes and answers
+    GET  api/data/episode?key=&log=&episode=   -> EpisodeReplay
+    GET  api/data/frame.png?key=&log=&episode=&step=  -> the bytes  what the participant saw after a step
     GET  api/data/paths.png?key=&log=      -> the bytes         a figure of a session's paths
     POST api/data/query?key=  QueryRequest -> QueryAnswer       of the tables; it changes nothing
     POST api/data/annotate?key=  AnnotationRequest -> RecordedData
+    POST api/data/departure?key=  DepartureRequest -> Departure  withdraws or replaces a participant
     POST api/data/export?key=  ExportRequest -> DataExport      201; into a new folder beside the data
 
 A request that is refused changes nothing and answers with an `EditRefusal`: 400 (not_valid, not_editable), 403
@@ -44,7 +51,7 @@ from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import Route
 
-from minihuman.builder import messages
+from minihuman.builder import data_messages, messages
 from minihuman.builder.edit_errors import EditRefusedError
 from minihuman.builder.form import build_form, list_kinds
 from minihuman.builder.media import MAX_MEDIA_BYTES
@@ -53,6 +60,7 @@ from minihuman.runtime.http_guard import is_own_request, read_length
 
 Query = dict[str, str]
 Body = TypeVar("Body", bound=msgspec.Struct)
+_LONGEST_COUNT = 10  # digits of a number in a query
 MAX_REQUEST_BYTES = 2**22  # of JSON: a protocol of a megabyte, escaped
 
 _STATUS = {
@@ -89,12 +97,19 @@ class BuilderApi:
             self._get("/api/media", lambda query: self._studies.open(query["key"]).media().list_files()),
             self._get("/api/table", lambda query: self._studies.open(query["key"]).media().read_table(query["name"])),
             self._get("/api/data", lambda query: self._studies.open_data(query["key"]).describe()),
-            self._post("/api/data/query", messages.QueryRequest, self._query),
-            self._post("/api/data/annotate", messages.AnnotationRequest, self._annotate),
-            self._post("/api/data/export", messages.ExportRequest, self._export, HTTPStatus.CREATED),
+            self._get("/api/data/session", self._describe_session),
+            self._get("/api/data/episode", self._describe_episode),
+            self._post("/api/data/departure", data_messages.DepartureRequest, self._depart),
+            Route("/api/data/frame.png", self._send_frame, methods=["GET"]),
+            self._post("/api/data/query", data_messages.QueryRequest, self._query),
+            self._post("/api/data/annotate", data_messages.AnnotationRequest, self._annotate),
+            self._post("/api/data/export", data_messages.ExportRequest, self._export, HTTPStatus.CREATED),
             Route("/api/data/paths.png", self._send_paths, methods=["GET"]),
             Route("/api/media/file", self._send_file, methods=["GET"]),
             Route("/api/media/file", self._receive_file, methods=["POST"]),
+            Route("/api/import", self._import_file, methods=["POST"]),
+            self._get("/api/trust", lambda query: self._studies.open(query["key"]).ask_trust()),
+            self._post("/api/trust", messages.TrustRequest, self._trust),
             self._post("/api/table", messages.TableRequest, self._write_table),
             self._post("/api/new", messages.NewStudyRequest, self._make, HTTPStatus.CREATED),
             self._post("/api/edit", messages.EditRequest, self._edit),
@@ -123,18 +138,40 @@ class BuilderApi:
     def _write_table(self, query: Query, request: messages.TableRequest) -> msgspec.Struct:
         return self._studies.open(query["key"]).media().write_table(request)
 
-    def _query(self, query: Query, request: messages.QueryRequest) -> msgspec.Struct:
+    def _query(self, query: Query, request: data_messages.QueryRequest) -> msgspec.Struct:
         return self._studies.open_data(query["key"]).query(request.sql)
 
-    def _annotate(self, query: Query, request: messages.AnnotationRequest) -> msgspec.Struct:
+    def _annotate(self, query: Query, request: data_messages.AnnotationRequest) -> msgspec.Struct:
         return self._studies.open_data(query["key"]).annotate(request)
 
-    def _export(self, query: Query, request: messages.ExportRequest) -> msgspec.Struct:
+    def _trust(self, query: Query, request: messages.TrustRequest) -> msgspec.Struct:
+        return self._studies.open(query["key"]).trust(request.sha256)
+
+    def _depart(self, query: Query, request: data_messages.DepartureRequest) -> msgspec.Struct:
+        return self._studies.open_data(query["key"]).depart(request)
+
+    def _describe_session(self, query: Query) -> msgspec.Struct:
+        return self._studies.open_data(query["key"]).describe_session(query["log"])
+
+    def _describe_episode(self, query: Query) -> msgspec.Struct:
+        return self._studies.open_data(query["key"]).describe_episode(query["log"], _read_count(query["episode"]))
+
+    def _export(self, query: Query, request: data_messages.ExportRequest) -> msgspec.Struct:
         return self._studies.open_data(query["key"]).export(request.format)
 
     async def _send_file(self, request: Request) -> Response:
         query = request.query_params
         return await _send_bytes(lambda: self._studies.open(query.get("key", "")).media().read(query.get("name", "")))
+
+    async def _send_frame(self, request: Request) -> Response:
+        query = request.query_params
+        episode, step = (_read_count(query.get(name, "")) for name in ("episode", "step"))
+        return await _send_bytes(
+            lambda: (
+                self._studies.open_data(query.get("key", "")).draw_step(query.get("log", ""), episode, step),
+                "image/png",
+            )
+        )
 
     async def _send_paths(self, request: Request) -> Response:
         query = request.query_params
@@ -151,6 +188,15 @@ class BuilderApi:
         return await _answer(
             lambda: self._studies.open(query["key"]).media().write(query["name"], content, replace=replace),
             HTTPStatus.CREATED,
+        )
+
+    async def _import_file(self, request: Request) -> Response:
+        query = dict(request.query_params)
+        content = await _read_body(request, "application/octet-stream", MAX_MEDIA_BYTES)
+        if isinstance(content, Response):
+            return content
+        return await _answer(
+            lambda: self._studies.imports.write(query["folder"], query["path"], content), HTTPStatus.CREATED
         )
 
     def _get(self, path: str, answer: Callable[[Query], msgspec.Struct | None]) -> Route:
@@ -177,6 +223,11 @@ class BuilderApi:
             return await _answer(partial(answer, dict(request.query_params), body), status)
 
         return Route(path, respond, methods=["POST"])
+
+
+def _read_count(text: str) -> int:
+    """Return a number of a query; -1, which nothing has, if it is none."""
+    return int(text) if text.isdecimal() and len(text) < _LONGEST_COUNT else -1
 
 
 async def _read_body(request: Request, content_type: str, longest: int) -> bytes | Response:

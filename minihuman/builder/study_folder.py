@@ -18,6 +18,7 @@ from minihuman.builder.document import NotEditableError, TomlDocument
 from minihuman.builder.durations import estimate_durations
 from minihuman.builder.edit_errors import EditRefusedError
 from minihuman.builder.history import FileHistory
+from minihuman.builder.imported_studies import StudyImports, describe_trust, trust_study
 from minihuman.builder.media import MediaFolder
 from minihuman.builder.messages import (
     CheckReport,
@@ -29,6 +30,7 @@ from minihuman.builder.messages import (
     NewStudyRequest,
     Studies,
     StudyCard,
+    TrustQuestion,
 )
 from minihuman.builder.new_study import list_templates, make_study
 from minihuman.builder.recorded_data import RecordedStudy
@@ -60,6 +62,7 @@ class StudyFolder:
     def __init__(self, folder: Path, data_folder: Path) -> None:
         self.folder = folder
         self.data = data_folder
+        self.imports = StudyImports(folder)
         self._states: dict[Path, _FileState] = {}
 
     def list_studies(self) -> Studies:
@@ -167,6 +170,24 @@ class OpenStudy:
             OSError: if the file cannot be read.
         """
         return check_study(self.path)
+
+    def ask_trust(self) -> TrustQuestion:
+        """Return what the file would run or read if it were trusted.
+
+        Raises:
+            OSError: if a file cannot be read.
+        """
+        return describe_trust(self.path, description.read_values(self.path.read_bytes())[1])
+
+    def trust(self, seen_sha256: str) -> Document:
+        """Trust what the file runs and reads, if the code is the one that the user has seen.
+
+        Raises:
+            EditRefusedError: if the code has changed since.
+            OSError: if the record of trust cannot be written.
+        """
+        trust_study(self.path, description.read_values(self.path.read_bytes())[1], seen_sha256)
+        return self.read()
 
     def media(self) -> MediaFolder:
         """Return the files beside the protocol.

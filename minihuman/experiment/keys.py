@@ -245,6 +245,7 @@ _USUAL_KEYS: Mapping[str, str] = {
     "pickup": "page_up",
     "drop": "page_down",
     "toggle": "space",
+    "interact": "space",
     "fire": "space",
     "do": "space",
     "done": "end",

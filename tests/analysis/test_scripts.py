@@ -176,6 +176,19 @@ def test_the_tasks_of_a_first_study_are_drawn_again_by_their_seed(tmp_path, monk
         assert len(re.findall("minihuman/[^, ]+-v[0-9]", task)) == 3
 
 
+@pytest.mark.nightly
+@needs("chromium")
+def test_each_step_of_the_builder_has_a_picture_a_question_and_a_control(tmp_path, monkeypatch):
+    run(monkeypatch, "readers/builder_steps.py", tmp_path, "--seed", 3)
+    key = json.loads((tmp_path / "key.json").read_text())
+    questions = (tmp_path / "questions.txt").read_text().splitlines()
+    assert len(key) == len(questions) == len(list(tmp_path.glob("step-*.png"))) >= 20
+    for number, question in zip(key, questions, strict=True):
+        assert f"step-{number}.png" in question
+        assert key[number]["goal"] in question
+        assert 0 <= key[number]["box_px"]["y"] < 1000, "the control is in the picture"
+
+
 @needs("learn")
 def test_the_study_of_partners_trains_plays_and_proves_its_four_conditions(tmp_path, monkeypatch):
     arguments = tmp_path, "--teams", 2, "--pilot", 4, "--steps", 2_048, "--quick"

@@ -50,6 +50,16 @@ class Hand:
         element.drag_to(target)
         self.clicks += 1
 
+    def stroke(self, area: Any, start: tuple[float, float], end: tuple[float, float]) -> None:
+        """Drag across an area, from one share of its width and height to another, which counts as a click."""
+        box = area.bounding_box()
+        for number, (x, y) in enumerate((start, end)):
+            self.page.mouse.move(box["x"] + x * box["width"], box["y"] + y * box["height"], steps=1 + 15 * number)
+            if number == 0:
+                self.page.mouse.down()
+        self.page.mouse.up()
+        self.clicks += 1
+
     def choose(self, element: Any, option: str) -> None:
         """Choose an option of a list: a click that opens it, and one on the option."""
         element.select_option(option)

@@ -8,10 +8,12 @@ import pytest
 from starlette.applications import Starlette
 from starlette.testclient import TestClient
 
+from minihuman.admin.enrolment_entries import read_enrolment_log
 from minihuman.builder.recorded_data import EXAMPLES
 from minihuman.builder.study_api import BuilderApi
 from minihuman.dataset.annotations import read_annotations
 from minihuman.experiment.protocol.protocol import decode_protocol
+from minihuman.log.read.session_reader import read_log
 from minihuman.runtime.simulated_session import simulate
 
 KEY = {"key": "rooms.toml"}
@@ -109,3 +111,43 @@ def test_a_request_of_another_page_annotates_and_exports_nothing(recorded: Path,
             f"/api/data/{name}", params=KEY, json={"format": "csv"}, headers={"sec-fetch-site": "cross-site"}
         )
         assert answer.json()["error"] == "not_trusted"
+
+
+def test_an_episode_is_replayed_with_its_steps_its_floor_and_what_was_seen(recorded: Path, client: TestClient) -> None:
+    log = client.get("/api/data", params=KEY).json()["sessions"][0]["log"]
+    place = {**KEY, "log": log}
+    details = client.get("/api/data/session", params=place).json()
+    assert [(row["number"], row["block"]) for row in details["episodes"]] == [(1, "walk"), (2, "walk")]
+    replay = client.get("/api/data/episode", params={**place, "episode": 2}).json()
+    episode = read_log(recorded / "sessions" / "rooms" / log).episodes[1]
+    assert len(replay["steps"]) == details["episodes"][1]["steps"] + 1 == len(episode.poses)
+    assert [step["place"] for step in replay["steps"]] == episode.poses[:, [0, 2]].round(3).tolist()
+    assert replay["floor"]["walls"]
+    frames = [
+        client.get("/api/data/frame.png", params={**place, "episode": 2, "step": step}).content
+        for step in (0, len(replay["steps"]) - 1)
+    ]
+    assert all(frame.startswith(b"\x89PNG") for frame in frames)
+    for episode_number, step in ((3, 0), (2, 10_000), ("x", "-1")):
+        refused = client.get("/api/data/frame.png", params={**place, "episode": episode_number, "step": step})
+        assert (refused.status_code, "episode" in refused.json()["message"]) == (400, True)
+
+
+def test_a_participant_is_replaced_and_another_withdrawn_each_with_a_reason(tmp_path: Path) -> None:
+    (tmp_path / "rooms.toml").write_text(TOML)
+    list(simulate(decode_protocol(TOML.encode()), tmp_path / "sessions", participants=2, seed=1, player="random"))
+    study = tmp_path / "sessions" / "rooms"
+    with TestClient(Starlette(routes=BuilderApi(tmp_path, tmp_path / "sessions").routes())) as client:
+        assert (
+            "no reason" in send(client, "departure", participant="sub-01", kind="replace", reason=" ").json()["message"]
+        )
+        assert send(client, "departure", participant="../..", kind="withdraw", reason="x").status_code == 400
+        answer = send(client, "departure", participant="sub-01", kind="replace", reason="the bus was late").json()
+        assert answer["command"] == f"minihuman replace sub-01 --study={study} '--reason=the bus was late'"
+        assert len(answer["recorded"]["sessions"]) == 2  # the data stay
+        answer = send(client, "departure", participant="sub-02", kind="withdraw", reason="asked for it").json()
+        assert answer["command"].endswith("--erase")
+        assert [row["participant"] for row in answer["recorded"]["sessions"]] == ["sub-01"]
+    assert not list((study / "sub-02").rglob("*.mcap"))
+    reasons = [getattr(line, "reason", "") for line in read_enrolment_log(study)]
+    assert {"the bus was late", "asked for it"} <= set(reasons)

@@ -1,8 +1,10 @@
 """The forms of a protocol's tables: every field with its sentence, type, unit and choices, and what can be added."""
 
 import io
+import json
 import tomllib
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -92,13 +94,19 @@ def test_kinds_of_parts_and_questions_are_those_that_are_installed() -> None:
     assert "minihuman/MiniGrid-FourRooms-v0" in {world.value for world in kinds.worlds}
 
 
-def test_a_consent_page_to_begin_with_is_valid_and_asks_for_agreement() -> None:
-    (consent,) = (kind for kind in list_kinds().parts if kind.kind == "consent")
-    document = TomlDocument.parse(CONSENTED).insert(("pages", 0), {**consent.new, "name": "consent"})
-    (page,) = decode_protocol(document.text.encode()).pages
-    assert page.asks_consent
-    for topic in ("Purpose", "Storage", "Your rights", "Contact"):
-        assert f"{topic}: " in page.text
+def test_a_consent_page_to_begin_with_is_valid_in_each_language_and_leaves_the_same_places_open() -> None:
+    kinds = list_kinds()
+    (consent,) = (kind for kind in kinds.parts if kind.kind == "consent")
+    assert consent.new == kinds.consents["en"]
+    assert kinds.consents.keys() == set(kinds.languages)
+    texts = []
+    for fields in kinds.consents.values():
+        document = TomlDocument.parse(CONSENTED).insert(("pages", 0), {**fields, "name": "consent"})
+        (page,) = decode_protocol(document.text.encode()).pages
+        assert page.asks_consent
+        texts.append(page.text)
+    assert {text.count("\n\n") for text in texts} == {3}  # purpose, storage, rights, contact
+    assert {text.count("[") for text in texts} == {texts[0].count("]")} == {7}
 
 
 def test_templates_are_at_least_sixteen_studies_with_their_minutes() -> None:
@@ -110,6 +118,20 @@ def test_templates_are_at_least_sixteen_studies_with_their_minutes() -> None:
     assert stroop.minutes is not None
     assert 1 < stroop.minutes[0] < stroop.minutes[1] < 10
     assert "Stroop, 1935" in stroop.summary
+
+
+def test_a_notebook_beside_a_study_runs_from_its_first_cell_to_its_last(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert make_study(NewStudyRequest("My rooms", template="notebook"), tmp_path, None).name == "my-rooms.toml"
+    notebook = json.loads((tmp_path / "my-rooms.ipynb").read_text())
+    assert (notebook["nbformat"], notebook["cells"][0]["cell_type"]) == (4, "markdown")
+    monkeypatch.chdir(tmp_path)
+    variables: dict[str, Any] = {}
+    for cell in notebook["cells"]:
+        if cell["cell_type"] == "code":
+            exec(cell["source"], variables)
+    assert len(variables["frames"]) == len(variables["session"].episodes[0].actions) + 1
 
 
 def test_a_template_with_python_of_its_own_is_copied_with_it_and_left_to_the_user_to_trust(tmp_path: Path) -> None:

@@ -27,7 +27,8 @@ export function AddPart({ study, lane, place, close, select }) {
   };
   const make = async (/** @type {PartKind} */ kind, /** @type {string} */ chosen = "") => {
     const name = makeName(chosen ? nameWorld(chosen).replace(/^Mini(Grid|World)-/, "") : kind.kind, parts.map((part) => part.name));
-    let fields = /** @type {any} */ ({ ...kind.new, name });
+    const own = kind.kind === "consent" ? kinds?.consents[study.read(["study", "language"]) ?? "en"] : undefined; // in the study's language
+    let fields = /** @type {any} */ ({ ...(own ?? kind.new), name });
     if (chosen) fields = await fitToWorld(fields, chosen);
     const count = (study.read([kind.table]) ?? []).length;
     const to = fields.asks_consent ? 0 : place; // nothing comes before the agreement

@@ -2,6 +2,7 @@
 /** @import { Document, Mistake } from "./messages" */
 import { html, render, useEffect, useState } from "./vendor/preact.js";
 import { DataView } from "./data.js";
+import { TrustNotice } from "./import.js";
 import { Lanes } from "./lanes.js";
 import { MediaView } from "./media.js";
 import { OpenStudy, formatPath } from "./open_study.js";
@@ -127,8 +128,7 @@ function Notices({ study, content }) {
     ${study.wasEditedElsewhere && html`<div class="notice" role="status"><p>The file was edited elsewhere; this page shows it as it is now.</p>
       <button type="button" class="small" onClick=${() => study.dismiss()}>Good</button></div>`}
     ${content.restrictions.message && html`<div class="notice"><p>${content.restrictions.message}</p></div>`}
-    ${!content.trusted && html`<div class="notice wrong"><p>This study runs code of its folder, which you do not trust yet, so there is no preview. Read the code, then
-      use “Trust its folder and check” on the page “Run it”.</p></div>`}
+    ${!content.trusted && html`<${TrustNotice} study=${study} />`}
     ${content.mistakes.length > 0 && html`<section class="notice wrong" aria-label="Mistakes"><h2>To put right</h2>
       <ul>${content.mistakes.map((mistake) => html`<${MistakeRow} key=${mistake.message} mistake=${mistake} content=${content} />`)}</ul></section>`}
   </div>`;

@@ -1,34 +1,41 @@
 // What the study has recorded: sessions with their paths, queries, exports; each with the command that does the same.
-/** @import { DataExport, QueryAnswer, RecordedData, RecordedSession, SessionNote } from "./messages" */
+/** @import { DataExport, Departure, GivenAnswer, QueryAnswer, RecordedData, RecordedSession, SessionDetails, SessionNote } from "./messages" */
 /** @import { OpenStudy } from "./open_study.js" */
 import { html, useEffect, useState } from "./vendor/preact.js";
-import { annotateSession, exportStudy, pathsAddress, queryData, readData } from "./requests.js";
+import { Command, quoteWord } from "./command.js";
+import { DepartureForm } from "./departure.js";
+import { Replay } from "./replay.js";
+import { annotateSession, exportStudy, pathsAddress, queryData, readData, readSession } from "./requests.js";
 import { countNoun } from "./words.js";
 
 const EXCLUDE = "exclude"; // the tag that every output obeys
 const N_COLUMNS = 8; // of the table of sessions
-
-/** @param {string} word @returns {string} the word as a shell reads it */
-export const quoteWord = (word) => (/^[\w@%+=:,./-]+$/.test(word) ? word : `'${word.replaceAll("'", "'\"'\"'")}'`);
 
 /** @param {{ study: OpenStudy }} properties */
 export function DataView({ study }) {
   const [recorded, setRecorded] = useState(/** @type {RecordedData | null} */ (null));
   const [problem, setProblem] = useState("");
   const [open, setOpen] = useState(""); // the log whose details are shown
+  const [departure, setDeparture] = useState(/** @type {Departure | null} */ (null)); // the latest
   const refresh = () => readData(study.key).then(setRecorded, (error) => setProblem(error.message));
   useEffect(() => { refresh(); }, [study.key]);
+  const finish = (/** @type {Departure} */ left) => {
+    setDeparture(left);
+    setOpen("");
+    setRecorded(left.recorded);
+  };
   if (!recorded) return html`<p role="status">${problem || "Reading the sessions …"}</p>`;
+  const farewell = departure && html`<div class="notice" role="status">${departure.lines.map((line) => html`<p>${line}</p>`)}<${Command} about="The same as" line=${departure.command} /></div>`;
   if (recorded.sessions.length === 0) {
-    return html`<section class="recorded" aria-label="Data"><h2>Sessions</h2><p class="quiet">Nothing is recorded yet. <b>Run it</b> starts sessions; those of
+    return html`${farewell}<section class="recorded" aria-label="Data"><h2>Sessions</h2><p class="quiet">Nothing is recorded yet. <b>Run it</b> starts sessions; those of
       <b>Try the study</b> and <b>Simulate 20 people</b> are no data.</p><button type="button" class="small" onClick=${refresh}>Look again</button></section>`;
   }
-  return html`<section class="recorded" aria-label="Sessions"><header><h2>Sessions <small>${recorded.sessions.length}, in ${recorded.folder}</small></h2>
+  return html`${farewell}<section class="recorded" aria-label="Sessions"><header><h2>Sessions <small>${recorded.sessions.length}, in ${recorded.folder}</small></h2>
       <button type="button" class="small" onClick=${refresh}>Look again</button></header>
       <div class="listing" tabindex="0" role="group" aria-label="Table of sessions"><table><thead><tr>${["participant", "group", "session", "state", "started", "episodes", "minutes", "notes"].map((name) => html`
         <th scope="col">${name}</th>`)}</tr></thead>
       <tbody>${recorded.sessions.map((session) => html`<${SessionRows} key=${session.log} study=${study} session=${session} isOpen=${open === session.log}
-        toggle=${() => setOpen(open === session.log ? "" : session.log)} update=${setRecorded} />`)}</tbody></table></div></section>
+        toggle=${() => setOpen(open === session.log ? "" : session.log)} folder=${recorded.folder} update=${setRecorded} finish=${finish} />`)}</tbody></table></div></section>
     <${Query} study=${study} recorded=${recorded} />
     <${Export} study=${study} recorded=${recorded} />`;
 }
@@ -36,31 +43,51 @@ export function DataView({ study }) {
 /** @param {SessionNote} note */
 const formatNote = ({ tag, episode, note }) => `${tag}${episode === null ? "" : ` (episode ${episode})`}${note ? `: ${note}` : ""}`;
 
-/** @param {{ study: OpenStudy, session: RecordedSession, isOpen: boolean, toggle: () => void, update: (answer: RecordedData) => void }} properties */
-function SessionRows({ study, session, isOpen, toggle, update }) {
+/**
+ * @typedef {object} SessionProperties
+ * @property {OpenStudy} study
+ * @property {RecordedSession} session
+ * @property {string} folder of the study's data
+ * @property {(answer: RecordedData) => void} update
+ * @property {(left: Departure) => void} finish
+ */
+
+/** @param {SessionProperties & { isOpen: boolean, toggle: () => void }} properties */
+function SessionRows({ isOpen, toggle, ...shared }) {
+  const { session } = shared;
   const name = `${session.participant}, session ${session.session}`;
   if (session.problem) return html`<tr><th scope="row">${session.participant}</th><td colspan=${N_COLUMNS - 1} class="mistake">cannot be read: ${session.problem}</td></tr>`;
   return html`<tr><th scope="row"><button type="button" class="link" aria-expanded=${isOpen} aria-label=${`Details of ${name}`} onClick=${toggle}>${session.participant}</button></th>
       <td>${session.group}</td><td>${session.session}</td><td>${session.state}</td><td>${session.started_at.slice(0, 16).replace("T", " ")}</td>
       <td>${session.episodes_completed} of ${session.episodes_planned}</td><td>${session.minutes.toFixed(1)}</td>
       <td>${session.notes.map((note) => html`<div dir="auto">${formatNote(note)}</div>`)}</td></tr>
-    ${isOpen && html`<tr class="details"><td colspan=${N_COLUMNS}><${Details} study=${study} session=${session} name=${name} update=${update} /></td></tr>`}`;
+    ${isOpen && html`<tr class="details"><td colspan=${N_COLUMNS}><${Details} ...${shared} name=${name} /></td></tr>`}`;
 }
 
-/** @param {{ study: OpenStudy, session: RecordedSession, name: string, update: (answer: RecordedData) => void }} properties */
-function Details({ study, session, name, update }) {
+/** @param {SessionProperties & { name: string }} properties */
+function Details({ study, session, folder, name, update, finish }) {
   const [isDrawn, setDrawn] = useState(true);
-  return html`<div class="details-box"><figure>${isDrawn
-      ? html`<img src=${pathsAddress(study.key, session.log)} alt=${`Paths of ${name}`} onError=${() => setDrawn(false)} />`
-      : html`<p class="quiet">This session has no paths to draw.</p>`}</figure>
-    <div><${Command} about="Replay it" line=${session.replay_command} />
-      <${Annotate} study=${study} session=${session} name=${name} update=${update} /></div></div>`;
+  const [details, setDetails] = useState(/** @type {SessionDetails | null} */ (null));
+  const [problem, setProblem] = useState("");
+  useEffect(() => { readSession(study.key, session.log).then(setDetails, (error) => setProblem(error.message)); }, [study.key, session.log]);
+  return html`<div class="details-box"><div>
+      ${problem && html`<p class="mistake" role="alert">${problem}</p>`}
+      ${details && html`<${Replay} studyKey=${study.key} log=${session.log} episodes=${details.episodes} name=${name} filmCommand=${session.film_command} />`}
+      <${Command} about="Replay it" line=${session.replay_command} />
+      <h3>All paths</h3><figure>${isDrawn ? html`<img src=${pathsAddress(study.key, session.log)} alt=${`Paths of ${name}`} onError=${() => setDrawn(false)} />`
+        : html`<p class="quiet">This session has no paths to draw.</p>`}</figure></div>
+    <div>${details && html`<${Answers} answers=${details.answers} />`}
+      <${Annotate} study=${study} session=${session} name=${name} update=${update} />
+      <${DepartureForm} studyKey=${study.key} participant=${session.participant} folder=${folder} finish=${finish} /></div></div>`;
 }
 
-/** @param {{ about: string, line: string }} properties */
-function Command({ about, line }) {
-  return html`<p class="command"><span>${about}:</span> <code>${line}</code>
-    <button type="button" class="small" onClick=${() => navigator.clipboard.writeText(line)}>Copy the command</button></p>`;
+/** @param {{ answers: GivenAnswer[] }} properties */
+function Answers({ answers }) {
+  if (!answers.length) return html`<h3>Answers</h3><p class="quiet">No question was answered.</p>`;
+  const judge = (/** @type {GivenAnswer} */ { right }) => new Map([[true, "right"], [false, "wrong"]]).get(/** @type {boolean} */ (right)) ?? "";
+  return html`<h3>Answers</h3><table class="answers"><thead><tr><th scope="col">question</th><th scope="col">answer</th><th scope="col"></th></tr></thead>
+    <tbody>${answers.map((given) => html`<tr><th scope="row">${given.part} · ${given.question}${given.attempt > 1 ? ` (try ${given.attempt})` : ""}</th>
+      <td dir="auto">${given.answer || html`<span class="quiet">left out</span>`}</td><td>${judge(given)}</td></tr>`)}</tbody></table>`;
 }
 
 /** @param {{ study: OpenStudy, session: RecordedSession, name: string, update: (answer: RecordedData) => void }} properties */

@@ -186,13 +186,41 @@ function AddText({ id, add }) {
 
 /** @param {ControlProperties} properties */
 function PairControl(properties) {
-  const { field, content, save } = properties;
+  const { study, path, field, content, save } = properties;
   const pair = content ?? field.default ?? [0, 0];
-  const set = (/** @type {number} */ place, /** @type {unknown} */ number) =>
-    save(pair.map((/** @type {unknown} */ other, /** @type {number} */ at) => (at === place ? number : other)));
+  const set = (/** @type {number} */ place, /** @type {unknown} */ number) => (Array.isArray(content)
+    ? study.edit([{ op: "set", path: [...path, place], value: number }]) // its number alone: the other may be on its way
+    : save(pair.map((/** @type {unknown} */ other, /** @type {number} */ at) => (at === place ? number : other))));
   return html`<div class="pair">${["first", "second"].map((word, place) => html`<${TextControl} ...${properties}
     id=${place ? `${properties.id}-second` : properties.id} type=${field.item || "number"} content=${pair[place]}
     save=${(/** @type {unknown} */ number) => set(place, number)} key=${word} />`)}</div>`;
+}
+
+/** Who holds each body of a team: a choice a seat. @param {ControlProperties} properties */
+function SeatsControl({ field, id, describedBy, content, isFixed, save }) {
+  const seats = /** @type {string[]} */ (content ?? []);
+  const known = field.choices.map((choice) => String(choice.value));
+  const put = (/** @type {number} */ place, /** @type {string} */ seat) => save(seats.map((other, at) => (at === place ? seat : other)));
+  return html`<div role="group" aria-describedby=${describedBy}><ol class="seats">${seats.map((seat, place) => html`<li key=${place}>
+      <label for=${place ? `${id}-${place}` : id}>Seat ${place + 1}</label>
+      <select id=${place ? `${id}-${place}` : id} value=${seat} disabled=${isFixed} onChange=${(/** @type {any} */ event) => put(place, event.target.value)}>
+        ${[...new Set([seat, ...known])].map((name) => html`<option value=${name}>${name}</option>`)}</select></li>`)}</ol>
+    ${!isFixed && html`<div class="buttons"><button type="button" class="small" onClick=${() => save([...seats, known[0]])}>Add a seat</button>
+      ${seats.length > 1 && html`<button type="button" class="small" onClick=${() => save(seats.slice(0, -1))}>Remove the last seat</button>`}</div>`}</div>`;
+}
+
+/** A part that a group has in place of another. @param {ControlProperties} properties */
+function ReplacedParts({ study, id, content, isFixed, save }) {
+  const pairs = /** @type {[string, string][]} */ (Object.entries(content ?? {}));
+  const names = (study.document?.parts ?? []).map((part) => part.name);
+  const put = (/** @type {string} */ part, /** @type {string} */ other) => save({ ...content, [part]: other });
+  return html`<div class="map">${pairs.map(([part, other]) => html`<div class="row" key=${part}><code>${part}</code>
+      <select aria-label=${`Instead of ${part}`} value=${other} disabled=${isFixed} onChange=${(/** @type {any} */ event) => put(part, event.target.value)}>
+        <option value="">nothing: it is left out</option>${names.filter((name) => name !== part).map((name) => html`<option value=${name}>${name}</option>`)}</select>
+      <button type="button" class="icon" disabled=${isFixed} aria-label=${`Keep ${part}`}
+        onClick=${() => save(Object.fromEntries(pairs.filter(([name]) => name !== part)))}>×</button></div>`)}
+    ${!isFixed && html`<select id=${id} value="" onChange=${(/** @type {any} */ event) => { if (event.target.value) put(event.target.value, ""); event.target.value = ""; }}>
+      <option value="">instead of …</option>${names.filter((name) => !(name in (content ?? {}))).map((name) => html`<option value=${name}>${name}</option>`)}</select>`}</div>`;
 }
 
 /** @param {ControlProperties} properties */
@@ -253,9 +281,9 @@ function Control(properties) {
     case "boolean": return html`<${SwitchControl} ...${properties} />`;
     case "choice": return html`<${ChoiceControl} ...${properties} />`;
     case "text": return html`<${TextControl} ...${properties} isLong />`;
-    case "list": return html`<${ListControl} ...${properties} />`;
+    case "list": return html`<${field.name === "seats" ? SeatsControl : ListControl} ...${properties} />`;
     case "pair": return html`<${PairControl} ...${properties} />`;
-    case "map": return html`<${MapControl} ...${properties} />`;
+    case "map": return html`<${field.references === "part" ? ReplacedParts : MapControl} ...${properties} />`;
     case "table": return html`<${NestedForm} ...${properties} />`;
     case "tables": return html`<${NestedForms} ...${properties} />`;
     case "any": return html`<${AnyControl} ...${properties} />`;

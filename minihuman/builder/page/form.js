@@ -23,9 +23,9 @@ export function useForm(study, table, kind = "") {
 /**
  * The fields of a table that exists in the file, or would with its first field.
  * @param {{ study: OpenStudy, path: FieldPath, table: string, kind?: string, hidden?: string[], essential?: string[],
- *   content?: any, save?: (name: string, content: unknown) => void }} properties
+ *   content?: any, save?: (name: string, content: unknown) => void, base?: any }} properties base: what holds where the table lacks a field
  */
-export function TableForm({ study, path, table, kind = "", hidden = [], essential = [], content, save }) {
+export function TableForm({ study, path, table, kind = "", hidden = [], essential = [], content, save, base }) {
   const form = useForm(study, table, kind);
   const [added, setAdded] = useState(/** @type {string[]} */ ([]));
   const fields = content ?? study.read(path);
@@ -36,11 +36,11 @@ export function TableForm({ study, path, table, kind = "", hidden = [], essentia
     setAdded(added.filter((name) => name !== field.name));
     study.edit([{ op: "remove", path: [...path, field.name] }]);
   };
-  const offered = form.fields.filter((field) => !hidden.includes(field.name));
+  const offered = form.fields.filter((field) => !hidden.includes(field.name)).map((field) => (base ? buildOverride(field, base) : field));
   const isShort = offered.length <= LONGEST_SHORT_FORM;
   const isLong = offered.filter((field) => field.common).length > MOST_COMMON;
   const isShown = (/** @type {FormField} */ field) =>
-    isShort || field.required || essential.includes(field.name) || (field.common && !isLong) || added.includes(field.name) || fields?.[field.name] !== undefined
+    (isShort && !base) || field.required || essential.includes(field.name) || (field.common && !isLong && !base) || added.includes(field.name) || fields?.[field.name] !== undefined
     || study.mistakesAt([...path, field.name]).length > 0;
   const shown = offered.filter(isShown);
   const others = offered.filter((field) => !isShown(field)).toSorted((a, b) => Number(b.common) - Number(a.common));
@@ -50,6 +50,12 @@ export function TableForm({ study, path, table, kind = "", hidden = [], essentia
       clear=${field.required ? undefined : () => clear(field)} />`)}
     ${others.length > 0 && html`<${MoreFields} fields=${others} add=${(/** @type {string} */ name) => setAdded([...added, name])} />`}
   </div>`;
+}
+
+/** A field that a group may have otherwise: not required, and by default as in the table for every group. @param {FormField} field @param {any} base @returns {FormField} */
+function buildOverride(field, base) {
+  const usual = base[field.name];
+  return { ...field, required: false, default: usual ?? field.default, example: usual ?? field.example };
 }
 
 /** @param {OpenStudy} study @param {FieldPath} path @param {string} name @param {unknown} content */

@@ -3,6 +3,7 @@
 /** @import { OpenStudy } from "./open_study.js" */
 import { html, useState } from "./vendor/preact.js";
 import { AddPart } from "./add_part.js";
+import { LaneSettings, LineButtons, describeInterval } from "./lane_settings.js";
 import { countNoun, formatMinutes, nameKind } from "./words.js";
 
 /** @typedef {{ part: string, lane: Lane | null, place: number }} Dragged */
@@ -43,6 +44,7 @@ export function moveName(names, from, to) {
 export function Lanes({ study, selected, select }) {
   const [dragged, setDragged] = useState(/** @type {Dragged | null} */ (null));
   const [adding, setAdding] = useState(/** @type {Lane | null} */ (null));
+  const [changing, setChanging] = useState(/** @type {Lane | null} */ (null));
   const [spot, setSpot] = useState(/** @type {Spot} */ ({ lane: "", place: -1 }));
   const lanes = study.document?.lanes ?? [];
   const parts = study.document?.parts ?? [];
@@ -66,9 +68,11 @@ export function Lanes({ study, selected, select }) {
     setDragged(null);
   };
   return html`<section class="line" aria-label="Parts in order">
-    ${lanes.map((lane) => html`<${LaneRow} key=${`${lane.session} ${lane.group}`} lane=${lane} ...${shared} drop=${drop} add=${() => setAdding(lane)} />`)}
+    ${lanes.map((lane) => html`<${LaneRow} key=${`${lane.session} ${lane.group}`} lane=${lane} ...${shared} drop=${drop} add=${() => setAdding(lane)} change=${() => setChanging(lane)} />`)}
+    <${LineButtons} study=${study} />
     ${unused.length > 0 && html`<div class="lane unused"><h2>Not in use</h2><ol>${unused.map((part) => html`
       <${Chip} key=${part.name} part=${part} name=${part.name} lane=${null} place=${0} ...${shared} />`)}</ol></div>`}
+    ${changing && html`<${LaneSettings} study=${study} lane=${changing} close=${() => setChanging(null)} />`}
     ${adding && html`<${AddPart} study=${study} lane=${adding} place=${behind} close=${() => setAdding(null)}
       select=${(/** @type {string} */ name) => choose(name, adding, behind)} />`}
   </section>`;
@@ -78,14 +82,16 @@ export function Lanes({ study, selected, select }) {
 export const nameLane = (lane) => [lane.session, lane.group].filter(Boolean).join(" · ") || "everyone";
 
 /** @param {any} properties */
-function LaneRow({ study, lane, drop, add, ...shared }) {
+function LaneRow({ study, lane, drop, add, change, ...shared }) {
   const { dragged, selected, spot } = shared;
   const duration = (study.document?.durations ?? []).find((/** @type {any} */ other) => other.group === lane.group && other.session === lane.session);
   const byName = new Map((study.document?.parts ?? []).map((/** @type {Part} */ part) => [part.name, part]));
   const isFixed = study.restrictionAt(lane.path) !== "";
   const allow = (/** @type {DragEvent} */ event) => dragged && !isFixed && event.preventDefault();
+  const length = duration ? formatMinutes([duration.least_min, duration.most_min]) : countNoun(lane.parts.length, "part");
   return html`<div class="lane">
-    <h2>${nameLane(lane)}<small>${duration ? formatMinutes([duration.least_min, duration.most_min]) : countNoun(lane.parts.length, "part")}</small></h2>
+    <h2>${nameLane(lane)}<small>${[length, describeInterval(lane, study)].filter(Boolean).join(", ")}
+      <button type="button" class="quiet small" aria-label=${`Change ${nameLane(lane)}`} onClick=${change}>Change</button></small></h2>
     <ol aria-label=${`Parts of ${nameLane(lane)}`} onDragOver=${allow} onDrop=${() => drop(lane, lane.parts.length)}>
       ${lane.parts.map((/** @type {string} */ listed, /** @type {number} */ place) => ({ listed, place, name: lane.replaced[listed] ?? listed })).map((/** @type {{ listed: string, place: number, name: string }} */ { listed, place, name }) => html`
         <${Chip} key=${`${listed} ${place}`} part=${byName.get(name)} name=${name} instead=${name === listed ? "" : listed} lane=${lane} place=${place} study=${study} ...${shared}

@@ -1,8 +1,8 @@
 // What the builder's page and its server send each other. Generated: edit minihuman/builder/messages.py, then run
 // `python -m minihuman.builder.message_types`.
 
-export type FromPage = EditRequest | VersionRequest | NewStudyRequest | TableRequest | QueryRequest | AnnotationRequest | ExportRequest | ShowRequest;
-export type ToPage = Studies | Document | FieldForm | Kinds | CheckReport | Media | StimulusTable | Differences | EditRefusal | RecordedData | QueryAnswer | DataExport | Preview | PageInfo | WorldInfo | SimulationRun;
+export type FromPage = EditRequest | VersionRequest | NewStudyRequest | TableRequest | QueryRequest | AnnotationRequest | ExportRequest | DepartureRequest | TrustRequest | ShowRequest;
+export type ToPage = Studies | Document | FieldForm | Kinds | CheckReport | Media | StimulusTable | Differences | EditRefusal | RecordedData | SessionDetails | CopiedFile | TrustQuestion | EpisodeReplay | Departure | QueryAnswer | DataExport | Preview | PageInfo | WorldInfo | SimulationRun;
 
 /** Edits of the version of a file that the page shows. */
 export interface EditRequest {
@@ -57,6 +57,19 @@ export interface AnnotationRequest {
 /** An export of a study into a new folder. */
 export interface ExportRequest {
   format: string;
+}
+
+/** A participant who leaves the study: withdrawn, with their data erased, or replaced, with their data kept. */
+export interface DepartureRequest {
+  participant: string;
+  kind: "withdraw" | "replace";
+  reason: string;
+  experimenter?: string;
+}
+
+/** The user's trust in a study whose code they have seen. */
+export interface TrustRequest {
+  sha256: string;
 }
 
 /** The session that the page asks for; the fields are those of `PreviewRequest`. */
@@ -122,6 +135,8 @@ export interface Template {
   minutes: [number, number] | null;
   files: string[];
   group: "start" | "example" | "trials";
+  citation: string;
+  topics: string[];
 }
 
 /** A protocol file that is open in the builder. */
@@ -218,6 +233,7 @@ export interface Kinds {
   questions: PartKind[];
   languages: string[];
   worlds: Choice[];
+  consents: Record<string, Record<string, unknown>>;
 }
 
 /** A kind of part that can be added, or a kind of question. */
@@ -303,6 +319,7 @@ export interface RecordedSession {
   problem: string;
   replay_command: string;
   annotate_command: string;
+  film_command: string;
 }
 
 /** An annotation that is in force. */
@@ -316,6 +333,95 @@ export interface SessionNote {
 export interface QueryExample {
   about: string;
   sql: string;
+}
+
+/** What a session contains. */
+export interface SessionDetails {
+  episodes: EpisodeSummary[];
+  answers: GivenAnswer[];
+}
+
+/** A recorded episode: the last attempt at it. */
+export interface EpisodeSummary {
+  number: number;
+  block: string;
+  world: string;
+  outcome: string;
+  steps: number;
+  reward: number;
+}
+
+/** An answer to a question. */
+export interface GivenAnswer {
+  part: string;
+  question: string;
+  kind: string;
+  answer: string;
+  attempt: number;
+  right: boolean | null;
+}
+
+/** A file of an imported folder, as it has been written. */
+export interface CopiedFile {
+  path: string;
+  bytes: number;
+}
+
+/** What a study would run or read if it were trusted. */
+export interface TrustQuestion {
+  untrusted: string;
+  files: CodeFile[];
+  sha256: string;
+}
+
+/** A Python file beside a protocol. */
+export interface CodeFile {
+  name: string;
+  text: string;
+}
+
+/** A recorded episode, step by step. */
+export interface EpisodeReplay {
+  number: number;
+  mission: string;
+  outcome: string;
+  steps: ReplayStep[];
+  floor: ReplayMap | null;
+}
+
+/** A step of an episode; the first one is the reset. */
+export interface ReplayStep {
+  t_ms: number;
+  key: string;
+  action: string;
+  reward: number;
+  reaction_ms: number | null;
+  place: [number, number] | null;
+  yaw_rad: number | null;
+}
+
+/** A world seen from above: x to the right, z down the page. */
+export interface ReplayMap {
+  unit: string;
+  bounds: [number, number, number, number];
+  walls: [number, number, number, number][];
+  things: ReplayThing[];
+}
+
+/** An object on a floor plan, in the plan's units. */
+export interface ReplayThing {
+  name: string;
+  x: number;
+  z: number;
+  radius: number;
+  colour: string;
+}
+
+/** What came of a departure. */
+export interface Departure {
+  lines: string[];
+  command: string;
+  recorded: RecordedData;
 }
 
 /** The result of a query. */

@@ -44,6 +44,11 @@ export class OpenStudy {
     this._timer = setTimeout(look, LOOK_MS);
   }
 
+  /** Read the file again, such as after what it may run has changed. */
+  async reload() {
+    this._show(await readStudy(this.key));
+  }
+
   close() {
     clearTimeout(this._timer);
     this.changed = () => {};
@@ -69,6 +74,14 @@ export class OpenStudy {
    */
   edit(edits) {
     return this._enqueue((version) => editStudy(this.key, version, edits), edits);
+  }
+
+  /**
+   * Change the file by edits that depend on it, once those before them have been made.
+   * @param {() => Edit[]} build @returns {Promise<boolean>} whether they were made
+   */
+  editNext(build) {
+    return this._queue.then(() => this.edit(build()));
   }
 
   /** @param {"undo" | "redo"} way */

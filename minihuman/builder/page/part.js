@@ -3,7 +3,11 @@
 /** @import { OpenStudy } from "./open_study.js" */
 import { html, useState } from "./vendor/preact.js";
 import { useKinds } from "./add_part.js";
+import { OpenPlaces } from "./consent.js";
+import { WORLD as LEVEL } from "./level.js";
+import { LevelEditor } from "./level_editor.js";
 import { TableButtons, TableForm, insertTable } from "./form.js";
+import { TimelineEditor } from "./timeline_editor.js";
 import { makeName, nameKind, spellName, stripMarks } from "./words.js";
 
 const ESSENTIAL = /** @type {Record<string, string[]>} */ ({ // shown though the file lacks them
@@ -18,14 +22,35 @@ const ESSENTIAL = /** @type {Record<string, string[]>} */ ({ // shown though the
 export function PartForm({ study, part, deselect }) {
   const [table, place] = /** @type {[string, number]} */ (part.path);
   const kind = table === "blocks" || table === "activities" ? part.kind : "";
-  const hidden = ["name", "kind", ...(table === "questions" ? ["items"] : [])];
+  const isLevel = table === "blocks" && study.read([...part.path, "world"]) === LEVEL;
+  const hasTrials = table === "blocks" && part.kind === "trials";
+  const isPlain = Object.keys(study.read([...part.path, "options"]) ?? {}).every((name) => name === "diagram" || name === "mission");
+  const hidden = ["name", "kind", ...(table === "questions" ? ["items"] : []), ...(isLevel && isPlain ? ["options"] : []), ...(hasTrials ? ["timeline"] : [])];
+  const [group, setGroup] = useState("");
+  const path = group ? [...part.path, "group_overrides", group] : part.path;
   return html`<article class="part-form" aria-label=${`Part ${part.name}`}>
     <header><p class="kind">${nameKind(part.kind)}<small>line ${part.line} of the file</small></p>
       <${NameField} key=${part.name} study=${study} part=${part} />
       <${PartButtons} study=${study} part=${part} table=${table} place=${place} deselect=${deselect} /></header>
-    ${table === "questions" && html`<${Questions} study=${study} path=${[...part.path, "items"]} />`}
-    <${TableForm} study=${study} path=${part.path} table=${table} kind=${kind} hidden=${hidden} essential=${ESSENTIAL[table] ?? []} />
+    ${["blocks", "pages", "questions"].includes(table) && html`<${GroupChoice} study=${study} part=${part} group=${group} choose=${setGroup} />`}
+    ${!group && table === "questions" && html`<${Questions} study=${study} path=${[...part.path, "items"]} />`}
+    ${!group && study.read([...part.path, "asks_consent"]) && html`<${OpenPlaces} study=${study} path=${[...part.path, "text"]} />`}
+    ${!group && hasTrials && html`<${TimelineEditor} key=${part.name} study=${study} path=${part.path} />`}
+    ${!group && isLevel && html`<${LevelEditor} key=${part.name} study=${study} path=${part.path} />`}
+    <${TableForm} key=${group} study=${study} path=${path} table=${table} kind=${kind} hidden=${[...hidden, "group_overrides"]} essential=${group ? [] : ESSENTIAL[table] ?? []}
+      base=${group ? study.read(part.path) : undefined} />
   </article>`;
+}
+
+/** For whom the form's fields are: for every group, or for one that has them otherwise. @param {{ study: OpenStudy, part: Part, group: string, choose: (group: string) => void }} properties */
+function GroupChoice({ study, part, group, choose }) {
+  const groups = /** @type {any[]} */ (study.read(["groups"]) ?? []).map((other) => other.name);
+  const overridden = study.read([...part.path, "group_overrides"]) ?? {};
+  if (groups.length < 2 && !Object.keys(overridden).length) return null;
+  return html`<div class="for-group"><div class="segments" role="group" aria-label="For whom these settings are">
+    <button type="button" aria-pressed=${group === ""} onClick=${() => choose("")}>Every group</button>
+    ${groups.map((name) => html`<button type="button" key=${name} aria-pressed=${group === name} onClick=${() => choose(name)}>${name}${name in overridden ? " •" : ""}</button>`)}</div>
+    ${group && html`<span class="quiet">Only what differs for ${group}; all else is as for every group.</span>`}</div>`;
 }
 
 /** @param {{ study: OpenStudy, part: Part }} properties */

@@ -59,7 +59,7 @@ function usePreview(study, selected, part, wanted) {
       setProblem("");
       setPreview(answer);
     }, (error) => turn === newest.current && setProblem(error.message));
-  }, [version, selected, wanted.language, wanted.group, wanted.round]);
+  }, [version, study.document?.trusted, selected, wanted.language, wanted.group, wanted.round]);
   return { preview, problem };
 }
 

@@ -1,5 +1,7 @@
 // Requests to the builder's server, and what it refuses. Knows no element.
 /** @import { Document, FieldForm, Kinds, Media, PageInfo, Preview, EditRefusal, ShowRequest, Studies, StimulusTable, SimulationRun } from "./messages" */
+/** @import { Departure, DepartureRequest, EpisodeReplay, SessionDetails } from "./messages" */
+/** @import { CopiedFile, TrustQuestion } from "./messages" */
 /** @import { AnnotationRequest, DataExport, QueryAnswer, RecordedData } from "./messages" */
 /** @import { CheckReport, Edit, NewStudyRequest, TableRequest, WorldInfo } from "./messages" */
 
@@ -56,6 +58,10 @@ export const editStudy = (key, version, edits) => post("api/edit", { key }, { ve
 export const stepHistory = (key, version, way) => post(`api/${way}`, { key }, { version });
 /** @param {NewStudyRequest} request @returns {Promise<Document>} */
 export const makeStudy = (request) => post("api/new", {}, request);
+/** @param {string} key @returns {Promise<TrustQuestion>} */
+export const askTrust = (key) => get("api/trust", { key });
+/** @param {string} key @param {string} sha256 of the code that was shown @returns {Promise<Document>} */
+export const trustStudy = (key, sha256) => post("api/trust", { key }, { sha256 });
 /** @param {string} key @returns {Promise<Media>} */
 export const listMedia = (key) => get("api/media", { key });
 /** @param {string} key @param {string} name */
@@ -77,12 +83,29 @@ export const describeWorld = (id) => get("api/world", { id });
 export const readData = (key) => get("api/data", { key });
 /** @param {string} key @param {string} log */
 export const pathsAddress = (key, log) => buildAddress("api/data/paths.png", { key, log });
+/** @param {string} key @param {string} log @returns {Promise<SessionDetails>} */
+export const readSession = (key, log) => get("api/data/session", { key, log });
+/** @param {string} key @param {string} log @param {number} episode @returns {Promise<EpisodeReplay>} */
+export const readEpisode = (key, log, episode) => get("api/data/episode", { key, log, episode: String(episode) });
+/** @param {string} key @param {string} log @param {number} episode @param {number} step */
+export const frameAddress = (key, log, episode, step) => buildAddress("api/data/frame.png", { key, log, episode: String(episode), step: String(step) });
+/** @param {string} key @param {DepartureRequest} request @returns {Promise<Departure>} */
+export const departParticipant = (key, request) => post("api/data/departure", { key }, request);
 /** @param {string} key @param {string} sql @returns {Promise<QueryAnswer>} */
 export const queryData = (key, sql) => post("api/data/query", { key }, { sql });
 /** @param {string} key @param {AnnotationRequest} request @returns {Promise<RecordedData>} */
 export const annotateSession = (key, request) => post("api/data/annotate", { key }, request);
 /** @param {string} key @param {string} format @returns {Promise<DataExport>} */
 export const exportStudy = (key, format) => post("api/data/export", { key }, { format });
+
+/**
+ * Send a file of a folder that is imported.
+ * @param {string} folder its name @param {string} path of the file in it @param {File} file @returns {Promise<CopiedFile>}
+ */
+export async function importFile(folder, path, file) {
+  const headers = { "content-type": "application/octet-stream" };
+  return readAnswer(await fetch(buildAddress("api/import", { folder, path }), { method: "POST", headers, body: file }));
+}
 
 /**
  * Send a file into the study's folder.

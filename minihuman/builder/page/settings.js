@@ -2,9 +2,11 @@
 /** @import { Document } from "./messages" */
 /** @import { OpenStudy } from "./open_study.js" */
 import { html, useState } from "./vendor/preact.js";
+import { OpenPlaces, ProcessingRecord } from "./consent.js";
 import { TableButtons, TableForm, insertTable } from "./form.js";
 import { makeName } from "./words.js";
 
+const RECORD = "processing"; // a section that is no table
 /** @typedef {{ table: string, name: string, about: string, essential?: string[], list?: any }} Section */
 /** @type {Section[]} */
 const SECTIONS = [
@@ -19,6 +21,7 @@ const SECTIONS = [
   { table: "design", name: "Question and design", about: "The study's question and the effect that it is about.", essential: ["question", "primary_effect"] },
   { table: "analysis", name: "Analysis", about: "The measures that are named before the data are seen.", essential: ["primary_measure", "block"] },
   { table: "exclusions", name: "Exclusions", about: "Rules, fixed beforehand, that leave data out of the report.", list: { reason: "", level: "participant", measure: "success", below: 0.5 } },
+  { table: RECORD, name: "Record of processing", about: "One page for the data protection officer, made of what the file says." },
   { table: "allocation", name: "Allocation", about: "Groups that are drawn by an answer, or by an adaptive design." },
 ];
 
@@ -30,9 +33,17 @@ export function Settings({ study }) {
       <button type="button" aria-current=${other.table === table ? "true" : undefined} onClick=${() => setTable(other.table)}>${other.name}
         ${study.mistakesAt([other.table]).length > 0 && html` <span class="badge">${study.mistakesAt([other.table]).length}</span>`}</button></li>`)}</ul></nav>
     <section aria-label=${section.name}><h2>${section.name}</h2><p class="quiet">${section.about}</p>
-      ${section.list ? html`<${TableList} study=${study} section=${section} />`
-        : html`<${TableForm} study=${study} path=${[table]} table=${table} essential=${section.essential ?? []} />`}
+      ${table === "study" && html`<${OpenPlaces} study=${study} path=${["study", "consent"]} />`}
+      ${renderSection(study, section)}
     </section></div>`;
+}
+
+/** @param {OpenStudy} study @param {Section} section */
+function renderSection(study, section) {
+  const { table } = section;
+  if (table === RECORD) return html`<${ProcessingRecord} study=${study} />`;
+  if (section.list) return html`<${TableList} study=${study} section=${section} />`;
+  return html`<${TableForm} study=${study} path=${[table]} table=${table} essential=${section.essential ?? []} />`;
 }
 
 /** @param {{ study: OpenStudy, section: Section }} properties */

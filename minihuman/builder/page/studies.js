@@ -3,6 +3,7 @@
 import { html, useEffect, useState } from "./vendor/preact.js";
 import { Dialog } from "./dialog.js";
 import { LANGUAGES } from "./preview.js";
+import { ImportFolder } from "./import.js";
 import { buildAddress, listStudies, makeStudy } from "./requests.js";
 import { nameLane } from "./lanes.js";
 import { countNoun, formatMinutes, nameKind, stripMarks } from "./words.js";
@@ -17,18 +18,29 @@ export function StudyCards({ open, languages }) {
   const [studies, setStudies] = useState(/** @type {Studies | null} */ (null));
   const [problem, setProblem] = useState("");
   const [source, setSource] = useState(/** @type {Template | StudyCard | null} */ (null)); // that is to be copied
+  const [topic, setTopic] = useState(""); // of the studies to copy that are shown; "" shows all
   const refresh = () => listStudies().then(setStudies, (error) => setProblem(error.message));
   useEffect(() => { refresh(); }, []);
   if (!studies) return html`<main><p role="status">${problem || "Opening the studies …"}</p></main>`;
-  return html`<main class="home"><header><h1>Studies</h1><p class="quiet">in the folder ${studies.folder}</p></header>
+  return html`<main class="home"><header><h1>Studies</h1><p class="quiet">in the folder ${studies.folder}</p>
+      <${ImportFolder} taken=${studies.studies.map((card) => card.key.split("/")[0])} finish=${(/** @type {string} */ refused) => { setProblem(refused); refresh(); }} /></header>
+    ${problem && html`<p class="mistake" role="alert">${problem}</p>`}
     ${studies.studies.length === 0 && html`<p class="empty">There is no study here yet. Begin with one of those below: a copy of it is yours to change.</p>`}
     <ul class="cards">${studies.studies.map((card) => html`<${Card} key=${card.key} card=${card} open=${open} copy=${() => setSource(card)} />`)}</ul>
-    ${GALLERY.map(([group, name]) => html`<section class="gallery" key=${group} aria-label=${name}><h2>${name}</h2>
-      <ul class="cards">${studies.templates.filter((template) => template.group === group).map((template) => html`
+    <div class="segments topics" role="group" aria-label="Studies to copy by topic"><button type="button" aria-pressed=${topic === ""} onClick=${() => setTopic("")}>All ${studies.templates.length}</button>
+      ${listTopics(studies.templates).map((name) => html`<button type="button" key=${name} aria-pressed=${topic === name} onClick=${() => setTopic(topic === name ? "" : name)}>${name}</button>`)}</div>
+    ${GALLERY.filter(([group]) => pickTemplates(studies.templates, group, topic).length).map(([group, name]) => html`<section class="gallery" key=${group} aria-label=${name}><h2>${name}</h2>
+      <ul class="cards">${pickTemplates(studies.templates, group, topic).map((template) => html`
         <${TemplateCard} key=${template.name} template=${template} copy=${() => setSource(template)} />`)}</ul></section>`)}
     ${source && html`<${CopyDialog} source=${source} close=${() => setSource(null)} open=${open} languages=${languages} />`}
   </main>`;
 }
+
+/** @param {Template[]} templates @returns {string[]} the topics that studies have, in the order in which they come up */
+const listTopics = (templates) => [...new Set(templates.flatMap((template) => template.topics))];
+
+/** @param {Template[]} templates @param {string} group @param {string} topic "" for every topic */
+const pickTemplates = (templates, group, topic) => templates.filter((template) => template.group === group && (!topic || template.topics.includes(topic)));
 
 /** @param {{ card: StudyCard, open: (key: string) => void, copy: () => void }} properties */
 function Card({ card, open, copy }) {
@@ -57,6 +69,8 @@ function TemplateCard({ template, copy }) {
   return html`<li class="card template"><img src=${address} alt="" loading="lazy" width="240" height="135" />
     <h3 dir="auto">${capitalize(template.title)}</h3><p class="summary" title=${template.summary}>${stripMarks(template.summary)}</p>
     <p class="quiet">${[formatMinutes(template.minutes), /** @type {any} */ (LANGUAGES)[template.language] ?? template.language].filter(Boolean).join(" · ")}</p>
+    <p class="topics">${template.topics.map((name) => html`<span class="topic" key=${name}>${name}</span>`)}</p>
+    ${template.citation && html`<p class="citation">${template.citation}</p>`}
     <div class="buttons"><button type="button" class="main" aria-label=${`Copy ${template.title}`} onClick=${copy}>Copy</button></div></li>`;
 }
 

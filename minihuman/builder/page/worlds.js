@@ -3,6 +3,7 @@
 /** @import { ControlProperties } from "./fields.js" */
 import { html, useEffect, useMemo, useState } from "./vendor/preact.js";
 import { Dialog } from "./dialog.js";
+import { Level, WORLD as LEVEL } from "./level.js";
 import { buildAddress, describeWorld, listKinds } from "./requests.js";
 
 const MOST_SHOWN = 60; // worlds at a time
@@ -46,7 +47,8 @@ export function buildWorldEdits(block, path, world, facts) {
   const table = path.slice(0, -1);
   /** @type {Edit[]} */
   const edits = [{ op: "set", path, value: world }];
-  if (block?.options) edits.push({ op: "remove", path: [...table, "options"] });
+  if (world === LEVEL) edits.push({ op: "set", path: [...table, "options"], value: Level.start().options });
+  else if (block?.options) edits.push({ op: "remove", path: [...table, "options"] });
   if (!facts || !block?.actions) return edits;
   if (!block.actions.every((/** @type {string} */ action) => facts.actions.includes(action))) {
     edits.push({ op: "set", path: [...table, "actions"], value: facts.usual_actions });
@@ -76,6 +78,7 @@ export function WorldPicker({ chosen, choose, close }) {
       <div class="segments" role="group" aria-label="Kind of world">${FAMILIES.map(([name], place) => html`
         <button type="button" aria-pressed=${place === family} onClick=${() => setFamily(place)}>${name}</button>`)}</div>
     </div>
+    <p><button type="button" onClick=${() => choose(LEVEL)}>Draw a level of your own</button></p>
     <p class="quiet" role="status">${matches.length} worlds${matches.length > MOST_SHOWN ? `, the first ${MOST_SHOWN} shown; search for others` : ""}</p>
     <ul class="worlds">${matches.slice(0, MOST_SHOWN).map(({ value, label }) => html`<li key=${value}>
       <button type="button" aria-pressed=${value === chosen} onClick=${() => choose(value)}>

@@ -1,12 +1,20 @@
 // The builder's page without a browser: the edits that its buttons make, and what becomes of them in a conflict.
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { quoteWord } from "../../../minihuman/builder/page/data.js";
+import { quoteWord } from "../../../minihuman/builder/page/command.js";
 import { readLike } from "../../../minihuman/builder/page/fields.js";
 import { buildEntryEdits, moveName } from "../../../minihuman/builder/page/lanes.js";
 import { OpenStudy, formatPath } from "../../../minihuman/builder/page/open_study.js";
 import { findSession } from "../../../minihuman/builder/page/preview.js";
 import { findTranslations, listTexts } from "../../../minihuman/builder/page/texts.js";
+import { buildLengthEdits, buildStartEdits, layOutTrial } from "../../../minihuman/builder/page/timeline.js";
+import { Level } from "../../../minihuman/builder/page/level.js";
+import { buildLevelEdits, chooseCell, nameCell } from "../../../minihuman/builder/page/level_editor.js";
+import { buildDayEdits, findDayProblem } from "../../../minihuman/builder/page/lane_settings.js";
+import { buildProcessingRecord, fillPlaceholder, listPlaceholders } from "../../../minihuman/builder/page/consent.js";
+import { sortFiles } from "../../../minihuman/builder/page/import.js";
+import { findWait, listPoints } from "../../../minihuman/builder/page/replay.js";
+import { writeDeparture } from "../../../minihuman/builder/page/departure.js";
 import { formatMinutes, makeName, renderSentence, spellName } from "../../../minihuman/builder/page/words.js";
 import { buildWorldEdits } from "../../../minihuman/builder/page/worlds.js";
 
@@ -162,4 +170,103 @@ test("a word of a command is quoted where a shell would read it otherwise", () =
   assert.equal(quoteWord("--tag=exclude"), "--tag=exclude");
   assert.equal(quoteWord("--note=the phone rang"), "'--note=the phone rang'");
   assert.equal(quoteWord("it's; rm -r ."), `'it'"'"'s; rm -r .'`);
+});
+
+const PRIMING = [
+  { name: "fixation", text: "+", duration_ms: [400, 700] }, { name: "prime", duration_ms: 33 },
+  { name: "mask", duration_ms: 67 }, { name: "target", until: "response" },
+];
+
+test("stimuli follow each other, a range is drawn at its middle, and the last stays until the deadline", () => {
+  const { bars, length_ms } = layOutTrial(PRIMING, 1000);
+  assert.deepEqual(bars.map((bar) => [bar.start_ms, bar.end_ms]), [[0, 550], [550, 583], [583, 650], [650, 1650]]);
+  assert.deepEqual([bars.map((bar) => bar.isKnown), bars[3].isOpen, length_ms], [[false, true, true, true], true, 1650]);
+});
+
+test("times count from the onset or the end of another stimulus, and what comes with the feedback has no bar", () => {
+  const { bars } = layOutTrial([
+    { name: "go", until: "response", onset_ms: 500 }, { name: "stop", since: "go", onset_ms: "{delay}", duration_ms: 100 },
+    { name: "mask", after: "stop", onset_ms: 50, duration_ms: 20 }, { name: "bell", feedback: "goal" },
+  ], 0);
+  assert.deepEqual(bars.map((bar) => bar.start_ms), [500, 800, 950]);
+});
+
+test("a bar that is dragged away from the one before it keeps its distance from it", () => {
+  const list = ["blocks", 0, "timeline", "stimuli"];
+  assert.deepEqual(buildStartEdits(PRIMING, 2, 700, list, 0), [
+    { op: "set", path: [...list, 2, "after"], value: "prime" }, { op: "set", path: [...list, 2, "onset_ms"], value: 117 },
+  ]);
+  assert.deepEqual(buildStartEdits(PRIMING, 2, 560, list, 0), [
+    { op: "set", path: [...list, 2, "since"], value: "prime" }, { op: "set", path: [...list, 2, "onset_ms"], value: 10 },
+  ]);
+  const apart = [{ name: "a", duration_ms: 100 }, { name: "b", after: "a", onset_ms: 50, duration_ms: 100 }];
+  assert.deepEqual(buildStartEdits(apart, 1, 203, list, 0), [{ op: "set", path: [...list, 1, "onset_ms"], value: 100 }]);
+  assert.deepEqual(buildStartEdits(apart, 1, 98, list, 0).map(({ op, path }) => [op, path.at(-1)]), [["remove", "after"], ["remove", "onset_ms"]]);
+  assert.deepEqual(buildLengthEdits(apart[1], 1, 254, list), [{ op: "set", path: [...list, 1, "duration_ms"], value: 250 }]);
+  assert.deepEqual(buildLengthEdits(PRIMING[0], 0, 254, list), []);
+});
+
+test("a level brings the actions and keys that it needs, and leaves those that the block has", () => {
+  const level = Level.start();
+  level.put(3, 3, "Ly");
+  const block = { actions: ["left", "forward"], fixed_keys: { left: "left" }, options: {} };
+  const facts = /** @type {any} */ ({ default_keys: { left: "left", right: "right", space: "toggle" } });
+  const edits = Object.fromEntries(buildLevelEdits(block, ["blocks", 0], level, facts).map((edit) => [edit.path.at(-1), edit.value]));
+  assert.deepEqual(edits.actions, ["left", "forward", "right", "toggle"]);
+  assert.deepEqual(edits.fixed_keys, { left: "left", right: "right", space: "toggle" });
+  assert.equal(edits.diagram.split("\n")[3], "WW    Ly        WW");
+  const same = { actions: edits.actions, options: { diagram: edits.diagram, mission: level.mission } };
+  assert.deepEqual(buildLevelEdits(same, ["blocks", 0], level, facts), []);
+});
+
+test("a click on the agent turns it, and cells have names", () => {
+  assert.deepEqual([chooseCell(">>", "y", ">>"), chooseCell(">>", "y", "  "), chooseCell("G", "y", ""), chooseCell("K", "b", "")], ["vv", ">>", "Gg", "Kb"]);
+  assert.deepEqual(["Ly", "Gg", "^^", "  "].map(nameCell), ["yellow locked door", "goal", "agent, looking up", "empty"]);
+});
+
+test("a second day has the parts of the first without the agreement; groups with other parts must come together first", () => {
+  const tree = { groups: [{ name: "a", parts: ["consent", "one"] }], pages: [{ name: "consent", asks_consent: true }] };
+  const lanes = [{ group: "a", session: "", parts: ["consent", "one"], path: ["groups", 0, "parts"], replaced: {} }];
+  const study = open(makeDocument({ tree, lanes }));
+  assert.deepEqual(buildDayEdits(study), [
+    { op: "remove", path: ["groups", 0, "parts"] },
+    { op: "set", path: ["sessions"], value: [{ name: "day-1", parts: ["consent", "one"] }, { name: "day-2", parts: ["one"], days_after_previous: [1, 3] }] },
+  ]);
+  assert.equal(findDayProblem(study), "");
+  assert.match(findDayProblem(open()), /different parts/);
+});
+
+test("what a consent leaves open is filled in place by place, and dollar signs stay", () => {
+  const text = "Purpose: [what]. Contact: [who]. [what]";
+  assert.deepEqual(listPlaceholders(text), ["what", "who", "what"]);
+  assert.equal(fillPlaceholder(text, "who", "$& at [lab]"), "Purpose: [what]. Contact: $& at [lab]. [what]");
+  assert.equal(fillPlaceholder(text, "what", "sleep"), "Purpose: sleep. Contact: [who]. [what]");
+});
+
+test("a record of processing says what the file says, and nothing where the file is silent", () => {
+  const tree = {
+    study: { name: "walk", participants: 1, consent: "Contact: [who]." }, groups: [{}, {}], web: { recruitment_platforms: ["prolific"] },
+    questions: [{ items: [{ name: "age", ask: "How old?" }] }], design: { question: "Does sleep help?" },
+  };
+  const record = Object.fromEntries(buildProcessingRecord(tree));
+  assert.deepEqual(record.Purpose, ["Does sleep help?"]);
+  assert.deepEqual(record["Whose data"], ["1 participant, 2 groups, 1 session each", "recruited by prolific"]);
+  assert.ok(record["Which data"].some((line) => line.includes("How old?")));
+  assert.deepEqual([record.Responsible, record["Recipients, place and duration of storage"]], [[], []]);
+});
+
+test("of a colleague's folder, the files of a study are copied, and what programs leave behind is not", () => {
+  const paths = ["My Study/walk.toml", "My Study/img/a.png", "My Study/.git/config.txt", "My Study/__pycache__/a.py", "My Study/sessions/a/b/c.csv", "My Study/run.sh"];
+  assert.deepEqual(sortFiles(paths), { folder: "my-study", wanted: ["walk.toml", "img/a.png"], left: [".git/config.txt", "__pycache__/a.py", "sessions/a/b/c.csv", "run.sh"] });
+});
+
+test("a replay waits as the participant did, and its way leaves out what has no place", () => {
+  const step = (/** @type {number} */ t_ms, /** @type {any} */ place) => /** @type {any} */ ({ t_ms, place });
+  const steps = [step(0, [1, 2]), step(900, null), step(60_900, [3, 4])];
+  assert.deepEqual([findWait(steps, 0, 1), findWait(steps, 0, 4), findWait(steps, 1, 1), findWait(steps, 2, 1)], [900, 225, 4000, 0]);
+  assert.deepEqual([listPoints(steps, 1), listPoints(steps, 2)], ["1,2", "1,2 3,4"]);
+});
+
+test("the command of a departure is one that a shell can take", () => {
+  assert.equal(writeDeparture("withdraw", "sub-01", "my data/walk", "it's over"), "minihuman withdraw sub-01 '--study=my data/walk' '--reason=it'\"'\"'s over' --erase");
 });

@@ -4,7 +4,7 @@ import assert from "node:assert/strict";
 import { readFileSync } from "node:fs";
 import { test } from "node:test";
 
-import { Level } from "../../../docs/gallery-live/level.js";
+import { Level } from "../../../minihuman/builder/page/level.js";
 
 const drawn = JSON.parse(readFileSync(new URL("level.json", import.meta.url), "utf-8"));
 

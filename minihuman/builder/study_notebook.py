@@ -1,0 +1,41 @@
+"""A notebook to begin with, beside a study: it simulates participants, and looks at their tables and pictures."""
+
+import json
+from typing import Any
+
+_SIMULATE = """\
+from pathlib import Path
+
+import minihuman
+
+simulated = Path("simulated")  # apart from the data of people
+if not simulated.exists():
+    list(minihuman.simulate("{name}.toml", data=simulated, participants=4, player="random"))
+study = minihuman.open_study(simulated / "{name}")
+study"""
+_AVERAGE = """\
+episodes = study.table("episodes")
+episodes.groupby("participant")[["reward", "playing_s"]].mean()"""
+_DRAW = """\
+session = study["sub-01"]
+session.figure("paths")"""
+_REDRAW = """\
+frames = session.episodes[0].frames()  # what was seen, drawn again and verified
+len(frames), frames[0].shape"""
+_CELLS = (
+    ("markdown", "# {name}\n\nFour simulated participants; those of people are in `sessions`."),
+    *(("code", source) for source in (_SIMULATE, _AVERAGE, _DRAW, _REDRAW)),
+)
+
+
+def write_notebook(name: str) -> str:
+    """Return the text of a notebook (nbformat 4) for the study of a name, beside whose protocol it lies."""
+    cells: list[dict[str, Any]] = []
+    for number, (kind, source) in enumerate(_CELLS):
+        cell = {"cell_type": kind, "id": f"cell-{number}", "metadata": {}, "source": source.replace("{name}", name)}
+        if kind == "code":
+            cell |= {"execution_count": None, "outputs": []}
+        cells.append(cell)
+    kernel = {"display_name": "Python 3", "language": "python", "name": "python3"}
+    notebook = {"cells": cells, "metadata": {"kernelspec": kernel}, "nbformat": 4, "nbformat_minor": 5}
+    return json.dumps(notebook, indent=1, ensure_ascii=False) + "\n"
