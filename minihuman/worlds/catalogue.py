@@ -409,9 +409,13 @@ DRAWN_LEVEL = CatalogueEntry(
     summary="a level of your own, drawn as a diagram",
     guards_itself=True,
 )
-_RULESET = "minihuman.worlds.grid.ruleset"
-_RULES = "Rules-v0", f"{_RULESET}.env:RulesetWorld", {}, f"{_RULESET}.batch:RulesetBatch"
-RULES = CatalogueEntry(*_RULES, "a goal, and rules by which things turn into others", guards_itself=True)
+RULES = CatalogueEntry(
+    "Rules-v0",
+    "minihuman.worlds.grid.ruleset.env:RulesetWorld",
+    vector_entry_point="minihuman.worlds.grid.ruleset.batch:RulesetBatch",
+    summary="a goal, and rules by which things turn into others",
+    guards_itself=True,
+)
 
 _TEAMS = "minihuman.worlds.grid.layouts.team_layouts"
 
