@@ -97,7 +97,7 @@ const { script, walks } = JSON.parse(text);
 const names = walks.map((walk) => {
   let name = 0, n = 0, at = 1;
   const message = (m) => { if (m.t === "screen") name = m.name; };
-  const follower = new Follower(script, null, { message, agreed() {}, picture() {} });
+  const follower = new Follower(script, null, { message, agreed() {}, settled() {}, picture() {} });
   const receive = (what) => {
     at += 20e6;
     follower.receive({ n: ++n, at, what: { ...what, stamp: at, flip: at, submit: at } });

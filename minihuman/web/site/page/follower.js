@@ -22,7 +22,8 @@ import { fillTemplate } from "./templates.js";
  * touch: Record<string, string>, words: any }} SlotScript
  * @typedef {{ kind: "unfocused" | "paused" | "quit", node: number, escape: number | null }} Overlay
  * @typedef {{ number: number, rules: EpisodeRules, scenes: ComputedScenes, scene: number, steps: number, reward: number }} FollowedEpisode
- * @typedef {{ message(m: ServerMessage): void, picture(picture: Picture): void, agreed(): void }} Listener
+ * @typedef {{ message(m: ServerMessage): void, picture(picture: Picture): void, agreed(): void, settled(): void }} Listener
+ * `settled`: an episode or a part is over
  */
 
 const BODY = JSON.stringify("\0body\0");
@@ -235,7 +236,7 @@ export class Follower {
 
   /** @param {number} number @param {number} at */
   #enter(number, at) {
-    const { group, part } = this.script.nodes[number];
+    const { group, part } = this.script.nodes[number], isOver = this.#isPlaying || part !== this.#node?.part;
     if (part !== this.#node?.part) this.#answers.clear(); // who comes to a part again finds it new
     const isReturn = group && group !== this.#node?.group;
     const to = isReturn ? this.#answers.get(group) ?? number : number;
@@ -246,6 +247,7 @@ export class Follower {
     this.#flip = null;
     if (node.episode >= 0) this.#begin(node.episode);
     this.#show();
+    if (isOver && !this.#isSilent) this.listener.settled();
   }
 
   get #isPlaying() { return (this.#node?.episode ?? -1) >= 0; }
