@@ -15,8 +15,7 @@ import minihuman
 from minihuman.activities.agent_blocks.activity import AGENT_RULES
 from minihuman.activities.questions.number.draft import NUMBER_RULES
 from minihuman.activities.team.presence import PRESENCE_RULES
-from minihuman.activities.trials.plan import TRIAL_RULES
-from minihuman.experiment.machine.inputs import MESSAGE_RULES, TEXT_RULES
+from minihuman.experiment.machine.inputs import MESSAGE_RULES, TEXT_RULES, TRIAL_RULES
 from minihuman.experiment.machine.session import CONSENT_RULES, KEY_RULES
 from minihuman.experiment.pending_session import is_allocation_pending
 from minihuman.experiment.plan.session_plan import SessionPlan

@@ -11,13 +11,13 @@ import msgspec
 from minihuman.activities.play.activity import PlayActivity
 from minihuman.activities.trials.block_check import check_timeline
 from minihuman.activities.trials.events import ResponseTaken, SoundPlayed, StimuliShown, TrialResolved
-from minihuman.activities.trials.plan import TRIAL_RULES, TimelineSpec, TrialsPlan
+from minihuman.activities.trials.plan import TimelineSpec, TrialsPlan
 from minihuman.activities.trials.schedule import MOST_STIMULI, NS_PER_MS, resolve_trial
 from minihuman.activities.trials.screens import TrialScreen, build_trial_screen
 from minihuman.activities.trials.trial_run import ResponseRecord, TrialRun
 from minihuman.experiment.machine.activity import ActivityKind, SessionContext
 from minihuman.experiment.machine.events import ActivityEvent, Paused, PauseReason, Resumed
-from minihuman.experiment.machine.inputs import Input, KeyDown, ScreenShown, SoundStarted
+from minihuman.experiment.machine.inputs import TRIAL_RULES, Input, KeyDown, ScreenShown, SoundStarted
 from minihuman.experiment.machine.running_episode import RunningEpisode, catch_world_errors
 from minihuman.experiment.machine.screens import Screen
 from minihuman.experiment.machine.transitions import Phase

@@ -8,7 +8,6 @@ import msgspec
 from minihuman.activities.play.plan import PlayPlan
 from minihuman.experiment.sounds import NOISE, TONE
 
-TRIAL_RULES = "2"  # the fact "trial_rules" of a session: a pause that voids a trial is logged; before, only its end was
 TimeSpec = float | tuple[float, float] | str  # ms; drawn from a range; or "{column}"
 IMAGE_FORMATS = ("PNG", "JPEG", "WEBP")  # of a timeline's images
 HZ = 1000.0  # of a tone that names no frequency

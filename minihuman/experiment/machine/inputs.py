@@ -5,6 +5,9 @@ from typing import Literal
 
 # the fact "text_rules" of a session: a field's whole text is the answer as it is; before, keys edited and trimmed it
 TEXT_RULES = "2"
+# the fact "trial_rules" of a session: a pause that voids a trial is logged, and so is a sound that the session hears of
+# when its trial should be over; before, only the trial's end was
+TRIAL_RULES = "2"
 # the fact "message_rules": the same for messages to partners, which keys edited for longer
 MESSAGE_RULES = "2"
 

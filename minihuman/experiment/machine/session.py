@@ -27,6 +27,7 @@ from minihuman.experiment.machine.events import (
     SessionStarted,
 )
 from minihuman.experiment.machine.inputs import (
+    TRIAL_RULES,
     ActivityInput,
     AxisChanged,
     ExperimenterCommand,
@@ -39,6 +40,7 @@ from minihuman.experiment.machine.inputs import (
     PointerPressed,
     PointerReleased,
     ScreenShown,
+    SoundStarted,
     Stop,
     TextEdited,
     TextInput,
@@ -235,11 +237,17 @@ class SessionMachine:
 
     def _handle(self, happened: Input) -> None:
         """Process what is due before an input, and pass the input on unless the session has ended."""
-        if not isinstance(happened, _TIMELESS):
+        if not self._is_timeless(happened):
             self._let_time_pass(happened.t_ns)
             if self.over:
                 return
         self._dispatch(happened)
+
+    def _is_timeless(self, happened: Input) -> bool:
+        """Tell whether what is due by now is done after an input: it reports what was before."""
+        if isinstance(happened, SoundStarted):
+            return self._facts.get("trial_rules", "1") == TRIAL_RULES
+        return isinstance(happened, _TIMELESS)
 
     def _dispatch(self, happened: Input) -> None:
         """Pass an input to the method for its type."""

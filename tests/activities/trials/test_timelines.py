@@ -6,7 +6,7 @@ import msgspec
 import pytest
 
 from minihuman.activities.trials.events import ResponseTaken, StimuliShown, TrialResolved
-from minihuman.activities.trials.plan import TRIAL_RULES, TimelineSpec, TimelineStimulus
+from minihuman.activities.trials.plan import TimelineSpec, TimelineStimulus
 from minihuman.activities.trials.schedule import TrialSchedule, resolve_trial
 from minihuman.admin.protocol_file import read_protocol
 from minihuman.admin.verify.log import verify_session
@@ -15,7 +15,7 @@ from minihuman.display.drawing.screen import compose_screen
 from minihuman.errors import ProtocolError, WorldError
 from minihuman.experiment.machine.event_rules import find_violations
 from minihuman.experiment.machine.events import EpisodeEnded, EpisodeStarted, KeyPressed, Paused, Resumed, Stepped
-from minihuman.experiment.machine.inputs import FocusChanged, ScreenShown
+from minihuman.experiment.machine.inputs import TRIAL_RULES, FocusChanged, ScreenShown
 from minihuman.experiment.machine.transitions import Phase
 from minihuman.experiment.plan.dry_run import check_worlds
 from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
