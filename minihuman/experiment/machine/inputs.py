@@ -1,5 +1,6 @@
 """Inputs: everything that can reach a session from outside. Times are nanoseconds on the session's monotonic clock."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -209,3 +210,17 @@ Input = (
     | ActivityInput
     | Stop
 )
+
+
+def is_timeless(happened: Input, facts: Mapping[str, str]) -> bool:
+    """Return whether what is due by now is done after an input rather than before it.
+
+    Such an input reports what was before: a screen or sound that the window or device has already played.
+
+    Args:
+        happened: the input.
+        facts: the session's facts, of which one says by what rules its trials are run.
+    """
+    if isinstance(happened, SoundStarted):
+        return facts.get("trial_rules", "1") == TRIAL_RULES
+    return isinstance(happened, Stop | ScreenShown | TextInput | TextEdited | PointerInput)

@@ -27,7 +27,6 @@ from minihuman.experiment.machine.events import (
     SessionStarted,
 )
 from minihuman.experiment.machine.inputs import (
-    TRIAL_RULES,
     ActivityInput,
     AxisChanged,
     ExperimenterCommand,
@@ -40,11 +39,11 @@ from minihuman.experiment.machine.inputs import (
     PointerPressed,
     PointerReleased,
     ScreenShown,
-    SoundStarted,
     Stop,
     TextEdited,
     TextInput,
     Tick,
+    is_timeless,
 )
 from minihuman.experiment.machine.key_state import KeyState
 from minihuman.experiment.machine.part_sequence import PartSequence
@@ -76,7 +75,6 @@ _OTHER_POINTER_CAUSES: dict[type[PointerInput], Literal["held_before_focus", "ca
     PointerPressed: "held_before_focus",
     PointerReleased: "cancelled",
 }
-_TIMELESS = (Stop, ScreenShown, TextInput, TextEdited, PointerInput)  # what is due by now is not done before these
 
 
 class SessionMachine:
@@ -237,17 +235,11 @@ class SessionMachine:
 
     def _handle(self, happened: Input) -> None:
         """Process what is due before an input, and pass the input on unless the session has ended."""
-        if not self._is_timeless(happened):
+        if not is_timeless(happened, self._facts):
             self._let_time_pass(happened.t_ns)
             if self.over:
                 return
         self._dispatch(happened)
-
-    def _is_timeless(self, happened: Input) -> bool:
-        """Tell whether what is due by now is done after an input: it reports what was before."""
-        if isinstance(happened, SoundStarted):
-            return self._facts.get("trial_rules", "1") == TRIAL_RULES
-        return isinstance(happened, _TIMELESS)
 
     def _dispatch(self, happened: Input) -> None:
         """Pass an input to the method for its type."""
