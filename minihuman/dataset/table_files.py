@@ -299,10 +299,10 @@ _CONTENT = r"regexp_replace({}.fingerprint, ' [^ \n]+(\n|$)', '\1', 'g')"  # as 
 def _compare_databases(connection: duckdb.DuckDBPyConnection) -> Iterator[str]:
     connection.execute(
         "CREATE OR REPLACE TEMP TABLE pairs AS "
-        "SELECT ours.key, ours.log AS ours, theirs.log AS theirs, theirs.with_shortest, "
-        "ours.about = theirs.about AS same_about, ours.facts = theirs.facts AS same_facts "
-        "FROM kept.logs AS ours JOIN cache.kept.logs AS theirs ON ours.key = theirs.key "
-        f"AND {_CONTENT.format('ours')} = {_CONTENT.format('theirs')}"
+        "SELECT fresh.key, fresh.log AS fresh_log, cached.log AS cached_log, cached.with_shortest, "
+        "fresh.about = cached.about AS same_about, fresh.facts = cached.facts AS same_facts "
+        "FROM kept.logs AS fresh JOIN cache.kept.logs AS cached ON fresh.key = cached.key "
+        f"AND {_CONTENT.format('fresh')} = {_CONTENT.format('cached')}"
     )
     yield from _compare_accounts(connection)
     for name, columns in TABLES.items():
@@ -327,18 +327,7 @@ def _compare_accounts(connection: duckdb.DuckDBPyConnection) -> Iterator[str]:
 
 def _compare_rows_with_cache(connection: duckdb.DuckDBPyConnection, name: str, columns: list[str]) -> Iterator[str]:
     """Yield the first differences between a table's recomputed and cached rows."""
-    differs = " OR ".join(map(_compare_column, columns))
-    sides = ", ".join(f'{side}."{column}"' for side in ("ours", "theirs") for column in columns)
-    differing_rows = connection.execute(
-        "WITH ours AS (SELECT pairs.key AS session, with_shortest, mine.* "
-        f"FROM kept.{name} AS mine JOIN pairs ON mine.log = pairs.ours), "
-        "theirs AS (SELECT pairs.key AS session, its.* "
-        f"FROM cache.kept.{name} AS its JOIN pairs ON its.log = pairs.theirs) "
-        "SELECT coalesce(ours.session, theirs.session), coalesce(ours.row, theirs.row), "
-        f"ours.session IS NULL, theirs.session IS NULL, {sides} "
-        "FROM ours FULL JOIN theirs ON ours.session = theirs.session AND ours.row = theirs.row "
-        f"WHERE ours.session IS NULL OR theirs.session IS NULL OR {differs} ORDER BY 1, 2 LIMIT {MAX_NAMED}"
-    ).fetchall()
+    differing_rows = connection.execute(_compose_row_comparison(name, columns)).fetchall()
     for session, number, is_added, is_missing, *cells in differing_rows:
         place = f"{TABLE_CACHE}: table {name}, {session}, row {number}"
         if is_added:
@@ -354,9 +343,29 @@ def _compare_rows_with_cache(connection: duckdb.DuckDBPyConnection, name: str, c
                 yield _describe_cell(place, column, cached_cell, expected)
 
 
+def _compose_row_comparison(name: str, columns: list[str]) -> str:
+    """Return the SQL query for the first rows of a table that differ between a fresh database and the cache.
+
+    Its columns: session, row, whether the row is in the cache alone, whether it is missing there, then the cells of the
+    fresh row and those of the cached one.
+    """
+    differs = " OR ".join(map(_compare_column, columns))
+    cells = ", ".join(f'{source}."{column}"' for source in ("fresh", "cached") for column in columns)
+    return (
+        "WITH fresh AS (SELECT pairs.key AS session, with_shortest, fresh_rows.* "
+        f"FROM kept.{name} AS fresh_rows JOIN pairs ON fresh_rows.log = pairs.fresh_log), "
+        "cached AS (SELECT pairs.key AS session, cached_rows.* "
+        f"FROM cache.kept.{name} AS cached_rows JOIN pairs ON cached_rows.log = pairs.cached_log) "
+        "SELECT coalesce(fresh.session, cached.session), coalesce(fresh.row, cached.row), "
+        f"fresh.session IS NULL, cached.session IS NULL, {cells} "
+        "FROM fresh FULL JOIN cached ON fresh.session = cached.session AND fresh.row = cached.row "
+        f"WHERE fresh.session IS NULL OR cached.session IS NULL OR {differs} ORDER BY 1, 2 LIMIT {MAX_NAMED}"
+    )
+
+
 def _compare_column(column: str) -> str:
     """Return the SQL condition under which a column of two rows differs."""
-    differs = f'ours."{column}" IS DISTINCT FROM theirs."{column}"'
+    differs = f'fresh."{column}" IS DISTINCT FROM cached."{column}"'
     if column in COLUMNS_NEEDING_WORLD:
         return f"(with_shortest AND {differs})"
     return differs

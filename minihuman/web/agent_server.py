@@ -202,7 +202,7 @@ class AgentRequestHandler(GuardedHandler):
 
     def do_GET(self) -> None:  # noqa: N802 - the library's name
         """Reply with the screen that is waiting for an answer."""
-        if not self._accept_if_local():
+        if self._refuse_if_remote():
             return
         client = self._find_client()
         if client is not None:
@@ -210,7 +210,7 @@ class AgentRequestHandler(GuardedHandler):
 
     def do_POST(self) -> None:  # noqa: N802 - the library's name
         """Begin a session, or answer the screen of one."""
-        if not self._accept_if_local():
+        if self._refuse_if_remote():
             return
         body = self._read_body()
         if body is None:
@@ -250,15 +250,15 @@ class AgentRequestHandler(GuardedHandler):
             self._reply(404, {"error": "this session does not exist; begin a session with POST /sessions"})
         return client
 
-    def _accept_if_local(self) -> bool:
-        """Refuse a request that does not come from a program on this machine; return whether it was accepted.
+    def _refuse_if_remote(self) -> bool:
+        """Refuse a request that does not come from a program on this machine, and return whether it was refused.
 
-        Requests from web pages and requests that address the server by an unknown host name are refused.
+        Requests from web pages and requests that address the server by an unknown host name are refused, too.
         """
         is_local = is_named(self.headers.get("Host", ""), (*LOCAL_HOSTS, self.host)) and "Origin" not in self.headers
         if not is_local:
             self._refuse(403, "only programs on this machine may play; ask for http://127.0.0.1 and the port")
-        return is_local
+        return not is_local
 
     def _refuse(self, status: int, error: str) -> None:
         self.close_connection = True  # a body may follow that is not read

@@ -148,36 +148,37 @@ def draw_page(screen: PageScreen, size_px: Size) -> Sheet:
     Its lines break as the plan says, whatever the window's size; only the size of the type depends on the window.
     """
     sheet = Sheet(size_px, screen.locale)
-    width, _ = size_px
-    high = sheet.high
-    wide = text.PAGE_COLUMN_WIDTH * high
-    left = (width - wide) / 2
-    right = (width + wide) / 2
-    sheet.header(screen.title, wide)
-    y = sheet.top + high * text.TEXT_TOP
-    room = high * (text.TEXT_BOTTOM - text.TEXT_TOP)
+    column_width = text.PAGE_COLUMN_WIDTH * sheet.high
+    left = (size_px[0] - column_width) / 2
+    right = (size_px[0] + column_width) / 2
+    top = sheet.top + sheet.high * text.TEXT_TOP
+    bottom = sheet.top + sheet.high * text.TEXT_BOTTOM
+    sheet.header(screen.title, column_width)
     if screen.picture is not None:
-        tall = room
+        picture_bottom = bottom
         if screen.body:
-            tall = high * (text.PAGE_PICTURE_HEIGHT - _GAP_BELOW_PICTURE)
-        _draw_labelled_picture(sheet, screen.picture, screen.marks, (left, y, right, y + tall))
-        y += high * text.PAGE_PICTURE_HEIGHT
-        room -= high * text.PAGE_PICTURE_HEIGHT
-    lines: list[str] = []
+            picture_bottom = top + sheet.high * (text.PAGE_PICTURE_HEIGHT - _GAP_BELOW_PICTURE)
+        _draw_labelled_picture(sheet, screen.picture, screen.marks, (left, top, right, picture_bottom))
+        top += sheet.high * text.PAGE_PICTURE_HEIGHT
     if screen.body:
-        lines = text.style_lines(text.break_page_lines(screen.body))
-    type_px = _type_px(sheet, lines, wide)
-    line_px = type_px * LINE_HEIGHT
-    if screen.pages == 1:  # a short text stands in the middle
-        y += max(0.0, (room - len(lines) * type_px * LINE_HEIGHT) / 2)
-    if len(lines) <= _MOST_CENTRED_LINES and screen.pages == 1:
-        for line in lines:
-            sheet.put((width / 2, y + line_px / 2), line, type_px, theme.INK, "m")
-            y += line_px
-    else:
-        sheet.column(lines, left, right, y, type_px)
-    sheet.footer(screen.buttons, screen.prompt, screen.progress, wide)
+        _draw_page_lines(sheet, screen, (left, top, right, bottom))
+    sheet.footer(screen.buttons, screen.prompt, screen.progress, column_width)
     return sheet
+
+
+def _draw_page_lines(sheet: Sheet, screen: PageScreen, box: tuple[float, float, float, float]) -> None:
+    """Draw a page's text in a box: from its top or, if it is the only page, in the middle; few lines are centred."""
+    left, top, right, bottom = box
+    lines = text.style_lines(text.break_page_lines(screen.body))
+    type_px = _type_px(sheet, lines, right - left)
+    line_px = type_px * LINE_HEIGHT
+    if screen.pages == 1:
+        top += max(0.0, (bottom - top - len(lines) * line_px) / 2)
+    if len(lines) > _MOST_CENTRED_LINES or screen.pages > 1:
+        sheet.column(lines, left, right, top, type_px)
+        return
+    for number, line in enumerate(lines):
+        sheet.put(((left + right) / 2, top + (number + 0.5) * line_px), line, type_px, theme.INK, "m")
 
 
 def _type_px(sheet: Sheet, lines: list[str], wide: float) -> int:

@@ -363,7 +363,7 @@ class BlockingWindow(Window):
             return [TextInput(self._clock(), printable)]
         return []
 
-    def _pointer(
+    def _convert_button(
         self,
         kind: type[PointerPressed | PointerMoved | PointerReleased],
         x: float,
@@ -380,22 +380,32 @@ class BlockingWindow(Window):
         if is_press == is_button_down:  # a second press, or what follows a press that was not seen
             return []
         if isinstance(self._screen, PlayScreen):
-            if kind is not PointerMoved:  # a press that led here is over
-                self._pressed_in = None
-            place = locate_in_picture(self._screen, self.size_px, x, y)
-            if kind is PointerPressed and place is not None:
-                return [kind(t_ns, *place, "picture", cause=cause)]
-            return []
+            return self._convert_press_in_world(self._screen, kind, x, y, t_ns, cause)
         if self._pressed_in is None:
             target, along = find_spot(self._screen, self.size_px, x, y)
         else:
             target = self._pressed_in
             along = measure_along_spot(self._screen, self.size_px, self._pressed_in, x)
-        self._pressed_in = target
-        if kind is PointerReleased:
-            self._pressed_in = None
+        self._pressed_in = None if kind is PointerReleased else target
         self._pointer_at = (x, y)
         return [kind(t_ns, x, y, target, along, cause)]
+
+    def _convert_press_in_world(
+        self,
+        screen: PlayScreen,
+        kind: type[PointerPressed | PointerMoved | PointerReleased],
+        x: float,
+        y: float,
+        t_ns: int,
+        cause: PointerCause,
+    ) -> list[Input]:
+        """Convert a press in a world's picture; nothing else counts there, and a press that led here is over."""
+        if kind is not PointerMoved:
+            self._pressed_in = None
+        place = locate_in_picture(screen, self.size_px, x, y)
+        if kind is not PointerPressed or place is None:
+            return []
+        return [kind(t_ns, *place, "picture", cause=cause)]
 
     def _move_mouse(self, right_px: int, down_px: int, t_ns: int) -> list[Input]:
         """Convert a motion of the captured mouse to inputs of the axes that the screen asks for."""
@@ -414,7 +424,7 @@ class BlockingWindow(Window):
             return [FocusChanged(t_ns, True), *chain.from_iterable(presses)]
         released = self._ordered(self._repeater.release_all(max(t_ns, self._last_key_ns + 1)))
         if self._pressed_in is not None:
-            released += self._pointer(PointerReleased, *self._pointer_at, t_ns, "cancelled")
+            released += self._convert_button(PointerReleased, *self._pointer_at, t_ns, "cancelled")
         return [*released, FocusChanged(t_ns, False)]
 
 

@@ -265,15 +265,15 @@ class PygameWindow(BlockingWindow):
             right_px, down_px = event.rel
             return self._move_mouse(right_px, down_px, t_ns)
         if event.type == pygame.MOUSEMOTION:
-            return self._pointer(PointerMoved, *self._along(event.pos), t_ns)
+            return self._convert_button(PointerMoved, *self._along(event.pos), t_ns)
         if event.button != pygame.BUTTON_LEFT:
             return []
         if event.type == pygame.MOUSEBUTTONUP:
-            return self._pointer(PointerReleased, *self._along(event.pos), t_ns)
+            return self._convert_button(PointerReleased, *self._along(event.pos), t_ns)
         cause: PointerCause = "held_before_focus"
         if move.is_in_window:
             cause = "finger"
-        return self._pointer(PointerPressed, *self._along(event.pos), t_ns, cause)
+        return self._convert_button(PointerPressed, *self._along(event.pos), t_ns, cause)
 
     def _find_cause(self, event: pygame.event.Event, move: KeyMove) -> PressCause:
         """Return the cause of a key press: a finger, a press before the focus, or a shortcut with Ctrl, Alt or Meta.

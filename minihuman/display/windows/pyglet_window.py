@@ -143,7 +143,9 @@ class PygletWindow(BlockingWindow):
             cause: PointerCause = "finger"
             if kind is PointerPressed and not self._is_press_in_window(MAIN_BUTTON, button_ms):
                 cause = "held_before_focus"
-            self._inputs += self._pointer(kind, (x + 0.5) / width, 1 - (y + 0.5) / height, self._time(button_ms), cause)
+            share_x = (x + 0.5) / width
+            share_y = 1 - (y + 0.5) / height
+            self._inputs += self._convert_button(kind, share_x, share_y, self._time(button_ms), cause)
 
     def _on_motion(self, right_px: int, down_px: int, server_ms: int | None) -> None:
         if self._mouse_axes:

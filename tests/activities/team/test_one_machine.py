@@ -44,16 +44,20 @@ class Table(Window):
         tap = lambda now_ns: [KeyDown(now_ns, "escape"), KeyUp(now_ns, "escape")]  # noqa: E731
         self._escapes = [tap, lambda now_ns: [KeyDown(now_ns, "escape")]] if quits else []  # asks, then is held
         self._pressed, self._places = pressed.split(), 0
+        self._new_screen, self._waits = False, 0
 
     def show(self, screen: Screen) -> ScreenShown:
         self.screens.append(screen)
+        self._new_screen = True
         now_ns = self._clock()
         return ScreenShown(now_ns, now_ns, now_ns)
 
     def wait(self, until_ns: int | None) -> list[Input]:
         time.sleep(0.004)
-        if not self.screens:
-            return []
+        self._waits += 1
+        if not self.screens or not (self._new_screen or self._waits > 50):
+            return []  # people see what a key did before they press the next: some keys do nothing
+        self._new_screen, self._waits = False, 0
         key, now_ns = "enter", self._clock()
         if isinstance(self.screens[-1], PlayScreen):
             self._places += 1

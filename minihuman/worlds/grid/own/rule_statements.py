@@ -150,28 +150,18 @@ class Statements(Calls):
         return self._assign_list(target, right_side, node)
 
     def _assign_list(self, target: ast.Name, right_side: ast.expr, node: ast.AST) -> bool:
-        elements: str | None = None
-        length = 0
-        if isinstance(right_side, ast.List):
-            length = len(right_side.elts)
-            elements = "(" + "".join(f"{self.expression(element)}, " for element in right_side.elts) + ")"
-        elif (
-            isinstance(right_side, ast.BinOp)
-            and isinstance(right_side.op, ast.Mult)
-            and isinstance(right_side.left, ast.List)
-        ):
-            times = self.symbol(right_side.right)
-            if times is None or not isinstance(times.value, int) or len(right_side.left.elts) != 1:
-                self.refuse(node, "a list of computed length", "declare an IntArray or FloatArray field")
-            length = times.value
-            elements = self.expression(right_side.left.elts[0])
-        elif (
-            isinstance(right_side, ast.Call) and isinstance(right_side.func, ast.Name) and right_side.func.id == "list"
-        ):
-            length = self.program.bodies
-            elements = self.expression(right_side.args[0])
-        if elements is None:
-            return False
+        """Copy a new list into an array of its own and return True; return False for another right side."""
+        match right_side:
+            case ast.List():
+                length = len(right_side.elts)
+                elements = "(" + "".join(f"{self.expression(element)}, " for element in right_side.elts) + ")"
+            case ast.BinOp(left=ast.List() as repeated, op=ast.Mult(), right=times):
+                length, elements = self._read_repeated_list(repeated, times, node)
+            case ast.Call(func=ast.Name(id="list")):
+                length = self.program.bodies
+                elements = self.expression(right_side.args[0])
+            case _:
+                return False
         if length == 0:
             self.refuse(node, "an empty list", "declare an IntArray field and a count")
         array = self.program.scratch(length, is_float=self._has_floats(right_side))
@@ -179,6 +169,13 @@ class Statements(Calls):
         self.emit(f"v_{target.id} = {array}", node)
         self.emit(f"rt.copy_into(c, {self.place(node)}, v_{target.id}, {elements})", node)
         return True
+
+    def _read_repeated_list(self, elements: ast.List, times: ast.expr, node: ast.AST) -> tuple[int, str]:
+        """Return the length of ``[element] * times`` and the element's translation; refuse a computed length."""
+        count = self.symbol(times)
+        if count is None or not isinstance(count.value, int) or len(elements.elts) != 1:
+            self.refuse(node, "a list of computed length", "declare an IntArray or FloatArray field")
+        return count.value, self.expression(elements.elts[0])
 
     def _has_floats(self, right_side: ast.expr) -> bool:
         """Return whether a list holds floats: rewards, or at least one float constant."""
