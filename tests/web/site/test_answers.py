@@ -25,6 +25,7 @@ from minihuman.experiment.machine.inputs import (
     Tick,
 )
 from minihuman.experiment.pending_session import build_session
+from minihuman.experiment.plan.participant_codes import format_participant_code, parse_participant_code
 from minihuman.experiment.protocol.protocol import Protocol
 from minihuman.runtime.machine import collect_machine_facts
 from minihuman.web.computed import PageWorld
@@ -289,3 +290,9 @@ def test_an_import_says_which_slots_are_taken_more_than_once(tmp_path, capsys):
     with pytest.raises(SystemExit):
         make_command_line().main(words, standalone_mode=False)
     assert "slots: 2 of 4 taken; 1 of them more than once: 3 (2 times)" in capsys.readouterr().out
+
+
+def test_a_slot_that_many_pages_draw_has_a_code_for_each():
+    codes = [format_participant_code(3, before) for before in (0, 9, 10, 400)]
+    assert codes == ["sub-04", "sub-900004", "sub-1000004", "sub-40000004"]
+    assert {parse_participant_code(code) for code in codes} == {3}
