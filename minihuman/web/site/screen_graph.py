@@ -81,6 +81,7 @@ class ScreenNode:
         returns: the node to which a participant returns who leaves this one with a note on it; -1 for none.
         answer_field: the field that is typed in, or the slider; None for none.
         judged: the node to which an answer in the field leads, by its judgement.
+        repeats: whether a held key acts again on its pages: on those of a text it does, on a block's instructions not.
         template: the text of an episode's feedback, with the fields that depend on the episode; "" for none.
         looks: what the screen's digest is of, as JSON with marks in the place of that text, or of the typed one.
         episode: the index of the episode that is played here; -1 for none.
@@ -101,6 +102,7 @@ class ScreenNode:
     returns: int = -1
     answer_field: FieldState | None = None
     judged: dict[str, int] = field(default_factory=dict)
+    repeats: bool = False
     template: str = ""
     looks: str = ""
     episode: int = -1
@@ -265,6 +267,10 @@ class ScreenGraph:
         if node.answer_field is not None:
             self._find_judged(node, session)
         self._find_return(node, session)
+        if isinstance(session.screen, PageScreen):
+            copied = self._copy(session, shown=True)
+            copied.receive(KeyDown(copied.now_ns + _LOOK_NS, "enter", "enter", repeat=True))
+            node.repeats = self._visit(copied, outcome) != number
         for name, make_input in _list_inputs(session):
             self._try(number, node, session, outcome, name, make_input)
 

@@ -15,7 +15,7 @@ import { fillTemplate } from "./templates.js";
 /**
  * @typedef {{ name: number, screen: any, due_ns: number | null, due_from: "entered" | "shown", edges: Record<string, Edge>,
  * part: number, group: string, returns: number, answer_field: AnswerField | null,
- * judged: Record<string, number>, template: string, looks: string, episode: number, ends: Record<string, number>, keeps_picture: boolean,
+ * judged: Record<string, number>, repeats: boolean, template: string, looks: string, episode: number, ends: Record<string, number>, keeps_picture: boolean,
  * overlays: Record<string, number>, reason: string, over?: SessionOver }} ScreenNode
  * @typedef {{ build: string, slot: number, start: number, agreed: boolean, nodes: ScreenNode[],
  * episodes: Record<string, { rules: EpisodeRules, arrays: string[] }>, pictures: any[], keys: Record<string, string>,
@@ -148,10 +148,10 @@ export class Follower {
     }
   }
 
-  /** Whether a held key acts again: on all pages of a text, and in most of a question. @param {string} key */
+  /** Whether a held key acts again: on the pages of a text, and in most of a question. @param {string} key */
   #takesRepeated(key) {
-    const kind = this.#node?.screen.kind;
-    return kind === "page" || (kind === "question" && !NOT_REPEATED.has(key));
+    const node = this.#node;
+    return node?.repeats || (node?.screen.kind === "question" && !NOT_REPEATED.has(key));
   }
 
   /** @param {string} key */
