@@ -6,6 +6,7 @@ people's pages need. Types are written by TypeScript (`npm ci` in `tests/web/pag
 
 import argparse
 import json
+import re
 import shutil
 import subprocess
 import sys
@@ -39,6 +40,18 @@ def build_package(folder: Path, *, with_types: bool = True) -> None:
     (folder / "package.json").write_text(json.dumps(package, indent=2) + "\n", encoding="utf-8")
     if with_types:
         _write_types(folder, modules)
+    for module in modules:
+        (folder / module).write_text(_strip_comments((folder / module).read_text(encoding="utf-8")), encoding="utf-8")
+
+
+def _strip_comments(source: str) -> str:
+    """Return a module without its JSDoc, its lines of comment and its indentation, of which the types are already made.
+
+    A third of a module is comments, which every visitor of a page would load. Comments that bundlers read stay.
+    """
+    assert all(line.count("`") % 2 == 0 for line in source.splitlines()), "a text of several lines keeps its own"
+    comments = r"(?m)^[ \t]*/\*\*(?:(?!\*/)[\s\S])*\*/[ \t]*\n|^[ \t]*//.*\n|/\*\* (?:(?!\*/)[\s\S])*\*/ ?|^[ \t]+|^\n"
+    return re.sub(comments, "", source)
 
 
 def _write_types(folder: Path, modules: list[str]) -> None:

@@ -83,6 +83,7 @@ REQUIREMENTS = {
         'apt-get install libportaudio2 pulseaudio pulseaudio-utils libasound2-plugins; pip install -e ".[sound]"',
         _find_sound,
     ),
+    "compiler": Requirement("a C compiler", "apt-get install gcc libc6-dev", _find_program("cc"), in_ci=False),
     "node": Requirement("Node.js", "apt-get install nodejs", _find_program("node")),
     "openbox": Requirement("the window manager openbox", "apt-get install openbox", _find_program("openbox")),
     "opengl": Requirement(

@@ -28,11 +28,13 @@ class NullSink:
 
     Args:
         folder: a folder of its own.
+        environment: further environment variables of whatever plays and records.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, **environment: str) -> None:
         self.environment = {
             **os.environ,
+            **environment,
             "XDG_RUNTIME_DIR": str(folder),
             "PULSE_RUNTIME_PATH": str(folder),
             "PULSE_SERVER": f"unix:{folder}/native",
@@ -49,10 +51,10 @@ class NullSink:
 
 
 @contextmanager
-def recorded_sink(folder: Path) -> Iterator[NullSink]:
+def recorded_sink(folder: Path, **environment: str) -> Iterator[NullSink]:
     """Run a sound server with a null sink and record the sink for as long as a block lasts."""
     folder.mkdir(mode=0o700)
-    sink = NullSink(folder)
+    sink = NullSink(folder, **environment)
     server = ["pulseaudio", "-n", "--daemonize=no", "--exit-idle-time=-1", "--use-pid-file=no", "--disable-shm=yes"]
     modules = [f"module-null-sink sink_name={_SINK} rate={RATE_HZ}", "module-native-protocol-unix auth-anonymous=1"]
     loads = [word for module in modules for word in ("-L", module)]

@@ -21,7 +21,7 @@ from minihuman.storage.study_journals import find_database_url, open_journal
 
 STORE_FOLDER = "withdrawals"  # below the study, in the store of logs
 _ALL = "all"  # in a name in the store, where an entry names no participant or no machine
-_NAME = re.compile(r"(holds|withdrawn|erased|lost)/((?:sub|model)-[0-9]{2,6}|all)/([0-9a-f]{16}|all)", re.ASCII)
+_NAME = re.compile(r"(holds|withdrawn|erased|lost)/((?:sub|model)-[0-9]{2,9}|all)/([0-9a-f]{16}|all)", re.ASCII)
 SHOWN_DIGITS = 8  # of a machine's number
 
 

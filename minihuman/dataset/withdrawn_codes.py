@@ -24,7 +24,7 @@ class _Line(msgspec.Struct, frozen=True):
     withdrawn: str | list[str] = ""
 
 
-_CODE = re.compile(r"(sub|model)-[0-9]{2,6}", re.ASCII)  # as the enrolment log gives them
+_CODE = re.compile(r"(sub|model)-[0-9]{2,9}", re.ASCII)  # as the enrolment log gives them
 LEDGER_FILE_NAME = "withdrawals.jsonl"  # in the data folder: what this machine knows of the erasure ledger
 
 

@@ -15,7 +15,7 @@ import minihuman
 from minihuman.activities.agent_blocks.activity import AGENT_RULES
 from minihuman.activities.questions.number.draft import NUMBER_RULES
 from minihuman.activities.team.presence import PRESENCE_RULES
-from minihuman.experiment.machine.inputs import MESSAGE_RULES, TEXT_RULES
+from minihuman.experiment.machine.inputs import MESSAGE_RULES, TEXT_RULES, TRIAL_RULES
 from minihuman.experiment.machine.session import CONSENT_RULES, KEY_RULES
 from minihuman.experiment.pending_session import is_allocation_pending
 from minihuman.experiment.plan.session_plan import SessionPlan
@@ -70,6 +70,7 @@ def collect_machine_facts() -> dict[str, str]:
         "text_rules": TEXT_RULES,
         "message_rules": MESSAGE_RULES,
         "agent_rules": AGENT_RULES,
+        "trial_rules": TRIAL_RULES,
         "presence_rules": PRESENCE_RULES,
         "python": platform.python_version(),
         "system": f"{platform.system()} {_strip_builder_suffix(platform.release())}",

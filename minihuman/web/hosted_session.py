@@ -48,6 +48,7 @@ _RULES = (
     "text_rules",
     "message_rules",
     "agent_rules",
+    "trial_rules",
     "presence_rules",
 )  # facts that say by what a session was played
 

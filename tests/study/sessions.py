@@ -100,9 +100,9 @@ class Desk:
 
     facts = MappingProxyType({"machine": "desk"})
 
-    def __init__(self, plan: SessionPlan) -> None:
+    def __init__(self, plan: SessionPlan, **facts: str) -> None:
         self.plan = plan
-        self.session = SessionMachine(plan, World, self.facts)
+        self.session = SessionMachine(plan, World, {**self.facts, **facts})
         self.recorder = MemoryRecorder()
         self.inputs: list[Input] = []
         self.now_ns = 0

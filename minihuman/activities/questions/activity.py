@@ -4,7 +4,7 @@ from typing import Any
 
 import msgspec
 
-from minihuman.activities.questions.field_rules import describe_field
+from minihuman.activities.questions.field_rules import describe_field, describe_slider
 from minihuman.activities.questions.free_text.draft import TextDraft
 from minihuman.activities.questions.number.draft import NUMBER_RULES
 from minihuman.activities.questions.plan import QuestionsPlan
@@ -17,7 +17,8 @@ from minihuman.activities.questions.question import (
 )
 from minihuman.activities.questions.screens import build_question_screen, build_wrong_answer_screen
 from minihuman.activities.questions.server_needs import find_server_needs
-from minihuman.experiment.machine.activity import ENTER_KEYS, Activity, ActivityKind, PartEnding, TypedField
+from minihuman.activities.questions.slider.draft import SliderDraft
+from minihuman.experiment.machine.activity import ENTER_KEYS, Activity, ActivityKind, AnswerField, PartEnding
 from minihuman.experiment.machine.events import AnswerChanged, Answered, Noted, TextChanged
 from minihuman.experiment.machine.inputs import (
     TEXT_RULES,
@@ -234,11 +235,16 @@ class QuestionsActivity(Activity):
         return tuple(zip(values, self._right, strict=True))
 
     @property
-    def typed_field(self) -> TypedField | None:
-        """The present question's field; None if it has none, or the note of a wrong answer covers it."""
-        if self._wrong or not isinstance(self.draft, TextDraft):
+    def answer_field(self) -> AnswerField | None:
+        """The present question's field or slider; None if it has none, or the note of a wrong answer covers it."""
+        if self._wrong:
             return None
-        return describe_field(self.draft)
+        match self.draft:
+            case TextDraft() as draft:
+                return describe_field(draft)
+            case SliderDraft() as draft:
+                return describe_slider(draft)
+        return None
 
     def screen(self) -> QuestionScreen | TextScreen:
         """Build the screen of the present question, or of the note that an answer was wrong."""

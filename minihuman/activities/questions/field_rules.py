@@ -1,19 +1,43 @@
-"""The rules by which a page without a server judges a typed answer, and an example of a text for each judgement."""
+"""The rules by which a page without a server judges a typed answer or a slider, and an example for each judgement."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from minihuman.activities.questions.free_text.draft import TextDraft
-from minihuman.experiment.machine.activity import TypedField
+from minihuman.activities.questions.slider.draft import SliderDraft
+from minihuman.experiment.machine.activity import AnswerField
+from minihuman.experiment.machine.inputs import Input, PointerPressed, TextEdited
 
 EMPTY = "empty"
 FINE = "fine"
 
 
-def describe_field(draft: TextDraft) -> TypedField:
+def describe_field(draft: TextDraft) -> AnswerField:
     """Describe the field of a draft."""
-    return TypedField(draft.question.name, judge_text(draft), describe_rules(draft), list_examples(draft))
+    examples = {judgement: (_typing(""), _typing(text)) for judgement, text in list_examples(draft).items()}
+    return AnswerField(draft.question.name, judge_text(draft), describe_rules(draft), ("text", "caret"), examples)
+
+
+def describe_slider(draft: SliderDraft) -> AnswerField:
+    """Describe the slider of a draft; the page's ``fields.js`` moves its thumb alike."""
+    judgement = FINE
+    if draft.value is None:
+        judgement = EMPTY
+    shown_texts: list[str] = []
+    if draft.question.show_value:
+        shown_texts = draft.list_texts()
+    rules = {"n_steps": draft.n_steps, "rtl": draft.rtl, "shown_texts": shown_texts}
+    return AnswerField(draft.question.name, judgement, rules, ("position", "value"), {FINE: (_touch_slider,)})
+
+
+def _typing(text: str) -> Callable[[int], Input]:
+    """Return what makes the input of a text; after another text, as one that stays the same changes no note."""
+    return lambda t_ns: TextEdited(t_ns, text)
+
+
+def _touch_slider(t_ns: int) -> Input:
+    return PointerPressed(t_ns, 0.5, 0.5, "slider", 0.5)
 
 
 def judge_text(draft: TextDraft) -> str:

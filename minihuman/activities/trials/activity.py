@@ -16,8 +16,8 @@ from minihuman.activities.trials.schedule import MOST_STIMULI, NS_PER_MS, resolv
 from minihuman.activities.trials.screens import TrialScreen, build_trial_screen
 from minihuman.activities.trials.trial_run import ResponseRecord, TrialRun
 from minihuman.experiment.machine.activity import ActivityKind, SessionContext
-from minihuman.experiment.machine.events import ActivityEvent, PauseReason
-from minihuman.experiment.machine.inputs import Input, KeyDown, ScreenShown, SoundStarted
+from minihuman.experiment.machine.events import ActivityEvent, Paused, PauseReason, Resumed
+from minihuman.experiment.machine.inputs import TRIAL_RULES, Input, KeyDown, ScreenShown, SoundStarted
 from minihuman.experiment.machine.running_episode import RunningEpisode, catch_world_errors
 from minihuman.experiment.machine.screens import Screen
 from minihuman.experiment.machine.transitions import Phase
@@ -37,6 +37,7 @@ class TrialsActivity(PlayActivity):
     def __init__(self, number: int, part: PlannedPart, context: SessionContext) -> None:
         super().__init__(number, part, context)
         self.run: TrialRun | None = None  # the trial with a time course that is played
+        self._is_pause_logged = False  # and that it is over is not
         self._n_runs = 0  # trials with a time course that began, in this segment
         self._feedback_sounds: dict[str, SoundContent] = {}  # of the latest one, by outcome
         self._finished_ns = 0  # when that ended
@@ -126,12 +127,22 @@ class TrialsActivity(PlayActivity):
         if self.run is None:
             super().suspend(reason)
             return
+        if self.context.facts.get("trial_rules", "1") == TRIAL_RULES:
+            self.context.emit(Paused(self.context.now_ns, reason))
+            self._is_pause_logged = True
         self.context.emit(self._current.end(self.context.now_ns))
         self._limits.stop(self.context.now_ns)
         self.run = None
         self._play = None
         self._rhythm_start = None
         self.phase = Phase.PREPARING
+
+    def resume(self) -> None:
+        """Restart the clocks; the trial that a pause made void is repeated."""
+        if self._is_pause_logged:
+            self._is_pause_logged = False
+            self.context.emit(Resumed(self.context.now_ns))
+        super().resume()
 
     # A trial with a time course
 

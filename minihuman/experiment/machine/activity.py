@@ -178,20 +178,23 @@ class RequestHandler(abc.ABC):
 
 
 @dataclass(frozen=True, slots=True)
-class TypedField:
-    """A field on the screen as a page without a server judges it.
+class AnswerField:
+    """An answer with too many values for a screen each, such as a text: a page without a server judges it.
 
     Attributes:
-        name: the field's name.
-        judgement: the judgement of its present text.
+        name: the question's name.
+        judgement: the judgement of the present answer.
         rules: the rules of judgement, as JSON values.
-        examples: a text for each judgement; what follows a text depends on its judgement alone.
+        shown_as: the fields of the widget that depend on the answer; the others depend on its judgement alone.
+        examples: for each judgement, the inputs that lead to such an answer; what follows it depends on its judgement
+            alone.
     """
 
     name: str
     judgement: str
     rules: Mapping[str, Any]
-    examples: Mapping[str, str]
+    shown_as: tuple[str, ...]
+    examples: Mapping[str, tuple[Callable[[int], Input], ...]]
 
 
 class Activity(abc.ABC):
@@ -242,7 +245,7 @@ class Activity(abc.ABC):
         return None
 
     @property
-    def typed_field(self) -> TypedField | None:
+    def answer_field(self) -> AnswerField | None:
         """The field to type in on the present screen; None if there is none, or no page can judge it alone."""
         return None
 

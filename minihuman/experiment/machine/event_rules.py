@@ -208,7 +208,6 @@ class _StreamChecker:
             expected = self._judge.judge_time_limit()
         self._rule(event.outcome == expected, f"the last step makes it {expected}, not {event.outcome}")
         self._playing = None
-        self._paused = False
         self._next += event.outcome != "abandoned"
 
     def _rule(self, holds: bool, rule: str) -> None:

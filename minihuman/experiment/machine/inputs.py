@@ -1,10 +1,14 @@
 """Inputs: everything that can reach a session from outside. Times are nanoseconds on the session's monotonic clock."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
 # the fact "text_rules" of a session: a field's whole text is the answer as it is; before, keys edited and trimmed it
 TEXT_RULES = "2"
+# the fact "trial_rules" of a session: a pause that voids a trial is logged, and so is a sound that the session hears of
+# when its trial should be over; before, only the trial's end was
+TRIAL_RULES = "2"
 # the fact "message_rules": the same for messages to partners, which keys edited for longer
 MESSAGE_RULES = "2"
 
@@ -206,3 +210,17 @@ Input = (
     | ActivityInput
     | Stop
 )
+
+
+def is_timeless(happened: Input, facts: Mapping[str, str]) -> bool:
+    """Return whether what is due by now is done after an input rather than before it.
+
+    Such an input reports what was before: a screen or sound that the window or device has already played.
+
+    Args:
+        happened: the input.
+        facts: the session's facts, of which one says by what rules its trials are run.
+    """
+    if isinstance(happened, SoundStarted):
+        return facts.get("trial_rules", "1") == TRIAL_RULES
+    return isinstance(happened, Stop | ScreenShown | TextInput | TextEdited | PointerInput)

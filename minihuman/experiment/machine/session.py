@@ -43,6 +43,7 @@ from minihuman.experiment.machine.inputs import (
     TextEdited,
     TextInput,
     Tick,
+    is_timeless,
 )
 from minihuman.experiment.machine.key_state import KeyState
 from minihuman.experiment.machine.part_sequence import PartSequence
@@ -74,7 +75,6 @@ _OTHER_POINTER_CAUSES: dict[type[PointerInput], Literal["held_before_focus", "ca
     PointerPressed: "held_before_focus",
     PointerReleased: "cancelled",
 }
-_TIMELESS = (Stop, ScreenShown, TextInput, TextEdited, PointerInput)  # what is due by now is not done before these
 
 
 class SessionMachine:
@@ -235,7 +235,7 @@ class SessionMachine:
 
     def _handle(self, happened: Input) -> None:
         """Process what is due before an input, and pass the input on unless the session has ended."""
-        if not isinstance(happened, _TIMELESS):
+        if not is_timeless(happened, self._facts):
             self._let_time_pass(happened.t_ns)
             if self.over:
                 return

@@ -4,7 +4,7 @@ import re
 
 from minihuman.errors import AllocationError
 
-_CODE = re.compile(r"(sub|model)-(?P<number>\d{2,6})")
+_CODE = re.compile(r"(sub|model)-(?P<number>\d{2,9})")
 
 
 MAX_SLOTS = 100_000  # of an allocation list; codes from there on are of those who take a slot over

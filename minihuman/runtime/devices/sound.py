@@ -32,6 +32,7 @@ INSTALL_PORTAUDIO = "apt-get install libportaudio2"
 _WINDOW = 512  # callbacks to which the device's clock is fitted, some 5 to 20 s
 _LEAST_WINDOW = 16
 _RECENT = 64  # the latest of them
+_LAST = 9  # the very latest of them
 _FADE_S = 0.005  # in which a sound that is stopped ends
 _STEP_S = 0.002  # by so much does the median of the latest times differ after an interruption
 _LEAST_UNCERTAINTY_S = 0.001  # device and server count in periods, which a fit does not see
@@ -126,9 +127,16 @@ class ClockFit:
 
     @property
     def uncertainty_s(self) -> float:
-        """Return below which 99 % of the errors are, but for a constant delay."""
-        spread_s = 1.4826 * float(np.median(np.abs(np.array(self._offsets_s) - self.offset_s)))
-        return max(_LEAST_UNCERTAINTY_S, _SPREAD_TO_UNCERTAINTY * spread_s)
+        """Return below which 99 % of the errors are, but for a constant delay.
+
+        Where the very latest times differ from the line, nobody knows yet whether the stream was interrupted or the
+        device's clock stepped: then it is at least by how much they differ.
+        """
+        offsets_s = np.array(self._offsets_s)
+        offset_s = float(np.median(offsets_s))
+        spread_s = 1.4826 * float(np.median(np.abs(offsets_s - offset_s)))
+        step_s = abs(float(np.median(offsets_s[-_LAST:])) - offset_s)
+        return max(_LEAST_UNCERTAINTY_S, _SPREAD_TO_UNCERTAINTY * spread_s, 2 * step_s)
 
     def find_time_s(self, frame: float) -> float:
         """Return when a frame is heard."""

@@ -23,7 +23,6 @@ from minihuman.experiment.machine.inputs import (
     KeyDown,
     PointerPressed,
     ScreenShown,
-    TextEdited,
     Tick,
 )
 from minihuman.experiment.machine.running_episode import RunningEpisode
@@ -34,6 +33,7 @@ from minihuman.experiment.machine.screens import (
     QuestionScreen,
     RatingMatrix,
     RatingScale,
+    Slider,
     TextScreen,
 )
 from minihuman.experiment.machine.session import SessionMachine
@@ -44,8 +44,6 @@ from minihuman.web.prefetch import describe_screen
 from minihuman.web.site.site_error import SiteError
 
 BODY_MARK = "\x00body\x00"  # in the place of a text that depends on the episode
-TEXT_MARK = "\x00text\x00"  # in the place of what is typed in a field
-CARET_MARK = "\x00caret\x00"
 MAX_NODES = 20_000
 MAX_GROUP_NODES = 2_000  # of one question, or of a part whose questions depend on answers
 OUTCOMES = ("goal", "failure", "timeout")
@@ -58,11 +56,12 @@ _EPISODE_FIELDS = ("steps", "reward")
 
 @dataclass(frozen=True, slots=True)
 class FieldState:
-    """A field to type in: the judgement that all texts of its node have in common, and the rules of judgement."""
+    """A field or slider: the judgement that all answers of its node have in common, and the rules of judgement."""
 
-    key: str  # by which the page keeps its text
+    key: str  # by which the page keeps its answer
     judgement: str
     rules: Mapping[str, Any]
+    shown_as: tuple[str, ...]  # the fields of the widget that depend on the answer
 
 
 @dataclass(slots=True)
@@ -80,8 +79,9 @@ class ScreenNode:
         group: the question that the screen belongs to, to which a participant may return with the answer of before; ""
             for none, and where each answer leads to nodes of its own.
         returns: the node to which a participant returns who leaves this one with a note on it; -1 for none.
-        text_field: the field that is typed in; None for none.
-        texts: the node to which a text in the field leads, by its judgement.
+        answer_field: the field that is typed in, or the slider; None for none.
+        judged: the node to which an answer in the field leads, by its judgement.
+        repeats: whether a held key acts again on its pages: on those of a text it does, on a block's instructions not.
         template: the text of an episode's feedback, with the fields that depend on the episode; "" for none.
         looks: what the screen's digest is of, as JSON with marks in the place of that text, or of the typed one.
         episode: the index of the episode that is played here; -1 for none.
@@ -100,8 +100,9 @@ class ScreenNode:
     part: int = 0
     group: str = ""
     returns: int = -1
-    text_field: FieldState | None = None
-    texts: dict[str, int] = field(default_factory=dict)
+    answer_field: FieldState | None = None
+    judged: dict[str, int] = field(default_factory=dict)
+    repeats: bool = False
     template: str = ""
     looks: str = ""
     episode: int = -1
@@ -195,7 +196,7 @@ class ScreenGraph:
             looks = _encode_looks(session, values | {"body": BODY_MARK})
             key = (template, session.part.number, session.next_episode, history)
         elif field_state is not None:
-            marked = values["item"] | {"text": TEXT_MARK, "caret": CARET_MARK}
+            marked = values["item"] | {name: f"\x00{name}\x00" for name in field_state.shown_as}
             looks = _encode_looks(session, values | {"item": marked})
             key = (looks, field_state.judgement, history)
         if key in self._known:
@@ -205,7 +206,7 @@ class ScreenGraph:
             values,
             part=session.part.number,
             group=_find_group(session),
-            text_field=field_state,
+            answer_field=field_state,
             template=template,
         )
         node.looks = looks
@@ -263,9 +264,13 @@ class ScreenGraph:
             return
         node.keeps_picture = isinstance(session.screen, PlayScreen)
         self._find_due(number, node, session, outcome)
-        if node.text_field is not None:
-            self._find_texts(node, session)
+        if node.answer_field is not None:
+            self._find_judged(node, session)
         self._find_return(node, session)
+        if isinstance(session.screen, PageScreen):
+            copied = self._copy(session, shown=True)
+            copied.receive(KeyDown(copied.now_ns + _LOOK_NS, "enter", "enter", repeat=True))
+            node.repeats = self._visit(copied, outcome) != number
         for name, make_input in _list_inputs(session):
             self._try(number, node, session, outcome, name, make_input)
 
@@ -287,23 +292,23 @@ class ScreenGraph:
         early.receive(make_input(early.now_ns + _LOOK_NS))
         node.edges[name] = (to, self._visit(early, outcome) == to, _gives_consent(events))
 
-    def _find_texts(self, node: ScreenNode, session: SessionMachine) -> None:
-        """Find where texts in the field lead: those of one judgement to one node."""
-        typed = session.part.typed_field
-        assert typed is not None, "the node has a field"
-        for judgement, text in typed.examples.items():
+    def _find_judged(self, node: ScreenNode, session: SessionMachine) -> None:
+        """Find where answers in the field lead: those of one judgement to one node."""
+        answer_field = session.part.answer_field
+        assert answer_field is not None, "the node has a field"
+        for judgement, inputs in answer_field.examples.items():
             copied = self._copy(session, shown=True)
-            for edited in ("", text):  # by way of another text: one that stays the same changes no note
-                copied.receive(TextEdited(copied.now_ns + _LOOK_NS, edited))
-            node.texts[judgement] = self._visit(copied, "")
+            for make_input in inputs:
+                copied.receive(make_input(copied.now_ns + _LOOK_NS))
+            node.judged[judgement] = self._visit(copied, "")
 
     def _find_return(self, node: ScreenNode, session: SessionMachine) -> None:
         """Find where a participant is who steps back from a question with a note, and then on again."""
         if not node.group or not node.screen["note"]:
             return
         copied = self._copy(session, shown=True)
-        for key in ("page_up", "enter"):
-            copied.receive(KeyDown(copied.now_ns + _LOOK_NS, key, key))
+        for name in ("point:back", "key:enter"):
+            copied.receive(_maker(name)(copied.now_ns + _LOOK_NS))
         if _find_group(copied) == node.group and not copied.screen.note:  # type: ignore[union-attr]
             node.returns = self._visit(copied, "")
 
@@ -395,12 +400,12 @@ def _find_group(session: SessionMachine) -> str:
 
 
 def _find_field(session: SessionMachine) -> FieldState | None:
-    """Return the field that is typed in on a session's present screen; None if there is none."""
-    typed = session.part.typed_field
-    if typed is None or not isinstance(session.screen, QuestionScreen):
+    """Return the field or slider on a session's present screen; None if there is none."""
+    answer_field = session.part.answer_field
+    if answer_field is None or not isinstance(session.screen, QuestionScreen):
         return None
-    key = json.dumps([session.part.number, typed.name])
-    return FieldState(key, typed.judgement, typed.rules)
+    key = json.dumps([session.part.number, answer_field.name])
+    return FieldState(key, answer_field.judgement, answer_field.rules, answer_field.shown_as)
 
 
 def _list_history(session: SessionMachine) -> tuple[object, ...]:
@@ -423,6 +428,8 @@ def _list_inputs(session: SessionMachine) -> Iterator[tuple[str, Callable[[int],
             names = ["key:enter", *(f"key:{key}" for key, _ in keys)]
         case PageScreen(buttons=buttons):
             names = [*_KEYS_OF_PAGES, *(f"point:{button.name}" for button in buttons)]
+        case QuestionScreen(item=Slider(), buttons=buttons):  # whose other keys move the thumb
+            names = ["key:enter", "key:tab", *(f"point:{button.name}" for button in buttons)]
         case QuestionScreen(item=item, buttons=buttons):
             names = ["key:enter", "key:tab", "key:page_up", *(f"point:{button.name}" for button in buttons)]
             names += _list_answers(item)

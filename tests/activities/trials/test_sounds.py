@@ -13,8 +13,8 @@ from minihuman.admin.protocol_file import read_protocol
 from minihuman.admin.verify.log import find_log_differences
 from minihuman.dataset.tables import select
 from minihuman.errors import DeviceError, ProtocolError, WorldError
-from minihuman.experiment.machine.events import KeyPressed, Stepped
-from minihuman.experiment.machine.inputs import FocusChanged, SoundStarted
+from minihuman.experiment.machine.events import EpisodeEnded, KeyPressed, Stepped
+from minihuman.experiment.machine.inputs import TRIAL_RULES, FocusChanged, SoundStarted
 from minihuman.experiment.plan.dry_run import check_worlds
 from minihuman.experiment.plan.trials import list_protocol_sounds, list_sounds
 from minihuman.experiment.protocol.protocol import decode_protocol
@@ -106,6 +106,20 @@ def test_what_a_page_gets_decodes_to_the_same_samples():
 
 
 # A session
+
+
+@pytest.mark.parametrize(("rules", "count"), [(TRIAL_RULES, 1), ("1", 0)], ids=["now", "a session of before"])
+def test_a_sound_is_logged_that_a_busy_machine_hears_of_after_the_trials_time(rules, count):
+    desk = Desk(plan_of(TONE, ROWS), trial_rules=rules)
+    desk.show()
+    show_next(desk)
+    [cue] = list_sound_cues(desk.session)
+    late_ns = cue.due_ns + 5_000 * MS  # by then the trial is over by the clock
+    desk.give(SoundStarted(late_ns, cue.number, cue.due_ns, cue.due_ns, 1))
+    desk.pass_ms(5)
+    assert len(desk.of(SoundPlayed)) == count
+    assert desk.of(EpisodeEnded)[-1].t_ns >= late_ns
+    assert list(compare_replay(desk.events, World)) == []
 
 
 def test_a_sound_is_due_after_the_first_flip_and_the_response_is_timed_from_its_onset():
@@ -328,3 +342,14 @@ def test_the_blocks_of_the_docs_set_the_volume_and_end_at_six_right_answers_in_a
     assert [row["outcome"] for row in rows][-6:] == ["goal"] * 6
     assert {row["block"] for row in rows[-6:]} == {"hearing"}
     assert list(find_log_differences(path, World)) == []
+
+
+def test_an_interruption_is_uncertain_at_once_though_the_line_follows_later():
+    fit = ClockFit(RATE_HZ)
+    for buffer in range(200):
+        fit.add(480 * buffer, 10 + buffer / 100)
+    assert fit.uncertainty_s == 0.001
+    for buffer in range(200, 206):
+        fit.add(480 * buffer, 10.005 + buffer / 100)
+    assert fit.find_time_s(0) == pytest.approx(10)
+    assert fit.uncertainty_s >= 0.005

@@ -14,8 +14,8 @@ from minihuman.dataset.tables import select
 from minihuman.display.drawing.screen import compose_screen
 from minihuman.errors import ProtocolError, WorldError
 from minihuman.experiment.machine.event_rules import find_violations
-from minihuman.experiment.machine.events import EpisodeEnded, EpisodeStarted, KeyPressed, Stepped
-from minihuman.experiment.machine.inputs import FocusChanged, ScreenShown
+from minihuman.experiment.machine.events import EpisodeEnded, EpisodeStarted, KeyPressed, Paused, Resumed, Stepped
+from minihuman.experiment.machine.inputs import TRIAL_RULES, FocusChanged, ScreenShown
 from minihuman.experiment.machine.transitions import Phase
 from minihuman.experiment.plan.dry_run import check_worlds
 from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
@@ -237,14 +237,23 @@ def test_trials_at_a_rhythm_begin_by_the_clock_whatever_the_response_and_the_fli
     assert list(compare_replay(desk.events, World)) == []
 
 
-def test_a_pause_voids_the_trial_which_is_repeated_with_the_same_times():
+@pytest.mark.parametrize("rules", [TRIAL_RULES, "1"], ids=["now", "a session of before"])
+@pytest.mark.parametrize("reason", ["participant", "focus_lost"])
+def test_a_pause_voids_the_trial_which_is_repeated_with_the_same_times(rules, reason):
     drawn = PRIMING.replace("duration_ms = 500", "duration_ms = [300, 900]")
-    desk = Desk(plan_of(drawn))
+    desk = Desk(plan_of(drawn), trial_rules=rules)
     desk.show()
     show_next(desk)
-    desk.give(FocusChanged(desk.now_ns + MS, False))
-    desk.give(FocusChanged(desk.now_ns + MS, True))
+    if reason == "participant":
+        desk.press("f8")
+        desk.press("f8")
+    else:
+        desk.give(FocusChanged(desk.now_ns + MS, False))
+        desk.give(FocusChanged(desk.now_ns + MS, True))
     desk.pass_ms(5)
+    pauses = [event.reason for event in desk.of(Paused)]
+    assert pauses == ([reason] if rules == TRIAL_RULES else [])
+    assert len(desk.of(Resumed)) == len(pauses)
     assert desk.session.phase is Phase.PLAYING
     assert [event.outcome for event in desk.of(EpisodeEnded)] == ["abandoned"]
     assert [event.plan.episode for event in desk.of(EpisodeStarted)] == [0, 0]

@@ -13,8 +13,19 @@ from minihuman.activities.questions.field_rules import describe_rules, judge_tex
 from minihuman.activities.questions.question import QuestionItemSpec, build_draft
 from minihuman.admin.protocol_file import read_protocol
 from minihuman.cli import make_command_line
-from minihuman.experiment.machine.inputs import KeyDown, KeyUp, ScreenShown, TextEdited, Tick
+from minihuman.experiment.machine.inputs import (
+    Input,
+    KeyDown,
+    KeyUp,
+    PointerMoved,
+    PointerPressed,
+    PointerReleased,
+    ScreenShown,
+    TextEdited,
+    Tick,
+)
 from minihuman.experiment.pending_session import build_session
+from minihuman.experiment.plan.participant_codes import format_participant_code, parse_participant_code
 from minihuman.experiment.protocol.protocol import Protocol
 from minihuman.runtime.machine import collect_machine_facts
 from minihuman.web.computed import PageWorld
@@ -87,7 +98,7 @@ const { script, walks } = JSON.parse(text);
 const names = walks.map((walk) => {
   let name = 0, n = 0, at = 1;
   const message = (m) => { if (m.t === "screen") name = m.name; };
-  const follower = new Follower(script, null, { message, agreed() {}, picture() {} });
+  const follower = new Follower(script, null, { message, agreed() {}, settled() {}, picture() {} });
   const receive = (what) => {
     at += 20e6;
     follower.receive({ n: ++n, at, what: { ...what, stamp: at, flip: at, submit: at } });
@@ -100,6 +111,34 @@ const names = walks.map((walk) => {
 });
 console.log(JSON.stringify(names));
 """
+SLIDERS = """
+[[questions]]
+name = "marks"
+title = "Marks"
+
+[[questions.items]]
+name = "mood"
+kind = "slider"
+ask = "How are you?"
+show_value = true
+
+[[questions.items]]
+name = "share"
+kind = "slider"
+ask = "Which share?"
+minimum = -1
+maximum = 1
+step = 0.003
+show_value = true
+required = false
+
+[[questions.items]]
+name = "luck"
+kind = "slider"
+ask = "How much luck?"
+maximum = 7
+"""
+SLIDER_KEYS = ("left", "right", "up", "down", "page_up", "page_down", "home", "end")
 KEYS = ("enter", "enter", "enter", "enter", "enter", "tab", "page_up", "1", "2", "3", "down", "escape")
 TEXTS = ("", " ", "17", "34", "35", "36", "40", "x", "a text that is longer than twenty", '"\u53a8" \\')
 
@@ -119,6 +158,39 @@ def draw_walk(rng: random.Random) -> list[dict[str, Any]]:
     return walk
 
 
+def draw_sliders(rng: random.Random) -> list[dict[str, Any]]:
+    """Draw a walk through sliders: keys that move a thumb, or lead on and back, presses, and drags."""
+    walk: list[dict[str, Any]] = [{"t": "key", "key": "enter", "down": down} for down in (True, False)]
+    for _ in range(60):
+        if rng.random() < 0.3:
+            targets = ("slider", "slider", "slider", "slider", "go_on", "back")
+            press = {"t": "pointer", "what": "pressed", "target": rng.choice(targets), "along": rng.random()}
+            moves = [press | {"what": "moved", "along": rng.random()} for _ in range(rng.randrange(3))]
+            cause = rng.choice(("finger", "finger", "held_before_focus"))
+            walk += [press | {"cause": cause}, *moves, press | {"what": "released"}]
+        else:
+            key = rng.choice((*SLIDER_KEYS, "enter", "enter", "tab", "1", "escape"))
+            presses = rng.choice((1, 1, 3))  # a held key repeats
+            walk += [{"t": "key", "key": key, "down": True, "repeat": number > 0} for number in range(presses)]
+            walk.append({"t": "key", "key": key, "down": False})
+    return walk
+
+
+POINTERS = {"pressed": PointerPressed, "moved": PointerMoved, "released": PointerReleased}
+
+
+def convert(what: dict[str, Any], at_ns: int) -> Input:
+    """Return the session's input for an act of a walk."""
+    match what:
+        case {"t": "key", "down": True}:
+            return KeyDown(at_ns, what["key"], "", what.get("repeat", False))
+        case {"t": "key"}:
+            return KeyUp(at_ns, what["key"])
+        case {"t": "pointer"}:
+            return POINTERS[what["what"]](at_ns, 0.5, 0.5, what["target"], what["along"], what.get("cause", "finger"))
+    return TextEdited(at_ns, what["text"], field=what["name"])
+
+
 def name_screens(protocol: Protocol, walk: list[dict[str, Any]]) -> list[int]:
     """Walk through the real session; return the name of the screen after each input."""
     session = build_session(plan_site_session(protocol, 0), PageWorld, collect_machine_facts(), picture_px=(96, 96))
@@ -127,11 +199,7 @@ def name_screens(protocol: Protocol, walk: list[dict[str, Any]]) -> list[int]:
     names = []
     for what in walk:
         at_ns += 20_000_000
-        if what["t"] == "key":
-            press = KeyDown(at_ns, what["key"], "") if what["down"] else KeyUp(at_ns, what["key"])
-            session.receive(press)
-        else:
-            session.receive(TextEdited(at_ns, what["text"], field=what["name"]))
+        session.receive(convert(what, at_ns))
         names.append(describe_screen(session, lambda _: 0)[1])
         at_ns += 20_000_000
         session.receive(ScreenShown(at_ns, at_ns, at_ns))
@@ -141,16 +209,23 @@ def name_screens(protocol: Protocol, walk: list[dict[str, Any]]) -> list[int]:
 
 @needs("node")
 @pytest.mark.program
-@pytest.mark.parametrize("quiz", [True, False])
-def test_drawn_walks_through_questions_show_the_sessions_screens(tmp_path, quiz):
+@pytest.mark.parametrize("part", ["quiz", "questions", "sliders", "sliders in Arabic"])
+def test_drawn_walks_through_questions_show_the_sessions_screens(tmp_path, part):
     path = write_short(tmp_path)
-    if not quiz:
+    draw = draw_walk
+    if part != "quiz":
         path.write_text(path.read_text().replace("right = 1", "").replace("only_if = { goal = [3] }", ""))
+    if part.startswith("sliders"):
+        draw = draw_sliders
+        text = path.read_text().replace('parts = ["consent", "about", "quiz"]', 'parts = ["consent", "marks", "quiz"]')
+        path.write_text(text + SLIDERS)
+    if part == "sliders in Arabic":
+        path.write_text(path.read_text().replace("seed = 3", 'seed = 3\nlanguage = "ar"'))
     protocol = read_protocol(path)
     write_site(protocol, tmp_path / "site", slots=1)
     script = json.loads((tmp_path / "site/study/slot-0.json").read_text())
     rng = random.Random(11)
-    walks = [draw_walk(rng) for _ in range(count(40, 1_000))]
+    walks = [draw(rng) for _ in range(count(40, 1_000))]
     followed = run_module(FOLLOW, "follower.js", {"script": script, "walks": walks})
     for walk, names in zip(walks, followed, strict=True):
         assert names == name_screens(protocol, walk)
@@ -176,9 +251,10 @@ def write_short(folder: Path, old: str = "", new: str = "") -> Path:
 
 def test_what_depends_on_a_typed_answer_is_refused_by_name(tmp_path):
     for old, new, error in [
-        ('kind = "text"', 'kind = "slider"', "asks 'work' of kind 'slider'; a site asks choice, choices"),
+        ('kind = "text"', 'kind = "slider"\nstep = 0.01', "asks 'work' on a slider of more than 2000 steps"),
+        ('kind = "number"', 'kind = "slider"\nright = 30', "has a correct answer to 'age', a slider"),
         ("required = false", "only_if = { age = [20] }", "asks 'work' depending on the typed answer 'age'"),
-        ("maximum = 99", "maximum = 99\nright = 30", "has a correct answer to 'age', which is typed"),
+        ("maximum = 99", "maximum = 99\nright = 30", "has a correct answer to 'age', a typed answer"),
     ]:
         protocol = read_protocol(write_short(tmp_path, old, new))
         with pytest.raises(SiteError, match=error):
@@ -214,3 +290,9 @@ def test_an_import_says_which_slots_are_taken_more_than_once(tmp_path, capsys):
     with pytest.raises(SystemExit):
         make_command_line().main(words, standalone_mode=False)
     assert "slots: 2 of 4 taken; 1 of them more than once: 3 (2 times)" in capsys.readouterr().out
+
+
+def test_a_slot_that_many_pages_draw_has_a_code_for_each():
+    codes = [format_participant_code(3, before) for before in (0, 9, 10, 400)]
+    assert codes == ["sub-04", "sub-900004", "sub-1000004", "sub-40000004"]
+    assert {parse_participant_code(code) for code in codes} == {3}

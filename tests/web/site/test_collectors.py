@@ -141,7 +141,8 @@ def test_a_record_reaches_datapipe_once_though_an_answer_is_lost(tmp_path):
         Answerer(person).answer_all()
         person.until("s.finished")
         assert "C0DE" in person.page.locator("body").inner_text()
-        assert pipe.answers == ["Success", "Success"]
+        assert set(pipe.answers) == {"Success"}
+        assert len(pipe.answers) > 2  # the lost one, and one after each part
         folder = pipe.write_files(tmp_path / "files")
     _, answers = import_answers(folder, tmp_path, protocol)
     assert answers == {"age": "35", "work": '"Köchin" \\ 厨师', "goal": "1", "why": "2"}

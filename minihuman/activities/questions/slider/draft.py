@@ -25,22 +25,22 @@ class SliderDraft(AnswerDraft):
 
     def __init__(self, question: QuestionItemSpec, settings: Any, *, rtl: bool, language: str | None) -> None:
         super().__init__(question, settings, rtl=rtl, language=language)
-        self._n_steps = max(1, round((question.maximum - question.minimum) / question.step))
+        self.n_steps = max(1, round((question.maximum - question.minimum) / question.step))
         self._step: int | None = None  # from the minimum
 
     def key(self, press: KeyDown) -> bool:
         """Move the thumb: arrows by a step, page keys by a tenth, home and end to the ends."""
-        tenth = max(1, self._n_steps // 10)
+        tenth = max(1, self.n_steps // 10)
         moves = {"page_up": tenth, "page_down": -tenth, "up": 1, "down": -1}
         if by := horizontal_step(press.key, rtl=self.rtl) or moves.get(press.key, 0):
             if self._step is None:
-                self._step = self._n_steps // 2
+                self._step = self.n_steps // 2
             else:
-                self._step = min(self._n_steps, max(0, self._step + by))
+                self._step = min(self.n_steps, max(0, self._step + by))
         elif press.key == "home":
             self._step = 0
         elif press.key == "end":
-            self._step = self._n_steps
+            self._step = self.n_steps
         else:
             return False
         return True
@@ -48,17 +48,24 @@ class SliderDraft(AnswerDraft):
     def point_at(self, target: str, along: float, *, down: bool) -> None:
         """Move the thumb to the pointer."""
         if target == "slider":
-            self._step = min(self._n_steps, max(0, math.floor(along * self._n_steps + 0.5)))
+            self._step = min(self.n_steps, max(0, math.floor(along * self.n_steps + 0.5)))
 
     @property
     def value(self) -> AnswerValue:
         """Return the number at the thumb; None before the line is touched."""
         if self._step is None:
             return None
-        number = round(self.question.minimum + self._step * self.question.step, 9)
+        return self._number_at(self._step)
+
+    def _number_at(self, step: int) -> int | float:
+        number = round(self.question.minimum + step * self.question.step, 9)
         if number == int(number):
             return int(number)
         return number
+
+    def list_texts(self) -> list[str]:
+        """Return the text of each position of the thumb, from the minimum on."""
+        return [f"{self._number_at(step):g}" for step in range(self.n_steps + 1)]
 
     @property
     def display_text(self) -> str:
@@ -69,9 +76,9 @@ class SliderDraft(AnswerDraft):
 
     def widget(self) -> Slider:
         """Build the slider."""
-        position = None if self._step is None else self._step / self._n_steps
+        position = None if self._step is None else self._step / self.n_steps
         text = self.display_text if self.question.show_value else ""
-        return Slider(self.question.low, self.question.high, position, text, min(self._n_steps, 20))
+        return Slider(self.question.low, self.question.high, position, text, min(self.n_steps, 20))
 
     def simulate(self, choose: Callable[[int], int], attends: Callable[[], bool]) -> Click | None:
         """Click on a random position of the line."""

@@ -98,7 +98,8 @@ export function chooseCollector(name) {
 /** Sends what the archive has and the collector has not. */
 export class Saver {
   #isBusy = false;
-  /** @type {ReturnType<typeof setInterval> | undefined} */ #timer;
+  #isAsked = false; // while it is busy
+  /** @type {ReturnType<typeof setInterval> | undefined} from the consent to the end */ #timer;
 
   /** @param {Archive} archive @param {Collector} collector */
   constructor(archive, collector) {
@@ -111,6 +112,12 @@ export class Saver {
     if (!this.collector.isWhole) this.#timer ??= setInterval(() => this.#save().catch(() => {}), this.collector.period_ms);
   }
 
+  /** Send what there is now, after the consent: an episode or a part is over, and is not to wait for the period. */
+  saveSoon() {
+    if (this.#isBusy) this.#isAsked = true;
+    else if (this.#timer !== undefined) this.#save().catch(() => {});
+  }
+
   async #save() {
     const { archive } = this;
     const first = this.collector.isWhole ? 0 : archive.head?.sent ?? 0;
@@ -121,6 +128,10 @@ export class Saver {
       await this.collector.save(part);
       await archive.change({ sent: first + part.messages.length });
     } finally { this.#isBusy = false; }
+    if (this.#isAsked) {
+      this.#isAsked = false;
+      this.saveSoon();
+    }
   }
 
   get #isDone() { return this.collector.isWhole || this.archive.head?.sent === this.archive.texts.length; }
@@ -128,6 +139,7 @@ export class Saver {
   /** Send the rest; false where the collector does not answer, so that it is tried when the page is opened again. */
   async finish() {
     clearInterval(this.#timer);
+    this.#timer = undefined;
     let isRefused = false;
     for (let tries = 0; tries < LAST_TRIES; tries++) {
       try {

@@ -88,6 +88,7 @@ export class Connection {
       message: (m) => this.#tell(m),
       picture: (picture) => this.listener.picture(picture),
       agreed: () => this.#saver?.start(),
+      settled: () => { void this.#kept.then(() => this.#saver?.saveSoon()); },
     });
     const past = archive.texts.map(readMessage);
     follower.restore(past);

@@ -3,28 +3,30 @@
 
 import { judgeText } from "./answers.js";
 import { digestText } from "./blake2.js";
+import { fillField, isSlider, moveThumb, pointThumb } from "./fields.js";
 import { fillTemplate } from "./templates.js";
 
-/** @import { FieldRules } from "./answers.js" */
+/** @import { AnswerField, FieldAnswer } from "./fields.js" */
 /** @import { EpisodeComputer, ComputedScenes } from "./computed.js" */
 /** @import { Message } from "./stream.js" */
-/** @import { EpisodeRules, FieldMessage, KeyMessage, PageMessage, ServerMessage, SessionOver } from "./messages" */
+/** @import { EpisodeRules, FieldMessage, KeyMessage, PageMessage, PointerMessage, ServerMessage, SessionOver } from "./messages" */
 /** @import { Picture } from "./pictures.js" */
 /** @typedef {[to: number, early: boolean, agrees: boolean]} Edge */
 /**
  * @typedef {{ name: number, screen: any, due_ns: number | null, due_from: "entered" | "shown", edges: Record<string, Edge>,
- * part: number, group: string, returns: number, text_field: { key: string, judgement: string, rules: FieldRules } | null,
- * texts: Record<string, number>, template: string, looks: string, episode: number, ends: Record<string, number>, keeps_picture: boolean,
+ * part: number, group: string, returns: number, answer_field: AnswerField | null,
+ * judged: Record<string, number>, repeats: boolean, template: string, looks: string, episode: number, ends: Record<string, number>, keeps_picture: boolean,
  * overlays: Record<string, number>, reason: string, over?: SessionOver }} ScreenNode
  * @typedef {{ build: string, slot: number, start: number, agreed: boolean, nodes: ScreenNode[],
  * episodes: Record<string, { rules: EpisodeRules, arrays: string[] }>, pictures: any[], keys: Record<string, string>,
  * touch: Record<string, string>, words: any }} SlotScript
  * @typedef {{ kind: "unfocused" | "paused" | "quit", node: number, escape: number | null }} Overlay
  * @typedef {{ number: number, rules: EpisodeRules, scenes: ComputedScenes, scene: number, steps: number, reward: number }} FollowedEpisode
- * @typedef {{ message(m: ServerMessage): void, picture(picture: Picture): void, agreed(): void }} Listener
+ * @typedef {{ message(m: ServerMessage): void, picture(picture: Picture): void, agreed(): void, settled(): void }} Listener
+ * `settled`: an episode or a part is over
  */
 
-const [BODY, TEXT, CARET] = ["\0body\0", "\0text\0", "\0caret\0"].map((mark) => JSON.stringify(mark));
+const BODY = JSON.stringify("\0body\0");
 const NAME_BITS = (1n << 52n) - 1n; // of a screen's digest: what a page's numbers hold
 const HOLD_TO_END_NS = 2_000_000_000;
 const ENTER = new Set(["enter", "kp_enter"]);
@@ -39,7 +41,8 @@ export class Follower {
   /** @type {number | null} when the screen was there */ #flip = null;
   /** @type {Overlay[]} screens over it, the topmost last */ #overlays = [];
   /** @type {Map<string, number>} the node in which a question was left */ #answers = new Map();
-  /** @type {Map<string, string>} what is typed in each field */ #texts = new Map();
+  /** @type {Map<string, FieldAnswer>} what is in each field, and where each thumb is */ #fields = new Map();
+  #pointerActs = true; // what it is down with is a press of this window
   /** @type {FollowedEpisode | null} the present or last one */ #play = null;
   #screenId = 0;
   #pictures = NO_PICTURE;
@@ -83,7 +86,7 @@ export class Follower {
     else if (what.t === "focus") this.#changeFocus(what.focused);
     else if (what.t === "field") this.#takeText(what);
     else if (what.t === "key" && (what.cause ?? "finger") === "finger") (what.down ? this.#press(what) : this.#release(what.key));
-    else if (what.t === "pointer" && what.what === "pressed" && (what.cause ?? "finger") === "finger") this.#follow(`point:${what.target}`, at);
+    else if (what.t === "pointer") this.#point(what);
   }
 
   // ---- time
@@ -138,9 +141,17 @@ export class Follower {
       if (!repeat && ENTER.has(key)) this.#uncover();
     } else if (this.#isPlaying) {
       this.#step(key, repeat, digest);
-    } else if (!repeat || (this.#node?.screen.kind === "question" && !NOT_REPEATED.has(key))) {
+    } else if (this.#slider && moveThumb(this.#slider.rules, this.#slider.step, key) !== null) {
+      this.#setThumb(moveThumb(this.#slider.rules, this.#slider.step, key));
+    } else if (!repeat || this.#takesRepeated(key)) {
       this.#follow(`key:${key}`, t);
     }
+  }
+
+  /** Whether a held key acts again: on the pages of a text, and in most of a question. @param {string} key */
+  #takesRepeated(key) {
+    const node = this.#node;
+    return node?.repeats || (node?.screen.kind === "question" && !NOT_REPEATED.has(key));
   }
 
   /** @param {string} key */
@@ -188,14 +199,36 @@ export class Follower {
     this.#enter(to, this.#at);
   }
 
+  /** @param {PointerMessage} what */
+  #point({ what: use, target = "", along = 0, cause = "finger" }) {
+    if (use === "pressed") this.#pointerActs = cause === "finger";
+    if (!this.#pointerActs || use === "released") return;
+    if (this.#slider && target === "slider") this.#setThumb(pointThumb(this.#slider.rules, along));
+    else if (use === "pressed") this.#follow(`point:${target}`, this.#at);
+  }
+
+  /** The present question's slider, if nothing is over it. */
+  get #slider() {
+    const field = this.#overlays.length ? null : this.#node?.answer_field;
+    return field && isSlider(field.rules) ? { rules: field.rules, step: this.#fields.get(field.key) ?? null } : null;
+  }
+
+  /** @param {number | null} step */
+  #setThumb(step) {
+    const node = this.#node, field = node?.answer_field;
+    if (!field || step === (this.#fields.get(field.key) ?? null)) return;
+    this.#fields.set(field.key, step);
+    this.#enter(node.judged.fine, this.#at);
+  }
+
   /** @param {FieldMessage} what */
   #takeText({ text, name }) {
-    const node = this.#node, field = node?.text_field;
-    if (!field || this.#overlays.length || (name && name !== node.screen.item.name)) return;
-    const judgement = judgeText(field.rules, text), to = node.texts[judgement];
-    const isSame = text === (this.#texts.get(field.key) ?? "") && judgement !== "note.too_long"; // its note stays
+    const node = this.#node, field = node?.answer_field;
+    if (!field || isSlider(field.rules) || this.#overlays.length || (name && name !== node.screen.item.name)) return;
+    const judgement = judgeText(field.rules, text), to = node.judged[judgement];
+    const isSame = text === (this.#fields.get(field.key) ?? "") && judgement !== "note.too_long"; // its note stays
     if (to === undefined || isSame) return;
-    this.#texts.set(field.key, text);
+    this.#fields.set(field.key, text);
     this.#enter(to, this.#at);
   }
 
@@ -203,17 +236,18 @@ export class Follower {
 
   /** @param {number} number @param {number} at */
   #enter(number, at) {
-    const { group, part } = this.script.nodes[number];
+    const { group, part } = this.script.nodes[number], isOver = this.#isPlaying || part !== this.#node?.part;
     if (part !== this.#node?.part) this.#answers.clear(); // who comes to a part again finds it new
     const isReturn = group && group !== this.#node?.group;
     const to = isReturn ? this.#answers.get(group) ?? number : number;
     const node = this.#node = this.script.nodes[to];
     if (group && (!node.screen.note || node.returns >= 0)) this.#answers.set(group, node.screen.note ? node.returns : to);
-    if (node.text_field?.judgement === "empty") this.#texts.set(node.text_field.key, "");
+    if (node.answer_field?.judgement === "empty") this.#fields.delete(node.answer_field.key);
     this.#entered = at;
     this.#flip = null;
     if (node.episode >= 0) this.#begin(node.episode);
     this.#show();
+    if (isOver && !this.#isSilent) this.listener.settled();
   }
 
   get #isPlaying() { return (this.#node?.episode ?? -1) >= 0; }
@@ -245,17 +279,14 @@ export class Follower {
 
   /** A screen, with what an episode led to filled in. @param {ScreenNode} node @returns {{ name: number, screen: any }} */
   #describe(node) {
-    if (node.text_field) return this.#describeField(node, this.#texts.get(node.text_field.key) ?? "");
+    if (node.answer_field) {
+      const { looks, screen } = fillField(node, node.answer_field.rules, this.#fields.get(node.answer_field.key) ?? null);
+      return { name: Number(digestText(looks) & NAME_BITS), screen };
+    }
     if (!node.template || !this.#play) return node;
     const { steps, reward } = this.#play, body = fillTemplate(node.template, { steps, reward }, node.screen.rtl);
     const looks = node.looks.replace(BODY, () => JSON.stringify(body));
     return { name: Number(digestText(looks) & NAME_BITS), screen: { ...node.screen, body } };
-  }
-
-  /** A screen with a field, and what is typed in it. @param {ScreenNode} node @param {string} text */
-  #describeField({ looks, screen }, text) {
-    const caret = [...text].length, filled = looks.replace(CARET, String(caret)).replace(TEXT, () => JSON.stringify(text));
-    return { name: Number(digestText(filled) & NAME_BITS), screen: { ...screen, item: { ...screen.item, text, caret } } };
   }
 
   #show() {
