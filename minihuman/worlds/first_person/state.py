@@ -215,9 +215,8 @@ def move_body(stage: WorldState, dx: float, dz: float, dyaw: float) -> bool:
 
 def describe_thing(thing: Entity) -> tuple[float, ...]:
     """Return an entity as a row of the kernels' arrays."""
-    looks = -1.0
     is_single = isinstance(thing.radius, np.float32)
-    return *thing.pos, thing.dir, float(thing.radius), thing.height, thing.static, is_single, looks
+    return *thing.pos, thing.dir, float(thing.radius), thing.height, thing.static, is_single, -1.0  # has no looks
 
 
 def state_hash(kind: str, state: dict[str, Any]) -> int:
