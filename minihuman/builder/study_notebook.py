@@ -32,7 +32,8 @@ def write_notebook(name: str) -> str:
     """Return the text of a notebook (nbformat 4) for the study of a name, beside whose protocol it lies."""
     cells: list[dict[str, Any]] = []
     for number, (kind, source) in enumerate(_CELLS):
-        cell: dict[str, Any] = {"cell_type": kind, "id": f"cell-{number}", "metadata": {}, "source": source.replace("{name}", name)}
+        text = source.replace("{name}", name)
+        cell: dict[str, Any] = {"cell_type": kind, "id": f"cell-{number}", "metadata": {}, "source": text}
         if kind == "code":
             cell |= {"execution_count": None, "outputs": []}
         cells.append(cell)
