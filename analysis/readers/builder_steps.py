@@ -73,13 +73,17 @@ STEPS = (
     Step("parts", "The data protection officer asks for a page about what you record.", link("Settings")),
     Step("part", "There shall be eight rounds instead of five.", label("Episodes *")),
     Step("part", "You want to see how the part looks on a telephone.", button("Phone")),
-    Step("part", "Participants shall walk in a room of your own design.", lambda page: page.get_by_label("World *")),
+    Step(
+        "part",
+        "Participants shall walk in a room of your own design.",
+        lambda page: page.get_by_role("button").filter(has_text="MiniGrid-FourRooms"),
+    ),
     Step("part", "What you changed last was a mistake.", button("Undo")),
     Step("level", "There shall be a key in the room.", button("key")),
     Step(
         "trial",
-        "The cross in the middle shall stay 100 ms longer.",
-        lambda page: page.get_by_label("Length of fixation"),
+        "The mask shall stay 100 ms longer.",
+        lambda page: page.get_by_label("Length of mask"),
     ),
     Step("trial", "Behind the last stimulus, a tone shall be heard.", button("Add a sound")),
     Step("data", "You want to see what the first participant did.", button("Details of sub-01, session 1")),
@@ -102,8 +106,8 @@ def open_view(page: Page, address: str, view: str) -> None:
     """Show a view of the builder, and wait until it is whole."""
     places = {
         "home": "",
-        "parts": "#/study/rooms.toml",
-        "part": "#/study/rooms.toml/parts/play",
+        "parts": "#/study/plan.toml",
+        "part": "#/study/plan.toml/parts/play",
         "level": "#/study/level.toml/parts/play",
         "trial": "#/study/priming%2Fpriming.toml/parts/priming",
         "data": "#/study/rooms.toml/data",
@@ -149,7 +153,12 @@ def make_studies(folder: Path) -> None:
     from minihuman.builder.messages import NewStudyRequest
     from minihuman.builder.new_study import make_study
 
-    for name, template in (("rooms", "one-world"), ("level", "one-world"), ("priming", "trials/priming")):
+    for name, template in (
+        ("plan", "one-world"),
+        ("rooms", "one-world"),
+        ("level", "one-world"),
+        ("priming", "trials/priming"),
+    ):
         make_study(NewStudyRequest(name, template=template), folder, None)
     drawn = (folder / "level.toml").read_text(encoding="utf-8")
     drawn = drawn.replace('world = "minihuman/MiniGrid-FourRooms-v0"', 'world = "minihuman/Level-v0"')
