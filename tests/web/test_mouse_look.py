@@ -54,7 +54,7 @@ def test_the_mouse_turns_the_body_from_a_click_on_the_picture_until_the_episode_
         person.until("s.welcomed && s.kind === 'text'")
         page.mouse.move(300, 300)
         person.to_play()
-        person.until("s.playing && s.confirmed >= 2")
+        person.until("s.playing && s.step >= 2")
         page.mouse.move(340, 320)  # nobody has clicked
         page.get_by_text(_LINE).wait_for()
         page.screenshot(path=str(tmp_path / "before.png"))
@@ -70,7 +70,7 @@ def test_the_mouse_turns_the_body_from_a_click_on_the_picture_until_the_episode_
         person.until(f"!({_CAPTURED})")
         page.mouse.move(300, 300)
         person.to_play()
-        person.until("s.playing && s.confirmed >= 2")
+        person.until("s.playing && s.step >= 2")
         person.until(_CAPTURED, patience_s=60)  # again, as nobody took it back
         page.screenshot(path=str(tmp_path / "again.png"))
         person.to_end()
