@@ -17,6 +17,7 @@ from minihuman.figures.figure_data import (
     name_measure,
 )
 from minihuman.reporting.block_measures import label_measure, phrase_measure
+from minihuman.reporting.block_results import lacks_goal
 from minihuman.reporting.interactions import ContrastComparison, InteractionResults
 from minihuman.reporting.results import Results
 from minihuman.reporting.template import ReportFigure, format_pair
@@ -210,7 +211,7 @@ def draw_learning_curves(
             continue
         for measure, label, bounds in CURVES:
             curves = collect_learning_curves(rows, measure, order=results.order)
-            if not curves or not rows[measure].notna().any():
+            if not curves or not rows[measure].notna().any() or (measure == "success" and lacks_goal(rows)):
                 continue
             limits = None
             if rows[measure].dropna().between(*bounds).all():

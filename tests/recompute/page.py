@@ -1313,10 +1313,10 @@ def expected_parts(episodes: Sequence[Row], order: Sequence[str]) -> Iterator[tu
         shares = {
             group: float((np.concatenate(told[group]) > 0).mean()) if told[group] else math.nan for group in (a, b)
         }
-        few = next((f"fewer than 4 people in {group}" for group in (a, b) if len(told[group]) < 4), "")
+        few = next((f"fewer than 4 participants in {group}" for group in (a, b) if len(told[group]) < 4), "")
         stuck = next((f"no episode of {group} is at 0" for group in (a, b) if shares[group] == 1), "")
         stuck = stuck or next((f"every episode of {group} is at 0" for group in (a, b) if shares[group] == 0), "")
-        thin = next((f"fewer than 4 people of {group} are above 0" for group in (a, b) if len(above[group]) < 4), "")
+        thin = next((f"fewer than 4 participants of {group} have an episode above 0" for group in (a, b) if len(above[group]) < 4), "")
         cells: list[Any] = []
         for what, why, people, odds in (
             ("odds", few or stuck, {g: [(one > 0).astype(float) for one in told[g]] for g in (a, b)}, True),
@@ -1698,7 +1698,13 @@ def expected_answers(study: Study) -> Iterator[tuple[str, Any]]:
 
 def expected_quality(study: Study) -> Iterator[tuple[str, Any]]:
     yield "h2", "Quality of the data"
-    yield "p", f"{len(study.sessions)} sessions had neither keyboard nor display, so nothing was timed."
+    yield (
+        "p",
+        (
+            f"{len(study.sessions)} sessions were simulated: reaction and playing times are the simulated player's, and "
+            "neither a keyboard nor a display was measured."
+        ),
+    )
     yield "p", "Display: window simulated."
     table = [["participant", "session", "presses", "focus lost", "pauses", "segments"]]
     for session in study.sessions:
