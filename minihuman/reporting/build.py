@@ -24,12 +24,13 @@ from minihuman.reporting.activity_sections import (
     build_activity_sections,
     join_sections,
 )
+from minihuman.reporting.answers import state_answers
 from minihuman.reporting.block_results import BlockResults
 from minihuman.reporting.exclusions import count_excluded, exclude_practice_alone, list_exclusions
 from minihuman.reporting.instruction_clauses import ATTEMPT_COLUMNS, count_clauses
 from minihuman.reporting.interactions import InteractionResults, choose_first_block, compute_interaction
 from minihuman.reporting.methods import build_methods, find_known_keys
-from minihuman.reporting.page import PageContent, build_page, build_participants_page, is_published_study, state_answers
+from minihuman.reporting.page import PageContent, build_page, build_participants_page, is_published_study
 from minihuman.reporting.participant_flow import FlowSection, flow_section
 from minihuman.reporting.questionnaire_scores import add_last_blocks, list_task_load, task_load_table
 from minihuman.reporting.results import Results, compute_results, leave_out_navigation
@@ -315,6 +316,7 @@ def _gather_content(
     simulated = int((participants["player"] != "human").sum())
     is_practice = _is_practice(episodes, practice)
     flow = flow_section(tables.source, participants)
+    trial_blocks = {block for section in report_input.sections for block in section.blocks}
     return PageContent(
         study=report_input.study,
         sessions=len(participants),
@@ -343,6 +345,7 @@ def _gather_content(
         first_block=results.target,
         papers=is_published_study([outline.protocol_sha256 for outline in outlines]),
         mixed={},
+        are_trials=bool(results.blocks) and all(block.block in trial_blocks for block in results.blocks),
     )
 
 

@@ -4,7 +4,7 @@ A replication of the published study is shown beside its subject means: Chevalie
 Miniworld", mean reward of each subject in Miniworld's four rooms.
 """
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
@@ -17,10 +17,11 @@ from minihuman.dataset.selection import SelectionSummary
 from minihuman.experiment.protocol.specs import AnalysisSpec
 from minihuman.experiment.protocol.study_design import ExperimentDesign
 from minihuman.reporting.activity_sections import ReportSection
+from minihuman.reporting.answers import state_answers
 from minihuman.reporting.block_measures import label_measure
 from minihuman.reporting.block_results import BlockResults, summarise_group_rewards
 from minihuman.reporting.instruction_clauses import clauses_table
-from minihuman.reporting.interactions import InteractionResults, cells_table, interaction_table, state_interaction
+from minihuman.reporting.interactions import InteractionResults, cells_table, interaction_table
 from minihuman.reporting.participant_flow import FlowSection
 from minihuman.reporting.result_tables import (
     conditions_table,
@@ -35,12 +36,7 @@ from minihuman.reporting.result_tables import (
 )
 from minihuman.reporting.results import Results
 from minihuman.reporting.sections import answers_table, exclusions_section, quality_section, skipped_table
-from minihuman.reporting.statements import (
-    difference_statement,
-    equivalence_statement,
-    paired_statement,
-    power_statement,
-)
+from minihuman.reporting.statements import difference_statement, power_statement
 from minihuman.reporting.study_question import ask_question, join_names
 from minihuman.reporting.template import (
     PARTICIPANTS,
@@ -115,6 +111,7 @@ class PageContent:
     first_block: str  # the block whose group comparison answers the question; "" for none
     papers: bool  # whether the protocol is the published study's
     mixed: Mapping[str, MixedModel | None]  # by block, if its change over episodes is compared
+    are_trials: bool = False  # whether every block is of trials, whose episodes are called trials
     answers_without_rules: Sequence[str] = ()  # the study's answers if rules on questionnaire answers exclude nobody
 
 
@@ -135,6 +132,7 @@ def build_page(content: PageContent, results: Results, templates: Path | None = 
         "versions": _describe_versions(content.account),
         "sessions": content.sessions,
         "included": results.included,
+        "are_trials": content.are_trials,
         "players": content.players,
         "simulated": content.simulated,
         "imported": content.imported,
@@ -169,43 +167,6 @@ def build_page(content: PageContent, results: Results, templates: Path | None = 
 def _count_windows(windows: Mapping[str, int]) -> str:
     """State in how many sessions each kind of window was used."""
     return ", ".join(f"{window} in {count} sessions" for window, count in windows.items())
-
-
-def state_answers(
-    results: Results, interaction_results: InteractionResults | None, design: ExperimentDesign, first_block: str
-) -> list[str]:
-    """State the answers to the study's question: group differences, equivalence, conditions and interaction.
-
-    If the question is about the interaction, its answer comes first, and conditions pooled over groups are left to
-    their table.
-    """
-    is_about_interaction = interaction_results is not None and design.primary_effect == "interaction"
-    statements: list[str] = []
-    if first_block:
-        statements += _state_differences(results.target_block)
-    if results.within and not is_about_interaction:
-        roles = results.within.roles
-        primary = [comparison for comparison in results.within.comparisons if roles[comparison.measure] == "primary"]
-        statements += [paired_statement(comparison) for comparison in primary]
-    if interaction_results is None:
-        return statements
-    interaction = list(state_interaction(interaction_results))
-    if is_about_interaction:
-        return [*interaction, *statements]
-    return [*statements, *interaction]
-
-
-def _state_differences(target: BlockResults | None) -> Iterator[str]:
-    """Yield a sentence for each comparison of groups in the target block; nothing if there is only one group."""
-    if target is None or len(target.groups) < 2:
-        return
-    for comparison in target.headline:
-        yield difference_statement(comparison, target.block, target.team_units)
-    for comparison in target.adjusted:
-        statement = difference_statement(comparison, target.block, target.team_units)
-        yield f"Adjusted for the covariates. {statement}"
-    for equivalence in target.alike:
-        yield equivalence_statement(equivalence, target.roles)
 
 
 def _count_excluded(exclusions: pd.DataFrame) -> str:

@@ -18,7 +18,7 @@ from minihuman.figures.figure_data import (
 )
 from minihuman.reporting.block_measures import label_measure, phrase_measure
 from minihuman.reporting.block_results import lacks_goal
-from minihuman.reporting.interactions import ContrastComparison, InteractionResults
+from minihuman.reporting.interactions import ContrastComparison, InteractionResults, name_contrast
 from minihuman.reporting.results import Results
 from minihuman.reporting.template import ReportFigure, format_pair
 from minihuman.reporting.within_results import WithinResults, unite_teams
@@ -113,7 +113,7 @@ def draw_interaction(interaction: InteractionResults, out: Path, condition_label
         measure=_shorten(label),
         title=name_measure(label, width=110),
         condition=condition_label,
-        level="difference of log contrast scores" if is_log else "difference of contrast scores",
+        level="log of the ratio of ratios" if is_log else "difference of contrast scores",
         limits=_find_limits(interaction.measure, pd.Series(cells.to_numpy(float).ravel())),
     )
     caption = (
@@ -126,7 +126,8 @@ def draw_interaction(interaction: InteractionResults, out: Path, condition_label
 
 def _find_difference(compared: ContrastComparison) -> Difference:
     groups = compared.groups
-    return Difference(compared.contrast, format_pair(groups.first, groups.second), groups.difference, groups.interval)
+    pair = format_pair(groups.first, groups.second, is_log=groups.is_log)
+    return Difference(name_contrast(compared), pair, groups.difference, groups.interval)
 
 
 def draw_conditions(within: WithinResults, out: Path) -> ReportFigure:
@@ -161,7 +162,7 @@ def draw_conditions(within: WithinResults, out: Path) -> ReportFigure:
 def _name_comparison(comparison: PairedComparison) -> str:
     """Return the two conditions of a comparison, or the name of a contrast."""
     if comparison.second:
-        return format_pair(comparison.first, comparison.second)
+        return format_pair(comparison.first, comparison.second, is_log=comparison.is_log)
     return comparison.first
 
 
