@@ -325,7 +325,7 @@ def _gather_content(
         simulated=simulated,
         imported=int((participants["evidence"] == "consistent").sum()),
         flow=flow,
-        methods=_write_methods(tables, report_input, simulated, flow),
+        methods=_write_methods(tables, report_input, results, simulated, flow),
         known_keys=find_known_keys(outlines, report_input.protocols),
         figures=(),
         first_figures=(),
@@ -349,7 +349,15 @@ def _gather_content(
     )
 
 
-def _write_methods(tables: Tables, report_input: _ReportInput, simulated: int, flow: FlowSection | None) -> list[str]:
+def _list_shown_measures(results: Results) -> set[str]:
+    """Return the measures that the page has values of."""
+    shown = {str(name) for block in results.blocks for name in block.measures["measure"].unique()}
+    return shown | set(results.within.roles if results.within else ())
+
+
+def _write_methods(
+    tables: Tables, report_input: _ReportInput, results: Results, simulated: int, flow: FlowSection | None
+) -> list[str]:
     """Write the methods of the sessions that could be read."""
     first, *others = build_methods(
         [session.outline for session in tables.sessions if session.outline is not None],
@@ -357,6 +365,8 @@ def _write_methods(tables: Tables, report_input: _ReportInput, simulated: int, f
         simulated,
         protocols=report_input.protocols,
         flow=flow.counts if flow else None,
+        block_order=[block.block for block in results.blocks],
+        measures=_list_shown_measures(results),
         n_excluded=count_excluded(report_input.participants),
     )
     people = report_input.participants

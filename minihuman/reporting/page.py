@@ -133,6 +133,7 @@ def build_page(content: PageContent, results: Results, templates: Path | None = 
         "sessions": content.sessions,
         "included": results.included,
         "are_trials": content.are_trials,
+        "group_count": len(results.order),
         "players": content.players,
         "simulated": content.simulated,
         "imported": content.imported,
@@ -145,7 +146,7 @@ def build_page(content: PageContent, results: Results, templates: Path | None = 
         "answers_without_rules": content.answers_without_rules,
         "excluded": _count_excluded(content.exclusions),
         "within": _show_within(results.within),
-        "interaction": _show_interaction(content.interaction),
+        "interaction": _show_interaction(content.interaction, are_trials=content.are_trials),
         "blocks": [_show_block(block, results, content) for block in results.blocks],
         "min_growth_episodes": MIN_EPISODES,
         "clauses": clauses_table(content.clauses),
@@ -182,15 +183,20 @@ def _show_within(within: WithinResults | None) -> dict[str, Any] | None:
     return {
         "label": within.label,
         "conditions": join_names(within.conditions),
+        "has_response_times": bool(within.label) and "response_median_ms" in within.roles,
         "table": conditions_table(within),
         "effects": crossover_table(within),
     }
 
 
-def _show_interaction(interaction: InteractionResults | None) -> dict[str, Table] | None:
+def _show_interaction(interaction: InteractionResults | None, *, are_trials: bool) -> dict[str, Any] | None:
     if interaction is None:
         return None
-    return {"cells": cells_table(interaction), "table": interaction_table(interaction)}
+    return {
+        "cells": cells_table(interaction),
+        "table": interaction_table(interaction),
+        "has_response_times": are_trials and interaction.measure == "response_median_ms",
+    }
 
 
 def build_participants_page(study: str, blocks: pd.DataFrame, results: Results) -> str:
@@ -232,6 +238,7 @@ def _describe_versions(account: SelectionSummary) -> str:
 def _show_block(block: BlockResults, results: Results, content: PageContent) -> dict[str, Any]:
     """Return a block's results as variables of the template."""
     has_comparisons = bool(block.comparisons)
+    differences = _list_differences(block, content.first_block)
     return {
         "name": block.block,
         "worlds": block.worlds,
@@ -240,7 +247,9 @@ def _show_block(block: BlockResults, results: Results, content: PageContent) -> 
         "is_target": block.block == content.first_block and len(block.groups) > 1,
         "is_beside_interaction": has_comparisons and content.interaction is not None and not content.first_block,
         "only_group": _find_only_group(block, results),
-        "differences": _list_differences(block, content.first_block),
+        "differences": differences,
+        "folds_differences": len(differences) > 2 and len(results.blocks) > 1,
+        "has_response_times": content.are_trials and "response_median_ms" in set(block.measures["measure"]),
         "has_no_primary": has_comparisons and "primary" not in block.roles.values(),
         "has_roles": _has_roles(block),
         "measures": _measures_table(block),

@@ -83,9 +83,14 @@ def draw_estimates(blocks: pd.DataFrame, results: Results, out: Path) -> Iterato
             title=name_measure(label, block.block, width=110),
             limits=_find_limits(measure, rows[measure]),
         )
+        of_means = (
+            "the difference of the means, with the interval"
+            if len(differences) == 1
+            else ("differences of the means, with the intervals")
+        )
         caption = (
             f"{_begin_sentence(label)} in block {block.block}. A: a dot per participant, beside them the group's mean "
-            "with its 95 % interval. B: differences of the means, with the intervals of the comparison."
+            f"with its 95 % interval. B: {of_means} of the comparison."
         )
         yield ReportFigure(block.block, png, caption)
 

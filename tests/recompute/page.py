@@ -30,7 +30,7 @@ MEASURES = {
     "reward_mean": "reward",
     "steps_at_limit_mean": "steps (without the goal: at the limit)",
     "reward_first": "reward of the first episode",
-    "reward_slope": "learning: change of reward from one episode to the next, over the first five",
+    "reward_slope": "learning: change of reward from one episode to the next, over at most the first five",
     "excess_steps_mean": "excess steps over the shortest path (successes only)",
     "playing_s_mean": "playing time per episode (s)",
     "response_median_ms": "reaction time, median (ms)",
@@ -614,7 +614,7 @@ def in_a_sentence(measure: str) -> str:
         "spl_mean": "SPL (success weighted by path length)",
         "success": "success rate",
         "steps_at_limit_mean": "steps to the goal",
-        "reward_slope": "change of reward over the first five episodes",
+        "reward_slope": "change of reward over at most the first five episodes",
         "excess_steps_mean": "excess steps of successful episodes",
         "response_median_ms": "median reaction time (ms)",
     }
