@@ -105,6 +105,15 @@ def lacks_goal(episodes: pd.DataFrame) -> bool:
 _JOINT_EPISODE = ["group", "participant", "session", "block", "episode_in_block", "attempt", "seed", "exclusion_reason"]
 
 
+def _unite_waits(waits: BlockSurvival, episodes: pd.DataFrame, order: Sequence[str]) -> BlockSurvival:
+    """Count the joint episodes of teams once; keys are not compared, as times of a team's members are not independent.
+
+    ``participant`` in ``episodes`` is the unit.
+    """
+    joint = _count_once(episodes[episodes["exclusion_reason"].isna()])
+    return replace(waits, compared=(), goal=_collect_goal_times(joint, order))
+
+
 def _count_once(episodes: pd.DataFrame) -> pd.DataFrame:
     """Keep one row of each episode that members of a unit played together; ``participant`` is the unit."""
     return episodes.drop_duplicates([column for column in _JOINT_EPISODE if column in episodes])
@@ -232,15 +241,11 @@ def compute_block_results(
     units = units or {}
     order = [group for group in order if (rows["group"] == group).any()]
     waits = collect_survival_times(rows, all_episodes, order)
-    n_episodes = int(all_episodes["exclusion_reason"].isna().sum())
     people = rows.sort_values(["participant", "session"])
     if units:
         rows = name_units(rows, units)
         all_episodes = name_units(all_episodes, units)
-        joint = _count_once(all_episodes[all_episodes["exclusion_reason"].isna()])
-        n_episodes = len(joint)
-        # Times of members of one team are not independent.
-        waits = replace(waits, compared=(), goal=_collect_goal_times(joint, order))
+        waits = _unite_waits(waits, all_episodes, order)
     episodes = all_episodes[all_episodes["exclusion_reason"].isna()]
     rows = _order_by_group(rows.sort_values(["participant", "session"]), order)
     set_aside = _list_set_aside(rows, episodes, analysis)
@@ -251,12 +256,11 @@ def compute_block_results(
     scaled, logs = take_logarithms(rows, measured)
     scaled_means = _average_sessions(scaled, columns)
     comparisons = compare_measures(scaled_means, roles, order, logs)
-    team_units = _name_team_units(rows, set(units.values()))
     changed = list_changes(scaled, measured)
     return BlockResults(
         block=block,
         worlds=tuple(dict.fromkeys(episodes["world"])),
-        episodes=n_episodes,
+        episodes=len(_count_once(episodes) if units else episodes),
         subjects=_order_by_group(people, order)[_SUBJECT_COLUMNS].reset_index(drop=True),
         groups=_order_by_group(summarise_group_rewards(means), order),
         measures=_describe_measures(_order_by_group(means, order), measured, ["group"]),
@@ -268,13 +272,13 @@ def compute_block_results(
         adjusted=compare_adjusted(scaled_means, analysis, order, logs),
         alike=_check_equivalences(means, analysis, order),
         waits=waits,
-        parts=compare_reward_parts(episodes, order, team_units),
+        parts=compare_reward_parts(episodes, order, _name_team_units(rows, set(units.values()))),
         set_aside=set_aside,
         growth=_compare_growth(episodes, order),
         reliabilities=() if units else tuple(estimate_reliabilities(episodes, measured)),
         powers=tuple(compute_power(comparison.n) for comparison in _select_headline(comparisons, roles)),
         teams=len({*units.values()} & {*rows["participant"]}),
-        team_units=team_units,
+        team_units=_name_team_units(rows, set(units.values())),
     )
 
 

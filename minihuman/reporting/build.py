@@ -316,7 +316,6 @@ def _gather_content(
     simulated = int((participants["player"] != "human").sum())
     is_practice = _is_practice(episodes, practice)
     flow = flow_section(tables.source, participants)
-    trial_blocks = {block for section in report_input.sections for block in section.blocks}
     return PageContent(
         study=report_input.study,
         sessions=len(participants),
@@ -345,14 +344,7 @@ def _gather_content(
         first_block=results.target,
         papers=is_published_study([outline.protocol_sha256 for outline in outlines]),
         mixed={},
-        are_trials=bool(results.blocks) and all(block.block in trial_blocks for block in results.blocks),
     )
-
-
-def _list_shown_measures(results: Results) -> set[str]:
-    """Return the measures that the page has values of."""
-    shown = {str(name) for block in results.blocks for name in block.measures["measure"].unique()}
-    return shown | set(results.within.roles if results.within else ())
 
 
 def _write_methods(
@@ -366,7 +358,7 @@ def _write_methods(
         protocols=report_input.protocols,
         flow=flow.counts if flow else None,
         block_order=[block.block for block in results.blocks],
-        measures=_list_shown_measures(results),
+        measures=results.shown_measures,
         n_excluded=count_excluded(report_input.participants),
     )
     people = report_input.participants

@@ -111,7 +111,6 @@ class PageContent:
     first_block: str  # the block whose group comparison answers the question; "" for none
     papers: bool  # whether the protocol is the published study's
     mixed: Mapping[str, MixedModel | None]  # by block, if its change over episodes is compared
-    are_trials: bool = False  # whether every block is of trials, whose episodes are called trials
     answers_without_rules: Sequence[str] = ()  # the study's answers if rules on questionnaire answers exclude nobody
 
 
@@ -131,9 +130,7 @@ def build_page(content: PageContent, results: Results, templates: Path | None = 
         "study": content.study,
         "versions": _describe_versions(content.account),
         "sessions": content.sessions,
-        "included": results.included,
-        "are_trials": content.are_trials,
-        "group_count": len(results.order),
+        **_describe_size(results),
         "players": content.players,
         "simulated": content.simulated,
         "imported": content.imported,
@@ -146,7 +143,7 @@ def build_page(content: PageContent, results: Results, templates: Path | None = 
         "answers_without_rules": content.answers_without_rules,
         "excluded": _count_excluded(content.exclusions),
         "within": _show_within(results.within),
-        "interaction": _show_interaction(content.interaction, are_trials=content.are_trials),
+        "interaction": _show_interaction(content.interaction, are_trials=results.are_trials),
         "blocks": [_show_block(block, results, content) for block in results.blocks],
         "min_growth_episodes": MIN_EPISODES,
         "clauses": clauses_table(content.clauses),
@@ -163,6 +160,15 @@ def build_page(content: PageContent, results: Results, templates: Path | None = 
         "tables": content.tables,
     }
     return render_template(REPORT, context, templates)
+
+
+def _describe_size(results: Results) -> dict[str, Any]:
+    """Return what is included, of how many groups, and whether episodes are trials, as variables of the template."""
+    return {
+        "included": results.included,
+        "are_trials": results.are_trials,
+        "group_count": len(results.order),
+    }
 
 
 def _count_windows(windows: Mapping[str, int]) -> str:
@@ -249,7 +255,7 @@ def _show_block(block: BlockResults, results: Results, content: PageContent) -> 
         "only_group": _find_only_group(block, results),
         "differences": differences,
         "folds_differences": len(differences) > 2 and len(results.blocks) > 1,
-        "has_response_times": content.are_trials and "response_median_ms" in set(block.measures["measure"]),
+        "has_response_times": results.are_trials and "response_median_ms" in set(block.measures["measure"]),
         "has_no_primary": has_comparisons and "primary" not in block.roles.values(),
         "has_roles": _has_roles(block),
         "measures": _measures_table(block),

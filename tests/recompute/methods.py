@@ -29,7 +29,8 @@ LOSSES = re.compile(
     r"(?:Slots offered again, the data of their participants kept: (?P<replaced>\d+ \([^()]+\))\. )?"
 )
 ALLOCATION = re.compile(
-    r"(?:Groups(?P<keys> and keys)?|(?P<alone>Keys)|Orders|Slots) came from an allocation list drawn before the first session from the study's seed, "
+    r"(?:Groups(?P<keys> and keys)?|(?P<alone>Keys)|Orders|Slots) came from an allocation list drawn before the "
+    r"first session from the study's seed, "
     r"(?P<seed>\d+)(?P<later>; keys that later sessions drew anew came from that seed alone)?"
     r"(?:; in (?P<by_hand>\d+) sessions the participant or group was chosen by hand)?"
 )
@@ -356,7 +357,8 @@ def check_play(its: re.Match[str], had: Had, tally: Tally) -> None:
 def check_measures(text: str, sessions: Sequence[Session], tally: Tally) -> None:
     several = len({session.plan.session for session in sessions}) > 1
     value = f"{VALUE}; of several sessions it is the mean of theirs" if several else VALUE
-    formulas = "; ".join(f"{MEASURES[name]} = {formula}" for name, formula in FORMULAS.items())
+    defined = {name: formula for name, formula in FORMULAS.items() if f"{MEASURES[name]} = " in text}  # those shown
+    formulas = "; ".join(f"{MEASURES[name]} = {formula}" for name, formula in defined.items())
     tally.same("methods, measures", text, f"{value}. The measures: {formulas}.")
 
 
