@@ -55,7 +55,10 @@ class BlockSurvival:
         missed = {group: int((~times.observed).sum()) for group, times in self.goal.items()}
         if not any(missed.values()):
             return []
-        return [f"{group} {missed[group]} of {len(times.observed)}" for group, times in self.goal.items()]
+        counts = {group: f"{missed[group]} of {len(times.observed)}" for group, times in self.goal.items()}
+        if len(counts) == 1:
+            return list(counts.values())
+        return [f"{group} {count}" for group, count in counts.items()]
 
 
 def collect_survival_times(rows: pd.DataFrame, all_episodes: pd.DataFrame, order: Sequence[str]) -> BlockSurvival:

@@ -23,7 +23,7 @@ from minihuman.reporting.block_measures import (
     take_logarithms,
 )
 from minihuman.reporting.results import Results
-from minihuman.reporting.statements import state_interval, state_p, state_verdict
+from minihuman.reporting.statements import state_interval, state_p
 from minihuman.reporting.template import (
     Table,
     format_difference,
@@ -295,9 +295,11 @@ def _state_contrast(opening: str, compared: ContrastComparison, *, is_alone: boo
 
 def _state_verdict(groups: GroupComparison, p: float) -> str:
     """Say in words in which group the difference between conditions is larger, or that it is not shown to depend."""
+    size = "ratio" if groups.is_log else "difference"
     if p >= ALPHA:
-        return " It is not shown to depend on the group."
-    return state_verdict(groups.difference, p, groups.first, groups.second)
+        return f" The {size} between conditions is not shown to depend on the group."
+    larger, smaller = (groups.first, groups.second) if groups.difference > 0 else (groups.second, groups.first)
+    return f" The {size} between conditions is larger in {larger} than in {smaller}."
 
 
 def interaction_table(interaction: InteractionResults) -> Table:

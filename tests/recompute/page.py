@@ -939,7 +939,10 @@ def expected_block(study: Study, block: str) -> Iterator[tuple[str, Any]]:
     missed = Counter(row["group"] for row in episodes if row["steps"] and not row["success"])
     played = Counter(row["group"] for row in episodes if row["steps"])
     if missed:
-        told = ", ".join(f"{group} {missed[group]} of {played[group]}" for group in order if played[group])
+        several = sum(played[group] > 0 for group in order) > 1
+        told = ", ".join(
+            f"{f'{group} ' if several else ''}{missed[group]} of {played[group]}" for group in order if played[group]
+        )
         yield (
             "p",
             (

@@ -61,6 +61,12 @@ def test_an_episode_of_a_team_counts_once() -> None:
     assert block.episodes == 9 + 18
 
 
+def test_episodes_without_the_goal_are_of_a_group_only_where_there_are_several() -> None:
+    rows, episodes = played(6)
+    block = compute_block_results("grid", rows[rows["group"] == "a"], episodes, ["a"], AnalysisSpec())
+    assert block.waits.without_goal == ["6 of 18"]
+
+
 def test_too_few_teams_are_called_teams() -> None:
     rows, episodes, units = block_of_teams()
     episodes.loc[episodes["episode_in_block"] == 1, "reward"] = 0.0
@@ -149,8 +155,14 @@ def test_a_ratio_of_times_is_written_as_a_ratio_with_a_verdict() -> None:
     found = compute_interaction(reaction_times(), design, analysis, ("a", "b"))
     assert found is not None
     (sentence,) = state_interaction(found)
+    apart = reaction_times()
+    slower = (apart["group"] == "b") & (apart["block"] == "c0")
+    apart.loc[slower, "response_median_ms"] *= 3.0
+    larger = compute_interaction(apart, design, analysis, ("a", "b"))
+    assert larger is not None
+    assert next(state_interaction(larger)).endswith(" The ratio between conditions is larger in b than in a.")
     assert ": c0 / c1, a / b is \N{MULTIPLICATION SIGN}" in sentence
-    assert sentence.endswith(" It is not shown to depend on the group.")
+    assert sentence.endswith(" The ratio between conditions is not shown to depend on the group.")
     assert "c0 / c1" in interaction_table(found).rows[0]
     doors = (Contrast("x", (("c0", 1.0), ("c1", -1.0))), Contrast("y", (("c0", -1.0), ("c1", 1.0))))
     several = compute_interaction(reaction_times(), replace(design, contrasts=doors), analysis, ("a", "b"))
