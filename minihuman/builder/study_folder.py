@@ -224,18 +224,24 @@ class OpenStudy:
         return self._replace(version, change)
 
     def undo(self, version: str) -> Document:
-        """Write the version before the present one.
+        """Write the version before the present one, and return the document.
+
+        Args:
+            version: the SHA-256 of the file that the caller saw last.
 
         Raises:
-            EditRefusedError: if the file has changed, there is no earlier version, or enrolment has fixed the file.
+            EditRefusedError: if the file is another version now, there is no earlier one, or enrolment has fixed it.
         """
         return self._replace(version, lambda old: self._step(old, -1))
 
     def redo(self, version: str) -> Document:
-        """Write the version that was undone last.
+        """Write the version that was undone last, and return the document.
+
+        Args:
+            version: the SHA-256 of the file that the caller saw last.
 
         Raises:
-            EditRefusedError: if the file has changed, there is no later version, or enrolment has fixed the file.
+            EditRefusedError: if the file is another version now, there is no later one, or enrolment has fixed it.
         """
         return self._replace(version, lambda old: self._step(old, 1))
 

@@ -60,7 +60,7 @@ class Tables(AbstractContextManager["Tables", None]):
     def require(
         self, names: Collection[str] | None = None, *, shortest_paths: bool = False, with_account: bool = True
     ) -> None:
-        """Open the store for some tables, unless it is open.
+        """Open the store for some tables; a store that is open stays as it is, whatever tables it was opened for.
 
         Args:
             names: the names of the tables that will be read; by default all. Only their digests are compared.
@@ -71,8 +71,9 @@ class Tables(AbstractContextManager["Tables", None]):
         Raises:
             LogError: if there is no such file or folder, or it is a single log that cannot be read.
             QueryError: if there is no space for the tables, beside the study or in the temporary folder.
+            AssertionError: if the store is open without shortest paths, which are required now.
         """
-        from minihuman.dataset.store import StudyStore  # a station does without tables
+        from minihuman.dataset.store import StudyStore  # imported here: a station is installed without DuckDB
 
         if self._opened is not None:
             if shortest_paths and not self._has_shortest:

@@ -331,7 +331,7 @@ def _list_with_known_keys(group: str, cells: Mapping[tuple[int, str], bool]) -> 
 
 
 def _describe_episode(block_plan: EpisodePlan, spec: BlockSpec | None) -> str:
-    """Describe a block as one participant played it."""
+    """Describe a block by the plan of one of its episodes, as one participant played it."""
     practice = ""
     if spec is not None and not spec.analysed:
         practice = "practice, not analysed: "

@@ -94,7 +94,7 @@ def format_number(value: float, digits: int = 3, *, sign: str = "-") -> str:
         return "n/a"
     before = 0
     if abs(value) >= 1:
-        before = len(f"{abs(value):.0f}")
+        before = len(f"{int(abs(value))}")
     return f"{value:{sign}.{max(digits - before, 0)}f}".replace("-", "\N{MINUS SIGN}")
 
 

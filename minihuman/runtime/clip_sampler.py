@@ -32,15 +32,14 @@ class ClipSampler:
         self._places: list[_ClipStart] = []  # of that part; nothing is played while it compares
 
     def candidates(self, want: ClipRequest, count: int) -> list[tuple[EpisodeClip, EpisodeClip]]:
-        """Draw ``count`` pairs of different clips; return none if no two clips differ."""
+        """Draw ``count`` pairs of different clips; the list is empty if no two clips differ."""
         pairs = []
         for number in range(count):
             first = self.draw(replace(want, place=0, again=None), candidate=number)
             if first is None:
-                other = None
-            else:
-                other = self.draw(replace(want, place=1, again=first), candidate=number)
-            if first is not None and other is not None:
+                continue
+            other = self.draw(replace(want, place=1, again=first), candidate=number)
+            if other is not None:
                 pairs.append((first, other))
         return pairs
 

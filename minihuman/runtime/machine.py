@@ -108,7 +108,7 @@ def collect_world_facts(worlds: Iterable[str]) -> dict[str, str]:
 
 
 def _collect_package_versions(worlds: Iterable[str]) -> dict[str, str]:
-    """Return the versions of the worlds' distributions, except those that every machine's facts have."""
+    """Return the versions of the packages that worlds are from, by fact; those of `_PACKAGES` are facts already."""
     modules = {_find_drawing_package(find_registered_module(world)) for world in worlds}
     modules -= {"", "minihuman", "gymnasium"}
     if not modules:

@@ -52,7 +52,7 @@ class SeatWindow(Window):
         self._window = window  # the shared one
         self._clock = clock
         self._seats = seats
-        self._keys: Mapping[str, str] = {}  # that had an action last
+        self._keys: Mapping[str, str] = {}  # key to action, as of the latest screen that had any
         self._inputs: queue.SimpleQueue[Input | tuple[Screen, ScreenShown] | None] = queue.SimpleQueue()
 
     def begin(self, session: SessionMachine) -> None:

@@ -125,7 +125,7 @@ def number(value: float | None, digits: int = 3, *, sign: str = "-") -> str:
     slack = 1e-11 * max(abs(value), 1.0)
     found = {}
     for one in (value, value - slack, value + slack):
-        before = len(f"{abs(one):.0f}") if abs(one) >= 1 else 0
+        before = len(f"{int(abs(one))}") if abs(one) >= 1 else 0
         found[f"{one:{sign}.{max(digits - before, 0)}f}".replace("-", MINUS)] = None
     return next(iter(found)) if len(found) == 1 else "{" + "|".join(found) + "}"
 

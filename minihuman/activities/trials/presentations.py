@@ -113,7 +113,10 @@ def _begin_record(event: TrialResolved, segment: Segment, log: SessionLog) -> Tr
 
 
 def _find_interruption_ns(begin_ns: int, segment: Segment) -> int:
-    """Return when what was played at a time was interrupted: by another phase, or with the segment."""
+    """Return the time at which a trial that began at ``begin_ns`` was interrupted, in ns.
+
+    It is the time of the next phase that is not play, or of the segment's end.
+    """
     for note in segment.notes:
         is_phase = isinstance(note, Noted) and note.kind == "phase" and note.text != Phase.PLAYING
         if is_phase and note.t_ns >= begin_ns:

@@ -242,11 +242,16 @@ class _Spans:
     def _read_time(
         self, spec: TimelineStimulus, field: Literal["onset_ms", "duration_ms", "each_ms"], kind: int
     ) -> float:
+        """Return a stimulus's time in ms: as written, from the table, or drawn between two bounds.
+
+        ``kind`` is 0 for onsets and 1 for durations: each of the two has a random number of its own per stimulus.
+        """
         written: TimeSpec | None = getattr(spec, field)
         if written is None:
             return 0.0
         if isinstance(written, tuple):
-            share = self._draw(2 * self._places[spec.name] + kind)
+            draws_per_stimulus = 2
+            share = self._draw(draws_per_stimulus * self._places[spec.name] + kind)
             return float(round(written[0] + share * (written[1] - written[0])))
         return self._read_number(spec, field, written, low=0.0, high=LONGEST_MS)
 

@@ -104,7 +104,7 @@ class _TapedWorld(World):
             super().step(action)
 
     def _leave_tape(self) -> None:
-        """Use the environment alone from now on, because someone may change it."""
+        """Stop reading the tape and use the environment itself, which the caller may now change."""
         self._make_steps()
         self._moment = None
 

@@ -84,7 +84,7 @@ function StudyPage({ studyKey, view, selected, languages }) {
       ${view === "texts" && html`<${Texts} study=${study} languages=${languages} open=${(/** @type {string} */ key) => go(key, "texts")} />`}
       ${view === "media" && html`<${MediaView} study=${study} />`}
       ${view === "data" && html`<${DataView} study=${study} />`}
-      ${view === "settings" && html`<${Settings} study=${study} />`}
+      ${view === "settings" && html`<${Settings} key=${selected} study=${study} selected=${selected} />`}
       ${view === "file" && html`<${SourceView} study=${study} />`}</main>`;
 }
 

@@ -6,6 +6,7 @@ import { Command, quoteWord } from "./command.js";
 import { DepartureForm } from "./departure.js";
 import { Replay } from "./replay.js";
 import { annotateSession, exportStudy, pathsAddress, queryData, readData, readSession } from "./requests.js";
+import { RECORD } from "./settings.js";
 import { countNoun } from "./words.js";
 
 const EXCLUDE = "exclude"; // the tag that every output obeys
@@ -28,7 +29,7 @@ export function DataView({ study }) {
   const farewell = departure && html`<div class="notice" role="status">${departure.lines.map((line) => html`<p>${line}</p>`)}<${Command} about="The same as" line=${departure.command} /></div>`;
   if (recorded.sessions.length === 0) {
     return html`${farewell}<section class="recorded" aria-label="Data"><h2>Sessions</h2><p class="quiet">Nothing is recorded yet. <b>Run it</b> starts sessions; those of
-      <b>Try the study</b> and <b>Simulate 20 people</b> are no data.</p><button type="button" class="small" onClick=${refresh}>Look again</button></section>`;
+      <b>Try the study</b> and <b>Simulate 20 people</b> are no data.</p><button type="button" class="small" onClick=${refresh}>Look again</button><${RecordLink} study=${study} /></section>`;
   }
   return html`${farewell}<section class="recorded" aria-label="Sessions"><header><h2>Sessions <small>${recorded.sessions.length}, in ${recorded.folder}</small></h2>
       <button type="button" class="small" onClick=${refresh}>Look again</button></header>
@@ -37,7 +38,13 @@ export function DataView({ study }) {
       <tbody>${recorded.sessions.map((session) => html`<${SessionRows} key=${session.log} study=${study} session=${session} isOpen=${open === session.log}
         toggle=${() => setOpen(open === session.log ? "" : session.log)} folder=${recorded.folder} update=${setRecorded} finish=${finish} />`)}</tbody></table></div></section>
     <${Query} study=${study} recorded=${recorded} />
-    <${Export} study=${study} recorded=${recorded} />`;
+    <${Export} study=${study} recorded=${recorded} /><${RecordLink} study=${study} />`;
+}
+
+/** @param {{ study: OpenStudy }} properties */
+function RecordLink({ study }) {
+  const address = `#/study/${encodeURIComponent(study.key)}/settings/${RECORD}`;
+  return html`<p class="quiet">What the study records, and why, on one page for the data protection officer: <a href=${address}>Record of processing</a></p>`;
 }
 
 /** @param {SessionNote} note */

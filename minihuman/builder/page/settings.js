@@ -6,7 +6,7 @@ import { OpenPlaces, ProcessingRecord } from "./consent.js";
 import { TableButtons, TableForm, insertTable } from "./form.js";
 import { makeName } from "./words.js";
 
-const RECORD = "processing"; // a section that is no table
+export const RECORD = "processing"; // a section that is no table
 /** @typedef {{ table: string, name: string, about: string, essential?: string[], list?: any }} Section */
 /** @type {Section[]} */
 const SECTIONS = [
@@ -25,9 +25,9 @@ const SECTIONS = [
   { table: "allocation", name: "Allocation", about: "Groups that are drawn by an answer, or by an adaptive design." },
 ];
 
-/** @param {{ study: OpenStudy }} properties */
-export function Settings({ study }) {
-  const [table, setTable] = useState("study");
+/** @param {{ study: OpenStudy, selected: string }} properties */
+export function Settings({ study, selected }) {
+  const [table, setTable] = useState(SECTIONS.some((other) => other.table === selected) ? selected : "study");
   const section = /** @type {Section} */ (SECTIONS.find((other) => other.table === table));
   return html`<div class="settings"><nav aria-label="Settings of the study"><ul>${SECTIONS.map((other) => html`<li key=${other.table}>
       <button type="button" aria-current=${other.table === table ? "true" : undefined} onClick=${() => setTable(other.table)}>${other.name}

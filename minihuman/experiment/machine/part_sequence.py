@@ -99,8 +99,8 @@ class PartSequence:
         self._context = context
         self._parts = list_parts(plan)
         self._to_do = list_remaining_parts(plan, self._parts)
-        self.has_begun = False  # any part
-        self.part: Activity  # that runs, once one has begun
+        self.has_begun = False  # whether any part has
+        self.part: Activity  # the part that runs; not set before the first has begun
         if not self._to_do:
             raise AllocationError(
                 f"{plan.participant.id} has completed all {len(plan.episodes)} episodes of session {plan.session}; "

@@ -341,7 +341,11 @@ def _list_block_notices(block: BlockSpec) -> Iterator[str]:
 
 
 def describe_worlds(protocol: Protocol, notices: Sequence[str] | None = None) -> Iterator[str]:
-    """Yield the notices of `check_worlds`, and a line for each block whose actions lack one that success needs."""
+    """Yield the notices of `check_worlds`, then what is to be said of each block.
+
+    A block has a line if its actions lack one of the shortest path to success, and one on whether its world's rules are
+    compiled.
+    """
     if notices is None:
         notices = check_worlds(protocol)
     yield from notices

@@ -72,7 +72,7 @@ class BuildingState(WorldState):
         return self._plan
 
     def add_room(self, room: Room) -> Room:
-        """Add a sector to the plan.
+        """Add a room to the plan as its next sector, number it, and return it.
 
         Raises:
             WorldError: if its outline is not convex and counter-clockwise, or an entity has been placed already.
@@ -179,7 +179,7 @@ class BuildingState(WorldState):
         return self._touched(entity, x, floor, z, radius)
 
     def find_place(self, entity: Entity, x: float, z: float) -> Position | None:
-        """Return the position, on the floor that carries it there, of an entity that goes to a place."""
+        """Return the position of an entity that goes to (x, z), with y on the floor there; None if it cannot go."""
         arrival = self._arrive(entity, x, z, entity.radius)
         if arrival is None:
             return None
