@@ -16,7 +16,7 @@ MEASURES = {  # columns of the block table that groups are compared on, and what
     "reward_mean": "reward",
     "steps_at_limit_mean": "steps (without the goal: at the limit)",
     "reward_first": "reward of the first episode",
-    "reward_slope": "learning: change of reward from one episode to the next, over the first five",
+    "reward_slope": "learning: change of reward from one episode to the next, over at most the first five",
     "excess_steps_mean": "excess steps over the shortest path (successes only)",
     "playing_s_mean": "playing time per episode (s)",
     "response_median_ms": "reaction time, median (ms)",
@@ -43,8 +43,8 @@ FORMULAS = {  # of one episode, where a measure's name does not tell it
     "reward_mean": "the rewards of the world, summed over the episode",
     "reward_slope": "slope of a straight line",
     "excess_steps_mean": "steps \N{MINUS SIGN} shortest",
-    "response_median_ms": "key press minus stimulus onset: the flip of the latest picture; in real time, of the "
-    "onset that the world or the block names",
+    "response_median_ms": "key press minus stimulus onset, of all responses, right or wrong: the flip of the latest "
+    "picture; in real time, of the picture from which the world or the block counts",
     "reaction_median_ms": "key press minus the flip of the latest picture, in real time of a tick's",
     "ineffective_share": "steps without a visible effect",
 }
@@ -56,7 +56,7 @@ NAMES_IN_SENTENCES = {  # of MEASURES whose labels say how they are computed, wh
     "spl_mean": "SPL (success weighted by path length)",
     "success": "success rate",
     "steps_at_limit_mean": "steps to the goal",
-    "reward_slope": "change of reward over the first five episodes",
+    "reward_slope": "change of reward over at most the first five episodes",
     "excess_steps_mean": "excess steps of successful episodes",
     "response_median_ms": "median reaction time (ms)",
 }

@@ -45,7 +45,8 @@ class BlockSurvival:
     """The survival times of one block by group; empty if no event could occur."""
 
     keys: Mapping[str, SurvivalTimes]  # playing seconds until every key was found, one per participant
-    goal: Mapping[str, SurvivalTimes]  # steps until the goal, one per episode: a participant's are not independent
+    goal: Mapping[str, SurvivalTimes]  # steps until the goal, one per episode: a participant's are not independent;
+    # empty if no episode ended at a goal though rewards were earned: the world has none
     compared: tuple[tuple[str, str, SurvivalComparison], ...]  # of keys: which groups, and how
 
     @property
@@ -54,7 +55,10 @@ class BlockSurvival:
         missed = {group: int((~times.observed).sum()) for group, times in self.goal.items()}
         if not any(missed.values()):
             return []
-        return [f"{group} {missed[group]} of {len(times.observed)}" for group, times in self.goal.items()]
+        counts = {group: f"{missed[group]} of {len(times.observed)}" for group, times in self.goal.items()}
+        if len(counts) == 1:
+            return list(counts.values())
+        return [f"{group} {count}" for group, count in counts.items()]
 
 
 def collect_survival_times(rows: pd.DataFrame, all_episodes: pd.DataFrame, order: Sequence[str]) -> BlockSurvival:
@@ -68,24 +72,54 @@ def collect_survival_times(rows: pd.DataFrame, all_episodes: pd.DataFrame, order
     episodes = all_episodes[all_episodes["exclusion_reason"].isna()]
     playing_s = all_episodes.groupby(["participant", "session"])["playing_s"].sum()
     keys: dict[str, SurvivalTimes] = {}
-    goal: dict[str, SurvivalTimes] = {}
     for group in order:
         group_rows = rows[(rows["group"] == group) & (rows["keys_total"] > 0)]
         first = group_rows.sort_values("session").drop_duplicates("participant")
         if len(first):
             keys[group] = _collect_key_times(first, playing_s)
-        has_outcome = episodes["success"].notna()
-        group_episodes = episodes[(episodes["group"] == group) & (episodes["steps"] > 0) & has_outcome]
-        if len(group_episodes):
-            failed = group_episodes["outcome"] == "failure"
-            steps = group_episodes["steps"].where(~failed, group_episodes["max_steps"])
-            goal[group] = SurvivalTimes(steps.to_numpy(float), group_episodes["success"].to_numpy(bool))
     compared = []
     for first_group, second_group in combinations(keys, 2):
         comparison = compare_survival(keys[first_group], keys[second_group])
         if comparison is not None:
             compared.append((first_group, second_group, comparison))
-    return BlockSurvival(keys, goal, tuple(compared))
+    return BlockSurvival(keys, _collect_goal_times(episodes, order), tuple(compared))
+
+
+def _collect_goal_times(episodes: pd.DataFrame, order: Sequence[str]) -> dict[str, SurvivalTimes]:
+    """Return the steps until the goal by group, one per episode; nothing if the block has no goal to reach."""
+    if lacks_goal(episodes):
+        return {}
+    goal: dict[str, SurvivalTimes] = {}
+    ended = episodes[(episodes["steps"] > 0) & episodes["success"].notna()]
+    for group in order:
+        group_episodes = ended[ended["group"] == group]
+        if len(group_episodes):
+            failed = group_episodes["outcome"] == "failure"
+            steps = group_episodes["steps"].where(~failed, group_episodes["max_steps"])
+            goal[group] = SurvivalTimes(steps.to_numpy(float), group_episodes["success"].to_numpy(bool))
+    return goal
+
+
+def lacks_goal(episodes: pd.DataFrame) -> bool:
+    """Return whether no episode ended at a goal though rewards were earned, as where points are collected."""
+    return not episodes["success"].eq(True).any() and bool((episodes["reward"] > 0).any())
+
+
+_JOINT_EPISODE = ["group", "participant", "session", "block", "episode_in_block", "attempt", "seed", "exclusion_reason"]
+
+
+def _unite_waits(waits: BlockSurvival, episodes: pd.DataFrame, order: Sequence[str]) -> BlockSurvival:
+    """Count the joint episodes of teams once; keys are not compared, as times of a team's members are not independent.
+
+    ``participant`` in ``episodes`` is the unit.
+    """
+    joint = _count_once(episodes[episodes["exclusion_reason"].isna()])
+    return replace(waits, compared=(), goal=_collect_goal_times(joint, order))
+
+
+def _count_once(episodes: pd.DataFrame) -> pd.DataFrame:
+    """Keep one row of each episode that members of a unit played together; ``participant`` is the unit."""
+    return episodes.drop_duplicates([column for column in _JOINT_EPISODE if column in episodes])
 
 
 def _collect_key_times(first: pd.DataFrame, playing_s: "pd.Series[float]") -> SurvivalTimes:
@@ -97,11 +131,13 @@ def _collect_key_times(first: pd.DataFrame, playing_s: "pd.Series[float]") -> Su
     return SurvivalTimes(np.where(never_all, watched_s, discovered_s), ~never_all)
 
 
-def compare_reward_parts(episodes: pd.DataFrame, order: Sequence[str]) -> tuple[TwoPartComparison, ...]:
+def compare_reward_parts(
+    episodes: pd.DataFrame, order: Sequence[str], unit_names: Mapping[str, str]
+) -> tuple[TwoPartComparison, ...]:
     """Compare each pair of groups on both parts of the reward; return nothing if no episode has a reward of 0."""
     if episodes["success"].isna().all() or not has_mass_at_zero(episodes["reward"].to_numpy(np.float64)):
         return ()
-    return tuple(compare_two_parts(episodes, "reward", pair) for pair in combinations(order, 2))
+    return tuple(compare_two_parts(episodes, "reward", pair, unit_names) for pair in combinations(order, 2))
 
 
 _LOG_EXCESS = "log of the excess steps over the shortest path"
@@ -139,7 +175,7 @@ class BlockResults:
 
     block: str
     worlds: tuple[str, ...]
-    episodes: int  # included
+    episodes: int  # included; those that a team played together count once
     subjects: pd.DataFrame  # group, participant, session, episodes, reward_mean, reward_sd
     groups: pd.DataFrame  # group, participants, then mean and standard deviation of the subjects' means
     measures: pd.DataFrame  # measure, group, n, mean, sd; of measures that have a value in this block
@@ -212,7 +248,7 @@ def compute_block_results(
     if units:
         rows = name_units(rows, units)
         all_episodes = name_units(all_episodes, units)
-        waits = replace(waits, compared=())  # times of members of one team are not independent
+        waits = _unite_waits(waits, all_episodes, order)
     episodes = all_episodes[all_episodes["exclusion_reason"].isna()]
     rows = _order_by_group(rows.sort_values(["participant", "session"]), order)
     set_aside = _list_set_aside(rows, episodes, analysis)
@@ -227,7 +263,7 @@ def compute_block_results(
     return BlockResults(
         block=block,
         worlds=tuple(dict.fromkeys(episodes["world"])),
-        episodes=len(episodes),
+        episodes=len(_count_once(episodes) if units else episodes),
         subjects=_order_by_group(people, order)[_SUBJECT_COLUMNS].reset_index(drop=True),
         groups=_order_by_group(summarise_group_rewards(means), order),
         measures=_describe_measures(_order_by_group(means, order), measured, ["group"]),
@@ -239,7 +275,7 @@ def compute_block_results(
         adjusted=compare_adjusted(scaled_means, analysis, order, logs),
         alike=_check_equivalences(means, analysis, order),
         waits=waits,
-        parts=compare_reward_parts(episodes, order),
+        parts=compare_reward_parts(episodes, order, _name_team_units(rows, set(units.values()))),
         set_aside=set_aside,
         growth=_compare_growth(episodes, order),
         reliabilities=() if units else tuple(estimate_reliabilities(episodes, measured)),

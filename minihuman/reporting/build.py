@@ -24,12 +24,13 @@ from minihuman.reporting.activity_sections import (
     build_activity_sections,
     join_sections,
 )
+from minihuman.reporting.answers import state_answers
 from minihuman.reporting.block_results import BlockResults
 from minihuman.reporting.exclusions import count_excluded, exclude_practice_alone, list_exclusions
 from minihuman.reporting.instruction_clauses import ATTEMPT_COLUMNS, count_clauses
 from minihuman.reporting.interactions import InteractionResults, choose_first_block, compute_interaction
 from minihuman.reporting.methods import build_methods, find_known_keys
-from minihuman.reporting.page import PageContent, build_page, build_participants_page, is_published_study, state_answers
+from minihuman.reporting.page import PageContent, build_page, build_participants_page, is_published_study
 from minihuman.reporting.participant_flow import FlowSection, flow_section
 from minihuman.reporting.questionnaire_scores import add_last_blocks, list_task_load, task_load_table
 from minihuman.reporting.results import Results, compute_results, leave_out_navigation
@@ -323,7 +324,7 @@ def _gather_content(
         simulated=simulated,
         imported=int((participants["evidence"] == "consistent").sum()),
         flow=flow,
-        methods=_write_methods(tables, report_input, simulated, flow),
+        methods=_write_methods(tables, report_input, results, simulated, flow),
         known_keys=find_known_keys(outlines, report_input.protocols),
         figures=(),
         first_figures=(),
@@ -346,7 +347,9 @@ def _gather_content(
     )
 
 
-def _write_methods(tables: Tables, report_input: _ReportInput, simulated: int, flow: FlowSection | None) -> list[str]:
+def _write_methods(
+    tables: Tables, report_input: _ReportInput, results: Results, simulated: int, flow: FlowSection | None
+) -> list[str]:
     """Write the methods of the sessions that could be read."""
     first, *others = build_methods(
         [session.outline for session in tables.sessions if session.outline is not None],
@@ -354,6 +357,8 @@ def _write_methods(tables: Tables, report_input: _ReportInput, simulated: int, f
         simulated,
         protocols=report_input.protocols,
         flow=flow.counts if flow else None,
+        block_order=[block.block for block in results.blocks],
+        measures=results.shown_measures,
         n_excluded=count_excluded(report_input.participants),
     )
     people = report_input.participants

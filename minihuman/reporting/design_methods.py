@@ -34,6 +34,21 @@ def _name_units(order: OrderSpec) -> Iterator[str]:
             yield first
 
 
+def name_allocated(protocols: Sequence[Protocol], *, has_groups: bool, has_keys: bool) -> str:
+    """Return the words for what the allocation list assigned.
+
+    It assigns no group if an adaptive design does, or if the study has only one.
+    """
+    by_design = any(protocol.allocation.design for protocol in protocols)
+    has_groups = has_groups or any(len(protocol.groups) > 1 for protocol in protocols)
+    if has_groups and not by_design:
+        return "Groups and keys" if has_keys else "Groups"
+    if has_keys:
+        return "Keys"
+    has_orders = any(order.order != "fixed" for protocol in protocols for order in protocol.orders)
+    return "Orders" if has_orders else "Slots"
+
+
 def describe_team(spec: BlockSpec | None) -> str:
     """State how many people and which agents play a block together; "" unless it is a team's."""
     if spec is None or spec.team is None or len(spec.team.seats) < 2:

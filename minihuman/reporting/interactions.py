@@ -23,6 +23,7 @@ from minihuman.reporting.block_measures import (
     take_logarithms,
 )
 from minihuman.reporting.results import Results
+from minihuman.reporting.statements import state_interval, state_p
 from minihuman.reporting.template import (
     Table,
     format_difference,
@@ -230,6 +231,8 @@ def state_interaction(interaction: InteractionResults) -> Iterator[str]:
     if omnibus is not None:
         yield _state_omnibus(opening, omnibus.test, interaction)
     else:
+        if len(interaction.headline) > 1:
+            yield _summarise_contrasts(interaction)
         for compared in interaction.headline:
             yield _state_contrast(opening, compared, is_alone=len(interaction.headline) == 1)
     if interaction.left_out:
@@ -251,27 +254,52 @@ def _state_omnibus(opening: str, test: InteractionTest, interaction: Interaction
     return f"{opening}: differences between conditions {verdict} on the group ({p}{size}; {sizes})."
 
 
+def _summarise_contrasts(interaction: InteractionResults) -> str:
+    """State in how many comparisons the difference between conditions depends on the group."""
+    n_shown = sum(compared.groups.p_holm < ALPHA for compared in interaction.headline)
+    n = len(interaction.headline)
+    if not n_shown:
+        return f"In none of {n} comparisons is a difference between conditions shown to depend on the group."
+    return f"In {n_shown} of {n} comparisons a difference between conditions depends on the group."
+
+
+def name_contrast(compared: ContrastComparison) -> str:
+    """Return a contrast's name; of times, which are compared as ratios, that of two conditions is written as one."""
+    if compared.groups.is_log:
+        return compared.contrast.replace(" \N{MINUS SIGN} ", " / ")
+    return compared.contrast
+
+
 def _state_contrast(opening: str, compared: ContrastComparison, *, is_alone: bool) -> str:
     """State in one sentence how much two groups differ on a contrast, or why they are not compared."""
     groups = compared.groups
-    subject = f"{opening}: {compared.contrast}, {format_pair(groups.first, groups.second)}"
+    subject = f"{opening}: {name_contrast(compared)}, {format_pair(groups.first, groups.second, is_log=groups.is_log)}"
     if groups.reason and math.isnan(groups.p):
         return f"{subject}: not compared ({groups.reason})."
     estimate = format_difference(groups.difference, (math.nan, math.nan), is_log=groups.is_log, sign="+")
+    interval = state_interval(groups.interval, is_log=groups.is_log)
     if groups.is_log:
-        bounds = (math.exp(groups.interval[0]), math.exp(groups.interval[1]))
-        interval = f"ratio of ratios, 95 % interval {format_interval(bounds)}"
-    else:
-        interval = f"95 % interval {format_interval(groups.interval, sign='+')}"
-    p = f"permutation p {format_p_value(groups.p)}"
+        interval = f"ratio of ratios, {interval}"
+    p = f"permutation {state_p(groups.p, groups.smallest_p)}"
+    decisive_p = groups.p
     if not is_alone:
         p = f"p {format_p_value(groups.p_holm)} (permutation, Holm)"
+        decisive_p = groups.p_holm
     size = ""
     if not math.isnan(groups.g):
         size = f"; standardised g {format_number(groups.g, 2)}, interval {format_interval(groups.g_interval, 2)}"
     n = f"{groups.n[0]} and {groups.n[1]} participants"
     caution = f" With care: {groups.caution}." if groups.caution else ""
-    return f"{subject} is {estimate} ({interval}; {p}{size}; {n}).{caution}"
+    return f"{subject} is {estimate} ({interval}; {p}{size}; {n}).{caution}{_state_verdict(groups, decisive_p)}"
+
+
+def _state_verdict(groups: GroupComparison, p: float) -> str:
+    """Say in words in which group the difference between conditions is larger, or that it is not shown to depend."""
+    size = "ratio" if groups.is_log else "difference"
+    if p >= ALPHA:
+        return f" The {size} between conditions is not shown to depend on the group."
+    larger, smaller = (groups.first, groups.second) if groups.difference > 0 else (groups.second, groups.first)
+    return f" The {size} between conditions is larger in {larger} than in {smaller}."
 
 
 def interaction_table(interaction: InteractionResults) -> Table:
@@ -317,8 +345,8 @@ def interaction_table(interaction: InteractionResults) -> Table:
 def _contrast_cells(compared: ContrastComparison) -> tuple[str, ...]:
     groups = compared.groups
     return (
-        compared.contrast,
-        format_pair(groups.first, groups.second),
+        name_contrast(compared),
+        format_pair(groups.first, groups.second, is_log=groups.is_log),
         f"{groups.n[0]}, {groups.n[1]}",
         format_difference(groups.difference, groups.interval, is_log=groups.is_log),
         format_p_value(groups.p),

@@ -1,7 +1,7 @@
 """The methods section: participants, blocks, measures and software in sentences to copy, with versions and hashes."""
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from importlib.metadata import version
 
 import minihuman
@@ -13,7 +13,7 @@ from minihuman.experiment.protocol.answer_exclusions import describe_answer_excl
 from minihuman.experiment.protocol.protocol import BlockSpec, Protocol
 from minihuman.reporting.attrition import Attrition
 from minihuman.reporting.block_measures import FORMULAS, MEASURES, TRIAL_BLOCK_MEASURES
-from minihuman.reporting.design_methods import describe_adaptive_designs, describe_orders, describe_team
+from minihuman.reporting.design_methods import describe_adaptive_designs, describe_orders, describe_team, name_allocated
 from minihuman.reporting.trial_methods import (
     describe_stimuli,
     describe_trials,
@@ -61,6 +61,8 @@ def build_methods(
     protocols: Sequence[Protocol] = (),
     flow: ParticipantFlow | None = None,
     n_excluded: Mapping[str, int] | None = None,
+    block_order: Sequence[str] = (),
+    measures: Collection[str] = (),
 ) -> list[str]:
     """Write the paragraphs of the methods section.
 
@@ -72,6 +74,8 @@ def build_methods(
             are omitted.
         flow: the flow of the study's participants; None if there is no enrolment log.
         n_excluded: the number of excluded participants by reason; None if it is not known.
+        block_order: the blocks in the page's order; others follow in the order of those who played most.
+        measures: the measures that the page shows, which are defined; all of them if empty.
     """
     specs = BlockSpecs(protocols)
     return [
@@ -79,8 +83,8 @@ def build_methods(
         *describe_orders(protocols),
         *_describe_answer_exclusions(protocols, n_excluded or {}),
         *describe_adaptive_designs(protocols),
-        *_describe_blocks(plans, specs),
-        _describe_measures(plans, specs),
+        *_describe_blocks(plans, specs, block_order),
+        _describe_measures(plans, specs, measures),
         _describe_software(plans, qualities),
         f"This report: minihuman {minihuman.__version__}, {_name_statistics()}.",
     ]
@@ -159,7 +163,7 @@ def _describe_people(
     parts = ", ".join(f"{count} in group {group}" for group, count in sorted(groups.items()))
     by_hand = sum(plan.by_hand for plan in plans)
     by_design = any(protocol.allocation.design for protocol in protocols)
-    allocated = _name_allocated(by_design=by_design, has_keys=_are_keys_drawn(plans, specs))
+    allocated = name_allocated(protocols, has_groups=len(groups) > 1, has_keys=_are_keys_drawn(plans, specs))
     chosen = ""
     if by_hand:
         chosen = f"; in {by_hand} sessions the participant or group was chosen by hand"
@@ -181,13 +185,6 @@ def _describe_sessions(sessions: Mapping[int, int]) -> str:
     if len(by_session) > 1:
         return f" in {len(by_session)} sessions"
     return ""
-
-
-def _name_allocated(*, by_design: bool, has_keys: bool) -> str:
-    """Return the words for what the allocation list assigned; an adaptive design assigns the groups itself."""
-    if by_design:
-        return "Keys" if has_keys else "Orders"
-    return "Groups and keys" if has_keys else "Groups"
 
 
 def _describe_answer_exclusions(protocols: Sequence[Protocol], n_excluded: Mapping[str, int]) -> list[str]:
@@ -260,7 +257,7 @@ def _describe_simulated(plans: Sequence[PlanOutline], simulated: int, attrition:
     return f"; {simulated} of the sessions simulated"
 
 
-def _describe_blocks(plans: Sequence[PlanOutline], specs: BlockSpecs) -> list[str]:
+def _describe_blocks(plans: Sequence[PlanOutline], specs: BlockSpecs, block_order: Sequence[str] = ()) -> list[str]:
     """Write a paragraph per block, with a sentence for each variant between groups, sessions or versions."""
     known = _find_known_cells(plans, specs)
     descriptions: dict[str, list[tuple[PlanOutline, str]]] = {}
@@ -268,7 +265,8 @@ def _describe_blocks(plans: Sequence[PlanOutline], specs: BlockSpecs) -> list[st
         for block_plan in plan.blocks:
             description = _describe_episode(block_plan, specs.find(plan, block_plan.block_name))
             descriptions.setdefault(block_plan.block_name, []).append((plan, description))
-    return [_describe_block(name, described, known[name]) for name, described in descriptions.items()]
+    names = [*(name for name in block_order if name in descriptions), *descriptions]
+    return [_describe_block(name, descriptions[name], known[name]) for name in dict.fromkeys(names)]
 
 
 def _describe_block(name: str, described: Sequence[tuple[PlanOutline, str]], known: Mapping[Cell, bool]) -> str:
@@ -419,18 +417,20 @@ def _describe_pace(block_plan: EpisodePlan) -> str:
     return f"{period}, {idle_action} without a key, reaction times from {onset}"
 
 
-def _describe_measures(plans: Sequence[PlanOutline], specs: BlockSpecs) -> str:
+def _describe_measures(plans: Sequence[PlanOutline], specs: BlockSpecs, measures: Collection[str] = ()) -> str:
     """State how the measures are computed."""
     blocks = [(block, specs.find(plan, block.block_name)) for plan in plans for block in plan.blocks]
     are_trials = bool(blocks) and all(is_of_trials(block, spec) for block, spec in blocks)
-    names = [name for name in FORMULAS if name in TRIAL_BLOCK_MEASURES or not are_trials]
+    shown = measures or FORMULAS
+    names = [name for name in FORMULAS if name in shown and (name in TRIAL_BLOCK_MEASURES or not are_trials)]
     parts = "; ".join(f"{MEASURES[name]} = {FORMULAS[name]}" for name in names)
     session_note = ""
     if len({plan.session for plan in plans}) > 1:
         session_note = "; of several sessions it is the mean of theirs"
     included = "trials" if are_trials else "episodes"
     start = f"Unless stated otherwise, a participant's value is the mean over the included {included}"
-    return f"{start}{session_note}. The measures: {parts}."
+    definitions = f" The measures: {parts}." if parts else ""
+    return f"{start}{session_note}.{definitions}"
 
 
 _SOFTWARE = {  # what a log says of its software, and how the methods call it

@@ -4,7 +4,7 @@ A replication of the published study is shown beside its subject means: Chevalie
 Miniworld", mean reward of each subject in Miniworld's four rooms.
 """
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
@@ -17,10 +17,11 @@ from minihuman.dataset.selection import SelectionSummary
 from minihuman.experiment.protocol.specs import AnalysisSpec
 from minihuman.experiment.protocol.study_design import ExperimentDesign
 from minihuman.reporting.activity_sections import ReportSection
+from minihuman.reporting.answers import state_answers
 from minihuman.reporting.block_measures import label_measure
 from minihuman.reporting.block_results import BlockResults, summarise_group_rewards
 from minihuman.reporting.instruction_clauses import clauses_table
-from minihuman.reporting.interactions import InteractionResults, cells_table, interaction_table, state_interaction
+from minihuman.reporting.interactions import InteractionResults, cells_table, interaction_table
 from minihuman.reporting.participant_flow import FlowSection
 from minihuman.reporting.result_tables import (
     conditions_table,
@@ -35,12 +36,7 @@ from minihuman.reporting.result_tables import (
 )
 from minihuman.reporting.results import Results
 from minihuman.reporting.sections import answers_table, exclusions_section, quality_section, skipped_table
-from minihuman.reporting.statements import (
-    difference_statement,
-    equivalence_statement,
-    paired_statement,
-    power_statement,
-)
+from minihuman.reporting.statements import difference_statement, power_statement
 from minihuman.reporting.study_question import ask_question, join_names
 from minihuman.reporting.template import (
     PARTICIPANTS,
@@ -134,7 +130,7 @@ def build_page(content: PageContent, results: Results, templates: Path | None = 
         "study": content.study,
         "versions": _describe_versions(content.account),
         "sessions": content.sessions,
-        "included": results.included,
+        **_describe_size(results),
         "players": content.players,
         "simulated": content.simulated,
         "imported": content.imported,
@@ -147,7 +143,7 @@ def build_page(content: PageContent, results: Results, templates: Path | None = 
         "answers_without_rules": content.answers_without_rules,
         "excluded": _count_excluded(content.exclusions),
         "within": _show_within(results.within),
-        "interaction": _show_interaction(content.interaction),
+        "interaction": _show_interaction(content.interaction, are_trials=results.are_trials),
         "blocks": [_show_block(block, results, content) for block in results.blocks],
         "min_growth_episodes": MIN_EPISODES,
         "clauses": clauses_table(content.clauses),
@@ -166,46 +162,18 @@ def build_page(content: PageContent, results: Results, templates: Path | None = 
     return render_template(REPORT, context, templates)
 
 
+def _describe_size(results: Results) -> dict[str, Any]:
+    """Return what is included, of how many groups, and whether episodes are trials, as variables of the template."""
+    return {
+        "included": results.included,
+        "are_trials": results.are_trials,
+        "group_count": len(results.order),
+    }
+
+
 def _count_windows(windows: Mapping[str, int]) -> str:
     """State in how many sessions each kind of window was used."""
     return ", ".join(f"{window} in {count} sessions" for window, count in windows.items())
-
-
-def state_answers(
-    results: Results, interaction_results: InteractionResults | None, design: ExperimentDesign, first_block: str
-) -> list[str]:
-    """State the answers to the study's question: group differences, equivalence, conditions and interaction.
-
-    If the question is about the interaction, its answer comes first, and conditions pooled over groups are left to
-    their table.
-    """
-    is_about_interaction = interaction_results is not None and design.primary_effect == "interaction"
-    statements: list[str] = []
-    if first_block:
-        statements += _state_differences(results.target_block)
-    if results.within and not is_about_interaction:
-        roles = results.within.roles
-        primary = [comparison for comparison in results.within.comparisons if roles[comparison.measure] == "primary"]
-        statements += [paired_statement(comparison) for comparison in primary]
-    if interaction_results is None:
-        return statements
-    interaction = list(state_interaction(interaction_results))
-    if is_about_interaction:
-        return [*interaction, *statements]
-    return [*statements, *interaction]
-
-
-def _state_differences(target: BlockResults | None) -> Iterator[str]:
-    """Yield a sentence for each comparison of groups in the target block; nothing if there is only one group."""
-    if target is None or len(target.groups) < 2:
-        return
-    for comparison in target.headline:
-        yield difference_statement(comparison, target.block, target.team_units)
-    for comparison in target.adjusted:
-        statement = difference_statement(comparison, target.block, target.team_units)
-        yield f"Adjusted for the covariates. {statement}"
-    for equivalence in target.alike:
-        yield equivalence_statement(equivalence, target.roles)
 
 
 def _count_excluded(exclusions: pd.DataFrame) -> str:
@@ -221,15 +189,20 @@ def _show_within(within: WithinResults | None) -> dict[str, Any] | None:
     return {
         "label": within.label,
         "conditions": join_names(within.conditions),
+        "has_response_times": bool(within.label) and "response_median_ms" in within.roles,
         "table": conditions_table(within),
         "effects": crossover_table(within),
     }
 
 
-def _show_interaction(interaction: InteractionResults | None) -> dict[str, Table] | None:
+def _show_interaction(interaction: InteractionResults | None, *, are_trials: bool) -> dict[str, Any] | None:
     if interaction is None:
         return None
-    return {"cells": cells_table(interaction), "table": interaction_table(interaction)}
+    return {
+        "cells": cells_table(interaction),
+        "table": interaction_table(interaction),
+        "has_response_times": are_trials and interaction.measure == "response_median_ms",
+    }
 
 
 def build_participants_page(study: str, blocks: pd.DataFrame, results: Results) -> str:
@@ -271,6 +244,7 @@ def _describe_versions(account: SelectionSummary) -> str:
 def _show_block(block: BlockResults, results: Results, content: PageContent) -> dict[str, Any]:
     """Return a block's results as variables of the template."""
     has_comparisons = bool(block.comparisons)
+    differences = _list_differences(block, content.first_block)
     return {
         "name": block.block,
         "worlds": block.worlds,
@@ -279,7 +253,9 @@ def _show_block(block: BlockResults, results: Results, content: PageContent) -> 
         "is_target": block.block == content.first_block and len(block.groups) > 1,
         "is_beside_interaction": has_comparisons and content.interaction is not None and not content.first_block,
         "only_group": _find_only_group(block, results),
-        "differences": _list_differences(block, content.first_block),
+        "differences": differences,
+        "folds_differences": len(differences) > 2 and len(results.blocks) > 1,
+        "has_response_times": results.are_trials and "response_median_ms" in set(block.measures["measure"]),
         "has_no_primary": has_comparisons and "primary" not in block.roles.values(),
         "has_roles": _has_roles(block),
         "measures": _measures_table(block),

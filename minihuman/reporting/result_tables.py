@@ -33,7 +33,7 @@ def conditions_table(within: WithinResults) -> Table | None:
         (
             label_measure(comparison.measure),
             within.roles[comparison.measure],
-            format_pair(comparison.first, comparison.second),
+            format_pair(comparison.first, comparison.second, is_log=comparison.is_log),
             str(comparison.n),
             ", ".join(map(format_number, comparison.means)),
             format_difference(comparison.difference, comparison.interval, is_log=comparison.is_log),

@@ -37,6 +37,17 @@ class Results:
         """Return the results of the block on which all groups are compared; None if there is no such block."""
         return next((block for block in self.blocks if block.block == self.target), None)
 
+    @property
+    def are_trials(self) -> bool:
+        """Return whether every block is of trials, which have no playing time."""
+        return bool(self.blocks) and "playing_s_mean" not in self.shown_measures
+
+    @property
+    def shown_measures(self) -> set[str]:
+        """Return the names of the measures that the page has values of."""
+        names = {str(name) for block in self.blocks for name in block.measures["measure"].unique()}
+        return names | set(self.within.roles if self.within else ())
+
 
 def compute_results(
     episodes: pd.DataFrame,

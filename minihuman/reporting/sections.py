@@ -1,6 +1,6 @@
 """Sections of the report's page about the data: answers, recording quality, exclusions and skipped logs."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -147,12 +147,26 @@ def _state_quality(qualities: Sequence[RecordingQuality]) -> str:
     for quality in qualities:
         if quality.doubtful_presses:
             lead += f"; {quality.participant}, session {quality.session}: {quality.doubtful_presses}"
-    if len(timed) == len(qualities):
-        return lead
-    untimed = f"{len(qualities) - len(timed)} sessions had neither keyboard nor display, so nothing was timed"
-    if not timed:
-        return untimed
-    return f"{lead}. {untimed}"
+    untimed = list(_state_untimed(qualities))
+    if not timed and untimed:
+        return ". ".join(untimed)
+    return ". ".join([lead, *untimed])
+
+
+def _state_untimed(qualities: Sequence[RecordingQuality]) -> Iterator[str]:
+    """Yield a sentence for the simulated sessions, and one for the others that recorded no display."""
+    untimed = [quality for quality in qualities if not _is_timed(quality)]
+    n_simulated = sum(bool(quality.displays) for quality in untimed)
+    if n_simulated:
+        sessions = "1 session was" if n_simulated == 1 else f"{n_simulated} sessions were"
+        yield (
+            f"{sessions} simulated: reaction and playing times are the simulated player's, and neither a keyboard nor "
+            "a display was measured"
+        )
+    n_others = len(untimed) - n_simulated
+    if n_others:
+        sessions = "1 session" if n_others == 1 else f"{n_others} sessions"
+        yield f"{sessions} recorded no display, so how late keys and pictures were is not known"
 
 
 def _is_timed(quality: RecordingQuality) -> bool:

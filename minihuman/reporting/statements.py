@@ -20,6 +20,7 @@ _RATIO_OF = {  # of what a difference of logarithms is the logarithm of a ratio
     "log_steps_ratio_mean": "steps",
 }
 _ALPHA = 0.05
+_SMALLEST_SHOWN = 0.001  # below which every p is printed alike
 
 
 def _begin_with_measure(name: str) -> str:
@@ -56,9 +57,50 @@ def difference_statement(
         interval = format_interval(comparison.g_interval, 2)
         size = f"; standardised difference g {format_number(comparison.g, 2)}, interval {interval}"
     estimate = f"{_state_estimate(comparison)}{_state_ratio(comparison)}"
-    p = format_p_value(comparison.p)
+    p = state_p(comparison.p, comparison.smallest_p)
     sizes = _count_units(comparison, team_units)
-    return f"{opening}is {estimate}; permutation p {p}{size}; {sizes}).{caveat}"
+    verdict = state_verdict(
+        comparison.difference, comparison.p, comparison.first, comparison.second, p_holm=comparison.p_holm
+    )
+    return f"{opening}is {estimate}; permutation {p}{size}; {sizes}).{caveat}{verdict}"
+
+
+def state_verdict(difference: float, p: float, first: str, second: str, *, p_holm: float = math.nan) -> str:
+    """Say in words which of two is larger, or that no difference is shown; "" without a p.
+
+    Args:
+        difference: the first minus the second.
+        p: the p that the sentence states.
+        first: the name of the first group or condition.
+        second: the name of the second.
+        p_holm: the corrected p, if the verdict must say where correction undoes it.
+    """
+    if math.isnan(p):
+        return ""
+    if p >= _ALPHA:
+        return " No difference is shown."
+    larger, smaller = (first, second) if difference > 0 else (second, first)
+    verdict = f" The value is larger in {larger} than in {smaller}"
+    if p_holm >= _ALPHA:
+        return f"{verdict}, but not after Holm's correction (as in the tables)."
+    return f"{verdict}."
+
+
+def state_p(p: float, smallest_p: float) -> str:
+    """State a p, and whether it is the smallest that so few participants or teams can come to."""
+    words = f"p {format_p_value(p)}"
+    if smallest_p >= _SMALLEST_SHOWN and math.isclose(p, smallest_p):
+        return f"{words}, the smallest possible with so few"
+    return words
+
+
+def state_interval(interval: tuple[float, float], *, is_log: bool) -> str:
+    """State a 95 % interval of a difference, or of a ratio if ``is_log``; or that there is none, and why."""
+    if math.isnan(interval[0]):
+        return "too few for a 95 % interval"
+    if is_log:
+        return f"95 % interval {format_interval((math.exp(interval[0]), math.exp(interval[1])))}"
+    return f"95 % interval {format_interval(interval, sign='+')}"
 
 
 def _count_units(comparison: GroupComparison, team_units: Mapping[str, str]) -> str:
@@ -72,11 +114,10 @@ def _count_units(comparison: GroupComparison, team_units: Mapping[str, str]) -> 
 def _state_estimate(comparison: GroupComparison | PairedComparison) -> str:
     """State the difference, or the ratio of geometric means, with its interval; the caller closes the parenthesis."""
     if comparison.is_log:
-        bounds = (math.exp(comparison.interval[0]), math.exp(comparison.interval[1]))
         ratio = format_number(math.exp(comparison.difference))
-        return f"{ratio} (ratio of geometric means; 95 % interval {format_interval(bounds)}"
+        return f"{ratio} (ratio of geometric means; {state_interval(comparison.interval, is_log=True)}"
     difference = format_number(comparison.difference, sign="+")
-    return f"{difference} (95 % interval {format_interval(comparison.interval, sign='+')}"
+    return f"{difference} ({state_interval(comparison.interval, is_log=False)}"
 
 
 def _state_ratio(comparison: GroupComparison) -> str:
@@ -98,11 +139,24 @@ def paired_statement(comparison: PairedComparison) -> str:
     conditions = f"{comparison.first} {per} {comparison.second}"
     if not comparison.second:
         conditions = f"contrast {comparison.first}"
-    ps = f"paired permutation p {format_p_value(comparison.p)}, Holm {format_p_value(comparison.p_holm)}"
+    p = state_p(comparison.p, comparison.smallest_p)
+    ps = f"paired permutation {p}, Holm {format_p_value(comparison.p_holm)}"
+    verdict = state_verdict(comparison.difference, comparison.p_holm, comparison.first, comparison.second)
+    if not comparison.second:
+        verdict = state_contrast_verdict(comparison.difference, comparison.p_holm)
     return (
         f"{_begin_with_measure(comparison.measure)}, within participants: {conditions} is "
-        f"{_state_estimate(comparison)}; {ps}; {comparison.n} participants).{caveat}"
+        f"{_state_estimate(comparison)}; {ps}; {comparison.n} participants).{caveat}{verdict}"
     )
+
+
+def state_contrast_verdict(difference: float, p: float) -> str:
+    """Say in words which side of a contrast is larger, or that no difference is shown; "" without a p."""
+    if math.isnan(p):
+        return ""
+    if p >= _ALPHA:
+        return " No difference is shown."
+    return f" The {'positive' if difference > 0 else 'negative'} side of the contrast is larger."
 
 
 def equivalence_statement(equivalence: EquivalenceResult, roles: Mapping[str, Role]) -> str:

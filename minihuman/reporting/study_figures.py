@@ -17,7 +17,8 @@ from minihuman.figures.figure_data import (
     name_measure,
 )
 from minihuman.reporting.block_measures import label_measure, phrase_measure
-from minihuman.reporting.interactions import ContrastComparison, InteractionResults
+from minihuman.reporting.block_results import lacks_goal
+from minihuman.reporting.interactions import ContrastComparison, InteractionResults, name_contrast
 from minihuman.reporting.results import Results
 from minihuman.reporting.template import ReportFigure, format_pair
 from minihuman.reporting.within_results import WithinResults, unite_teams
@@ -82,9 +83,14 @@ def draw_estimates(blocks: pd.DataFrame, results: Results, out: Path) -> Iterato
             title=name_measure(label, block.block, width=110),
             limits=_find_limits(measure, rows[measure]),
         )
+        of_means = (
+            "the difference of the means, with the interval"
+            if len(differences) == 1
+            else ("differences of the means, with the intervals")
+        )
         caption = (
             f"{_begin_sentence(label)} in block {block.block}. A: a dot per participant, beside them the group's mean "
-            "with its 95 % interval. B: differences of the means, with the intervals of the comparison."
+            f"with its 95 % interval. B: {of_means} of the comparison."
         )
         yield ReportFigure(block.block, png, caption)
 
@@ -112,7 +118,7 @@ def draw_interaction(interaction: InteractionResults, out: Path, condition_label
         measure=_shorten(label),
         title=name_measure(label, width=110),
         condition=condition_label,
-        level="difference of log contrast scores" if is_log else "difference of contrast scores",
+        level="log of the ratio of ratios" if is_log else "difference of contrast scores",
         limits=_find_limits(interaction.measure, pd.Series(cells.to_numpy(float).ravel())),
     )
     caption = (
@@ -125,7 +131,8 @@ def draw_interaction(interaction: InteractionResults, out: Path, condition_label
 
 def _find_difference(compared: ContrastComparison) -> Difference:
     groups = compared.groups
-    return Difference(compared.contrast, format_pair(groups.first, groups.second), groups.difference, groups.interval)
+    pair = format_pair(groups.first, groups.second, is_log=groups.is_log)
+    return Difference(name_contrast(compared), pair, groups.difference, groups.interval)
 
 
 def draw_conditions(within: WithinResults, out: Path) -> ReportFigure:
@@ -160,7 +167,7 @@ def draw_conditions(within: WithinResults, out: Path) -> ReportFigure:
 def _name_comparison(comparison: PairedComparison) -> str:
     """Return the two conditions of a comparison, or the name of a contrast."""
     if comparison.second:
-        return format_pair(comparison.first, comparison.second)
+        return format_pair(comparison.first, comparison.second, is_log=comparison.is_log)
     return comparison.first
 
 
@@ -210,7 +217,7 @@ def draw_learning_curves(
             continue
         for measure, label, bounds in CURVES:
             curves = collect_learning_curves(rows, measure, order=results.order)
-            if not curves or not rows[measure].notna().any():
+            if not curves or not rows[measure].notna().any() or (measure == "success" and lacks_goal(rows)):
                 continue
             limits = None
             if rows[measure].dropna().between(*bounds).all():

@@ -138,11 +138,15 @@ def format_p_value(value: float) -> str:
     return f"{value:.3f}"
 
 
-def format_pair(first: str, second: str) -> str:
-    """Format a difference of two groups or conditions, or the name of a contrast, which has no second one."""
+def format_pair(first: str, second: str, *, is_log: bool = False) -> str:
+    """Format a difference of two groups or conditions, or the name of a contrast, which has no second one.
+
+    Of logarithms (``is_log``) the difference is written as a ratio.
+    """
     if not second:
         return first
-    return f"{first} \N{MINUS SIGN} {second}"
+    sign = "/" if is_log else "\N{MINUS SIGN}"
+    return f"{first} {sign} {second}"
 
 
 REPORT = "report.html.j2"

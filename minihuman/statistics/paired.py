@@ -93,7 +93,7 @@ class PairedComparison:
     """The comparison of two conditions on one measure, over the participants with a value in both conditions.
 
     Differences are the first condition minus the second. Of a contrast, ``first`` is the name and ``second`` is empty;
-    the means are the weighted sums of its positive and of its negative side.
+    the means are the weighted means of its positive and of its negative side, the difference that of weighted sums.
     """
 
     measure: str
@@ -160,7 +160,9 @@ def _compare_sides(
     test = paired_test(sides[0] - sides[1])
     if test is None:
         return None
-    means = [math.exp(side.mean()) if is_log else float(side.mean()) for side in sides]
+    side_weight = float(np.maximum(weight, 0.0).sum())  # of either side, since weights sum to 0
+    averages = [float(side.mean()) / side_weight for side in sides]
+    means = [math.exp(average) if is_log else average for average in averages]
     return PairedComparison(
         measure=measure,
         first=names[0],

@@ -7,9 +7,10 @@ and Welch's t.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
+from types import MappingProxyType
 
 import numpy as np
 import pandas as pd
@@ -60,13 +61,19 @@ def has_mass_at_zero(values: Values) -> bool:
     return bool(len(known) and (known == 0).any() and (known > 0).any() and known.min() >= 0)
 
 
-def compare_two_parts(rows: pd.DataFrame, measure: str, groups: tuple[str, str]) -> TwoPartComparison:
+def compare_two_parts(
+    rows: pd.DataFrame,
+    measure: str,
+    groups: tuple[str, str],
+    unit_names: Mapping[str, str] = MappingProxyType({}),
+) -> TwoPartComparison:
     """Compare two groups in both parts of the model.
 
     Args:
         rows: one row per episode, with the columns ``group``, ``participant`` and the measure
         measure: the measure's column
         groups: the names of the two groups
+        unit_names: by group, the plural noun for its units if they are not participants alone
     """
     by_group = {group: rows[rows["group"].astype(str) == group] for group in groups}
     episodes = {group: _split_by_person(by_group[group], measure) for group in groups}
@@ -74,9 +81,9 @@ def compare_two_parts(rows: pd.DataFrame, measure: str, groups: tuple[str, str])
     a, b = groups
     shares = (_share_above_zero(episodes[a]), _share_above_zero(episodes[b]))
     small_groups = [group for group in groups if len(episodes[group]) < LEAST]
-    too_few = f"fewer than {LEAST} people in {small_groups[0]}" if small_groups else ""
+    too_few = _state_too_few(small_groups, unit_names, "in")
     groups_rarely_above = [group for group in groups if len(above[group]) < LEAST]
-    too_few_above = f"fewer than {LEAST} people of {groups_rarely_above[0]} are above 0" if groups_rarely_above else ""
+    too_few_above = _state_too_few(groups_rarely_above, unit_names, "of", " have an episode above 0")
     any_reason = too_few or _find_constant_group(groups, shares)
     amount_reason = too_few or too_few_above
     if any_reason:
@@ -93,6 +100,13 @@ def compare_two_parts(rows: pd.DataFrame, measure: str, groups: tuple[str, str])
     if not too_few:
         p = two_parts_p(summarise_people(by_group[a], measure), summarise_people(by_group[b], measure))
     return TwoPartComparison(a, b, (len(episodes[a]), len(episodes[b])), shares, any_part, amount_part, p)
+
+
+def _state_too_few(groups: Sequence[str], unit_names: Mapping[str, str], joint: str, end: str = "") -> str:
+    """State that the first of the groups that are too small has too few units; "" if there are no such groups."""
+    if not groups:
+        return ""
+    return f"fewer than {LEAST} {unit_names.get(groups[0], 'participants')} {joint} {groups[0]}{end}"
 
 
 def _keep_above_zero(people: Sequence[Values]) -> list[Values]:

@@ -29,7 +29,8 @@ LOSSES = re.compile(
     r"(?:Slots offered again, the data of their participants kept: (?P<replaced>\d+ \([^()]+\))\. )?"
 )
 ALLOCATION = re.compile(
-    r"Groups(?P<keys> and keys)? came from an allocation list drawn before the first session from the study's seed, "
+    r"(?:Groups(?P<keys> and keys)?|(?P<alone>Keys)|Orders|Slots) came from an allocation list drawn before the "
+    r"first session from the study's seed, "
     r"(?P<seed>\d+)(?P<later>; keys that later sessions drew anew came from that seed alone)?"
     r"(?:; in (?P<by_hand>\d+) sessions the participant or group was chosen by hand)?"
 )
@@ -63,8 +64,8 @@ FORMULAS = {
     "reward_mean": "the rewards of the world, summed over the episode",
     "reward_slope": "slope of a straight line",
     "excess_steps_mean": "steps \N{MINUS SIGN} shortest",
-    "response_median_ms": "key press minus stimulus onset: the flip of the latest picture; in real time, of the onset "
-    "that the world or the block names",
+    "response_median_ms": "key press minus stimulus onset, of all responses, right or wrong: the flip of the latest "
+    "picture; in real time, of the picture from which the world or the block counts",
     "reaction_median_ms": "key press minus the flip of the latest picture, in real time of a tick's",
     "ineffective_share": "steps without a visible effect",
 }
@@ -175,7 +176,7 @@ def check_people(text: str, sessions: Sequence[Session], register: Sequence[Any]
         first = had.plan.block == 0 and had.spec.get("key_map") == "carry_over"
         policies[had.session.plan.session > 1].add("new" if first else had.spec.get("key_map", "new"))
     drawn = any(policy in (*DRAWN_ANEW, "constant") for policy in policies[True] | policies[False])
-    tally.same("methods, keys of the list", its["keys"] is not None, drawn)
+    tally.same("methods, keys of the list", (its["keys"] or its["alone"]) is not None, drawn)
     tally.same("methods, keys of later sessions", its["later"] is not None, bool(policies[True] & {*DRAWN_ANEW}))
     check_strata(its["asked"], its["strata"], sessions, tally)
 
@@ -356,7 +357,8 @@ def check_play(its: re.Match[str], had: Had, tally: Tally) -> None:
 def check_measures(text: str, sessions: Sequence[Session], tally: Tally) -> None:
     several = len({session.plan.session for session in sessions}) > 1
     value = f"{VALUE}; of several sessions it is the mean of theirs" if several else VALUE
-    formulas = "; ".join(f"{MEASURES[name]} = {formula}" for name, formula in FORMULAS.items())
+    defined = {name: formula for name, formula in FORMULAS.items() if f"{MEASURES[name]} = " in text}  # those shown
+    formulas = "; ".join(f"{MEASURES[name]} = {formula}" for name, formula in defined.items())
     tally.same("methods, measures", text, f"{value}. The measures: {formulas}.")
 
 

@@ -30,7 +30,7 @@ MEASURES = {
     "reward_mean": "reward",
     "steps_at_limit_mean": "steps (without the goal: at the limit)",
     "reward_first": "reward of the first episode",
-    "reward_slope": "learning: change of reward from one episode to the next, over the first five",
+    "reward_slope": "learning: change of reward from one episode to the next, over at most the first five",
     "excess_steps_mean": "excess steps over the shortest path (successes only)",
     "playing_s_mean": "playing time per episode (s)",
     "response_median_ms": "reaction time, median (ms)",
@@ -516,7 +516,8 @@ def expected_page(study: Study) -> Iterator[tuple[str, Any]]:
         yield from expected_block(study, block)
     yield from expected_answers(study)
     yield "h2", "Paths"
-    yield "summary", "A participant of each group"
+    several = len({session.who["group"] for session in sessions}) > 1
+    yield "summary", "A participant of each group" if several else "A participant"
     yield from expected_quality(study)
     yield from expected_exclusions(study)
     yield "h2", "Methods"
@@ -539,10 +540,15 @@ def expected_answer(study: Study) -> Iterator[tuple[str, Any]]:
         measure = in_a_sentence(primary) if primary else "every measure"
         yield "p", f"Asked: differences in {measure} between groups {names} in block {target}."
         compared = Block(study, target)
+        over_sessions = "Mean over the sessions. " if compared.rows["session"].nunique() > 1 else ""
+        if over_sessions:
+            yield from changes_between_sessions(compared, target)
         for one in compared.headline:
-            yield "p", difference(one, target)
+            said = difference(one, target)
+            yield "p", (over_sessions, *([said] if isinstance(said, str) else said))
         if "equivalence_margin" in study.analysis:
             yield from equivalences(compared.people, order, primary, float(study.analysis["equivalence_margin"]))
+        yield from at_limit(study, [one.measure for one in compared.headline[:1]], [target])
     else:
         yield "p", "One group: nothing is compared between groups."
     included = {row["participant"] for row in study.participants if row["exclusion_reason"] is None}
@@ -555,11 +561,11 @@ def expected_answer(study: Study) -> Iterator[tuple[str, Any]]:
         "p",
         (
             f"Participants excluded: {excluded}. The p values of these sentences are not corrected for multiple "
-            f"comparisons{', unless they say so' if interaction else ''}. In the tables, p (Holm) "
-            "is corrected over measures and pairs of groups: within the primary measure, within the secondary ones, "
-            "and within all others. Every other p value on this page (waiting times, rewards in two parts, change over "
-            "episodes, sessions, order) is exploratory, and none is corrected across blocks. Methods define the "
-            "measures."
+            f"comparisons{', unless they say so' if interaction else ''}, and intervals (95 %) never are. In the "
+            f"tables, p (Holm) is corrected over measures{' and pairs of groups' if len(study.order) > 1 else ''}: "
+            "within the primary measure, within the secondary ones, and within all others. Every other p value on this "
+            "page (waiting times, rewards in two parts, change over episodes, sessions, order) is exploratory, and "
+            "none is corrected across blocks. Methods define the measures."
         ),
     )
     if study.blocks:
@@ -604,6 +610,7 @@ def expected_interaction_answer(study: Study, found: Interaction) -> Iterator[tu
     missing = len(found.cells) - len(found.whole)
     if missing:
         yield "p", f"{missing} participants without a value in every condition are not in the interaction."
+    yield from at_limit(study, [found.label], found.conditions)
 
 
 def in_a_sentence(measure: str) -> str:
@@ -614,7 +621,7 @@ def in_a_sentence(measure: str) -> str:
         "spl_mean": "SPL (success weighted by path length)",
         "success": "success rate",
         "steps_at_limit_mean": "steps to the goal",
-        "reward_slope": "change of reward over the first five episodes",
+        "reward_slope": "change of reward over at most the first five episodes",
         "excess_steps_mean": "excess steps of successful episodes",
         "response_median_ms": "median reaction time (ms)",
     }
@@ -682,9 +689,11 @@ def expected_interaction(study: Study) -> Iterator[tuple[str, Any]]:
     yield "h2", "Within participants"
     yield (
         "p",
-        f"Blocks {join(found.conditions)}. Each comparison is over the participants with a value in all conditions ",
+        (
+            f"Blocks {join(found.conditions)}. Each comparison is over the participants with a value in all conditions "
+            "that it compares."
+        ),
     )
-    "that it compares."
     yield "table", within
 
 
@@ -871,8 +880,11 @@ def expected_block(study: Study, block: str) -> Iterator[tuple[str, Any]]:
     )
     yield "h2", f"Block {block}"
     yield "p", f"{worlds}{': ' if worlds else ''}{len(episodes)} episodes included{end}."
+    uncorrected = ""
     if block != study.target() or len(order) < 2 or study.interaction() is not None:
+        uncorrected = ", and the p above is not corrected" if headline else ""
         if len(headline) > 2 and len(study.in_order_of_play()) > 1:
+            uncorrected = ", and the p in the sentences on its differences is not corrected"
             yield "summary", "Differences between groups"
         for one in headline:
             yield "p", difference(one, block)
@@ -880,16 +892,16 @@ def expected_block(study: Study, block: str) -> Iterator[tuple[str, Any]]:
         yield (
             "p",
             (
-                "The interaction answers the study's question: comparisons of groups in this block are exploratory, "
-                "and the p above is not corrected."
+                "The interaction answers the study's question: comparisons of groups in this block are exploratory"
+                f"{uncorrected}."
             ),
         )
     elif comparisons and primary not in roles:
         yield (
             "p",
             (
-                "The protocol names no primary measure for this block: all its comparisons are exploratory, and the p "
-                "above is not corrected."
+                "The protocol names no primary measure for this block: all its comparisons are exploratory"
+                f"{uncorrected}."
             ),
         )
     table = [["measure", "group", "n", "mean"]]
@@ -927,7 +939,10 @@ def expected_block(study: Study, block: str) -> Iterator[tuple[str, Any]]:
     missed = Counter(row["group"] for row in episodes if row["steps"] and not row["success"])
     played = Counter(row["group"] for row in episodes if row["steps"])
     if missed:
-        told = ", ".join(f"{group} {missed[group]} of {played[group]}" for group in order if played[group])
+        several = sum(played[group] > 0 for group in order) > 1
+        told = ", ".join(
+            f"{f'{group} ' if several else ''}{missed[group]} of {played[group]}" for group in order if played[group]
+        )
         yield (
             "p",
             (
@@ -971,12 +986,12 @@ def difference(one: Compared, block: str) -> Expected:
         return f"{said}is 0, and was not tested ({one.reason})."
     never = " Groups of these sizes cannot reach p < 0.05, whatever the difference." if one.smallest_p >= 0.05 else ""
     never += f" With care: {one.caution}." if one.caution else ""
-    bounds: tuple[str | Near, ...] = ("n/a",)
+    bounds: tuple[str | Near, ...] = ("too few for a 95 % interval",)
     factor: tuple[str | Near, ...] = ()
     value = number(math.exp(one.difference)) if one.is_log else number(one.difference, sign="+")
     if one.interval is not None:
         low, high = map(exponential, one.interval) if one.is_log else one.interval
-        bounds = (low, " to ", high)
+        bounds = ("95 % interval ", low, " to ", high)
         if one.measure in FACTORS:
             low, high = map(exponential, one.interval)
             ratio = number(math.exp(one.difference), 2)
@@ -986,9 +1001,114 @@ def difference(one: Compared, block: str) -> Expected:
         g = (f"; standardised difference g {number(one.g, 2)}, interval ", one.g_interval[0], " to ", one.g_interval[1])
     of = "ratio of geometric means; " if one.is_log else ""
     return (
-        f"{said}is {value} ({of}95 % interval ", *bounds, *factor, "; permutation p ", one.p, *g,
-        f"; {one.n[0]} and {one.n[1]} participants).{never}",
+        f"{said}is {value} ({of}", *bounds, *factor, "; permutation p ", one.p, smallest(one), *g,
+        f"; {one.n[0]} and {one.n[1]} participants).{never}{verdict(one)}",
     )  # fmt: skip
+
+
+def smallest(one: Compared) -> str:
+    """What is said of a p that no grouping of so few could make smaller."""
+    is_smallest = one.smallest_p >= 0.001 and math.isclose(one.p.value, one.smallest_p)
+    return ", the smallest possible with so few" if is_smallest else ""
+
+
+def verdict(one: Compared, *, is_corrected: bool = True) -> str:
+    """Which group is larger, or that none is shown to be; Holm's p is told from the tables alone."""
+    if math.isnan(one.p.value):
+        return ""
+    nothing = " No difference is shown."
+    larger, smaller = one.groups if one.difference > 0 else one.groups[::-1]
+    shown = f" The value is larger in {larger} than in {smaller}"
+    either = f"{shown}.|{shown}, but not after Holm's correction (as in the tables)." if is_corrected else f"{shown}."
+    if abs(one.p.value - 0.05) <= one.p.error:
+        return "{" + f"{nothing}|{either}" + "}"
+    if one.p.value >= 0.05:
+        return nothing
+    return "{" + either + "}" if is_corrected else either
+
+
+LIMITED = ("log_excess_steps_mean", "log_steps_ratio_mean", "steps_at_limit_mean", "spl_mean", "reward_mean")
+
+
+def at_limit(study: Study, measures: Collection[str], blocks: Collection[str]) -> Iterator[tuple[str, Any]]:
+    """The warning about cells of which more than a third of the episodes did not reach the goal."""
+    cells = []
+    for block in study.in_order_of_play():
+        episodes = [row for row in Block(study, block).episodes if row["steps"]]
+        if block not in blocks or not any(row["success"] for row in episodes):
+            continue
+        for group in study.order:
+            missed = [not row["success"] for row in episodes if row["group"] == group]
+            if sum(missed) > len(missed) / 3:
+                cells.append(f"{block}{f' of {group}' if len(study.order) > 1 else ''} {sum(missed)} of {len(missed)}")
+    if cells and not {*measures}.isdisjoint(LIMITED):
+        yield (
+            "p",
+            (
+                "Many values are at the limit: of the episodes of a cell, more than a third did not reach the goal "
+                f"({', '.join(cells)}). There the measure cannot tell how far from the goal they were, and differences "
+                "from other cells may be larger than shown."
+            ),
+        )
+
+
+def changes_between_sessions(found: Block, block: str) -> Iterator[tuple[str, Any]]:
+    """How each group changed on the main measure from its first session, and how the changes differ."""
+    name = found.headline[0].measure
+    of = {int(s): rows.set_index(["group", "participant"])[[name]] for s, rows in found.scaled.groupby("session")}
+    first, *later = sorted(of)
+    is_log = name in found.logs
+    comparisons = []
+    for session in later:
+        change = (of[session] - of[first]).reset_index()
+        opening = f"{capital(in_a_sentence(name))}, block {block}, from session {first} to {session}"
+        for group in found.order:
+            values = change.loc[change["group"] == group, name].dropna().to_numpy(float)
+            if len(values):
+                yield "p", (f"{opening}: {group} changes by ", *changed(values, is_log=is_log))
+        for one in compare_all(change, {name: found.roles[name]}, found.order, found.logs):
+            comparisons.append((opening, one))
+    for opening, one in comparisons:
+        sign = "/" if is_log else MINUS
+        opening += f", difference of the changes, {one.groups[0]} {sign} {one.groups[1]}"
+        if math.isnan(one.p.value):
+            yield "p", f"{opening}: not compared ({one.reason})."
+            continue
+        yield (
+            "p",
+            (
+                f"{opening}: ", *sized(one.difference, one.interval, is_log=is_log), "; permutation p ", one.p,
+                f"; n {one.n[0]} and {one.n[1]}).{verdict(one, is_corrected=False)}",
+            ),
+        )  # fmt: skip
+
+
+def sized(value: float, bounds: tuple[Near, Near] | None, *, is_log: bool) -> tuple[str | Near, ...]:
+    """A difference or a ratio, with the opening bracket and its interval."""
+    size = f"\N{MULTIPLICATION SIGN}{number(math.exp(value))}" if is_log else number(value, sign="+")
+    if bounds is None:
+        return (f"{size} (too few for a 95 % interval",)
+    low, high = map(exponential, bounds) if is_log else bounds
+    return (f"{size} (95 % interval ", low, " to ", high)
+
+
+def changed(values: Any, *, is_log: bool) -> Iterator[str | Near]:
+    """A group's change, its interval, p and what is shown."""
+    mean = float(np.mean(values))
+    test = Flipped(values)
+    yield from sized(mean, test.interval() if len(values) > 1 else None, is_log=is_log)
+    if len(values) < 2 or not np.ptp(values):
+        yield f"; paired permutation p n/a; n {len(values)})."
+        return
+    near = near_p(test.p(), exact=test.exact)
+    shown = f" The value {'rises' if mean > 0 else 'falls'}."
+    if abs(near.value - 0.05) <= near.error:
+        shown = "{" + f"{shown}| No change is shown." + "}"
+    elif near.value >= 0.05:
+        shown = " No change is shown."
+    yield "; paired permutation p "
+    yield near
+    yield f"; n {len(values)}).{shown}"
 
 
 class Holm:
@@ -1313,10 +1433,17 @@ def expected_parts(episodes: Sequence[Row], order: Sequence[str]) -> Iterator[tu
         shares = {
             group: float((np.concatenate(told[group]) > 0).mean()) if told[group] else math.nan for group in (a, b)
         }
-        few = next((f"fewer than 4 people in {group}" for group in (a, b) if len(told[group]) < 4), "")
+        few = next((f"fewer than 4 participants in {group}" for group in (a, b) if len(told[group]) < 4), "")
         stuck = next((f"no episode of {group} is at 0" for group in (a, b) if shares[group] == 1), "")
         stuck = stuck or next((f"every episode of {group} is at 0" for group in (a, b) if shares[group] == 0), "")
-        thin = next((f"fewer than 4 people of {group} are above 0" for group in (a, b) if len(above[group]) < 4), "")
+        thin = next(
+            (
+                f"fewer than 4 participants of {group} have an episode above 0"
+                for group in (a, b)
+                if len(above[group]) < 4
+            ),
+            "",
+        )
         cells: list[Any] = []
         for what, why, people, odds in (
             ("odds", few or stuck, {g: [(one > 0).astype(float) for one in told[g]] for g in (a, b)}, True),
@@ -1698,7 +1825,13 @@ def expected_answers(study: Study) -> Iterator[tuple[str, Any]]:
 
 def expected_quality(study: Study) -> Iterator[tuple[str, Any]]:
     yield "h2", "Quality of the data"
-    yield "p", f"{len(study.sessions)} sessions had neither keyboard nor display, so nothing was timed."
+    yield (
+        "p",
+        (
+            f"{len(study.sessions)} sessions were simulated: reaction and playing times are the simulated player's, "
+            "and neither a keyboard nor a display was measured."
+        ),
+    )
     yield "p", "Display: window simulated."
     table = [["participant", "session", "presses", "focus lost", "pauses", "segments"]]
     for session in study.sessions:

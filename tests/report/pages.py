@@ -7,7 +7,8 @@ from minihuman.reporting.sections import quality_section
 from minihuman.reporting.template import REPORT, Table, render_template
 
 NOTHING: dict[str, Any] = {
-    "study": "little", "versions": "Protocol version 1", "sessions": 0, "included": (0, 0), "players": (),
+    "study": "little", "versions": "Protocol version 1", "sessions": 0, "included": (0, 0),
+    "are_trials": False, "group_count": 2, "players": (), "answers_without_rules": [],
     "simulated": 0, "imported": 0, "windows": "", "flow": None, "practice": {}, "published": None, "blocks": [],
     "question": "", "answers_first": [], "first_figures": [], "excluded": "none", "within": None, "interaction": None,
     "min_growth_episodes": 8, "clauses": None, "activities": [], "answers": None, "figures": [], "models": [],

@@ -54,6 +54,14 @@ def test_who_came_with_the_keys_of_the_block_before_is_named():
     assert "except by grid-first, who kept the keys of an earlier block" in rooms
 
 
+def test_blocks_are_in_the_order_of_the_page_and_only_its_measures_are_defined():
+    study = decode_protocol(find_shipped_protocol("fourrooms-transfer").read_bytes())
+    plans = [PlanOutline.of(expand_protocol(study, enrol_participant(study, index))) for index in range(4)]
+    text = build_methods(plans, [], block_order=["first-person", "grid"], measures={"reward_mean"})
+    assert [paragraph[:11] for paragraph in text[1:3]] == ["Block first", "Block grid:"]
+    assert text[3].endswith("The measures: reward = the rewards of the world, summed over the episode.")
+
+
 def test_a_session_that_went_on_elsewhere_names_both_stations():
     log = session(episodes=1, blocks=("grid",))
     segments = tuple(

@@ -1,6 +1,7 @@
 """Session as a factor: each session's values, and the change from the first to each later one."""
 
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -184,6 +185,13 @@ def test_a_report_of_two_days_shows_each_and_the_change(tmp_path: Path) -> None:
     written = write_report(select(tmp_path / "days", processes=1), tmp_path / "out")
     text = written[0].read_text()
     assert text.count("<summary>Sessions</summary>") == 1, "the block that was played once has no sessions to compare"
+    assert "<details open><summary>Sessions</summary>" in text, "the question is about the change"
+    assert "B: the difference of the means, with the interval of the comparison" in text
+    assert text.index("difference of the changes, early") < text.index("<nav>")
+    (which,) = re.findall(r"all its comparisons are exploratory(.*?)\.", text.partition('id="block-both"')[2], re.S)
+    assert which == "", "no p stands above"
+    (once,) = re.findall(r"exploratory,\s+(.*?)\.", text.partition('id="block-once"')[2].partition("<h2")[0], re.S)
+    assert once == "and the p above is not corrected"
     assert "<th>session 1</th><th>session 2</th>" in text
     assert "their mean over the sessions" in text
     figures = {path.name for path in written}

@@ -72,7 +72,7 @@ def test_a_group_that_never_fails_has_no_odds_but_its_amounts_are_compared():
 
 def test_two_people_a_group_are_too_few():
     found = compare_two_parts(study(np.random.default_rng(4), (2, 5)), "reward", ("a", "b"))
-    assert found.any.reason == found.amount.reason == "fewer than 4 people in a"
+    assert found.any.reason == found.amount.reason == "fewer than 4 participants in a"
     assert math.isnan(found.p)
 
 

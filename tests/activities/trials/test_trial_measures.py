@@ -105,6 +105,10 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> str:
         build_report(tables, data / "report")
     assert (data / "report" / "figures" / "stroop_trials_congruent.png").exists()
     page = (data / "report" / "report.html").read_text(encoding="utf-8")
+    assert "Median reaction times are of all responses, right or wrong." in page
+    assert "of correct responses alone. Median: of all of these." in page
+    assert " trials are included" in page
+    assert " episodes included" not in page
     text = re.sub(r"<(style|script).*?</\1>|<[^>]*>", " ", page, flags=re.DOTALL)
     return re.sub(r"\s+", " ", html.unescape(text))
 
