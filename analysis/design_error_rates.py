@@ -8,6 +8,7 @@ import json
 import math
 import zlib
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -298,10 +299,18 @@ def measure_days(population: Population, rng: np.random.Generator) -> Iterator[t
         yield "two days, own change", Outcome(own_change.p(1.0), _holds(own_change.interval(), 1.0))
 
 
-def use_resamples(count: int) -> None:
-    """Let every test draw ``count`` permutations instead of 9,999, which leaves the level as it is."""
-    for module in (interaction, paired, permutation, regroupings, survival, two_part_model):
+@contextmanager
+def use_resamples(count: int) -> Iterator[None]:
+    """Let every test draw ``count`` permutations meanwhile instead of 9,999, which leaves the level as it is."""
+    usual = regroupings.RESAMPLES
+    modules = (interaction, paired, permutation, regroupings, survival, two_part_model)
+    for module in modules:
         module.RESAMPLES = count
+    try:
+        yield
+    finally:
+        for module in modules:
+            module.RESAMPLES = usual
 
 
 Measurement = Callable[[Population, np.random.Generator], Iterator[tuple[str, Outcome]]]

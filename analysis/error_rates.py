@@ -388,7 +388,12 @@ def main() -> None:
     options.add_argument("--out", type=Path)
     options.add_argument("--resamples", type=int, default=9999, help="permutations of a test")
     given = options.parse_args()
-    design_error_rates.use_resamples(given.resamples)
+    with design_error_rates.use_resamples(given.resamples):
+        measure_all(given)
+
+
+def measure_all(given: argparse.Namespace) -> None:
+    """Measure the designs that are wanted; write the table after each, and print them."""
     jobs: list[tuple[str, Job]] = list(list_jobs(given.studies))
     names = [name for name, _ in jobs]
     rows: dict[str, dict[str, object]] = {}

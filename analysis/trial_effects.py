@@ -149,7 +149,12 @@ def main() -> None:
     options.add_argument("--resamples", type=int, default=999, help="permutations of a test")
     options.add_argument("--out", type=Path, default=FOLDER / "trial_effects.csv")
     given = options.parse_args()
-    use_resamples(given.resamples)
+    with use_resamples(given.resamples):
+        count_studies(given)
+
+
+def count_studies(given: argparse.Namespace) -> None:
+    """Count studies until there are as many as wanted; write the table after each round, and print it."""
     rows: dict[str, dict[str, object]] = {}
     if given.out.exists():
         with given.out.open(newline="", encoding="utf-8") as file:

@@ -5,8 +5,7 @@ import shutil
 from collections.abc import Collection
 from pathlib import Path
 
-from minihuman.builder.application import PAGE_FOLDER
-from minihuman.web.world_pack import pack_worlds
+from minihuman.web import world_pack
 
 
 def write_gallery(folder: Path, seeds: int = 100, names: Collection[str] = ()) -> int:
@@ -16,8 +15,9 @@ def write_gallery(folder: Path, seeds: int = 100, names: Collection[str] = ()) -
     first states of so many seeds.
     """
     shutil.copytree(Path(__file__).parent / "gallery-live", folder, dirs_exist_ok=True)
-    shutil.copy(PAGE_FOLDER / "level.js", folder)  # a level is the same in the builder
-    return len(pack_worlds(folder, range(seeds), names).worlds)
+    package = Path(world_pack.__file__).parents[1]
+    shutil.copy(package / "builder" / "page" / "level.js", folder)  # a level is the same in the builder
+    return len(world_pack.pack_worlds(folder, range(seeds), names).worlds)
 
 
 if __name__ == "__main__":

@@ -83,9 +83,8 @@ def test_studies_that_are_added_later_are_those_of_one_run(few: None) -> None:
 
 @pytest.fixture
 def few() -> Iterator[None]:
-    design_error_rates.use_resamples(199)
-    yield
-    design_error_rates.use_resamples(9999)
+    with design_error_rates.use_resamples(199):
+        yield
 
 
 def test_the_changed_numbers_are_what_the_report_has_now() -> None:

@@ -11,7 +11,6 @@ import msgspec
 
 from minihuman.activities.play.plan import PlayPlan
 from minihuman.activities.questions.question import find_question_kind
-from minihuman.activities.team.plan import PERSON
 from minihuman.agents.agent import AGENT_GROUP
 from minihuman.builder.consent_page import load_consent_pages
 from minihuman.builder.messages import Choice, FieldForm, FormField, Kinds, PartKind
@@ -227,7 +226,7 @@ def _list_choices(path: str, options: list[Schema]) -> list[Choice]:
         case "keys.pool":
             values += BUTTON_NAMES
         case "blocks.team.seats":
-            values += [PERSON, *_list_agents(), "planner"]
+            values += ["person", *_list_agents(), "planner"]
         case "blocks.team.stand_in":
             values += _list_agents()
         case "blocks.kind" | "activities.kind":

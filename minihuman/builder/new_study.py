@@ -6,7 +6,6 @@ import tomllib
 from functools import cache
 from pathlib import Path
 
-from minihuman.activities.team.plan import PERSON
 from minihuman.admin.protocol_file import (
     SCHEMA_FILE,
     TEMPLATES,
@@ -20,6 +19,8 @@ from minihuman.builder.messages import EditRefusal, NewStudyRequest, Template
 from minihuman.builder.shipped_studies import ShippedStudy, list_shipped_studies
 from minihuman.builder.study_notebook import write_notebook
 from minihuman.errors import MinihumanError
+from minihuman.experiment.machine.activity import find_installed_kind
+from minihuman.experiment.protocol.model import BlockSpec
 from minihuman.experiment.protocol.protocol import Protocol, build_json_schema, decode_protocol
 from minihuman.storage.durable_files import replace_durably, write_atomically
 from minihuman.trust import Trust, list_foreign_modules
@@ -172,17 +173,26 @@ def _load_citations() -> dict[str, str]:
     return tomllib.loads(Path(__file__).with_name("citations.toml").read_text(encoding="utf-8"))
 
 
+def _has_trials(block: BlockSpec) -> bool:
+    kind = find_installed_kind(block.kind)
+    return kind is not None and kind.has_trials
+
+
 def _list_topics(protocol: Protocol) -> list[str]:
     """Return what a study shows, for who looks for one like it."""
     groups = [group.name for group in protocol.groups]
     blocks = [protocol.block_for(block.name, group) for block in protocol.blocks for group in groups]
-    seats = [seat for block in blocks if block.team for seat in block.team.seats]
+    teams = [block.team for block in blocks if block.team]
+    have_trials = [_has_trials(block) for block in blocks]
     topics = {
-        "trials": any(block.kind == "trials" for block in blocks),
-        "grid": any(not is_first_person(block.world) and block.kind != "trials" for block in blocks),
+        "trials": any(have_trials),
+        "grid": any(
+            not is_first_person(block.world) and not has_trials
+            for block, has_trials in zip(blocks, have_trials, strict=True)
+        ),
         "first person": any(is_first_person(block.world) for block in blocks),
-        "team": bool(seats),
-        "agent": any(block.agent for block in blocks) or any(seat != PERSON for seat in seats),
+        "team": bool(teams),
+        "agent": any(block.agent for block in blocks) or any(len(team.persons) < len(team.seats) for team in teams),
         "several groups": len(protocol.groups) > 1,
         "two days": len(protocol.sessions) > 1,
         "online": bool(protocol.web.recruitment_platforms or protocol.web.open_access),

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator, Sequence
 
-from minihuman.activities.team.plan import PERSON
 from minihuman.experiment.protocol.model import BlockSpec, Protocol
 from minihuman.experiment.protocol.specs import OrderSpec
 
@@ -54,7 +53,7 @@ def describe_team(spec: BlockSpec | None) -> str:
     if spec is None or spec.team is None or len(spec.team.seats) < 2:
         return ""
     n_people = len(spec.team.persons)
-    agents = [seat for seat in spec.team.seats if seat != PERSON]
+    agents = [kind for seat, kind in enumerate(spec.team.seats) if seat not in spec.team.persons]
     if not agents:
         return f"; played by teams of {n_people} people"
     people = "one person" if n_people == 1 else f"{n_people} people"

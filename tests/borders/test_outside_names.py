@@ -267,6 +267,7 @@ JOINED = {
     ("web/deployment/check.py", "file_name"): "a constant",
     ("web/deployment/check.py", "name"): "of the protocol",
     ("web/server/process.py", "protocol.study.name"): "of the protocol",
+    ("worlds/grid/ruleset/tasks.py", "f'{name}.npz'"): "of a set of the package",
 }
 
 

@@ -24,7 +24,7 @@ def judge(hand: Hand) -> list[str]:
     """Return what axe-core finds on the view as it is, in light and in dark."""
     findings = []
     for colours in ("light", "dark"):
-        hand.page.emulate_media(color_scheme=colours)
+        hand.page.emulate_media(color_scheme=colours, reduced_motion="reduce")  # no colour between two
         findings += serious(hand.page)
     return findings
 

@@ -96,7 +96,7 @@ PLANTED = (
     ),
     Mutant(
         "the quantiles of LeRobot's pictures are divided by pixels instead of frames",
-        "exporters/lerobot.py",
+        "exporters/feature_statistics.py",
         "self._quantiles / self._frames",
         "self._quantiles / self._samples",
         ("tests/export/test_feature_statistics.py", "tests/export/test_formats.py"),
@@ -104,8 +104,8 @@ PLANTED = (
     Mutant(
         "the hash chain leaves out the lengths of its parts",
         "log/integrity.py",
-        '            digest.update(len(part).to_bytes(8, "little"))\n',
-        "",
+        '(len(part).to_bytes(8, "little"), part)',
+        "(part,)",
         ("tests/promises/test_tampering.py", "tests/log/record/test_finish.py", "tests/log"),
     ),
 )

@@ -341,11 +341,7 @@ def _list_block_notices(block: BlockSpec) -> Iterator[str]:
 
 
 def describe_worlds(protocol: Protocol, notices: Sequence[str] | None = None) -> Iterator[str]:
-    """Yield the notices of `check_worlds`, then what is to be said of each block.
-
-    A block has a line if its actions lack one of the shortest path to success, and one on whether its world's rules are
-    compiled.
-    """
+    """Yield the notices of `check_worlds`, then which actions blocks lack and whether their rules are compiled."""
     if notices is None:
         notices = check_worlds(protocol)
     yield from notices

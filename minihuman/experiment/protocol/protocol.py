@@ -166,8 +166,10 @@ def _check_study_design(protocol: Protocol) -> list[FieldError]:
 def _check_study(study: StudySpec) -> Iterator[FieldError]:
     if not specs.NAME_PATTERN.fullmatch(study.name):
         yield "$.study.name", f"is {study.name!r}; {specs.NAME_RULE}"
-    if not 0 <= study.seed <= MAX_SEED:
-        yield "$.study.seed", f"is {study.seed}; a seed is a whole number of 0 to {MAX_SEED}"
+    if study.seed < 0:
+        yield "$.study.seed", f"is {study.seed}; a seed is 0 or more"
+    if study.seed > MAX_SEED:
+        yield "$.study.seed", f"is {study.seed}; a seed is {MAX_SEED} or less"
     if not 1 <= study.participants <= 100_000:
         yield "$.study.participants", f"is {study.participants}; use 1 to 100000"
     if not 0 <= study.min_rest_s <= 86_400:

@@ -3,7 +3,7 @@
 import { readFileSync } from "node:fs";
 import { pathToFileURL } from "node:url";
 
-import { Level } from "../../../docs/gallery-live/level.js";
+import { Level } from "../../../minihuman/builder/page/level.js";
 
 const folder = pathToFileURL(`${process.argv[2]}/`);
 const { World, WorldPack } = await import(new URL("packed_world.js", folder));
