@@ -108,7 +108,7 @@ def test_an_episode_plays_to_its_end_and_a_participant_who_asks_for_it_is_erased
         hand.type(page.get_by_label("Type sub-02 to erase"), "sub-02")
         hand.click(hand.button("Erase the data"))
         hand.button("Details of sub-02, session 1").wait_for(state="detached")
-        assert "minihuman withdraw sub-02" in page.get_by_role("status").first.inner_text()
+        page.get_by_role("status").filter(has_text="minihuman withdraw sub-02").wait_for()
     assert not list((tmp_path / "sessions" / "rooms" / "sub-02").rglob("*.mcap"))
 
 

@@ -134,8 +134,8 @@ def _tabulate_conditions(people: pd.DataFrame) -> list[CaptionedTable]:
         "Trials by block, group and level of each label: mean (standard deviation) over the n participants. RT: from "
         "the onset of the stimulus to the key press, of correct responses alone. Median: of all of these. Mean: "
         f"without those before {ANTICIPATION_MS:g} ms and those further than 3 scaled median absolute deviations from "
-        "the participant's median in the block (Leys et al., 2013). Omissions: no response where one was correct. Practice "
-        "is not included."
+        "the participant's median in the block (Leys et al., 2013). Omissions: no response where one was correct. "
+        "Practice is not included."
     )
     return _tabulate(people, _SHOWN, caption)
 
