@@ -43,6 +43,7 @@ def test_a_stimulus_is_moved_and_lengthened_by_mouse_and_by_keys(tmp_path: Path)
         page.keyboard.press("ArrowRight")
         hand.wait_until_saved()
         assert read(study)["blocks"][0]["timeline"]["stimuli"][0]["duration_ms"] == 510
+        page.get_by_text("for 510 ms").wait_for()  # the bars stand where they will be
         start = page.get_by_label("Start of go")
         box = start.bounding_box()
         page.mouse.move(box["x"] + 20, box["y"] + 5)
