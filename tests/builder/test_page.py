@@ -165,3 +165,17 @@ def test_the_desk_leads_to_the_builder_and_back(lab: Path) -> None:
         hand.page.get_by_role("link", name="Change it in the builder").click()
         hand.page.get_by_role("link", name="Run it").click()
         hand.page.get_by_role("heading", name="Next participant").wait_for()
+
+
+def test_an_address_that_changes_while_the_page_is_first_drawn_is_followed(lab: Path) -> None:
+    with at_the_page(lab) as (hand, address):
+        hand.page.add_init_script(
+            """new MutationObserver((_, observer) => {
+                if (!document.querySelector("main")) return;
+                observer.disconnect();
+                location.hash = "#/study/online.toml/settings";
+            }).observe(document, { childList: true, subtree: true });"""
+        )
+        hand.page.goto("about:blank")
+        hand.page.goto(address)
+        hand.page.get_by_role("navigation", name="Settings of the study").wait_for(timeout=20_000)

@@ -29,6 +29,7 @@ function useAddress() {
   useEffect(() => {
     const follow = () => setAddress(readAddress());
     addEventListener("hashchange", follow);
+    follow(); // the address may have changed between the first drawing and now
     return () => removeEventListener("hashchange", follow);
   }, []);
   return address;
