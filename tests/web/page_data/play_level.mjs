@@ -1,12 +1,11 @@
-// Plays a drawn level in Node as the level editor does, and writes the kept game: node play_level.mjs PACK < level.toml
+// Plays a drawn level in Node as the level editor does, and writes the kept game: node play_level.mjs PACK LEVEL_JS < level.toml
 
 import { readFileSync } from "node:fs";
 import { pathToFileURL } from "node:url";
 
-import { Level } from "../../../minihuman/builder/page/level.js";
-
 const folder = pathToFileURL(`${process.argv[2]}/`);
 const { World, WorldPack } = await import(new URL("packed_world.js", folder));
+const { Level } = await import(pathToFileURL(process.argv[3]));
 const { EpisodeRecord, writeGame } = await import(new URL("episode_record.js", folder));
 
 const ACTIONS = ["left", "right", "forward", "pickup", "drop", "toggle", "done"];

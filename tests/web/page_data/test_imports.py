@@ -73,13 +73,12 @@ def played(tmp_path_factory: pytest.TempPathFactory) -> Played:
         }
         for number in range(EPISODES)
     ]
-    return Played(pack, json.loads(_run_node("play.mjs", pack, json.dumps(plan))))
+    return Played(pack, json.loads(_run_node("play.mjs", pack, text=json.dumps(plan))))
 
 
-def _run_node(program: str, pack: Path, text: str = "") -> str:
-    ended = subprocess.run(
-        [need("node"), str(HERE / program), str(pack)], input=text, capture_output=True, text=True, timeout=PATIENCE_S
-    )
+def _run_node(program: str, pack: Path, *paths: Path, text: str = "") -> str:
+    command = [need("node"), *map(str, (HERE / program, pack, *paths))]
+    ended = subprocess.run(command, input=text, capture_output=True, text=True, timeout=PATIENCE_S)
     assert ended.returncode == 0, ended.stderr
     return ended.stdout
 
@@ -311,7 +310,8 @@ WWWWWWWWWW
 
 
 def test_a_game_in_a_drawn_level_verifies_and_becomes_a_log(played: Played, tmp_path: Path) -> None:
-    (tmp_path / "game.json").write_text(_run_node("play_level.mjs", played.pack, LEVEL))
+    level = Path(minihuman.__file__).parent / "builder" / "page" / "level.js"
+    (tmp_path / "game.json").write_text(_run_node("play_level.mjs", played.pack, level, text=LEVEL))
     assert [line.ok for line in minihuman.verify(tmp_path / "game.json")] == [True, True]
     (imported,) = minihuman.import_page_data(tmp_path / "game.json", study=tmp_path / "levels")
     assert imported.error is None

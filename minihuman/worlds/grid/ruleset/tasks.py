@@ -287,7 +287,7 @@ def read_task_set(path: Path) -> TaskSet:
         WorldError: if the file is missing, damaged, or of a later format.
     """
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             if int(archive["format"]) != FORMAT:
                 raise WorldError(f"{path} has format {int(archive['format'])}; this version reads {FORMAT}: update")
             starts = np.concatenate(([0], np.cumsum(archive["lengths"], dtype=np.int64)))
