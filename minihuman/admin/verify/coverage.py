@@ -12,7 +12,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from minihuman import __version__
+import minihuman
 from minihuman.dataset.annotations import annotations_path
 from minihuman.dataset.caches import digest_sources
 from minihuman.errors import LogError, MinihumanError
@@ -86,7 +86,7 @@ class VerificationRecord:
 
     def __init__(self, file: Path, options: str = "") -> None:
         self._file = file
-        self._software = f"{__version__} {digest_sources()} {options}".strip()
+        self._software = f"{minihuman.__version__} {digest_sources()} {options}".strip()
         self._verified: dict[str, _VerifiedLog] = {}
         self._digests: dict[Path, str] = {}
         self._ends_with_line = True
