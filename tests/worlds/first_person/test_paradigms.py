@@ -8,7 +8,7 @@ import gymnasium
 import pytest
 
 import minihuman
-from minihuman.reporting.study_measures import InfoAtEnd
+from minihuman.reporting.study_measures import AngleConcentration, AngleMean, InfoAtEnd
 
 FOLDER = Path(__file__).parents[3] / "protocols" / "navigation"
 
@@ -18,8 +18,8 @@ def worlds():
     """Register the worlds from the folder of the protocols."""
     with pytest.MonkeyPatch.context() as patched:
         patched.syspath_prepend(FOLDER)
-        import_module("water_maze")
-        import_module("radial_arm_maze")
+        for name in ("water_maze", "radial_arm_maze", "plus_maze", "triangle_completion", "pointing_task"):
+            import_module(name)
         yield
 
 
@@ -68,7 +68,10 @@ def test_the_radial_maze_tells_an_arm_without_food_from_one_that_was_visited():
 
 
 @pytest.mark.program
-@pytest.mark.parametrize(("name", "key"), [("water-maze", "quadrant_share"), ("radial-arm-maze", "working_errors")])
+@pytest.mark.parametrize(
+    ("name", "key"),
+    [("water-maze", "quadrant_share"), ("radial-arm-maze", "working_errors"), ("plus-maze", "chose_place")],
+)
 def test_a_study_of_it_runs_is_proved_and_has_its_measure(name, key, tmp_path):
     (log,) = minihuman.simulate(FOLDER / f"{name}.toml", participants=1, data=tmp_path, trust=True)
     assert [check.text for check in minihuman.verify(log)][-1].endswith("all as logged")
@@ -76,3 +79,22 @@ def test_a_study_of_it_runs_is_proved_and_has_its_measure(name, key, tmp_path):
     values = InfoAtEnd(key).compute({"episodes": episodes})
     assert len(values) == len(episodes)
     assert values["value"].between(0, 20).all()
+
+
+@pytest.mark.program
+@pytest.mark.parametrize(
+    ("name", "key"), [("triangle-completion", "heading_error_deg"), ("pointing-task", "pointing_error_deg")]
+)
+def test_a_study_of_angles_is_proved_and_has_their_mean_direction_and_concentration(name, key, tmp_path):
+    (log,) = minihuman.simulate(FOLDER / f"{name}.toml", participants=1, data=tmp_path, trust=True)
+    assert [check.text for check in minihuman.verify(log)][-1].endswith("all as logged")
+    tables = {"episodes": minihuman.open_study(tmp_path / name).query("select * from episodes")}
+    errors_deg = InfoAtEnd(key).compute(tables)["value"]
+    assert len(errors_deg) > 1
+    assert errors_deg.between(-180, 180).all()
+    cosines = [math.cos(math.radians(error)) for error in errors_deg]
+    sines = [math.sin(math.radians(error)) for error in errors_deg]
+    (mean_deg,) = AngleMean(key).compute(tables)["value"]
+    (concentration,) = AngleConcentration(key).compute(tables)["value"]
+    assert mean_deg == pytest.approx(math.degrees(math.atan2(sum(sines), sum(cosines))))
+    assert concentration == pytest.approx(math.hypot(sum(cosines), sum(sines)) / len(errors_deg))
