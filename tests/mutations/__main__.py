@@ -49,11 +49,13 @@ def draw(arguments: argparse.Namespace) -> int:
 
 
 def record(arguments: argparse.Namespace) -> int:
-    """Run test files under coverage that were not yet; go on where an earlier command stopped."""
+    """Run folders of tests under coverage that were not yet; go on where an earlier command stopped."""
     opened = Record.open(arguments.folder, arguments.project)
     kind = "nightly" if arguments.nightly else "default"
     files = opened.test_files(arguments.paths)
-    for line in record_all(opened, kind, files, workers=arguments.workers, most_s=arguments.most_s):
+    mutants = [*PLANTED, *drawing.read_drawn()[0]] if arguments.mutants_only else []
+    modules = sorted({mutant.file for mutant in mutants})
+    for line in record_all(opened, kind, files, workers=arguments.workers, most_s=arguments.most_s, modules=modules):
         print(line, flush=True)
     return 0
 
@@ -105,9 +107,12 @@ def _make_parser() -> argparse.ArgumentParser:
     command.add_argument("folder", type=Path, help="of the record, outside the repository")
     command.add_argument("paths", nargs="*", help="test files or their folders; all without any")
     command.add_argument("--nightly", action="store_true", help="the nightly tests instead of the default ones")
+    command.add_argument(
+        "--mutants-only", action="store_true", help="measure only modules with mutants: enough for `run`, and quicker"
+    )
     command.add_argument("--project", type=Path, default=ROOT, help="a checkout to begin the record of")
-    command.add_argument("--most-s", type=float, default=1800.0, help="seconds that a test file may take")
-    command.add_argument("-n", "--workers", type=int, default=1, help="test files at a time")
+    command.add_argument("--most-s", type=float, default=1800.0, help="seconds that a folder may take")
+    command.add_argument("-n", "--workers", type=int, default=1, help="folders at a time")
 
     command = commands.add_parser("run", help=run.__doc__)
     command.set_defaults(command=run)

@@ -1,8 +1,8 @@
 """Which tests execute a line: a run of the test files under coverage.py, and the questions to its record.
 
-The record is a folder outside the repository. It holds a copy of the project, so that sources may change meanwhile, and
-for each test file of each kind (default, nightly) the coverage of each test, its seconds and its outcome. Each file
-runs in a process of its own, so a record that was broken off goes on where it stopped.
+The record is a folder outside the repository. It holds a copy of the project, so that sources may change meanwhile,
+and for each folder of tests and each kind (default, nightly) the coverage of each test, its seconds and its outcome.
+The files of a folder run in one process, so a record that was broken off goes on with the folder at which it stopped.
 """
 
 import json
@@ -16,7 +16,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
-from pathlib import Path
+from itertools import groupby
+from pathlib import Path, PurePosixPath
 from threading import Event
 
 from tests.mutations import pytest_recorder
@@ -34,7 +35,8 @@ NO_TESTS = 5  # pytest's exit status where a file has none of the kind
 # `core`: others know no contexts of tests. `patch`: processes that end without Python's end are measured, too.
 SETTINGS = """\
 [run]
-source = {package}
+include =
+    {modules}
 data_file = {data}
 parallel = true
 core = ctrace
@@ -71,10 +73,14 @@ class RecordedTest:
     def file(self) -> str:
         return self.test.partition("::")[0]
 
+    @property
+    def folder(self) -> str:
+        return _folder_of(self.file)
+
 
 @dataclass(frozen=True)
-class FileRun:
-    """How the run of a test file ended: pytest's exit status, None after the time was over; and what it took."""
+class FolderRun:
+    """How the run of a folder's test files ended: pytest's exit status, None if it was out of time; and what it took."""
 
     status: int | None
     seconds: float
@@ -126,30 +132,41 @@ class Record:
             and (not wanted or file in wanted or any(file.startswith(f"{path}/") for path in wanted))
         ]
 
-    def ended(self, kind: str, file: str) -> FileRun | None:
-        """Return how the recorded run of a test file ended; None if there is none."""
+    def ended(self, kind: str, folder: str) -> FolderRun | None:
+        """Return how the recorded run of a folder's test files ended; None if there is none."""
         try:
-            return FileRun(**json.loads((self._place(kind, file) / "ended.json").read_text(encoding="utf-8")))
+            return FolderRun(**json.loads((self._place(kind, folder) / "ended.json").read_text(encoding="utf-8")))
         except FileNotFoundError:
             return None
 
-    def measure(self, kind: str, file: str, most_s: float) -> FileRun:
-        """Run one test file under coverage, and keep what it executed."""
-        place = self._place(kind, file)
+    def measure(
+        self, kind: str, folder: str, files: Sequence[str], most_s: float, modules: Sequence[str] = ()
+    ) -> FolderRun:
+        """Run the test files of a folder under coverage, and keep what they executed.
+
+        Args:
+            kind: of tests, "default" or "nightly".
+            folder: of the files, by its path in the project.
+            files: paths in the project.
+            most_s: seconds that they may take.
+            modules: of the package that are measured, by their paths in it; all without any.
+        """
+        place = self._place(kind, folder)
         shutil.rmtree(place, ignore_errors=True)
         (place / "raw").mkdir(parents=True)
         settings = place / "coveragerc"
         package = self.project / PACKAGE
+        measured = "\n    ".join(str(package / module) for module in modules or ["*"])
         settings.write_text(
-            SETTINGS.format(package=package, data=place / "raw" / ".coverage", context=CONTEXT), encoding="utf-8"
+            SETTINGS.format(modules=measured, data=place / "raw" / ".coverage", context=CONTEXT), encoding="utf-8"
         )
         environment = {"COVERAGE_PROCESS_START": str(settings), CONTEXT: ""}
         run = run_pytest(
-            self.project, [*MARKS[kind], "-o", f"cache_dir={place / 'cache'}", file], place, most_s, environment
+            self.project, [*MARKS[kind], "-o", f"cache_dir={place / 'cache'}", *files], place, most_s, environment
         )
         _combine(place)
-        for folder in ("raw", "cache"):
-            shutil.rmtree(place / folder, ignore_errors=True)
+        for name in ("raw", "cache"):
+            shutil.rmtree(place / name, ignore_errors=True)
         if run.is_whole:
             (place / "ended.json").write_text(json.dumps(asdict(run)) + "\n", encoding="utf-8")
         return run
@@ -171,7 +188,7 @@ class Record:
             test
             for test in self._tests[kind].values()
             if test.outcome == "passed"
-            and ((test.file, test.test) in contexts or (test.file, "") in contexts or _uses(test, fixtures))
+            and ((test.folder, test.test) in contexts or (test.folder, "") in contexts or _uses(test, fixtures))
         ]
         return sorted(tests, key=lambda test: test.seconds)
 
@@ -180,37 +197,42 @@ class Record:
         return {kind: self.read_tests(kind) for kind in KINDS}
 
     def _contexts(self, kind: str, module: str, lines: range) -> set[tuple[str, str]]:
-        """Return which context of which test file executed one of the lines."""
+        """Return which context of which folder of tests executed one of the lines."""
         from coverage import CoverageData
 
         contexts: set[tuple[str, str]] = set()
         path = str(self.project / PACKAGE / module)
         for measured in sorted((self.folder / kind).glob("*/coverage.sqlite")):
-            file = _file_of(measured.parent.name)
+            folder = measured.parent.name.replace("+", "/")
             coverage = CoverageData(str(measured))
             coverage.read()
             by_line = coverage.contexts_by_lineno(path)
-            contexts |= {(file, context) for line in lines for context in by_line.get(line, ())}
+            contexts |= {(folder, context) for line in lines for context in by_line.get(line, ())}
             coverage.close()
         return contexts
 
-    def _place(self, kind: str, file: str) -> Path:
-        return self.folder / kind / file.replace("/", "+")
+    def _place(self, kind: str, folder: str) -> Path:
+        return self.folder / kind / folder.replace("/", "+")
 
 
-def record_all(record: Record, kind: str, files: Iterable[str], *, workers: int, most_s: float) -> Iterator[str]:
-    """Measure the test files that were not measured yet; yield a line for each as it ends."""
-    missing = [file for file in files if record.ended(kind, file) is None]
+def record_all(
+    record: Record, kind: str, files: Iterable[str], *, workers: int, most_s: float, modules: Sequence[str] = ()
+) -> Iterator[str]:
+    """Measure the folders of test files that were not measured yet; yield a line for each as it ends."""
+    folders = {folder: list(group) for folder, group in groupby(sorted(files, key=_folder_of), key=_folder_of)}
+    missing = [folder for folder in folders if record.ended(kind, folder) is None]
     with ThreadPoolExecutor(workers) as pool:
-        runs = pool.map(lambda file: (file, record.measure(kind, file, most_s)), missing)
-        for number, (file, run) in enumerate(runs, 1):
+        runs = pool.map(
+            lambda folder: (folder, record.measure(kind, folder, folders[folder], most_s, modules)), missing
+        )
+        for number, (folder, run) in enumerate(runs, 1):
             status = "out of time" if run.status is None else f"exit status {run.status}"
-            yield f"{number}/{len(missing)} {file}: {status}, {run.seconds:.1f} s, CPU {run.cpu_s:.1f} s"
+            yield f"{number}/{len(missing)} {folder}: {status}, {run.seconds:.1f} s, CPU {run.cpu_s:.1f} s"
 
 
 def run_pytest(
     project: Path, arguments: Sequence[str], place: Path, most_s: float, environment: dict[str, str] | None = None
-) -> FileRun:
+) -> FolderRun:
     """Run pytest in a copy of a project, in one process, with outcomes in `place`/tests.jsonl.
 
     What the tests started and left running is ended, too.
@@ -239,7 +261,7 @@ def run_pytest(
             process.wait()
     if STOPPED.is_set():
         raise MutationError("stopped; the same command goes on where it was")
-    return FileRun(status, round(time.perf_counter() - start, 2), _read_cpu_s(place / "tests.jsonl"))
+    return FolderRun(status, round(time.perf_counter() - start, 2), _read_cpu_s(place / "tests.jsonl"))
 
 
 def stop(*_: object) -> None:
@@ -333,8 +355,8 @@ def _bases(test: str) -> list[str]:
     return [*classes, *(str(parent) if str(parent) != "." else "" for parent in Path(file).parents), "."]
 
 
-def _file_of(place: str) -> str:
-    return place.replace("+", "/")
+def _folder_of(file: str) -> str:
+    return PurePosixPath(file).parent.as_posix()
 
 
 def _wait(process: subprocess.Popen[bytes], seconds: float) -> None:
