@@ -80,7 +80,7 @@ class RecordedTest:
 
 @dataclass(frozen=True)
 class FolderRun:
-    """How the run of a folder's test files ended: pytest's exit status, None if it was out of time; and what it took."""
+    """How the run of a folder's test files ended: pytest's exit status, None if out of time; and what it took."""
 
     status: int | None
     seconds: float
