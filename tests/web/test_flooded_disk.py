@@ -4,7 +4,6 @@ The minutes are those of a shared clock; the disk is real, and so is the server 
 """
 
 import asyncio
-import json
 import random
 from pathlib import Path
 from typing import Any
