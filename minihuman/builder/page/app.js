@@ -80,7 +80,7 @@ function StudyPage({ studyKey, view, selected, languages }) {
       <${TryButtons} study=${study} part=${view === "parts" ? selected : ""} /></${TopBar}>
     <nav class="views" aria-label="Views of the study">${Object.entries(VIEWS).map(([name, words]) => html`
       <a key=${name} href=${`#/study/${encodeURIComponent(studyKey)}/${name}`} aria-current=${name === view ? "page" : undefined}>${words}</a>`)}</nav>
-    <main class=${`view-${view}`}><${Notices} study=${study} content=${content} />
+    <main class=${`view-${view}`} inert=${study.isUnforeseen}><${Notices} study=${study} content=${content} />
       ${view === "parts" && html`<${PartsView} study=${study} selected=${selected} languages=${languages} />`}
       ${view === "texts" && html`<${Texts} study=${study} languages=${languages} open=${(/** @type {string} */ key) => go(key, "texts")} />`}
       ${view === "media" && html`<${MediaView} study=${study} />`}

@@ -67,9 +67,9 @@ export function LevelEditor({ study, path }) {
   const level = drawn ?? readLevel(block.options);
   if (!level) return html`<p class="quiet">This level has cells that the editor does not know; edit its diagram in the view “File”.</p>`;
   const isFixed = study.restrictionAt([...path, "options"]) !== "";
-  const save = async (/** @type {Level} */ changed) => {
+  const save = (/** @type {Level} */ changed) => {
     const edits = buildLevelEdits(study.read(path), path, changed, facts);
-    if (edits.length) await study.edit(edits);
+    if (edits.length) study.edit(edits);
     setDrawn(null);
   };
   const resize = (/** @type {number} */ width, /** @type {number} */ height) => {

@@ -7,6 +7,7 @@ import { OpenPlaces } from "./consent.js";
 import { WORLD as LEVEL } from "./level.js";
 import { LevelEditor } from "./level_editor.js";
 import { TableButtons, TableForm, insertTable } from "./form.js";
+import { buildLeaveEdits } from "./lanes.js";
 import { TimelineEditor } from "./timeline_editor.js";
 import { makeName, nameKind, spellName, stripMarks } from "./words.js";
 
@@ -65,13 +66,10 @@ function NameField({ study, part }) {
 
 /** @param {{ study: OpenStudy, part: Part, table: string, place: number, deselect: () => void }} properties */
 function PartButtons({ study, part, table, place, deselect }) {
-  const names = (study.document?.parts ?? []).map((other) => other.name);
-  const copy = () => study.edit([{ op: "duplicate", path: part.path, value: { name: makeName(part.name, names) } }]);
+  const copy = () => study.edit([{ op: "duplicate", path: part.path, value: { name: makeName(part.name, study.listNames()) } }]);
   const remove = () => {
-    const lanes = (study.document?.lanes ?? []).filter((lane) => lane.parts.includes(part.name));
-    const paths = new Map(lanes.map((lane) => [lane.path.join(), lane]));
-    const edits = [...paths.values()].map((lane) => /** @type {const} */ ({
-      op: "set", path: lane.path, value: lane.parts.filter((name) => name !== part.name) }));
+    const paths = new Map((study.document?.lanes ?? []).map((lane) => [lane.path.join(), lane]));
+    const edits = [...paths.values()].flatMap((lane) => buildLeaveEdits(lane, part.name));
     study.edit([...edits, { op: "remove", path: [table, place] }]);
     deselect();
   };

@@ -3,7 +3,8 @@
 /** @import { FieldPath, OpenStudy } from "./open_study.js" */
 import { html, useEffect, useState } from "./vendor/preact.js";
 import { LANGUAGES } from "./preview.js";
-import { formatPath, readAt } from "./open_study.js";
+import { readAt } from "./edits.js";
+import { formatPath } from "./open_study.js";
 import { editStudy, listStudies, makeStudy, readStudy } from "./requests.js";
 import { spellName } from "./words.js";
 
