@@ -40,7 +40,6 @@ def play_round(page: Page) -> None:
     """Go through the screens of a trial, and press the study's keys until a round has ended."""
     until_s = time.monotonic() + MOST_S
     frame = page.frame_locator("iframe")
-    number = 0
     while frame.get_by_text(re.compile(r"\d+ steps\.")).count() == 0:
         if time.monotonic() > until_s:
             raise TimeoutError(f"no round has ended after {MOST_S:.0f} s")
@@ -48,10 +47,8 @@ def play_round(page: Page) -> None:
         if buttons.count() and buttons.first.is_visible():
             buttons.first.click()
         page.keyboard.press("Enter")
-        for key in KEYS:
+        for key in KEYS:  # which of them act is not known
             page.keyboard.press(key)
-        page.keyboard.press(KEYS[number % len(KEYS)])
-        number += 1
 
 
 def make_and_play(page: Page, address: str) -> None:

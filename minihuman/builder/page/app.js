@@ -124,6 +124,7 @@ function Notices({ study, content }) {
   return html`<div class="notices">
     ${failure && html`<div class="notice wrong" role="alert"><p>${failure.message}</p>
       ${failure.edits.length > 0 && html`<p class="quiet">Not saved: ${failure.edits.map((edit) => formatPath(edit.path)).join(", ")}</p>`}
+      ${failure.edits.filter((edit) => typeof edit.value === "string").map((edit) => html`<pre class="unsaved" dir="auto">${edit.value}</pre>`)}
       <div class="buttons">${failure.edits.length > 0 && html`<button type="button" onClick=${() => study.retry()}>Make this change again</button>`}
         <button type="button" onClick=${() => study.dismiss()}>Leave it</button></div></div>`}
     ${study.wasEditedElsewhere && html`<div class="notice" role="status"><p>The file was edited elsewhere; this page shows it as it is now.</p>

@@ -115,7 +115,8 @@ const spellChoice = (choice) => (choice === "" ? "none" : String(choice).replace
 function ListControl({ study, field, path, id, describedBy, content, isFixed }) {
   const members = /** @type {unknown[]} */ (content ?? field.default ?? []);
   const actions = useActions(field.references === "action" ? study.read([...path.slice(0, -1), "world"]) : undefined);
-  const listed = listNames(study.document, field.references, field.choices.map((choice) => String(choice.value)));
+  const choices = field.type === "list" ? field.choices.map((choice) => String(choice.value)) : []; // else they take a list's place
+  const listed = listNames(study.document, field.references, choices);
   const files = useFiles(study, isFile(field));
   const names = [actions, files].find((offered) => offered.length) ?? listed;
   const type = field.item || (members.every((member) => typeof member === "number") && members.length ? "number" : "string");
