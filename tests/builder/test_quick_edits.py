@@ -117,10 +117,17 @@ def test_two_quick_edits_of_a_list_a_map_or_the_line_of_parts_are_both_kept(tmp_
         with gate.closed(hand):
             for part in ("how", "cook"):
                 page.get_by_label("Replace parts", exact=True).select_option(part)
+            name = page.get_by_label("Name of the group")
+            name.press("Control+a")
+            name.press_sequentially("al")
+        name.press_sequentially("pha")  # the page has been drawn anew meanwhile
+        name.press("Tab")
+        hand.page.get_by_role("list", name="Parts of alpha").wait_for(state="attached")
     study = read(tmp_path)
     (ask,) = study["questions"]
     assert ask["items"][0]["options"] == ["four", "three"]
     assert [item["name"] for item in ask["items"]] == ["who", "text", "slider"]
+    assert study["groups"][0]["name"] == "alpha"
     assert study["groups"][0]["parts"] == ["ask", "cook", "how"]
     assert study["groups"][0]["replace_parts"] == {"how": "", "cook": ""}
     assert [part["name"] for part in study["pages"]] == ["how", "how-3", "how-2"]

@@ -3,6 +3,7 @@
 /** @import { FieldPath, OpenStudy } from "./open_study.js" */
 import { html, useEffect, useRef, useState } from "./vendor/preact.js";
 import { buildMemberEdits } from "./edits.js";
+import { TextInput } from "./text_input.js";
 import { WorldButton } from "./worlds.js";
 import { formatPath } from "./open_study.js";
 import { formatContent, renderSentence, spellName } from "./words.js";
@@ -234,8 +235,8 @@ function MapControl({ study, path, field, id, content, isFixed }) {
   };
   return html`<div class="map">
     ${pairs.map(([key, member]) => html`<div class="row" key=${key}><code>${key}</code>
-      <input type="text" aria-label=${`${spellName(field.name)}: ${key}`} value=${typeof member === "object" ? JSON.stringify(member) : String(member)}
-        disabled=${isFixed} dir="auto" onChange=${(/** @type {any} */ event) => set(key, event.target.value)} />
+      <${TextInput} aria-label=${`${spellName(field.name)}: ${key}`} value=${typeof member === "object" ? JSON.stringify(member) : String(member)}
+        disabled=${isFixed} dir="auto" save=${(/** @type {string} */ text) => set(key, text)} />
       <button type="button" class="icon" disabled=${isFixed} aria-label=${`Remove ${key}`} onClick=${() => remove(key)}>×</button></div>`)}
     ${!isFixed && html`<input type="text" id=${id} value=${name} placeholder="add a name …" onInput=${(/** @type {any} */ event) => setName(event.target.value)}
       onBlur=${commit} onKeyDown=${(/** @type {any} */ event) => event.key === "Enter" && commit()} />`}
@@ -247,8 +248,8 @@ function AnyControl(properties) {
   const { content, save, isFixed, id, describedBy } = properties;
   const [problem, setProblem] = useState("");
   const isPlain = ["string", "number", "boolean"].includes(typeof content);
-  const onChange = (/** @type {any} */ event) => {
-    const text = event.target.value.trim();
+  const read = (/** @type {string} */ typed) => {
+    const text = typed.trim();
     try {
       save(/^[[{"]|^-?\d|^(true|false)$/.test(text) ? JSON.parse(text) : text);
       setProblem("");
@@ -256,7 +257,7 @@ function AnyControl(properties) {
       setProblem("This is neither a number, a word, nor a list such as [1, 2].");
     }
   };
-  return html`<input type="text" id=${id} aria-describedby=${describedBy} disabled=${isFixed} onChange=${onChange}
+  return html`<${TextInput} id=${id} aria-describedby=${describedBy} disabled=${isFixed} save=${read}
       value=${content === undefined ? "" : isPlain ? String(content) : JSON.stringify(content)} />
     ${problem && html`<p class="mistake" role="alert">${problem}</p>`}`;
 }

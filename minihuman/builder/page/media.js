@@ -4,6 +4,7 @@
 import { html, useEffect, useState } from "./vendor/preact.js";
 import { RefusedError, listMedia, mediaAddress, readTable, sendFile, writeTable } from "./requests.js";
 import { formatPath } from "./open_study.js";
+import { TextInput } from "./text_input.js";
 import { countNoun, makeName } from "./words.js";
 
 /** @param {{ study: OpenStudy }} properties */
@@ -173,11 +174,11 @@ function Cells({ table, save }) {
   const setCell = (/** @type {number} */ row, /** @type {number} */ place, /** @type {string} */ text) =>
     save({ rows: table.rows.with(row, table.rows[row].with(place, text)) });
   return html`<div class="cells" tabindex="0"><table><thead><tr><th scope="col"><span class="unseen">row</span></th>${table.columns.map((column, place) => html`<th scope="col">
-      <input type="text" aria-label=${`Name of column ${place + 1}`} value=${column} onChange=${(/** @type {any} */ event) => setName(place, event.target.value)} /></th>`)}
+      <${TextInput} aria-label=${`Name of column ${place + 1}`} value=${column} save=${(/** @type {string} */ text) => setName(place, text)} /></th>`)}
       <th><span class="unseen">remove</span></th></tr></thead>
     <tbody>${table.rows.map((row, number) => html`<tr key=${number}><th scope="row">${number + 1}</th>
-      ${row.map((cell, place) => html`<td><input type="text" dir="auto" aria-label=${`${table.columns[place]}, row ${number + 1}`} value=${cell}
-        onChange=${(/** @type {any} */ event) => setCell(number, place, event.target.value)} /></td>`)}
+      ${row.map((cell, place) => html`<td><${TextInput} dir="auto" aria-label=${`${table.columns[place]}, row ${number + 1}`} value=${cell}
+        save=${(/** @type {string} */ text) => setCell(number, place, text)} /></td>`)}
       <td><button type="button" class="icon" aria-label=${`Remove row ${number + 1}`} onClick=${() => save({ rows: table.rows.toSpliced(number, 1) })}>×</button></td></tr>`)}</tbody>
   </table></div>`;
 }

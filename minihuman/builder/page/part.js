@@ -8,6 +8,7 @@ import { WORLD as LEVEL } from "./level.js";
 import { LevelEditor } from "./level_editor.js";
 import { TableButtons, TableForm, insertTable } from "./form.js";
 import { buildLeaveEdits } from "./lanes.js";
+import { TextInput } from "./text_input.js";
 import { TimelineEditor } from "./timeline_editor.js";
 import { makeName, nameKind, spellName, stripMarks } from "./words.js";
 
@@ -56,12 +57,12 @@ function GroupChoice({ study, part, group, choose }) {
 
 /** @param {{ study: OpenStudy, part: Part }} properties */
 function NameField({ study, part }) {
-  const rename = (/** @type {any} */ event) => {
-    const name = event.target.value.trim();
+  const rename = (/** @type {string} */ text) => {
+    const name = text.trim();
     if (name && name !== part.name) study.edit([{ op: "rename", path: part.path, value: name }]);
   };
   const isFixed = study.restrictionAt([...part.path, "name"]) !== "";
-  return html`<label class="name-field">Name <input type="text" value=${part.name} disabled=${isFixed} onChange=${rename} /></label>`;
+  return html`<label class="name-field">Name <${TextInput} value=${part.name} disabled=${isFixed} save=${rename} /></label>`;
 }
 
 /** @param {{ study: OpenStudy, part: Part, table: string, place: number, deselect: () => void }} properties */
