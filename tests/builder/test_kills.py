@@ -2,9 +2,8 @@
 
 import json
 import os
+import re
 import signal
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from threading import Thread
 from typing import Any
@@ -64,24 +63,28 @@ class Editor:
                 return
 
 
-@contextmanager
-def killed_desk(folder: Path) -> Iterator[Editor]:
-    """Kill a desk while a study is edited; yields what it had answered."""
+def kill_desk_during_edits(folder: Path) -> Editor:
+    """Kill a desk while a study is edited; return what it had answered."""
     with start_program("desk", str(folder), "--data", str(folder / "sessions"), "--no-browser") as desk:
-        assert desk.stdout is not None
-        editor = Editor(f"http{desk.stdout.readline().strip().rpartition('http')[2]}builder/")
-        thread = Thread(target=editor.run)
-        thread.start()
-        while len(editor.documents) <= N_ANSWERED:
-            thread.join(0.01)
-        desk.kill()
+        try:
+            assert desk.stdout is not None
+            address = re.search(r"http://\S+", desk.stdout.readline())
+            assert address is not None
+            editor = Editor(f"{address[0]}builder/")
+            thread = Thread(target=editor.run)
+            thread.start()
+            while len(editor.documents) <= N_ANSWERED:
+                thread.join(0.01)
+                assert thread.is_alive()
+        finally:
+            desk.kill()
         thread.join()
-    yield editor
+    return editor
 
 
 def test_a_desk_that_is_killed_leaves_the_last_edit_that_it_answered_or_the_one_after_it(lab: Path) -> None:
-    with killed_desk(lab) as editor:
-        texts = [document["text"] for document in editor.documents]
+    editor = kill_desk_during_edits(lab)
+    texts = [document["text"] for document in editor.documents]
     last_seed = editor.documents[-1]["tree"]["study"]["seed"]
     text = (lab / KEY).read_text()
     assert text in (texts[-1], texts[-1].replace(f"seed = {last_seed}\n", f"seed = {last_seed + 1}\n"))
