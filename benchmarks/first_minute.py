@@ -21,18 +21,25 @@ from typing import Any
 
 from playwright.sync_api import Page, sync_playwright
 
+import minihuman
+
 HERE = Path(__file__).parents[1]
 MOST_S = 300.0  # that a person waits before the first round is played
 KEYS = "123456789"
 NAME = "my-first"
-_GO_ON = re.compile(r"^(I agree|Go on|Continue|Start|Next)")
+
+
+def _list_own_variables() -> dict[str, str]:
+    """Return this process's environment without the folders from which Python imports beside what is installed."""
+    return {name: text for name, text in os.environ.items() if name != "PYTHONPATH"}
 
 
 def install(folder: Path, package: str) -> Path:
     """Install the package into a new environment, and return its Python."""
     python = folder / "venv" / "bin" / "python"
     subprocess.run([sys.executable, "-m", "venv", folder / "venv"], check=True)
-    subprocess.run([python, "-m", "pip", "install", "-q", "--disable-pip-version-check", package], check=True)
+    command = [python, "-m", "pip", "install", "-q", "--disable-pip-version-check", package]
+    subprocess.run(command, check=True, env=_list_own_variables())
     return python
 
 
@@ -43,10 +50,7 @@ def play_round(page: Page) -> None:
     while frame.get_by_text(re.compile(r"\d+ steps\.")).count() == 0:
         if time.monotonic() > until_s:
             raise TimeoutError(f"no round has ended after {MOST_S:.0f} s")
-        buttons = frame.get_by_role("button", name=_GO_ON)
-        if buttons.count() and buttons.first.is_visible():
-            buttons.first.click()
-        page.keyboard.press("Enter")
+        page.keyboard.press("Enter")  # which agrees, and goes on where something is to be read
         for key in KEYS:  # which of them act is not known
             page.keyboard.press(key)
 
@@ -71,7 +75,7 @@ def measure(python: Path, folder: Path) -> dict[str, float]:
     begin_s = time.monotonic()
     environment = dict(os.environ)
     if python != Path(sys.executable):
-        environment.pop("PYTHONPATH", None)
+        environment = _list_own_variables()
     command: list[Any] = [python, "-m", "minihuman", "desk", folder, "--data", folder / "sessions", "--no-browser"]
     with (
         subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment, cwd=folder) as desk,
@@ -99,7 +103,7 @@ def main() -> None:
     parser.add_argument("--installed", action="store_true")
     arguments = parser.parse_args()
     machine = f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}"
-    print(f"Python {platform.python_version()}, {machine}, {time.strftime('%F')}")
+    print(f"minihuman {minihuman.__version__}, Python {platform.python_version()}, {machine}, {time.strftime('%F')}")
     with tempfile.TemporaryDirectory() as temporary:
         begin_s = time.monotonic()
         python = Path(sys.executable)
