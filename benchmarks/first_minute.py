@@ -2,7 +2,7 @@
 
     python -m benchmarks.first_minute [WHAT_TO_INSTALL] [--installed]
 
-It makes an environment, installs the package (this checkout, or a wheel), starts `minihuman desk`, copies a template,
+It makes an environment, installs the package (this checkout, or a wheel; with `[web]`, which the desk needs), starts `minihuman desk`, copies a template,
 presses "Try the study", agrees, reads on, and presses the keys of the study until a round has ended. With
 `--installed` the environment of this Python is used instead. It needs Chromium and Playwright in this Python.
 """
@@ -38,7 +38,7 @@ def install(folder: Path, package: str) -> Path:
     """Install the package into a new environment, and return its Python."""
     python = folder / "venv" / "bin" / "python"
     subprocess.run([sys.executable, "-m", "venv", folder / "venv"], check=True)
-    command = [python, "-m", "pip", "install", "-q", "--disable-pip-version-check", package]
+    command: list[Any] = [python, "-m", "pip", "install", "-q", "--disable-pip-version-check", package]
     subprocess.run(command, check=True, env=_list_own_variables())
     return python
 
@@ -99,7 +99,7 @@ def measure(python: Path, folder: Path) -> dict[str, float]:
 def main() -> None:
     """Print the seconds of each stage."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("package", nargs="?", default=str(HERE), metavar="WHAT_TO_INSTALL")
+    parser.add_argument("package", nargs="?", default=f"{HERE}[web]", metavar="WHAT_TO_INSTALL")
     parser.add_argument("--installed", action="store_true")
     arguments = parser.parse_args()
     machine = f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}"
