@@ -2,9 +2,10 @@
 
     python -m benchmarks.first_minute [WHAT_TO_INSTALL] [--installed]
 
-It makes an environment, installs the package (this checkout, or a wheel; with `[web]`, which the desk needs), starts `minihuman desk`, copies a template,
-presses "Try the study", agrees, reads on, and presses the keys of the study until a round has ended. With
-`--installed` the environment of this Python is used instead. It needs Chromium and Playwright in this Python.
+It makes an environment, installs the package (this checkout, or a wheel; with `[web]`, which the desk needs), starts
+`minihuman desk`, copies a template, presses "Try the study", agrees, reads on, and presses the keys of the study until
+a round has ended. With `--installed` the environment of this Python is used instead. It needs Chromium and Playwright
+in this Python.
 """
 
 import argparse
