@@ -2,9 +2,10 @@
 
     python -m benchmarks.first_minute [WHAT_TO_INSTALL] [--installed]
 
-It makes an environment, installs the package (this checkout, or a wheel), starts `minihuman desk`, copies a template,
-presses "Try the study", agrees, reads on, and presses the keys of the study until a round has ended. With
-`--installed` the environment of this Python is used instead. It needs Chromium and Playwright in this Python.
+It makes an environment, installs the package (this checkout, or a wheel; with `[web]`, which the desk needs), starts
+`minihuman desk`, copies a template, presses "Try the study", agrees, reads on, and presses the keys of the study until
+a round has ended. With `--installed` the environment of this Python is used instead. It needs Chromium and Playwright
+in this Python.
 """
 
 import argparse
@@ -21,18 +22,25 @@ from typing import Any
 
 from playwright.sync_api import Page, sync_playwright
 
+import minihuman
+
 HERE = Path(__file__).parents[1]
 MOST_S = 300.0  # that a person waits before the first round is played
 KEYS = "123456789"
 NAME = "my-first"
-_GO_ON = re.compile(r"^(I agree|Go on|Continue|Start|Next)")
+
+
+def _list_own_variables() -> dict[str, str]:
+    """Return this process's environment without the folders from which Python imports beside what is installed."""
+    return {name: text for name, text in os.environ.items() if name != "PYTHONPATH"}
 
 
 def install(folder: Path, package: str) -> Path:
     """Install the package into a new environment, and return its Python."""
     python = folder / "venv" / "bin" / "python"
     subprocess.run([sys.executable, "-m", "venv", folder / "venv"], check=True)
-    subprocess.run([python, "-m", "pip", "install", "-q", "--disable-pip-version-check", package], check=True)
+    command: list[Any] = [python, "-m", "pip", "install", "-q", "--disable-pip-version-check", package]
+    subprocess.run(command, check=True, env=_list_own_variables())
     return python
 
 
@@ -40,18 +48,12 @@ def play_round(page: Page) -> None:
     """Go through the screens of a trial, and press the study's keys until a round has ended."""
     until_s = time.monotonic() + MOST_S
     frame = page.frame_locator("iframe")
-    number = 0
     while frame.get_by_text(re.compile(r"\d+ steps\.")).count() == 0:
         if time.monotonic() > until_s:
             raise TimeoutError(f"no round has ended after {MOST_S:.0f} s")
-        buttons = frame.get_by_role("button", name=_GO_ON)
-        if buttons.count() and buttons.first.is_visible():
-            buttons.first.click()
-        page.keyboard.press("Enter")
-        for key in KEYS:
+        page.keyboard.press("Enter")  # which agrees, and goes on where something is to be read
+        for key in KEYS:  # which of them act is not known
             page.keyboard.press(key)
-        page.keyboard.press(KEYS[number % len(KEYS)])
-        number += 1
 
 
 def make_and_play(page: Page, address: str) -> None:
@@ -74,7 +76,7 @@ def measure(python: Path, folder: Path) -> dict[str, float]:
     begin_s = time.monotonic()
     environment = dict(os.environ)
     if python != Path(sys.executable):
-        environment.pop("PYTHONPATH", None)
+        environment = _list_own_variables()
     command: list[Any] = [python, "-m", "minihuman", "desk", folder, "--data", folder / "sessions", "--no-browser"]
     with (
         subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment, cwd=folder) as desk,
@@ -98,11 +100,11 @@ def measure(python: Path, folder: Path) -> dict[str, float]:
 def main() -> None:
     """Print the seconds of each stage."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("package", nargs="?", default=str(HERE), metavar="WHAT_TO_INSTALL")
+    parser.add_argument("package", nargs="?", default=f"{HERE}[web]", metavar="WHAT_TO_INSTALL")
     parser.add_argument("--installed", action="store_true")
     arguments = parser.parse_args()
     machine = f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}"
-    print(f"Python {platform.python_version()}, {machine}, {time.strftime('%F')}")
+    print(f"minihuman {minihuman.__version__}, Python {platform.python_version()}, {machine}, {time.strftime('%F')}")
     with tempfile.TemporaryDirectory() as temporary:
         begin_s = time.monotonic()
         python = Path(sys.executable)

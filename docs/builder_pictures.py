@@ -62,7 +62,8 @@ def take_editor_pictures(page: Page, address: str, out: Path) -> None:
     page.goto(f"{address}#/study/level.toml/parts/play")
     cells = page.locator(".cells-grid")
     cells.wait_for()
-    for x, y, kind in ((0.5, 0.35, "key"), (0.61, 0.5, "wall"), (0.61, 0.64, "locked door"), (0.61, 0.79, "wall")):
+    walls = [(0.61, y, "wall") for y in (0.22, 0.36, 0.5, 0.79)]
+    for x, y, kind in ((0.5, 0.35, "key"), (0.61, 0.64, "locked door"), *walls):
         page.get_by_role("button", name=kind, exact=True).click()
         box = cells.bounding_box()
         assert box is not None

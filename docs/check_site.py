@@ -13,7 +13,7 @@ import subprocess
 import sys
 import tempfile
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
 from html.parser import HTMLParser
@@ -194,22 +194,26 @@ def judge_readme(browser: Browser) -> list[str]:
     return problems
 
 
-def score_pages(address: str) -> dict[str, dict[str, int]]:
-    """Return Lighthouse's scores of three pages, 0 to 100, by category."""
-    scores = {}
-    for name in SCORED:
-        with tempfile.NamedTemporaryFile(suffix=".json") as file:
-            command = ["npx", "--yes", LIGHTHOUSE, f"{address}/{name}.html", "--quiet", "--output=json"]
-            command += [f"--output-path={file.name}", "--only-categories=accessibility,best-practices"]
-            command += ["--chrome-flags=--headless=new --no-sandbox"]
-            subprocess.run(command, check=True)
-            report = json.loads(Path(file.name).read_text(encoding="utf-8"))
-        scores[name] = {key: round(100 * category["score"]) for key, category in report["categories"].items()}
-        scores[name]["version"] = report["lighthouseVersion"]
-    return scores
+def score_page(address: str, *options: str, categories: str = "accessibility,best-practices") -> dict[str, int | str]:
+    """Return the scores of a page, 0 to 100, by category, and the version; options are further ones of Lighthouse."""
+    with tempfile.NamedTemporaryFile(suffix=".json") as file:
+        command = ["npx", "--yes", LIGHTHOUSE, address, "--quiet", "--output=json", f"--output-path={file.name}"]
+        command += [f"--only-categories={categories}", "--chrome-flags=--headless=new --no-sandbox", *options]
+        subprocess.run(command, check=True)
+        report = json.loads(Path(file.name).read_text(encoding="utf-8"))
+    for audit in report["audits"].values():
+        if audit["score"] == 0 and audit["scoreDisplayMode"] == "binary":
+            print(f"{address}: {audit['title']}", file=sys.stderr)
+    scores = {key: round(100 * category["score"]) for key, category in report["categories"].items()}
+    return {**scores, "version": report["lighthouseVersion"]}
 
 
-def find_low_scores(scores: dict[str, dict[str, int]]) -> list[str]:
+def score_pages(address: str) -> dict[str, dict[str, int | str]]:
+    """Return Lighthouse's scores of three pages."""
+    return {name: score_page(f"{address}/{name}.html") for name in SCORED}
+
+
+def find_low_scores(scores: Mapping[str, Mapping[str, int | str]]) -> list[str]:
     """Return each score that is under the lowest that passes."""
     return [
         f"{name}: {category} is {score}, under {LOWEST_SCORE}"

@@ -96,11 +96,12 @@ class Hand:
     def wait_for_preview(self, text: str) -> None:
         """Wait until the preview shows a text; each change replaces its frame."""
         until_s = time.monotonic() + PATIENCE_MS / 1000
-        while not any(text in self._read_frame(frame) for frame in self.page.frames[1:]):
+        while not any(text in self.read_frame(frame) for frame in self.page.frames[1:]):
             assert time.monotonic() < until_s, f"the preview never shows {text!r}"
             self.page.wait_for_timeout(50)
 
-    def _read_frame(self, frame: Any) -> str:
+    def read_frame(self, frame: Any) -> str:
+        """Return the text of a frame; "" while it is replaced."""
         try:
             return str(frame.evaluate("document.body.innerText"))
         except pytest.importorskip("playwright.sync_api").Error:  # it is being replaced

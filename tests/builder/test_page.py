@@ -153,7 +153,8 @@ def test_a_desk_that_has_ended_loses_nothing_that_was_typed(lab: Path) -> None:
             hand = Hand(sit_down(address + PART).page)
             instructions(hand).wait_for()
         hand.type(instructions(hand), "Nobody hears this.")
-        hand.page.get_by_role("alert").filter(has_text="The desk does not answer").wait_for()
+        alert = hand.page.get_by_role("alert").filter(has_text="The desk does not answer")
+        alert.get_by_text("Nobody hears this.").wait_for()  # from where it can be copied
         assert hand.button("Make this change again").is_enabled()
     assert (lab / "online.toml").read_text() == before
 

@@ -23,10 +23,10 @@ export function AddPart({ study, lane, place, close, select }) {
   const parts = study.document?.parts ?? [];
   const enter = async (/** @type {string} */ name, /** @type {Edit[]} */ before, /** @type {string} */ kind, to = place) => {
     close();
-    if (await study.edit([...before, ...buildEntryEdits(study, lane, lane.parts.toSpliced(to, 0, name), kind)])) select(name);
+    if (await study.edit([...before, ...buildEntryEdits(study, lane, to, name, kind)])) select(name);
   };
   const make = async (/** @type {PartKind} */ kind, /** @type {string} */ chosen = "") => {
-    const name = makeName(chosen ? nameWorld(chosen).replace(/^Mini(Grid|World)-/, "") : kind.kind, parts.map((part) => part.name));
+    const name = makeName(chosen ? nameWorld(chosen).replace(/^Mini(Grid|World)-/, "") : kind.kind, study.listNames());
     const own = kind.kind === "consent" ? kinds?.consents[study.read(["study", "language"]) ?? "en"] : undefined; // in the study's language
     let fields = /** @type {any} */ ({ ...(own ?? kind.new), name });
     if (chosen) fields = await fitToWorld(fields, chosen);

@@ -80,7 +80,7 @@ function StudyPage({ studyKey, view, selected, languages }) {
       <${TryButtons} study=${study} part=${view === "parts" ? selected : ""} /></${TopBar}>
     <nav class="views" aria-label="Views of the study">${Object.entries(VIEWS).map(([name, words]) => html`
       <a key=${name} href=${`#/study/${encodeURIComponent(studyKey)}/${name}`} aria-current=${name === view ? "page" : undefined}>${words}</a>`)}</nav>
-    <main class=${`view-${view}`}><${Notices} study=${study} content=${content} />
+    <main class=${`view-${view}`} inert=${study.isUnforeseen}><${Notices} study=${study} content=${content} />
       ${view === "parts" && html`<${PartsView} study=${study} selected=${selected} languages=${languages} />`}
       ${view === "texts" && html`<${Texts} study=${study} languages=${languages} open=${(/** @type {string} */ key) => go(key, "texts")} />`}
       ${view === "media" && html`<${MediaView} study=${study} />`}
@@ -124,6 +124,7 @@ function Notices({ study, content }) {
   return html`<div class="notices">
     ${failure && html`<div class="notice wrong" role="alert"><p>${failure.message}</p>
       ${failure.edits.length > 0 && html`<p class="quiet">Not saved: ${failure.edits.map((edit) => formatPath(edit.path)).join(", ")}</p>`}
+      ${failure.edits.filter((edit) => typeof edit.value === "string").map((edit) => html`<pre class="unsaved" dir="auto">${edit.value}</pre>`)}
       <div class="buttons">${failure.edits.length > 0 && html`<button type="button" onClick=${() => study.retry()}>Make this change again</button>`}
         <button type="button" onClick=${() => study.dismiss()}>Leave it</button></div></div>`}
     ${study.wasEditedElsewhere && html`<div class="notice" role="status"><p>The file was edited elsewhere; this page shows it as it is now.</p>

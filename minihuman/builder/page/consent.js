@@ -15,7 +15,7 @@ export const fillPlaceholder = (text, label, words) => text.replace(`[${label}]`
 export function OpenPlaces({ study, path }) {
   const labels = listPlaceholders(String(study.read(path) ?? ""));
   if (!labels.length || study.restrictionAt(path)) return null;
-  const fill = (/** @type {string} */ label, /** @type {string} */ words) => words.trim() && study.editNext(() => [
+  const fill = (/** @type {string} */ label, /** @type {string} */ words) => words.trim() && study.edit([
     { op: "set", path, value: fillPlaceholder(String(study.read(path)), label, words.trim()) }]);
   return html`<section class="open-places" aria-label="To fill in"><h3>To fill in</h3>
     <p class="quiet">What only you know. It takes the place of the brackets in the text below.</p>

@@ -1,7 +1,9 @@
 // The elements of one field of a form: a control for its type, and around it the label, sentence, default and mistakes.
-/** @import { Document, FormField } from "./messages" */
+/** @import { Document, Edit, FormField } from "./messages" */
 /** @import { FieldPath, OpenStudy } from "./open_study.js" */
 import { html, useEffect, useRef, useState } from "./vendor/preact.js";
+import { buildMemberEdits } from "./edits.js";
+import { TextInput } from "./text_input.js";
 import { WorldButton } from "./worlds.js";
 import { formatPath } from "./open_study.js";
 import { formatContent, renderSentence, spellName } from "./words.js";
@@ -111,23 +113,25 @@ function ChoiceControl({ field, id, describedBy, content, isFixed, save, names }
 const spellChoice = (choice) => (choice === "" ? "none" : String(choice).replaceAll("_", " "));
 
 /** @param {ControlProperties} properties */
-function ListControl({ study, field, path, id, describedBy, content, isFixed, save }) {
+function ListControl({ study, field, path, id, describedBy, content, isFixed }) {
   const members = /** @type {unknown[]} */ (content ?? field.default ?? []);
   const actions = useActions(field.references === "action" ? study.read([...path.slice(0, -1), "world"]) : undefined);
-  const listed = listNames(study.document, field.references, field.choices.map((choice) => String(choice.value)));
+  const choices = field.type === "list" ? field.choices.map((choice) => String(choice.value)) : []; // else they take a list's place
+  const listed = listNames(study.document, field.references, choices);
   const files = useFiles(study, isFile(field));
   const names = [actions, files].find((offered) => offered.length) ?? listed;
   const type = field.item || (members.every((member) => typeof member === "number") && members.length ? "number" : "string");
-  const add = (/** @type {string} */ text) => text.trim() && save([...members, readTyped(text.trim(), type)]);
+  const change = (/** @type {Edit} */ edit) => study.edit(buildMemberEdits(path, content, members, edit));
+  const add = (/** @type {string} */ text) => text.trim() && change({ op: "insert", path: [members.length], value: readTyped(text.trim(), type) });
   const offered = names.filter((name) => !members.includes(name));
   return html`<div class="list" role="group" aria-describedby=${describedBy}>
     <ol>${members.map((member, place) => html`<li key=${`${place} ${member}`}>
       <span dir="auto">${formatContent(member)}</span>
       ${!isFixed && html`
         <button type="button" class="icon" disabled=${place === 0} aria-label=${`Move ${formatContent(member)} earlier`}
-          onClick=${() => save(moveMember(members, place, place - 1))}>↑</button>
+          onClick=${() => change({ op: "move", path: [place], to: place - 1 })}>↑</button>
         <button type="button" class="icon" aria-label=${`Remove ${formatContent(member)}`}
-          onClick=${() => save(members.filter((_, other) => other !== place))}>×</button>`}
+          onClick=${() => change({ op: "remove", path: [place] })}>×</button>`}
     </li>`)}</ol>
     ${!isFixed && (names.length ? html`<select id=${id} value="" onChange=${(/** @type {any} */ event) => { add(event.target.value); event.target.value = ""; }}>
         <option value="">add …</option>${offered.map((name) => html`<option value=${name}>${name}</option>`)}</select>`
@@ -165,13 +169,6 @@ function useActions(world) {
   return actions;
 }
 
-/** @param {unknown[]} members @param {number} from @param {number} to */
-function moveMember(members, from, to) {
-  const moved = [...members];
-  moved.splice(to, 0, ...moved.splice(from, 1));
-  return moved;
-}
-
 /** @param {{ id: string, add: (text: string) => void }} properties */
 function AddText({ id, add }) {
   const [typed, setTyped] = useState("");
@@ -186,57 +183,60 @@ function AddText({ id, add }) {
 
 /** @param {ControlProperties} properties */
 function PairControl(properties) {
-  const { study, path, field, content, save } = properties;
+  const { study, path, field, content } = properties;
   const pair = content ?? field.default ?? [0, 0];
-  const set = (/** @type {number} */ place, /** @type {unknown} */ number) => (Array.isArray(content)
-    ? study.edit([{ op: "set", path: [...path, place], value: number }]) // its number alone: the other may be on its way
-    : save(pair.map((/** @type {unknown} */ other, /** @type {number} */ at) => (at === place ? number : other))));
+  const written = Array.isArray(content) ? content : undefined; // one number may stand for both
+  const set = (/** @type {number} */ place, /** @type {unknown} */ number) =>
+    study.edit(buildMemberEdits(path, written, pair, { op: "set", path: [place], value: number }));
   return html`<div class="pair">${["first", "second"].map((word, place) => html`<${TextControl} ...${properties}
     id=${place ? `${properties.id}-second` : properties.id} type=${field.item || "number"} content=${pair[place]}
     save=${(/** @type {unknown} */ number) => set(place, number)} key=${word} />`)}</div>`;
 }
 
 /** Who holds each body of a team: a choice a seat. @param {ControlProperties} properties */
-function SeatsControl({ field, id, describedBy, content, isFixed, save }) {
+function SeatsControl({ study, path, field, id, describedBy, content, isFixed }) {
   const seats = /** @type {string[]} */ (content ?? []);
   const known = field.choices.map((choice) => String(choice.value));
-  const put = (/** @type {number} */ place, /** @type {string} */ seat) => save(seats.map((other, at) => (at === place ? seat : other)));
+  const change = (/** @type {Edit} */ edit) => study.edit(buildMemberEdits(path, content, seats, edit));
+  const put = (/** @type {number} */ place, /** @type {string} */ seat) => change({ op: "set", path: [place], value: seat });
   return html`<div role="group" aria-describedby=${describedBy}><ol class="seats">${seats.map((seat, place) => html`<li key=${place}>
       <label for=${place ? `${id}-${place}` : id}>Seat ${place + 1}</label>
       <select id=${place ? `${id}-${place}` : id} value=${seat} disabled=${isFixed} onChange=${(/** @type {any} */ event) => put(place, event.target.value)}>
         ${[...new Set([seat, ...known])].map((name) => html`<option value=${name}>${name}</option>`)}</select></li>`)}</ol>
-    ${!isFixed && html`<div class="buttons"><button type="button" class="small" onClick=${() => save([...seats, known[0]])}>Add a seat</button>
-      ${seats.length > 1 && html`<button type="button" class="small" onClick=${() => save(seats.slice(0, -1))}>Remove the last seat</button>`}</div>`}</div>`;
+    ${!isFixed && html`<div class="buttons"><button type="button" class="small" onClick=${() => change({ op: "insert", path: [seats.length], value: known[0] })}>Add a seat</button>
+      ${seats.length > 1 && html`<button type="button" class="small" onClick=${() => change({ op: "remove", path: [seats.length - 1] })}>Remove the last seat</button>`}</div>`}</div>`;
 }
 
 /** A part that a group has in place of another. @param {ControlProperties} properties */
-function ReplacedParts({ study, id, content, isFixed, save }) {
+function ReplacedParts({ study, path, id, content, isFixed }) {
   const pairs = /** @type {[string, string][]} */ (Object.entries(content ?? {}));
   const names = (study.document?.parts ?? []).map((part) => part.name);
-  const put = (/** @type {string} */ part, /** @type {string} */ other) => save({ ...content, [part]: other });
+  const change = (/** @type {Edit} */ edit) => study.edit(buildMemberEdits(path, content, {}, edit));
+  const put = (/** @type {string} */ part, /** @type {string} */ other) => change({ op: "set", path: [part], value: other });
   return html`<div class="map">${pairs.map(([part, other]) => html`<div class="row" key=${part}><code>${part}</code>
       <select aria-label=${`Instead of ${part}`} value=${other} disabled=${isFixed} onChange=${(/** @type {any} */ event) => put(part, event.target.value)}>
         <option value="">nothing: it is left out</option>${names.filter((name) => name !== part).map((name) => html`<option value=${name}>${name}</option>`)}</select>
       <button type="button" class="icon" disabled=${isFixed} aria-label=${`Keep ${part}`}
-        onClick=${() => save(Object.fromEntries(pairs.filter(([name]) => name !== part)))}>×</button></div>`)}
+        onClick=${() => change({ op: "remove", path: [part] })}>×</button></div>`)}
     ${!isFixed && html`<select id=${id} value="" onChange=${(/** @type {any} */ event) => { if (event.target.value) put(event.target.value, ""); event.target.value = ""; }}>
       <option value="">instead of …</option>${names.filter((name) => !(name in (content ?? {}))).map((name) => html`<option value=${name}>${name}</option>`)}</select>`}</div>`;
 }
 
 /** @param {ControlProperties} properties */
-function MapControl({ field, id, content, isFixed, save }) {
+function MapControl({ study, path, field, id, content, isFixed }) {
   const pairs = Object.entries(content ?? {});
   const [name, setName] = useState("");
-  const set = (/** @type {string} */ key, /** @type {string} */ text) => save({ ...content, [key]: readLike(text, content?.[key], field.item) });
-  const remove = (/** @type {string} */ key) => save(Object.fromEntries(pairs.filter(([other]) => other !== key)));
+  const change = (/** @type {Edit} */ edit) => study.edit(buildMemberEdits(path, content, {}, edit));
+  const set = (/** @type {string} */ key, /** @type {string} */ text) => change({ op: "set", path: [key], value: readLike(text, content?.[key], field.item) });
+  const remove = (/** @type {string} */ key) => change({ op: "remove", path: [key] });
   const commit = () => {
     if (name.trim()) set(name.trim(), "");
     setName("");
   };
   return html`<div class="map">
     ${pairs.map(([key, member]) => html`<div class="row" key=${key}><code>${key}</code>
-      <input type="text" aria-label=${`${spellName(field.name)}: ${key}`} value=${typeof member === "object" ? JSON.stringify(member) : String(member)}
-        disabled=${isFixed} dir="auto" onChange=${(/** @type {any} */ event) => set(key, event.target.value)} />
+      <${TextInput} aria-label=${`${spellName(field.name)}: ${key}`} value=${typeof member === "object" ? JSON.stringify(member) : String(member)}
+        disabled=${isFixed} dir="auto" save=${(/** @type {string} */ text) => set(key, text)} />
       <button type="button" class="icon" disabled=${isFixed} aria-label=${`Remove ${key}`} onClick=${() => remove(key)}>×</button></div>`)}
     ${!isFixed && html`<input type="text" id=${id} value=${name} placeholder="add a name …" onInput=${(/** @type {any} */ event) => setName(event.target.value)}
       onBlur=${commit} onKeyDown=${(/** @type {any} */ event) => event.key === "Enter" && commit()} />`}
@@ -248,8 +248,8 @@ function AnyControl(properties) {
   const { content, save, isFixed, id, describedBy } = properties;
   const [problem, setProblem] = useState("");
   const isPlain = ["string", "number", "boolean"].includes(typeof content);
-  const onChange = (/** @type {any} */ event) => {
-    const text = event.target.value.trim();
+  const read = (/** @type {string} */ typed) => {
+    const text = typed.trim();
     try {
       save(/^[[{"]|^-?\d|^(true|false)$/.test(text) ? JSON.parse(text) : text);
       setProblem("");
@@ -257,7 +257,7 @@ function AnyControl(properties) {
       setProblem("This is neither a number, a word, nor a list such as [1, 2].");
     }
   };
-  return html`<input type="text" id=${id} aria-describedby=${describedBy} disabled=${isFixed} onChange=${onChange}
+  return html`<${TextInput} id=${id} aria-describedby=${describedBy} disabled=${isFixed} save=${read}
       value=${content === undefined ? "" : isPlain ? String(content) : JSON.stringify(content)} />
     ${problem && html`<p class="mistake" role="alert">${problem}</p>`}`;
 }

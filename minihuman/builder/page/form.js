@@ -88,7 +88,8 @@ function MoreFields({ fields, add }) {
 export function NestedForm({ study, field, path, content, isFixed, save, id }) {
   if (isFixed) return null;
   if (content === undefined || content === null) {
-    return html`<button type="button" id=${id} class="small" onClick=${() => save(field.example ?? {})}>Add ${spellName(field.name).toLowerCase()}</button>`;
+    const words = `Add ${spellName(field.name).toLowerCase()}`; // its name, too: the field's label would name it by the field alone
+    return html`<button type="button" id=${id} class="small" aria-label=${words} onClick=${() => save(field.example ?? {})}>${words}</button>`;
   }
   return html`<fieldset id=${id} aria-label=${spellName(field.name)}>
     <${TableForm} study=${study} path=${path} table=${field.table} content=${content} /></fieldset>`;

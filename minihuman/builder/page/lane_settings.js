@@ -4,6 +4,7 @@
 import { html, useState } from "./vendor/preact.js";
 import { Dialog } from "./dialog.js";
 import { TableForm } from "./form.js";
+import { TextInput } from "./text_input.js";
 import { makeName } from "./words.js";
 
 const DAYS_BETWEEN = [1, 3]; // to begin with
@@ -88,13 +89,13 @@ function Part({ study, table, noun, place, hidden, essential, remove }) {
   const tables = /** @type {any[]} */ (study.read([table]) ?? []);
   const fields = tables[place];
   if (!fields) return null;
-  const rename = (/** @type {any} */ event) => {
-    const name = event.target.value.trim();
+  const rename = (/** @type {string} */ text) => {
+    const name = text.trim();
     if (name && name !== fields.name) study.edit([{ op: "rename", path: [table, place], value: name }]);
   };
   const isFixed = study.restrictionAt([table]) !== "";
   return html`<fieldset><legend>${noun === "day" ? "Day" : "Group"} ${place + 1}</legend>
-    <label class="block">Name of the ${noun} <input type="text" value=${fields.name} disabled=${isFixed} onChange=${rename} /></label>
+    <label class="block">Name of the ${noun} <${TextInput} value=${fields.name} disabled=${isFixed} save=${rename} /></label>
     <${TableForm} study=${study} path=${[table, place]} table=${table} hidden=${["name", ...hidden]} essential=${essential} />
     ${tables.length > 1 && !isFixed && html`<button type="button" class="small danger" onClick=${() => remove(table, place)}>Remove this ${noun}</button>`}
   </fieldset>`;

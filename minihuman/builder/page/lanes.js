@@ -12,20 +12,17 @@ import { countNoun, formatMinutes, nameKind } from "./words.js";
 /** @param {Lane | null} lane */
 const laneKey = (lane) => (lane ? `${lane.group} ${lane.session}` : "");
 
-/** @param {Lane} lane @param {string[]} names @returns {Edit[]} */
-export const buildLaneEdits = (lane, names) => [{ op: "set", path: lane.path, value: names }];
-
 /**
  * The edits that put a part into a lane. A group that lists blocks alone lists parts from then on, and so do the others.
- * @param {OpenStudy} study @param {Lane} lane @param {string[]} names @param {string} kind "block" if it is one @returns {Edit[]}
+ * @param {OpenStudy} study @param {Lane} lane @param {number} place @param {string} part @param {string} kind "block" if it is one @returns {Edit[]}
  */
-export function buildEntryEdits(study, lane, names, kind) {
+export function buildEntryEdits(study, lane, place, part, kind) {
   const listsBlocks = lane.path.at(-1) === "blocks";
-  if (!listsBlocks || kind === "block") return buildLaneEdits(lane, names);
+  if (!listsBlocks || kind === "block") return [{ op: "insert", path: [...lane.path, place], value: part }];
   /** @type {Edit[]} */
   const edits = [];
   for (const other of study.document?.lanes ?? []) {
-    const parts = other.path.join() === lane.path.join() ? names : other.parts;
+    const parts = other.path.join() === lane.path.join() ? other.parts.toSpliced(place, 0, part) : other.parts;
     const group = other.path.slice(0, -1);
     if (study.read([...group, "blocks"])) edits.push({ op: "remove", path: [...group, "blocks"] });
     edits.push({ op: "set", path: [...group, "parts"], value: parts });
@@ -33,11 +30,14 @@ export function buildEntryEdits(study, lane, names, kind) {
   return edits;
 }
 
-/** @param {string[]} names @param {number} from @param {number} to */
-export function moveName(names, from, to) {
-  const moved = [...names];
-  moved.splice(to > from ? to - 1 : to, 0, ...moved.splice(from, 1));
-  return moved;
+/** The edits that take a part out of a lane, wherever it is. @param {Lane} lane @param {string} part @returns {Edit[]} */
+export const buildLeaveEdits = (lane, part) => lane.parts.flatMap((name, place) => (name === part ? [place] : []))
+  .toReversed().map((place) => ({ op: "remove", path: [...lane.path, place] }));
+
+/** The edit that moves a part before another. @param {Lane} lane @param {number} from @param {number} before @returns {Edit[]} none if it is there */
+export function buildMoveEdits(lane, from, before) {
+  const to = before > from ? before - 1 : before;
+  return to === from ? [] : [{ op: "move", path: [...lane.path, from], to }];
 }
 
 /** @param {{ study: OpenStudy, selected: string, select: (name: string) => void }} properties */
@@ -61,9 +61,9 @@ export function Lanes({ study, selected, select }) {
   const drop = (/** @type {Lane} */ lane, /** @type {number} */ place) => {
     if (!dragged) return;
     const isMove = dragged.lane?.path.join() === lane.path.join();
-    const names = isMove ? moveName(lane.parts, dragged.place, place) : lane.parts.toSpliced(place, 0, dragged.part);
     const isBlock = parts.some((part) => part.name === dragged.part && part.path[0] === "blocks");
-    study.edit(buildEntryEdits(study, lane, names, isBlock ? "block" : ""));
+    const edits = isMove ? buildMoveEdits(lane, dragged.place, place) : buildEntryEdits(study, lane, place, dragged.part, isBlock ? "block" : "");
+    if (edits.length) study.edit(edits);
     setSpot({ lane: "", place: -1 });
     setDragged(null);
   };
@@ -130,7 +130,7 @@ function Chip({ study, part, name, instead = "", lane, place, selected, choose, 
 /** @param {{ study: OpenStudy, lane: Lane, place: number, name: string, setSpot: (spot: Spot) => void }} properties */
 function MoveButtons({ study, lane, place, name, setSpot }) {
   const move = (/** @type {number} */ to) => {
-    study.edit(buildLaneEdits(lane, moveName(lane.parts, place, to > place ? to + 1 : to)));
+    study.edit([{ op: "move", path: [...lane.path, place], to }]);
     setSpot({ lane: laneKey(lane), place: to });
   };
   const where = nameLane(lane);
@@ -138,6 +138,6 @@ function MoveButtons({ study, lane, place, name, setSpot }) {
     <button type="button" class="icon" disabled=${place === 0} aria-label=${`Move ${name} earlier in ${where}`} onClick=${() => move(place - 1)}>←</button>
     <button type="button" class="icon" disabled=${place === lane.parts.length - 1} aria-label=${`Move ${name} later in ${where}`} onClick=${() => move(place + 1)}>→</button>
     <button type="button" class="icon" aria-label=${`Take ${name} out of ${where}`}
-      onClick=${() => study.edit(buildLaneEdits(lane, lane.parts.toSpliced(place, 1)))}>×</button>
+      onClick=${() => study.edit([{ op: "remove", path: [...lane.path, place] }])}>×</button>
   </span>`;
 }

@@ -3,6 +3,7 @@
 /** @import { FieldPath, OpenStudy } from "./open_study.js" */
 import { html, useEffect, useRef, useState } from "./vendor/preact.js";
 import { AGENTS, Level, WORLD } from "./level.js";
+import { TextInput } from "./text_input.js";
 import { buildAddress, describeWorld } from "./requests.js";
 
 const COLOURS = /** @type {Record<string, string>} */ ({ r: "red", g: "green", b: "blue", p: "purple", y: "yellow", "-": "grey" });
@@ -67,9 +68,9 @@ export function LevelEditor({ study, path }) {
   const level = drawn ?? readLevel(block.options);
   if (!level) return html`<p class="quiet">This level has cells that the editor does not know; edit its diagram in the view “File”.</p>`;
   const isFixed = study.restrictionAt([...path, "options"]) !== "";
-  const save = async (/** @type {Level} */ changed) => {
+  const save = (/** @type {Level} */ changed) => {
     const edits = buildLevelEdits(study.read(path), path, changed, facts);
-    if (edits.length) await study.edit(edits);
+    if (edits.length) study.edit(edits);
     setDrawn(null);
   };
   const resize = (/** @type {number} */ width, /** @type {number} */ height) => {
@@ -80,12 +81,12 @@ export function LevelEditor({ study, path }) {
     ${!isFixed && html`<${Palette} tool=${tool} choose=${setTool} />`}
     <${Grid} level=${level} tool=${tool} isFixed=${isFixed} show=${setDrawn} save=${save} />
     <p class="quiet">${level.problem || "Click or drag to draw; a click on the agent turns it. The preview plays the level."}</p>
-    <div class="row"><label>Columns <input type="number" min=${LEAST} max=${MOST} value=${level.width} disabled=${isFixed}
-        onChange=${(/** @type {any} */ event) => resize(event.target.valueAsNumber, level.height)} /></label>
-      <label>Rows <input type="number" min=${LEAST} max=${MOST} value=${level.height} disabled=${isFixed}
-        onChange=${(/** @type {any} */ event) => resize(level.width, event.target.valueAsNumber)} /></label>
-      <label class="wide">Mission <input type="text" dir="auto" value=${level.mission} disabled=${isFixed} onChange=${(/** @type {any} */ event) => {
-        level.mission = event.target.value;
+    <div class="row"><label>Columns <${TextInput} type="number" min=${LEAST} max=${MOST} value=${level.width} disabled=${isFixed}
+        save=${(/** @type {string} */ count) => resize(Number(count), level.height)} /></label>
+      <label>Rows <${TextInput} type="number" min=${LEAST} max=${MOST} value=${level.height} disabled=${isFixed}
+        save=${(/** @type {string} */ count) => resize(level.width, Number(count))} /></label>
+      <label class="wide">Mission <${TextInput} dir="auto" value=${level.mission} disabled=${isFixed} save=${(/** @type {string} */ mission) => {
+        level.mission = mission;
         save(level);
       }} /></label></div></section>`;
 }

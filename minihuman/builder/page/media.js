@@ -4,6 +4,7 @@
 import { html, useEffect, useState } from "./vendor/preact.js";
 import { RefusedError, listMedia, mediaAddress, readTable, sendFile, writeTable } from "./requests.js";
 import { formatPath } from "./open_study.js";
+import { TextInput } from "./text_input.js";
 import { countNoun, makeName } from "./words.js";
 
 /** @param {{ study: OpenStudy }} properties */
@@ -70,24 +71,94 @@ function FileCard({ study, file, isOpen, open }) {
 /** @param {number} bytes */
 const formatBytes = (bytes) => (bytes < 10_000 ? `${bytes} bytes` : `${Math.round(bytes / 1000)} kB`);
 
+/** A table that is open on the page, with what is on its way to the file: each edit is made of what those before it leave. */
+export class OpenTable {
+  /** @param {string} key of the study @param {string} name @param {() => void} changed is called after every change of what is shown */
+  constructor(key, name, changed) {
+    this.key = key;
+    this.name = name;
+    this.changed = changed;
+    /** @type {StimulusTable | null} */
+    this.table = null;
+    this.problem = "";
+    this.isPasting = false; // what the table will be is not known yet
+    this._version = ""; // of the file, as the server last sent it
+    this.unsaved = 0; // requests that the server has not answered
+    this._queue = Promise.resolve();
+  }
+
+  async read() {
+    try {
+      const answer = await readTable(this.key, this.name);
+      this._version = answer.version;
+      this.table = answer;
+    } catch (error) {
+      this.problem = describeProblem(error);
+    }
+    this.changed();
+  }
+
+  /** @param {Partial<StimulusTable>} change @returns {Promise<void>} */
+  write(change) {
+    if (!this.table) return Promise.resolve();
+    this.table = { ...this.table, ...change };
+    const { columns, rows } = this.table;
+    return this._enqueue({ columns, rows });
+  }
+
+  /** @param {string} pasted cells of a spreadsheet, which take the place of the table's @returns {Promise<void>} */
+  paste(pasted) {
+    this.isPasting = true;
+    return this._enqueue({ columns: [], rows: [], pasted });
+  }
+
+  /** @param {{ columns: string[], rows: string[][], pasted?: string }} content @returns {Promise<void>} */
+  _enqueue(content) {
+    this.unsaved += 1;
+    this.changed();
+    this._queue = this._queue.then(() => this._send(content));
+    return this._queue;
+  }
+
+  /** @param {{ columns: string[], rows: string[][], pasted?: string }} content */
+  async _send(content) {
+    this.unsaved -= 1;
+    try {
+      const answer = await writeTable(this.key, { name: this.name, version: this._version, ...content });
+      this._version = answer.version;
+      this.problem = "";
+      if (!this.unsaved) this.table = answer;
+    } catch (error) {
+      this.problem = describeProblem(error);
+      if (isConflict(error)) await this.read(); // what the next edits are made of
+    }
+    if (content.pasted) this.isPasting = false;
+    this.changed();
+  }
+}
+
+/** @param {unknown} error */
+const isConflict = (error) => error instanceof RefusedError && error.refusal.error === "conflict";
+
+/** @param {unknown} error @returns {string} */
+const describeProblem = (error) => (error instanceof RefusedError ? error.message : "The desk does not answer; is it still running?");
+
 /** @param {{ study: OpenStudy, name: string }} properties */
 function TableEditor({ study, name }) {
-  const [table, setTable] = useState(/** @type {StimulusTable | null} */ (null));
-  const [problem, setProblem] = useState("");
-  useEffect(() => { readTable(study.key, name).then(setTable, (error) => setProblem(error.message)); }, [name]);
+  const [, redraw] = useState(0);
+  const [open] = useState(() => new OpenTable(study.key, name, () => redraw((count) => count + 1)));
+  useEffect(() => { open.read(); }, [open]);
+  const { table, problem } = open;
   if (!table) return html`<p class="quiet" role="status">${problem || "Opening the table …"}</p>`;
-  const save = (/** @type {Partial<StimulusTable> & { pasted?: string }} */ change) => {
-    const request = { name, version: table.version, columns: table.columns, rows: table.rows, ...change };
-    return writeTable(study.key, request).then((answer) => { setTable(answer); setProblem(""); }, (error) => setProblem(error.message));
-  };
+  const save = (/** @type {Partial<StimulusTable>} */ change) => open.write(change);
   const paste = (/** @type {ClipboardEvent} */ event) => {
     const text = event.clipboardData?.getData("text/plain") ?? "";
     if (!/[\t\n]/.test(text.trim())) return;
     event.preventDefault();
-    save({ columns: [], rows: [], pasted: text });
+    open.paste(text);
   };
-  return html`<section class="table-editor" aria-label=${`Table ${name}`} onPaste=${paste}>
-    <h3>${name} <small>${countNoun(table.rows.length, "row")}</small></h3>
+  return html`<section class="table-editor" aria-label=${`Table ${name}`} onPaste=${paste} inert=${open.isPasting}>
+    <h3>${name} <small>${countNoun(table.rows.length, "row")}</small> <small role="status">${open.unsaved ? "Saving …" : !problem && "Cells saved"}</small></h3>
     <p class="quiet">Copy the cells of a spreadsheet, names of columns first, click into the table and paste. A column that is no option of the
       world is a label of the trial and a column of the data.</p>
     ${problem && html`<p class="mistake" role="alert">${problem}</p>`}
@@ -103,11 +174,11 @@ function Cells({ table, save }) {
   const setCell = (/** @type {number} */ row, /** @type {number} */ place, /** @type {string} */ text) =>
     save({ rows: table.rows.with(row, table.rows[row].with(place, text)) });
   return html`<div class="cells" tabindex="0"><table><thead><tr><th scope="col"><span class="unseen">row</span></th>${table.columns.map((column, place) => html`<th scope="col">
-      <input type="text" aria-label=${`Name of column ${place + 1}`} value=${column} onChange=${(/** @type {any} */ event) => setName(place, event.target.value)} /></th>`)}
+      <${TextInput} aria-label=${`Name of column ${place + 1}`} value=${column} save=${(/** @type {string} */ text) => setName(place, text)} /></th>`)}
       <th><span class="unseen">remove</span></th></tr></thead>
     <tbody>${table.rows.map((row, number) => html`<tr key=${number}><th scope="row">${number + 1}</th>
-      ${row.map((cell, place) => html`<td><input type="text" dir="auto" aria-label=${`${table.columns[place]}, row ${number + 1}`} value=${cell}
-        onChange=${(/** @type {any} */ event) => setCell(number, place, event.target.value)} /></td>`)}
+      ${row.map((cell, place) => html`<td><${TextInput} dir="auto" aria-label=${`${table.columns[place]}, row ${number + 1}`} value=${cell}
+        save=${(/** @type {string} */ text) => setCell(number, place, text)} /></td>`)}
       <td><button type="button" class="icon" aria-label=${`Remove row ${number + 1}`} onClick=${() => save({ rows: table.rows.toSpliced(number, 1) })}>×</button></td></tr>`)}</tbody>
   </table></div>`;
 }

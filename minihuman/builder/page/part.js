@@ -7,6 +7,8 @@ import { OpenPlaces } from "./consent.js";
 import { WORLD as LEVEL } from "./level.js";
 import { LevelEditor } from "./level_editor.js";
 import { TableButtons, TableForm, insertTable } from "./form.js";
+import { buildLeaveEdits } from "./lanes.js";
+import { TextInput } from "./text_input.js";
 import { TimelineEditor } from "./timeline_editor.js";
 import { makeName, nameKind, spellName, stripMarks } from "./words.js";
 
@@ -55,23 +57,20 @@ function GroupChoice({ study, part, group, choose }) {
 
 /** @param {{ study: OpenStudy, part: Part }} properties */
 function NameField({ study, part }) {
-  const rename = (/** @type {any} */ event) => {
-    const name = event.target.value.trim();
+  const rename = (/** @type {string} */ text) => {
+    const name = text.trim();
     if (name && name !== part.name) study.edit([{ op: "rename", path: part.path, value: name }]);
   };
   const isFixed = study.restrictionAt([...part.path, "name"]) !== "";
-  return html`<label class="name-field">Name <input type="text" value=${part.name} disabled=${isFixed} onChange=${rename} /></label>`;
+  return html`<label class="name-field">Name <${TextInput} value=${part.name} disabled=${isFixed} save=${rename} /></label>`;
 }
 
 /** @param {{ study: OpenStudy, part: Part, table: string, place: number, deselect: () => void }} properties */
 function PartButtons({ study, part, table, place, deselect }) {
-  const names = (study.document?.parts ?? []).map((other) => other.name);
-  const copy = () => study.edit([{ op: "duplicate", path: part.path, value: { name: makeName(part.name, names) } }]);
+  const copy = () => study.edit([{ op: "duplicate", path: part.path, value: { name: makeName(part.name, study.listNames()) } }]);
   const remove = () => {
-    const lanes = (study.document?.lanes ?? []).filter((lane) => lane.parts.includes(part.name));
-    const paths = new Map(lanes.map((lane) => [lane.path.join(), lane]));
-    const edits = [...paths.values()].map((lane) => /** @type {const} */ ({
-      op: "set", path: lane.path, value: lane.parts.filter((name) => name !== part.name) }));
+    const paths = new Map((study.document?.lanes ?? []).map((lane) => [lane.path.join(), lane]));
+    const edits = [...paths.values()].flatMap((lane) => buildLeaveEdits(lane, part.name));
     study.edit([...edits, { op: "remove", path: [table, place] }]);
     deselect();
   };

@@ -3,8 +3,10 @@
 /** @import { FieldPath, OpenStudy } from "./open_study.js" */
 import { html, useEffect, useState } from "./vendor/preact.js";
 import { LANGUAGES } from "./preview.js";
-import { formatPath, readAt } from "./open_study.js";
+import { readAt } from "./edits.js";
+import { formatPath } from "./open_study.js";
 import { editStudy, listStudies, makeStudy, readStudy } from "./requests.js";
+import { TextInput } from "./text_input.js";
 import { spellName } from "./words.js";
 
 const TEXT_FIELDS = /** @type {Record<string, string[]>} */ ({
@@ -89,13 +91,13 @@ function TextRow({ study, text, original }) {
   const beside = original ? readAt(original.tree, text.path) : undefined;
   const isSame = original !== null && beside === text.text;
   const id = `text-${formatPath(text.path).replace(/[^\w]+/g, "-")}`;
-  const save = (/** @type {any} */ event) => study.edit([{ op: "set", path: text.path, value: event.target.value }]);
+  const save = (/** @type {string} */ typed) => study.edit([{ op: "set", path: text.path, value: typed }]);
   const isFixed = study.restrictionAt(text.path) !== "";
   const rows = Math.min(12, Math.max(1, text.text.split("\n").length));
   return html`<div class=${`text-row ${original ? "compared" : ""} ${isSame ? "wrong" : ""}`}>
     <label for=${id}><strong>${text.part}</strong> ${spellName(text.field)}${isSame && html` <span class="badge">not translated</span>`}</label>
     ${original && html`<p class="beside" dir="auto">${beside ?? "(the other study lacks this text)"}</p>`}
-    <textarea id=${id} rows=${rows} dir="auto" value=${text.text} disabled=${isFixed} onChange=${save}></textarea>
+    <${TextInput} id=${id} rows=${rows} dir="auto" value=${text.text} disabled=${isFixed} save=${save} />
   </div>`;
 }
 

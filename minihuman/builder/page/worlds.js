@@ -27,8 +27,8 @@ export const nameWorld = (id) => id.replace(/^minihuman\//, "").replace(/-v\d+$/
 export function WorldButton({ study, path, id, describedBy, content, isFixed }) {
   const [isOpen, setOpen] = useState(false);
   const choose = async (/** @type {string} */ world) => {
+    const facts = await describeWorld(world).catch(() => null); // the dialog stays meanwhile, so that nothing else is edited
     setOpen(false);
-    const facts = await describeWorld(world).catch(() => null);
     study.edit(buildWorldEdits(study.read(path.slice(0, -1)), path, world, facts));
   };
   return html`<div class="world-button">

@@ -2,9 +2,11 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import { quoteWord } from "../../../minihuman/builder/page/command.js";
+import { applyEdit, buildMemberEdits, followPath } from "../../../minihuman/builder/page/edits.js";
 import { readLike } from "../../../minihuman/builder/page/fields.js";
-import { buildEntryEdits, moveName } from "../../../minihuman/builder/page/lanes.js";
+import { buildEntryEdits, buildLeaveEdits, buildMoveEdits } from "../../../minihuman/builder/page/lanes.js";
 import { OpenStudy, formatPath } from "../../../minihuman/builder/page/open_study.js";
+import { OpenTable } from "../../../minihuman/builder/page/media.js";
 import { findSession } from "../../../minihuman/builder/page/preview.js";
 import { findTranslations, listTexts } from "../../../minihuman/builder/page/texts.js";
 import { buildLengthEdits, buildStartEdits, layOutTrial } from "../../../minihuman/builder/page/timeline.js";
@@ -45,7 +47,7 @@ const makeDocument = (fields = {}) => /** @type {any} */ ({
 /** @param {any} content @returns {OpenStudy} */
 function open(content = makeDocument()) {
   const study = new OpenStudy("walk.toml", () => {});
-  study.document = content;
+  study.show(content);
   return study;
 }
 
@@ -64,19 +66,54 @@ function serve(answers) {
 test("a page that enters a study whose groups list blocks makes every group list its parts", () => {
   const study = open();
   const [lane] = makeDocument().lanes;
-  assert.deepEqual(buildEntryEdits(study, lane, ["one", "two", "how"], ""), [
+  assert.deepEqual(buildEntryEdits(study, lane, 2, "how", ""), [
     { op: "remove", path: ["groups", 0, "blocks"] },
     { op: "set", path: ["groups", 0, "parts"], value: ["one", "two", "how"] },
     { op: "remove", path: ["groups", 1, "blocks"] },
     { op: "set", path: ["groups", 1, "parts"], value: ["two"] },
   ]);
-  assert.deepEqual(buildEntryEdits(study, lane, ["two", "one"], "block"), [{ op: "set", path: ["groups", 0, "blocks"], value: ["two", "one"] }]);
+  assert.deepEqual(buildEntryEdits(study, lane, 0, "two", "block"), [{ op: "insert", path: ["groups", 0, "blocks", 0], value: "two" }]);
 });
 
-test("a part that is dropped before another stands there", () => {
-  assert.deepEqual(moveName(["a", "b", "c"], 0, 3), ["b", "c", "a"]);
-  assert.deepEqual(moveName(["a", "b", "c"], 2, 0), ["c", "a", "b"]);
-  assert.deepEqual(moveName(["a", "b", "c"], 0, 2), ["b", "a", "c"]);
+/** The parts of a lane after edits. @param {string[]} parts @param {(lane: any) => any[]} build @returns {string[]} */
+function changeLane(parts, build) {
+  const tree = { groups: [{ parts: [...parts] }] };
+  for (const edit of build({ parts, path: ["groups", 0, "parts"] })) applyEdit(tree, edit);
+  return tree.groups[0].parts;
+}
+
+test("a part that is dropped before another stands there, and one that leaves a lane leaves each of its places", () => {
+  assert.deepEqual(changeLane(["a", "b", "c"], (lane) => buildMoveEdits(lane, 0, 3)), ["b", "c", "a"]);
+  assert.deepEqual(changeLane(["a", "b", "c"], (lane) => buildMoveEdits(lane, 2, 0)), ["c", "a", "b"]);
+  assert.deepEqual(changeLane(["a", "b", "c"], (lane) => buildMoveEdits(lane, 0, 2)), ["b", "a", "c"]);
+  assert.deepEqual(buildMoveEdits(/** @type {any} */ ({ path: ["groups", 0, "parts"] }), 1, 2), []);
+  assert.deepEqual(changeLane(["a", "b", "a", "c"], (lane) => buildLeaveEdits(lane, "a")), ["b", "c"]);
+});
+
+test("an edit changes the values, and where a field is, as it does in the file", () => {
+  const tree = { blocks: [{ name: "a" }, { name: "b" }, { name: "c", keys: { up: "jump" } }] };
+  const edits = /** @type {any[]} */ ([
+    { op: "move", path: ["blocks", 2], to: 0 }, { op: "duplicate", path: ["blocks", 0], value: { name: "d" } },
+    { op: "remove", path: ["blocks", 2] }, { op: "insert", path: ["blocks", 0], value: { name: "e" } },
+    { op: "set", path: ["blocks", 1, "keys", "down"], value: "duck" }, { op: "remove", path: ["blocks", 1, "keys", "up"] },
+    { op: "set", path: ["blocks", 3, "points", "per_step"], value: 2 }, { op: "rename", path: ["blocks", 2], value: "f" },
+    { op: "insert", path: ["pages", 0], value: { name: "g" } },
+  ]);
+  for (const edit of edits) applyEdit(tree, edit);
+  assert.deepEqual(tree, {
+    blocks: [{ name: "e" }, { name: "c", keys: { down: "duck" } }, { name: "f", keys: { up: "jump" } }, { name: "b", points: { per_step: 2 } }],
+    pages: [{ name: "g" }],
+  });
+  const follow = (/** @type {any[]} */ path) => edits.reduce((/** @type {any} */ moved, edit) => moved && followPath(moved, edit), path);
+  assert.deepEqual([0, 1, 2].map((number) => follow(["blocks", number, "x"])), [null, ["blocks", 3, "x"], ["blocks", 1, "x"]]);
+  assert.deepEqual(follow(["blocks", 2, "keys", "up"]), null);
+  assert.deepEqual(follow(["pages", 1, "x"]), ["pages", 2, "x"]);
+});
+
+test("a member of a list that the file lacks is edited in what the list usually is", () => {
+  const edit = /** @type {any} */ ({ op: "remove", path: [0] });
+  assert.deepEqual(buildMemberEdits(["a", "b"], undefined, [1, 2], edit), [{ op: "set", path: ["a", "b"], value: [2] }]);
+  assert.deepEqual(buildMemberEdits(["a", "b"], [1, 2], [1, 2], edit), [{ op: "remove", path: ["a", "b", 0] }]);
 });
 
 test("another world changes the actions that it lacks, and its length", () => {
@@ -111,6 +148,55 @@ test("edits are sent one after the other, each on the version that the one befor
   assert.deepEqual(sent.map(({ version }) => version), ["1", "2"]);
   assert.equal(study.document?.version, "3");
   assert.equal(study.unsaved, 0);
+});
+
+test("edits are shown before they are answered, and the next one is addressed to what they leave", async () => {
+  const study = open();
+  serve([{ status: 200, content: makeDocument({ version: "2" }) }, { status: 200, content: makeDocument({ version: "3" }) }]);
+  study.edit([{ op: "remove", path: ["blocks", 0] }]);
+  assert.deepEqual(study.read(["blocks", 0]), { name: "two" });
+  assert.deepEqual(study.document?.parts.map(({ name, path }) => [name, ...path]), [["how", "pages", 0], ["two", "blocks", 0]]);
+  const last = study.edit([{ op: "remove", path: ["groups", 0, "blocks", 0] }, { op: "insert", path: ["groups", 0, "blocks", 1], value: "how" }]);
+  assert.deepEqual(study.document?.lanes[0].parts, ["two", "how"]);
+  assert.equal(study.unsaved, 2);
+  assert.deepEqual([await last, study.unsaved], [true, 0]);
+  assert.deepEqual(study.read(["blocks", 0]).name, "one"); // the server's answer is what counts
+});
+
+test("edits behind one that meets another file are not made either, and none of them is lost", async () => {
+  const conflict = { error: "conflict", message: "the file was changed", path: [], line: 0, document: makeDocument({ version: "9" }) };
+  const sent = serve([{ status: 409, content: conflict }, { status: 200, content: makeDocument({ version: "10" }) }]);
+  const study = open();
+  const edits = ["seed", "theme"].map((field) => /** @type {any} */ ({ op: "set", path: ["study", field], value: 3 }));
+  assert.deepEqual(await Promise.all(edits.map((edit) => study.edit([edit]))), [false, false]);
+  assert.deepEqual([sent.length, study.failure?.edits, study.read(["study", "seed"])], [1, edits, undefined]);
+  assert.equal(await study.retry(), true);
+  assert.deepEqual(sent[1], { version: "9", edits });
+});
+
+test("what was not saved stays until it is made again, left, or replaced", async () => {
+  const refusal = { error: "not_editable", message: "no", path: [], line: 0 };
+  serve([{ status: 400, content: refusal }, ...["2", "3", "4"].map((version) => ({ status: 200, content: makeDocument({ version }) }))]);
+  const study = open();
+  const set = (/** @type {string} */ field) => study.edit([{ op: "set", path: ["study", field], value: 3 }]);
+  assert.deepEqual(await Promise.all([set("seed"), set("theme")]), [false, true]); // the second has nothing to do with the first
+  await set("version");
+  assert.equal(study.failure?.edits.length, 1);
+  await set("seed");
+  assert.equal(study.failure, null);
+});
+
+test("cells that are edited in quick succession are all in the table", async () => {
+  const rows = [["a", "b"], ["c", "d"]];
+  const read = { name: "t.csv", version: "1", columns: ["x", "y"], rows };
+  globalThis.fetch = /** @type {any} */ (async () => ({ ok: true, status: 200, json: async () => read }));
+  const table = new OpenTable("walk.toml", "t.csv", () => {});
+  await table.read();
+  const sent = serve(["2", "3"].map((version) => ({ status: 200, content: { ...read, version, rows: [["A", "b"], ["c", version]] } })));
+  table.write({ rows: rows.with(0, ["A", "b"]) });
+  await table.write({ rows: /** @type {any} */ (table.table).rows.with(1, ["c", "D"]) });
+  assert.deepEqual(sent.map(({ version, rows }) => [version, rows]), [["1", [["A", "b"], ["c", "d"]]], ["2", [["A", "b"], ["c", "D"]]]]);
+  assert.deepEqual(table.table?.rows[1], ["c", "3"]);
 });
 
 test("in a conflict the file is shown as it is, and the edit is kept to be made again", async () => {
