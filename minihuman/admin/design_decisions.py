@@ -49,7 +49,18 @@ _OUTCOMES: Mapping[str, Callable[[EpisodeLog], float]] = {
 def assign_group(
     protocol: Protocol, lines: Sequence[EnrolmentEntry], study_dir: Path, index: int, stratum: str
 ) -> tuple[str, GroupAssignment | None]:
-    """Return the next participant's group and the basis of the decision; "" and None if no design assigns groups."""
+    """Assign the next participant's group by the protocol's design, from these lines and the finished logs.
+
+    Args:
+        protocol: the study's protocol.
+        lines: the lines of the enrolment log so far.
+        study_dir: the study's folder.
+        index: the participant's index in the order of enrolment, which selects the random numbers.
+        stratum: the participant's stratum; "" without strata.
+
+    Returns:
+        The group, and the statistics from which it was assigned; "" and None if no design assigns groups.
+    """
     spec = protocol.allocation.design
     if spec is None:
         return "", None
@@ -60,7 +71,7 @@ def assign_group(
 
 
 def decide_again(protocol: Protocol, assigned: GroupAssignment, index: int, stratum: str) -> EnrolmentDecision:
-    """Return the decision of the protocol's design for logged statistics."""
+    """Repeat the decision of the protocol's design, which must exist, from logged statistics."""
     assert protocol.allocation.design is not None
     return make_enrolment_design(protocol.allocation.design).decide(
         assigned.statistics, stratum, make_draw(protocol.study.seed, "assignment", index)
@@ -68,7 +79,7 @@ def decide_again(protocol: Protocol, assigned: GroupAssignment, index: int, stra
 
 
 def take_look(protocol: Protocol, lines: Sequence[EnrolmentEntry], study_dir: Path, at: str) -> LookTaken | None:
-    """Return the interim look that is due in a sequential study; None if none is due.
+    """Take the interim look that is due in a sequential study, at the time ``at``; return None if none is due.
 
     Raises:
         AllocationError: if the study has stopped.
@@ -143,7 +154,11 @@ def _list_ended_sessions(lines: Sequence[EnrolmentEntry], design: EnrolmentDesig
 
 @lru_cache(maxsize=4096)
 def _compute_mean_outcome(path: Path, size: int, segment: str, outcome: str, block: str) -> float | None:
-    """Return the mean outcome of a block's episodes in a log; None if that segment is not the log's last one."""
+    """Return the mean outcome of a block's finished episodes in a log.
+
+    It is None if the session has not ended, ``segment`` is not the log's last one, or no episode has a known outcome.
+    ``size`` distinguishes a log that has grown in the cache.
+    """
     log = read_log(path)
     if log.end_reason not in FINAL_END_REASONS or str(log.segments[-1].number) != segment:
         return None
@@ -162,41 +177,43 @@ def _compute_mean_outcome(path: Path, size: int, segment: str, outcome: str, blo
 def verify_design_decisions(study: Path, protocol: Protocol) -> Iterator[tuple[str, bool]]:
     """Recompute the statistics of every assignment and look from the enrolment log and the session logs.
 
-    Yields lines, each with whether it reports success; nothing for a study without an adaptive design.
+    Yields:
+        Lines, each with whether it reports success; nothing for a study without an adaptive design.
     """
     lines = read_enrolment_log(study)
-    equal = 0
-    gone = 0
-    total = 0
+    n_equal = 0
+    n_without_logs = 0
+    n_decisions = 0
     for number, line in enumerate(lines):
         decision = _find_decision(line, protocol)
         if decision is None:
             continue
-        total += 1
+        n_decisions += 1
         if decision.spec is None:
             yield f"{decision.name}: decided by a design that the protocol does not have", False
             continue
         design = make_enrolment_design(decision.spec)
         statistics, missing = _compute_statistics(protocol, design, lines[:number], study)
         if missing:
-            gone += 1
+            n_without_logs += 1
             continue
         difference = _find_decision_difference(decision, statistics, design, protocol)
         if difference:
             yield f"{decision.name}: {difference}", False
         else:
-            equal += 1
-    if total:
-        lost = f"; {gone} count logs that are gone" if gone else ""
-        yield f"{equal} of {total} decisions of the study's designs follow from its logs{lost}", True
+            n_equal += 1
+    if n_decisions:
+        without_logs = f"; {n_without_logs} use logs that are gone" if n_without_logs else ""
+        yield f"{n_equal} of {n_decisions} decisions of the study's designs follow from its logs{without_logs}", True
 
 
 @dataclass(frozen=True, slots=True)
 class _LoggedDecision:
     """A design's decision, as recorded by a line of the enrolment log."""
 
-    name: str  # of the look or the participant
-    spec: DesignSpec | None  # None: the protocol has no such design
+    name: str  # the look's or the participant's name
+    spec: DesignSpec | None  # None if the protocol has no such design
+    # the interim look, if the line is about one
     statistics: Mapping[str, Any]
     look: LookTaken | None = None
 

@@ -25,7 +25,7 @@ from minihuman.storage.system import wall_time
 
 _SESSION_FOLDER = re.compile(r"([^/]+)/ses-(\d+)")
 DueState = Literal["due", "later", "overdue", "unfinished", "unreadable", "never came"]
-_STATES: dict[DueState, tuple[str, str]] = {  # what is expected, and how it goes on
+_STATES: dict[DueState, tuple[str, str]] = {  # a description of the expected session, and a hint
     "due": ("due now{until}", ""),
     "later": ("due from {0.earliest}{until}", ""),
     "overdue": ("was due until {0.latest}", "; if they do not come back: minihuman replace {0.participant}"),
@@ -43,7 +43,7 @@ class DueSession(msgspec.Struct, frozen=True):
 
     participant: str
     group: str
-    session: int  # that is to come, or to be finished
+    session: int  # the number of the session that is due, or unfinished
     state: DueState
     earliest: date | None = None
     latest: date | None = None
@@ -80,7 +80,7 @@ def list_due_sessions(study_dir: Path, now: datetime | None = None) -> tuple[Due
         AllocationError: if the enrolment log cannot be read.
         ProtocolError: if the protocol in the logs cannot be decoded.
     """
-    latest_sessions, unreadable = _latest_sessions(study_dir)
+    latest_sessions, unreadable = _find_latest_sessions(study_dir)
     replaced = list_replaced(read_enrolment_log(study_dir))
     protocols: dict[str, Protocol] = {}
     due_sessions: list[DueSession] = []
@@ -104,7 +104,7 @@ def list_due_sessions(study_dir: Path, now: datetime | None = None) -> tuple[Due
 def _list_due_after(
     last: _LatestSession, slot: SlotTaken, protocols: dict[str, Protocol], now: datetime | None
 ) -> list[DueSession]:
-    """Return the session that follows a participant's last complete one, if any."""
+    """Return the session that follows a participant's last complete one, if any; none or one in a list."""
     try:
         log = read_log(last.row.path)
         protocol = _decode_protocol_once(log.plan, protocols)
@@ -113,8 +113,8 @@ def _list_due_after(
     return _find_next_session(last, log, protocol, find_local_date(now or wall_time(), log))
 
 
-def _latest_sessions(study_dir: Path) -> tuple[dict[str, _LatestSession], dict[str, int]]:
-    """Return, by participant, the latest session and the number of the latest unreadable one.
+def _find_latest_sessions(study_dir: Path) -> tuple[dict[str, _LatestSession], dict[str, int]]:
+    """Find, by participant, the latest session and the number of the latest unreadable one.
 
     The participant and number of an unreadable session are taken from the name of its folder.
     """
@@ -145,6 +145,7 @@ def _decode_protocol_once(plan: SessionPlan, known: dict[str, Protocol]) -> Prot
 
 
 def _find_next_session(last: _LatestSession, log: SessionLog, protocol: Protocol, today: date) -> list[DueSession]:
+    """Return the session that the protocol plans after a complete one; empty if it plans none."""
     assert last.row.summary is not None
     if last.session >= len(protocol.sessions) or last.row.summary.end_reason == "screened_out":
         return []

@@ -27,8 +27,8 @@ class AuditNote(msgspec.Struct, frozen=True):
 NO_NOTE = AuditNote()
 
 
-ENROLMENT_FORMAT = 2  # of the lines; goes up when an older reader would misread a newer enrolment log
-_MESSAGE_TO_OLDER = "a newer minihuman wrote this: update yours"  # they show a line's first 60 bytes
+ENROLMENT_FORMAT = 2  # of the lines; increased when an older reader would misread a newer enrolment log
+_MESSAGE_TO_OLDER = "a newer minihuman wrote this: update yours"  # older versions show a line's first 60 bytes
 
 
 class FormatDeclared(msgspec.Struct, frozen=True):
@@ -43,7 +43,7 @@ class FormatDeclared(msgspec.Struct, frozen=True):
 
 
 class SlotTaken(msgspec.Struct, frozen=True, omit_defaults=True):
-    """A participant took a slot of an allocation list, which the entry identifies."""
+    """A participant took a slot of an allocation list, which the entry identifies by its digest and length."""
 
     allocation_sha256: str
     list_length: int
@@ -54,7 +54,7 @@ class SlotTaken(msgspec.Struct, frozen=True, omit_defaults=True):
     stratum: str = ""
     slot: int | None = None  # index in the list, if the group was drawn after an answer
     at: str = ""  # ISO 8601 UTC; "" in lines of earlier versions
-    reason: str = ""  # of an override
+    reason: str = ""  # for an override
     experimenter: str = ""
     assigned: GroupAssignment | None = None  # if a design assigned the group
     outcome_rules: int = 0  # of the whole study, from its first line; 0 for studies that predate them
@@ -68,7 +68,7 @@ class GroupDrawn(msgspec.Struct, frozen=True, omit_defaults=True):
     slot: int
     group: str
     at: str  # ISO 8601 UTC
-    assigned: GroupAssignment | None = None  # where a design assigned the group
+    assigned: GroupAssignment | None = None  # if a design assigned the group
 
 
 class LookTaken(msgspec.Struct, frozen=True):
@@ -103,11 +103,11 @@ class ParticipantReplaced(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 class SlotFreed(msgspec.Struct, frozen=True, omit_defaults=True):
-    """Records that a participant left no data, so that the slot and the code are free again."""
+    """A participant left without data, so that their slot and code are free again."""
 
     freed: str  # the code, which the next participant gets
     at: str  # ISO 8601 UTC
-    why: str = ""  # why their session ended: "declined", "screened_out", ...; "" in registers of before
+    why: str = ""  # why their session ended: "declined", "screened_out", ...; "" in logs of earlier versions
 
 
 class ChainHeadRecorded(msgspec.Struct, frozen=True):
@@ -148,7 +148,7 @@ class TeamRecorded(msgspec.Struct, frozen=True, omit_defaults=True):
     members: dict[str, str]  # seat -> code
     seats: tuple[str, ...]  # by seat: "person", or the agent as the protocol names it
     at: str  # ISO 8601 UTC
-    solo: bool = False  # one person with agents: the index is the participant's
+    solo: bool = False  # whether one person plays with agents; the index is then the participant's
 
 
 EnrolmentEntry = (
@@ -213,8 +213,8 @@ def find_incomplete_logs(
 ) -> Iterator[tuple[str, bool]]:
     """Yield a line for each missing log, and for each segment whose end is not in the enrolment log.
 
-    Each line comes with whether it is acceptable: what an earlier version did not record is. Participants who withdrew
-    have no log.
+    Each line comes with whether it is acceptable, because an earlier version did not record segments. Participants who
+    withdrew have no log.
 
     Args:
         lines: the lines of the enrolment log.
@@ -224,7 +224,7 @@ def find_incomplete_logs(
     chain_heads = [line for line in lines if isinstance(line, ChainHeadRecorded)]
     for name in dict.fromkeys(head.sealed for head in chain_heads):
         if name not in logs and name.partition("_")[0] not in withdrawn:
-            yield f"{name} is gone: the enrolment log holds the head of its chain", False
+            yield f"{name} is gone: the enrolment log has the head of its chain", False
     known = {(head.sealed, head.segment) for head in chain_heads}
     of_earlier_version = {line.participant for line in lines if isinstance(line, SlotTaken) and not line.at}
     for name, segments in logs.items():
@@ -248,7 +248,8 @@ def find_slots_without_log(
     """
     known = {*participants, *list_replaced(lines)}
     known |= {line.withdrawn for line in lines if isinstance(line, ParticipantWithdrawn)}
-    known |= {line.sealed.partition("_")[0] for line in lines if isinstance(line, ChainHeadRecorded)}  # a log gone
+    # ``find_incomplete_logs`` reports the logs that are gone
+    known |= {line.sealed.partition("_")[0] for line in lines if isinstance(line, ChainHeadRecorded)}
     for slot in list_taken_slots(lines):
         if slot.participant not in known:
             code = slot.participant

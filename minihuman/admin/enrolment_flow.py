@@ -23,7 +23,7 @@ from minihuman.admin.enrolment_entries import (
 )
 from minihuman.admin.session_summary import SessionSummary
 
-GroupCounts = Mapping[str, int]  # by group; those who have none yet are under ""
+GroupCounts = Mapping[str, int]  # counts by group; "" counts participants without a group
 SessionState = Literal["complete", "screened_out", "failed", "unfinished", "unreadable"]
 _LOG_NAME = re.compile(r"(?P<participant>.+)_ses-(?P<session>\d+)(_seg-\d+)?\.mcap(\.part)?$")
 _DEPARTURES = {
@@ -60,19 +60,19 @@ class FlowStage(NamedTuple):
 class SessionFlow:
     """The flow of participants through one session, as counts by group."""
 
-    not_begun: GroupCounts  # came so far, and have not begun this session
-    not_returned: GroupCounts  # the same, and their slot was offered again
-    withdrew_before: GroupCounts  # of the first session: withdrew, and no session of theirs is on record
+    not_begun: GroupCounts  # finished the session before, and have not begun this one
+    not_returned: GroupCounts  # finished the session before, and were replaced before they began this one
+    withdrew_before: GroupCounts  # in the first session: withdrew without a recorded session
     began: GroupCounts
     screened_out: GroupCounts
     failed: GroupCounts  # simulated participants that crashed or gave no answer
     unfinished: GroupCounts
-    unfinished_replaced: GroupCounts  # not finished, and their slot was offered again
-    unreadable: GroupCounts  # the log is gone or cannot be read
-    withdrew: GroupCounts  # this is the last session that they began
+    unfinished_replaced: GroupCounts  # did not finish, and were replaced
+    unreadable: GroupCounts  # their log is gone or cannot be read
+    withdrew: GroupCounts  # withdrew, and began this session last
     complete: GroupCounts
-    went_on: GroupCounts  # of ``complete``: only a later session says so
-    lost: GroupCounts  # of ``began``: did not withdraw, and this session has no log that can be read
+    went_on: GroupCounts  # those in ``complete`` of whom only a later session shows that they finished this one
+    lost: GroupCounts  # those in ``began`` who did not withdraw, and whose log is gone or cannot be read
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,8 +81,8 @@ class AnalysisFlow:
 
     began: GroupCounts
     withdrew: GroupCounts
-    unreadable: GroupCounts  # no log that can be read
-    not_selected: GroupCounts  # the report is of other sessions
+    unreadable: GroupCounts  # have no readable log
+    not_selected: GroupCounts  # have no session among those that the report is about
     excluded: Mapping[str, GroupCounts]  # by reason
     included: GroupCounts
     unregistered: int  # included participants who are not in the enrolment log
@@ -93,14 +93,14 @@ class ParticipantFlow:
     """The flow of a study's participants. Someone who declined and came again counts twice: no record connects them."""
 
     came: int
-    before: Mapping[str, int]  # who got no group or left no data, by what they did
+    before: Mapping[str, int]  # people without a group or without data, by a description of why they left
     allocated: GroupCounts
-    withdrew: GroupCounts  # of those allocated
-    replaced: GroupCounts  # of those allocated; withdrew not as well
-    without_data: GroupCounts  # of those allocated: neither withdrew nor were replaced, and recorded nothing
+    withdrew: GroupCounts  # allocated participants who withdrew
+    replaced: GroupCounts  # allocated participants who were replaced and did not withdraw
+    without_data: GroupCounts  # allocated participants who did neither and have no recorded session
     courses: Mapping[int, SessionFlow]  # by session, from 1
-    teams: GroupCounts = field(default_factory=dict)  # of several people, by the group of the first
-    analysis: AnalysisFlow | None = None  # of a report
+    teams: GroupCounts = field(default_factory=dict)  # teams of several people, by the group of the first
+    analysis: AnalysisFlow | None = None  # for a report; None without one
 
 
 @dataclass(slots=True)
@@ -110,7 +110,7 @@ class _Person:
     group: str
     is_withdrawn: bool = False
     is_replaced: bool = False
-    begun: set[int] = field(default_factory=set)  # sessions
+    begun: set[int] = field(default_factory=set)  # numbers of the sessions that they began
     states: dict[int, SessionState] = field(default_factory=dict)  # by session
 
     def add_session(self, record: "SessionRecord") -> None:

@@ -80,7 +80,7 @@ def take_slot(
         if participant is None:
             index = holders.next_free(protocol)
         else:
-            index = holders.free(participant)
+            index = holders.find_free_index(participant)
         if look := take_look(protocol, register.lines, study_dir, now_text()):
             register.append(look)
             require_not_stopped([look])
@@ -95,8 +95,8 @@ def take_slot(
         )
         if enrolled.slot is not None:
             enrolled = Participant(enrolled.id, enrolled.index, group or "")
-        by_hand = participant is not None or group is not None
-        if not by_hand:
+        is_overridden = participant is not None or group is not None
+        if not is_overridden:
             note = NO_NOTE
         slot = SlotTaken(
             allocation_sha256(slots),
@@ -104,7 +104,7 @@ def take_slot(
             index,
             enrolled.id,
             enrolled.group,
-            by_hand,
+            is_overridden,
             at=now_text(),
             reason=note.reason,
             experimenter=note.experimenter,
@@ -116,7 +116,7 @@ def take_slot(
 
 
 def _require_own_folder(study_dir: Path) -> None:
-    """Check that no other study's folder has the same name on file systems that ignore case.
+    """Require that no other study's folder has the same name on file systems that ignore case.
 
     Raises:
         AllocationError: if one has.
@@ -132,17 +132,17 @@ def _require_own_folder(study_dir: Path) -> None:
 
 
 def require_free_slots(protocol: Protocol, study_dir: Path, count: int) -> None:
-    """Check that a number of participants can be enrolled, before any of them takes a slot.
+    """Require that a number of participants can be enrolled, before any of them takes a slot.
 
     Raises:
         AllocationError: if fewer slots are free, or the enrolment log cannot be read.
     """
     journal = open_enrolment_log(study_dir)
     holders = _SlotHolders.of(journal, journal.read())
-    free = sum(index not in holders.slots_by_index for index in range(protocol.study.participants))
-    if count > free:
+    n_free = sum(index not in holders.slots_by_index for index in range(protocol.study.participants))
+    if count > n_free:
         raise AllocationError(
-            f"study {protocol.study.name!r} has too few free slots ({free}) for {count} participants; ask for fewer, "
+            f"study {protocol.study.name!r} has too few free slots ({n_free}) for {count} participants; ask for fewer, "
             f"or raise $.study.participants in the protocol, which is {protocol.study.participants}"
         )
 
@@ -163,13 +163,12 @@ def draw_slot(protocol: Protocol, study_dir: Path, code: str, stratum: str) -> P
             raise AllocationError(
                 f"{code} has no slot in {study_dir}, so no group can be allocated; check the participant's code"
             )
-        if (line.stratum, line.slot is None) == (stratum, False):
+        if line.stratum == stratum and line.slot is not None:
             return _taken_before(line, None)[0]
-        by_hand = holders.began[code].group  # "" where none was chosen
+        chosen = holders.began[code].group  # the group that was chosen by hand; "" if none was
         slot = holders.next_in_stratum(protocol, stratum)
-        chosen = by_hand
         assigned = None
-        if not by_hand:
+        if not chosen:
             chosen, assigned = assign_group(protocol, register.lines, study_dir, line.index, stratum)
         drawn_participant = assign_slot(protocol, Participant(code, line.index, chosen, assigned=assigned), slot)
         register.append(GroupDrawn(code, stratum, slot.index, drawn_participant.group, now_text(), assigned))
@@ -281,11 +280,11 @@ class _SlotHolders:
     def __init__(self) -> None:
         self.slots: dict[str, SlotTaken] = {}  # as `list_taken_slots` lists them, by participant
         self.replaced: set[str] = set()
-        self.began: dict[str, SlotTaken] = {}
+        self.began: dict[str, SlotTaken] = {}  # the line with which each participant enrolled, before any draw
         self._withdrawn: set[str] = set()
         self.slots_by_index: dict[int, SlotTaken] = {}
-        self._held_places: set[int | None] = set()  # the places in the allocation list of those who hold a slot
-        self._next = 0  # below this all slots are held
+        self._held_places: set[int | None] = set()  # the list indices of drawn slots that are held
+        self._next = 0  # all slots below this index are held
         self._next_in_stratum: dict[str, int] = {}
 
     @classmethod
@@ -329,6 +328,7 @@ class _SlotHolders:
             self._held_places.add(line.slot)
 
     def _let_go(self, code: str) -> None:
+        """Free the slot that a participant holds, if they hold one."""
         line = self.slots.get(code)
         if line is not None and self.slots_by_index.get(line.index) is line:
             del self.slots_by_index[line.index]
@@ -351,8 +351,8 @@ class _SlotHolders:
         codes = (format_participant_code(index, earlier, prefix=prefix) for earlier in count())
         return next(code for code in codes if code not in self.slots)
 
-    def free(self, code: str) -> int:
-        """Return the slot index of a code that has no slot yet.
+    def find_free_index(self, code: str) -> int:
+        """Return the slot index of a code that has no slot yet, after checking that the slot is free.
 
         Raises:
             AllocationError: if the code is not valid, or another participant has that slot.
@@ -401,6 +401,11 @@ def _holders_of(journal: Journal[EnrolmentEntry]) -> JournalState[EnrolmentEntry
 
 
 def _taken_before(line: SlotTaken, group: str | None) -> tuple[Participant, SlotTaken]:
+    """Return an enrolled participant with the line of their slot.
+
+    Raises:
+        AllocationError: if ``group`` is given and is not the participant's group.
+    """
     if group is not None and not line.group:
         raise AllocationError(f"the group of {line.participant} is not allocated yet; remove --group")
     if group is not None and group != line.group:
@@ -409,7 +414,7 @@ def _taken_before(line: SlotTaken, group: str | None) -> tuple[Participant, Slot
 
 
 def _find_outcome_rules(lines: Sequence[EnrolmentEntry]) -> int:
-    """Return the outcome rules under which a study began; a running study keeps them when minihuman is upgraded."""
+    """Return the version of the outcome rules under which a study began, which an upgrade does not change."""
     first = next((line for line in lines if isinstance(line, SlotTaken)), None)
     if first is None:
         return OUTCOME_RULES
@@ -417,7 +422,11 @@ def _find_outcome_rules(lines: Sequence[EnrolmentEntry]) -> int:
 
 
 def _check_list(first_slot: SlotTaken | None, study_dir: Path, protocol: Protocol) -> None:
-    """Raise AllocationError if the study began with another allocation list; a longer list keeps its first slots."""
+    """Require that the protocol's allocation list begins with the list of the study's first slot.
+
+    Raises:
+        AllocationError: if the study began with another list.
+    """
     if first_slot is None:
         return
     study = msgspec.structs.replace(protocol.study, participants=first_slot.list_length)

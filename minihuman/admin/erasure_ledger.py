@@ -20,9 +20,9 @@ from minihuman.storage.remote_store import RemoteStore, RemoteStoreConflictError
 from minihuman.storage.study_journals import find_database_url, open_journal
 
 STORE_FOLDER = "withdrawals"  # below the study, in the store of logs
-_ALL = "all"  # in a name in the store, where an entry names no participant or no machine
+_ALL = "all"  # stands in a stored entry's name for no participant or no machine
 _NAME = re.compile(r"(holds|withdrawn|erased|lost)/((?:sub|model)-[0-9]{2,9}|all)/([0-9a-f]{16}|all)", re.ASCII)
-SHOWN_DIGITS = 8  # of a machine's number
+SHOWN_DIGITS = 8  # first digits of a machine's number that messages show
 
 
 class ErasureLedger:
@@ -110,7 +110,7 @@ class ErasureLedger:
 def _decode_local(line: bytes, number: int) -> LedgerEntry | None:
     try:
         return msgspec.json.decode(line, type=LedgerEntry)
-    except msgspec.DecodeError:  # half a line, of a crash
+    except msgspec.DecodeError:  # a line that a crash cut off
         return None
 
 
@@ -126,7 +126,7 @@ def _name(entry: LedgerEntry) -> str:
 
 
 def _list_stored_entries(store: RemoteStore, study: str) -> Iterable[LedgerEntry]:
-    """Yield the ledger's entries in a store; an entry for all codes, or all machines, names none."""
+    """Yield the ledger's entries in a store; files with other names are skipped."""
     prefix = f"{study}/{STORE_FOLDER}/"
     for name in store.names(prefix):
         match = _NAME.fullmatch(name.removeprefix(prefix))
@@ -141,6 +141,7 @@ def _list_stored_entries(store: RemoteStore, study: str) -> Iterable[LedgerEntry
 
 
 def _store_entries(store: RemoteStore, study: str, entries: Iterable[LedgerEntry]) -> None:
+    """Store each entry as a file, whose name is the entry."""
     with tempfile.TemporaryDirectory(prefix="minihuman-") as folder:
         path = Path(folder, "entry")
         path.write_text("An entry of minihuman's erasure ledger; its name says all.\n", encoding="utf-8", newline="\n")

@@ -25,9 +25,9 @@ from minihuman.experiment.words import ENGLISH, LANGUAGES, InterfaceWords, load_
 from minihuman.worlds.adapters.world import World
 
 NARROWEST_SCREEN_PX = (1024, 768)  # the narrowest screen that a study is likely to meet
-_MEASURED_HEIGHT_PX = 1000  # a screen's height, at which titles are measured
-_SMALLEST_TYPE_PX = 25  # on a screen of that height
-_LONGEST_TITLE = 1.25  # in heights of the screen
+_MEASURED_HEIGHT_PX = 1000  # height of the screen for which titles are measured
+_SMALLEST_TYPE_PX = 25  # size of the smallest type on that screen
+_LONGEST_TITLE = 1.25  # as a multiple of the screen's height
 
 
 def require_legible(protocol: Protocol, source: str) -> None:
@@ -59,14 +59,14 @@ def find_illegible_in_plan(plan: SessionPlan) -> Iterator[str]:
     for name in plan.fonts:
         if find_installed_typeface(name) is None:
             yield f"$.study.fonts names {name!r}, a face that is not installed here; install it, or leave it out"
-    yield from _without_typeface(plan, faces)
+    yield from _find_missing_characters(plan, faces)
     for part in plan.parts:
-        yield from _too_long(part, words, faces)
+        yield from _find_long_texts(part, words, faces)
     yield from _find_untranslated_missions(plan, words)
 
 
-def _without_typeface(plan: SessionPlan, faces: TypefaceSet) -> Iterator[str]:
-    """Yield the first text with a character that no font has, and the number of others, as one font may help all."""
+def _find_missing_characters(plan: SessionPlan, faces: TypefaceSet) -> Iterator[str]:
+    """Yield at most one message: the first text with a character that no font has, and how many others have one."""
     missing_by_place = [(place, faces.missing(text)) for place, text in _list_texts(plan)]
     unset = [(place, character) for place, character in missing_by_place if character]
     if unset:
@@ -95,7 +95,7 @@ def list_undrawable_languages() -> dict[str, str]:
 
 
 def _list_texts(plan: SessionPlan) -> Iterator[tuple[str, str]]:
-    """Yield every text of a session, each with where it is from."""
+    """Yield every text of a session, after the name of its place in the plan."""
     for key, word in plan.words.items():
         yield f"word {key}", word
     for part in plan.parts:
@@ -117,7 +117,8 @@ def _walk_strings(value: Any, field: str = "") -> Iterator[tuple[str, str]]:
                 yield from _walk_strings(inner, f"{field} {number}")
 
 
-def _too_long(part: PlannedPart, words: InterfaceWords, faces: TypefaceSet) -> Iterator[str]:
+def _find_long_texts(part: PlannedPart, words: InterfaceWords, faces: TypefaceSet) -> Iterator[str]:
+    """Yield a message for each text of a part that does not fit its screen, and each title longer than a line."""
     match part.plan:
         case PlayPlan() as play:
             for outcome, text in play.feedback.items():
@@ -135,7 +136,7 @@ def _too_long(part: PlannedPart, words: InterfaceWords, faces: TypefaceSet) -> I
                 empty: Any = build_question_screen(words, title="", draft=draft, number=0, count=1, note="")
                 if not question_fits(empty, NARROWEST_SCREEN_PX):
                     yield f"{part.name}, question {item.name!r}: {_does_not_fit(item.ask)}"
-    for title in _titles(part):
+    for title in _list_titles(part):
         width = measure_width_px(title, faces, _SMALLEST_TYPE_PX) / _MEASURED_HEIGHT_PX
         if width > _LONGEST_TITLE:
             yield f"{part.name}, title: is too long for one line: {title[:40]!r}; shorten it"
@@ -145,7 +146,7 @@ def _does_not_fit(text: str) -> str:
     return f"does not fit a screen in type of 1/40 of its height: {text[:40]!r}...; shorten it, or give it a page"
 
 
-def _titles(part: PlannedPart) -> Iterator[str]:
+def _list_titles(part: PlannedPart) -> Iterator[str]:
     if isinstance(part.plan, PagePlan | QuestionsPlan | PlayPlan):
         yield part.plan.title
 

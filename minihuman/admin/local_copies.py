@@ -27,7 +27,8 @@ def obey_withdrawals(study_dir: Path, *, ask_store: bool = False, say: Listener 
     Args:
         study_dir: the study's folder. If it does not exist, nothing is done, except that the machine is recorded with
             ``ask_store``, because a command that fetches data is about to create the folder.
-        ask_store: whether to look for withdrawals in the remote store, too, and erase there what came after them.
+        ask_store: whether to look for withdrawals in the remote store, too, and erase copies that were stored there
+            after them.
         say: called with a line about what was erased, what could not be erased, and what is out of reach.
 
     Raises:
@@ -71,12 +72,13 @@ def record_erasure(study_dir: Path, code: str) -> None:
 def erase_local_copy(study_dir: Path, code: str) -> list[Exception]:
     """Erase a participant's logs, the caches that may hold their rows, and the record of their arrival.
 
-    Return the errors.
+    Returns:
+        The errors, empty if everything was erased.
     """
     from minihuman.dataset.caches import list_caches
 
     errors: list[Exception] = [*erase(study_dir / code)]
-    for cache in list_caches(study_dir):  # free pages remember
+    for cache in list_caches(study_dir):  # erased whole, as deleted rows may remain in a file's free pages
         errors += erase(cache)
     for forget in (_forget_arrival, _forget_leases):
         try:
@@ -103,7 +105,7 @@ def _erase_copy(study_dir: Path, code: str, *, ask_store: bool, say: Listener) -
             say(line)
     except (OSError, MinihumanError) as error:
         errors.append(error)
-    if ask_store and not errors:  # else the stores may still hold what an interrupted withdrawal left
+    if ask_store and not errors:  # otherwise the stores may still have copies of an interrupted withdrawal
         errors += erase(find_mark(study_dir, code))
     for reason in dict.fromkeys(map(str, errors)):
         say(f"{code} has withdrawn, but not all of their data could be erased: {reason}; run the command again")
@@ -127,7 +129,7 @@ def _erase_remote_copies(study_dir: Path, code: str) -> list[Exception]:
 
 
 def _record_departure(study_dir: Path, code: str) -> None:
-    """Free the participant's slot in this machine's own enrolment log, if they have one."""
+    """Record a participant's withdrawal in this machine's own enrolment log, if they have a slot there."""
     from minihuman.admin.enrolment_log import record_departure
     from minihuman.storage.system import now_text
 
@@ -136,7 +138,7 @@ def _record_departure(study_dir: Path, code: str) -> None:
         return
     known = {line.withdrawn for line in journal.read() if isinstance(line, ParticipantWithdrawn)}
     if code not in known:
-        with suppress(AllocationError):  # no slot here
+        with suppress(AllocationError):  # the participant has no slot in this log
             record_departure(
                 study_dir, ParticipantWithdrawn(code, now_text(), "erased", "withdrawn on another machine")
             )

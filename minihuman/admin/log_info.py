@@ -45,7 +45,7 @@ def summarize_from_messages(files: Sequence[Path]) -> SessionSummary:
     """Summarize a session from the messages of its log and segments, given in order.
 
     Raises:
-        LogError: if a file cannot be opened, is damaged, is not a session log of this schema version, or holds no plan.
+        LogError: if a file cannot be opened, is damaged, is not a session log of this schema version, or has no plan.
     """
     readings = [LogReader(file) for file in files]
     tally = _tally_messages(readings)
@@ -76,7 +76,7 @@ def summarize_from_messages(files: Sequence[Path]) -> SessionSummary:
 
 
 def _tally_messages(readings: Iterable[LogReader]) -> "_SessionTally":
-    """Count what the messages of a session's files say."""
+    """Read the messages of a session's files, given in order, and count the session's progress."""
     tally = _SessionTally()
     for reading in readings:
         for message in reading.messages():
@@ -84,13 +84,13 @@ def _tally_messages(readings: Iterable[LogReader]) -> "_SessionTally":
             if topic == topics.STEP:
                 tally.steps += 1
             if topic in _READ:
-                tally.take(reading.event(topic, message.data), message.log_time)
+                tally.take(reading.decode(topic, message.data), message.log_time)
             tally.extend_segment(message.log_time)
     return tally
 
 
 def _is_complete(tally: "_SessionTally", plan: SessionPlan) -> bool:
-    """Return whether a session ended as complete, or was interrupted when only its closing pages were left."""
+    """Return whether a session ended as complete, or was interrupted when only its closing pages were left to show."""
     if tally.end_reason == "complete":
         return True
     if tally.end_reason in events.FINAL_END_REASONS:
@@ -104,9 +104,9 @@ def _is_complete(tally: "_SessionTally", plan: SessionPlan) -> bool:
 class _SessionTally:
     """A session's progress according to the messages read so far."""
 
-    started: events.SessionStarted | None = None  # by its first segment
-    completed: set[int] = field(default_factory=set)  # episodes
-    spans: list[tuple[int, int]] = field(default_factory=list)  # each segment's first and last log time
+    started: events.SessionStarted | None = None  # of the first segment
+    completed: set[int] = field(default_factory=set)  # numbers of completed episodes
+    spans: list[tuple[int, int]] = field(default_factory=list)  # each segment's first and last log time, ns
     steps: int = 0
     skipped: int = 0
     next_part: int = 0
@@ -250,10 +250,10 @@ def _episode_facts(episode: EpisodeLog) -> dict[str, Any]:
 
 @dataclass(frozen=True, slots=True)
 class RecoveryResult:
-    """The result of recovering a log: a line about it, and whether any part of it was damaged."""
+    """The result of recovering a log, as a line of text."""
 
     line: str
-    damaged: bool = False
+    damaged: bool = False  # whether any part of the log was damaged
 
 
 def recover_logs(paths: Iterable[Path], note: AuditNote = NO_NOTE) -> Iterator[RecoveryResult | MinihumanError]:
@@ -298,6 +298,7 @@ def _recover_and_record(log: Path, note: AuditNote) -> RecoveryResult:
 
 
 def _recover_live_file(part: Path) -> FinalizedLog | None:
+    """Finish a truncated log; return None if another server has resumed the session."""
     table = open_lease_table(study_folder(part))
     if table:
         return SessionLeases(table).recover(part)

@@ -24,7 +24,7 @@ from minihuman.storage.durable_files import hash_file, replace_durably
 MANIFEST_FILE_NAME = "seal.json"
 _UNFINISHED = f"{MANIFEST_FILE_NAME}.part"
 _DIGITS = 64
-GONE = " is gone"  # the end of a line about a file that was sealed and is not there
+GONE = " is gone"  # the end of a line about a sealed file that is missing
 
 
 class StudyManifest(msgspec.Struct, frozen=True):
@@ -35,9 +35,10 @@ class StudyManifest(msgspec.Struct, frozen=True):
 
 
 def record_log_end(log: Path) -> str:
-    """Record a finished log's chain heads in the study's enrolment log; return the last head, or "" if it has none.
+    """Record a finished log's chain heads in the study's enrolment log, and upload the log to the remote store if any.
 
-    The log is also uploaded to the study's remote store, if there is one.
+    Returns:
+        The last head; "" if the log has none.
 
     Raises:
         OSError: if the enrolment log cannot be written.
@@ -46,7 +47,7 @@ def record_log_end(log: Path) -> str:
     heads = _read_chain_heads(log)
     if not heads:
         return ""
-    if open_enrolment_log(study_folder(log)).begun:  # a log far from its study stays by itself
+    if open_enrolment_log(study_folder(log)).begun:  # a log outside its study's folder is only read
         record_chain_heads(study_folder(log), heads)
         upload_log(log)
     return heads[-1].chain
@@ -102,7 +103,7 @@ def write_manifest(study: Path) -> StudyManifest:
 
 
 def find_changed_files(study: Path, digest_or_file: str) -> Iterator[str]:
-    """Yield the differences of a study's folder from its manifest, which is given as a digest or as a manifest file.
+    """Yield a line for each difference of a study's folder from a manifest, given as its digest or its file.
 
     Raises:
         LogError: if the argument is neither.

@@ -48,7 +48,7 @@ def plan_next_session(
     utc_offset_min: int | None = None,
     publish: Callable[[Path], None] = lambda _: None,
 ) -> SessionPlan:
-    """Take the participant's slot and plan what to play; an incomplete session is resumed.
+    """Take the participant's slot and plan the session to play, or the rest of an incomplete one.
 
     A session is resumed under the plan with which it began, at the first episode that is not completed, with the same
     keys and seeds, even if the protocol file has changed. Logs that an earlier run left truncated are finished first.
@@ -59,12 +59,12 @@ def plan_next_session(
         participant: a participant code ("sub-07"); None takes the next free slot.
         group: a group that overrides the allocation list's.
         session: the session number; 1 is the participant's first.
-        any_day: whether a later session may be too early or too late.
-        note: the reason for an override and the experimenter, for the enrolment log; None does not record another day.
+        any_day: whether a later session may be played on a day that the protocol does not allow.
+        note: the reason for an override and the experimenter, for the enrolment log; None to leave a session on another
+            day unrecorded.
         prefix: the prefix of a new participant's code.
         utc_offset_min: the participant's offset from UTC in minutes; None uses that of the previous session.
-        publish: called with each log that is finished first, to store it where all servers find it, before it is
-            renamed.
+        publish: stores each log that is finished first where all servers find it, before the log is renamed.
 
     Raises:
         AllocationError: if there is no slot to take, or the session is complete.
@@ -72,7 +72,7 @@ def plan_next_session(
         OSError: if the data folder cannot be read or written.
     """
     study_dir = data / protocol.study.name
-    another_day = session > 1 and _check_came_before(
+    another_day = session > 1 and _check_previous_session(
         protocol, study_dir, participant, session, any_day=any_day, utc_offset_min=utc_offset_min
     )
     enrolled, slot = take_slot(
@@ -119,7 +119,7 @@ def plan_drawn_session(protocol: Protocol, data: Path, undrawn: SessionPlan, str
     )
 
 
-def _check_came_before(
+def _check_previous_session(
     protocol: Protocol,
     study_dir: Path,
     participant: str | None,
@@ -128,7 +128,12 @@ def _check_came_before(
     any_day: bool,
     utc_offset_min: int | None,
 ) -> bool:
-    """Check the previous session; return whether this one is on a day that the protocol does not allow."""
+    """Require that the previous session is complete; return whether this one is on a day that is not allowed.
+
+    Raises:
+        AllocationError: if the previous session is missing, incomplete or was screened out, or the day is not allowed
+            and ``any_day`` is false.
+    """
     if participant is None:
         raise AllocationError(f"session {session} needs a participant; name one with --participant")
     previous = session - 1
@@ -196,7 +201,7 @@ def _is_running(folder: Path) -> bool:
 
 
 def find_unused_slots(study_dir: Path) -> tuple[str, ...]:
-    """Return the participants who have a slot and no log, as when a program is killed before consent."""
+    """Return the codes of participants who have a slot and no log, as when a program is killed before consent."""
     if study_dir.is_dir():
         played = {row.path.name.partition("_")[0] for row in read_session_index(study_dir)}
     else:
@@ -257,7 +262,11 @@ def find_remaining_episodes(log: SessionLog) -> list[int]:
 
 
 def _plan_rest(log: SessionLog) -> SessionPlan:
-    """Plan what is left of a session that was interrupted."""
+    """Plan the rest of an interrupted session.
+
+    Raises:
+        AllocationError: if the session is complete.
+    """
     participant = log.plan.participant.id
     session = log.plan.session
     if is_session_complete(log):
@@ -277,7 +286,7 @@ def _plan_rest(log: SessionLog) -> SessionPlan:
 
 
 def _resume_state(log: SessionLog) -> ResumeState:
-    """Return the part that was not ended, and the points, tries and outcomes that had been reached."""
+    """Return the state from which a session is resumed: its part, points, attempts and outcomes so far."""
     part = log.plan.standing.part
     points = log.plan.standing.points
     tries = dict(log.plan.standing.tries)

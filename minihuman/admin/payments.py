@@ -27,7 +27,7 @@ class Payment:
     points: float
     bonus: float
     currency: str
-    waited_min: float  # in lobbies; in the bonus
+    waited_min: float  # minutes in lobbies, which the bonus includes
 
 
 def compute_payments(study_dir: Path) -> Iterator[Payment]:
@@ -39,7 +39,7 @@ def compute_payments(study_dir: Path) -> Iterator[Payment]:
     """
     ids = Recruitment(study_dir).ids()
     enrolled = {line.participant for line in read_enrolled(study_dir)}
-    paid: dict[tuple[str, int], Path] = {}
+    payments: dict[tuple[str, int], Path] = {}
     for row in read_session_index(study_dir):
         folder_code = row.path.relative_to(study_dir).parts[0]
         if row.summary is None and folder_code in enrolled:
@@ -47,7 +47,7 @@ def compute_payments(study_dir: Path) -> Iterator[Payment]:
         if row.summary is None or row.summary.participant not in enrolled:
             continue
         session_key = (row.summary.participant, row.summary.session)
-        other = paid.setdefault(session_key, row.path)
+        other = payments.setdefault(session_key, row.path)
         if other != row.path:
             raise LogError(f"{row.path} and {other} record the same session; move one of them out of {study_dir}")
         yield _compute_payment(row.path, ids)
@@ -55,7 +55,7 @@ def compute_payments(study_dir: Path) -> Iterator[Payment]:
 
 def _compute_payment(path: Path, ids: Mapping[str, PlatformId]) -> Payment:
     """Compute the payment for the session whose log is at ``path``."""
-    log = read_log(path.parent)  # with what was cut off behind a finished log
+    log = read_log(path.parent)  # the folder, as a truncated segment may follow the finished log
     bonus = log.plan.bonus
     if bonus is None:
         raise AllocationError(f"{path}: the session's protocol has no [bonus], so there is nothing to pay")
@@ -76,12 +76,12 @@ def _compute_payment(path: Path, ids: Mapping[str, PlatformId]) -> Payment:
     )
 
 
-def format_payments_csv(paid: Iterator[Payment]) -> str:
+def format_payments_csv(payments: Iterator[Payment]) -> str:
     """Format payments as CSV with a header."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow([field.name for field in fields(Payment)])
-    writer.writerows(tuple(map(_format_cell, astuple(payment))) for payment in paid)
+    writer.writerows(tuple(map(_format_cell, astuple(payment))) for payment in payments)
     return text.getvalue()
 
 
@@ -91,10 +91,10 @@ def _format_cell(cell: str | int | float) -> str | int:
     return cell
 
 
-def format_platform_payments(paid: Iterator[Payment], platform: str) -> str:
+def format_platform_payments(payments: Iterator[Payment], platform: str) -> str:
     """Format lines of ``id,amount`` for Prolific: the sum over each person's sessions, without sums of zero."""
     sums: dict[str, float] = {}
-    for payment in paid:
+    for payment in payments:
         if payment.platform == platform:
             sums[payment.id] = sums.get(payment.id, 0.0) + payment.bonus
     return "".join(f"{person},{amount:.2f}\n" for person, amount in sums.items() if amount > 0)

@@ -42,7 +42,7 @@ class PolicyStore:
         if not path.exists():
             with replace_durably(path, new_folders=1) as file:
                 file.write(content)
-        else:  # whoever wrote it may have been stopped before its name was durable
+        else:  # the process that wrote it may have been killed before its name was durable
             sync_folder(self.folder)
             sync_folder(self.folder.parent)
         return sha256
@@ -65,7 +65,7 @@ class PolicyStore:
         return path
 
 
-PROBABILITY_TOLERANCE = 1e-5  # of a probability: sums may come in another order on another processor
+PROBABILITY_TOLERANCE = 1e-5  # of a probability, since processors may sum in different orders
 
 
 def verify_advice(log: SessionLog, make_world: WorldFactory) -> Iterator[tuple[str, bool]]:
@@ -78,26 +78,26 @@ def verify_advice(log: SessionLog, make_world: WorldFactory) -> Iterator[tuple[s
     """
     policies = PolicyStore(study_folder(list_session_files(log.path)[0]))
     agents: dict[str, BaseAgent] = {}
-    states = 0
-    furthest = 0.0
+    n_states = 0
+    largest_deviation = 0.0
     for episode in log.episodes:
-        taught = episode.taught
-        if taught is None or not taught.policy:
+        teaching = episode.taught
+        if teaching is None or not teaching.policy:
             continue
-        name = taught.policy
+        name = teaching.policy
         if name not in agents:
             agents[name] = _load_agent(name, policies)
         with closing(make_world(episode.plan.world, episode.plan.options)) as world:
-            for step, off in _advice_deviations(episode, taught, agents[name], world):
-                states += 1
-                furthest = max(furthest, off)
-                if off > PROBABILITY_TOLERANCE:
+            for step, deviation in _advice_deviations(episode, teaching, agents[name], world):
+                n_states += 1
+                largest_deviation = max(largest_deviation, deviation)
+                if deviation > PROBABILITY_TOLERANCE:
                     place = f"{episode.name} step {step}"
-                    yield f"{place}: policy {name[:16]} now says otherwise, by {off:.3g} of a probability", False
+                    yield f"{place}: policy {name[:16]} now says otherwise, by {deviation:.3g} of a probability", False
                     return
-    if states:
-        agreement = "equal" if not furthest else f"within {furthest:.1g}"
-        yield f"{len(agents)} policies, what they said of {states} states: {agreement}", True
+    if n_states:
+        agreement = "equal" if not largest_deviation else f"within {largest_deviation:.1g}"
+        yield f"{len(agents)} policies, what they said of {n_states} states: {agreement}", True
 
 
 def _load_agent(policy: str, policies: PolicyStore) -> BaseAgent:
@@ -108,18 +108,18 @@ def _load_agent(policy: str, policies: PolicyStore) -> BaseAgent:
 
 
 def _advice_deviations(
-    episode: EpisodeLog, taught: TeachingRecord, agent: BaseAgent, world: World
+    episode: EpisodeLog, teaching: TeachingRecord, agent: BaseAgent, world: World
 ) -> Iterator[tuple[int, float]]:
     """Yield each step for which the policy gave advice, with the largest difference of a recomputed probability."""
     world.reset(episode.plan.seed)
     try:
         agent.begin(episode.plan, world)
     except MinihumanError:
-        if (taught.policy_actions != NO_ADVICE).any():
+        if (teaching.policy_actions != NO_ADVICE).any():
             raise
         return
     for step, action in enumerate(episode.actions):
-        probabilities = agent.action_probabilities(world)  # also where nothing was said: an agent may remember
-        if taught.policy_actions[step] != NO_ADVICE:
-            yield step, float(np.abs(probabilities - taught.probabilities[step]).max())
+        probabilities = agent.action_probabilities(world)  # in every state, since an agent may have a memory
+        if teaching.policy_actions[step] != NO_ADVICE:
+            yield step, float(np.abs(probabilities - teaching.probabilities[step]).max())
         world.step(int(action))

@@ -39,12 +39,12 @@ from minihuman.trust import NamedWorld, Permission, admit_worlds
 from minihuman.worlds.adapters.world import World
 
 _USUAL_WORLD = "minihuman/MiniGrid-FourRooms-v0"
-_USUAL_WORLDS = {  # of templates
+_USUAL_WORLDS = {  # by template
     "trials": "minihuman/Stimulus-v0",
     "team": "minihuman/Team-CrampedRoom-v0",
     "two-groups": f"minihuman/MiniGrid-Empty-Random-6x6-v0,minihuman/MiniGrid-MultiRoom-N2-S4-v0,{_USUAL_WORLD}",
 }
-_STEPS = 100  # where the world has no limit of its own
+_STEPS = 100  # step limit for a world without a limit of its own
 _MOVES = ("left", "right", "forward", "turn_left", "turn_right", "move_forward", "up", "down")
 SCHEMA_FILE = "minihuman.schema.json"
 MAX_PROTOCOL_BYTES = 2**20
@@ -54,7 +54,7 @@ MAX_POLICY_BYTES = 2**25
 MAX_SOUND_BYTES = 2**24
 
 
-TEMPLATES = {  # what a new study may have beside a block: several go together
+TEMPLATES = {  # what a new study may contain besides a block; several can be combined
     "two-groups": "worlds in opposite orders, a questionnaire",
     "two-days": "two sessions, with days between them",
     "three-groups": "keys to be found out, shown, or the same for all",
@@ -63,7 +63,7 @@ TEMPLATES = {  # what a new study may have beside a block: several go together
     "team": "two people in one world",
 }
 _STAGED = frozenset({"two-days", "three-groups"})
-_STAGES = {"practice": 0, "task-a": 0, "task-b": -1}  # each with the place of its world
+_STAGES = {"practice": 0, "task-a": 0, "task-b": -1}  # the index of each block's world
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,11 +71,11 @@ class ProtocolDraft:
     """The answers from which a new study's protocol is written."""
 
     name: str = "my-study"
-    world: str = ""  # or several, with commas; "": the template's
+    world: str = ""  # one or several ids, separated by commas; "" for the template's
     episodes: int = 5
     participants: int = 20
-    keys: str = "new"  # found by trying, or "shown"
-    templates: tuple[str, ...] = ()  # of TEMPLATES
+    keys: str = "new"  # "new" if keys are to be discovered, or "shown"
+    templates: tuple[str, ...] = ()  # names in TEMPLATES
     language: str = ENGLISH
 
     @property
@@ -124,10 +124,14 @@ class ProtocolDraft:
         unknown = [name for name in self.templates if name not in TEMPLATES]
         if unknown:
             raise ProtocolError(f"template {unknown[0]!r} is unknown; templates: {', '.join(TEMPLATES)}")
-        may_be_staged = self.has("two-groups")  # the others that are staged go with any kind of study
-        kinds = [name for name in self.templates if name in _USUAL_WORLDS or (may_be_staged and name in _STAGED)]
-        if len(kinds) > 1:
-            raise ProtocolError(f"templates {kinds[0]!r} and {kinds[1]!r} are two kinds of study; choose one")
+        exclusive = set(_USUAL_WORLDS)
+        if self.has("two-groups"):
+            exclusive |= _STAGED
+        conflicting = [name for name in self.templates if name in exclusive]
+        if len(conflicting) > 1:
+            raise ProtocolError(
+                f"templates {conflicting[0]!r} and {conflicting[1]!r} are two kinds of study; choose one"
+            )
 
     def _derive_seed(self) -> int:
         """Derive the study's seed, of at most six digits, from its name."""
@@ -293,13 +297,13 @@ def _find_pictures(protocol: Protocol) -> dict[str, str]:
     fields: dict[str, str] = {}
     if protocol.study.logo:
         fields[protocol.study.logo] = "$.study.logo"
-    for number, page in _in_any_group(protocol, protocol.pages):
+    for number, page in _list_group_variants(protocol, protocol.pages):
         for name in page.images:
             fields[name] = f"$.pages[{number}].images"
     return fields
 
 
-def _in_any_group(protocol: Protocol, parts: Sequence[Overridable]) -> list[tuple[int, Overridable]]:
+def _list_group_variants(protocol: Protocol, parts: Sequence[Overridable]) -> list[tuple[int, Overridable]]:
     """Return each part with its index once per group, with the group's overrides applied."""
     return [(place, apply_overrides(part, group.name)) for place, part in enumerate(parts) for group in protocol.groups]
 
@@ -308,7 +312,7 @@ def _find_policies(protocol: Protocol) -> dict[str, str]:
     """Return the policy files of the agents in any group, each with the field that names it."""
     agent_fields: dict[str, str] = {}
     team_fields: dict[str, str] = {}
-    for number, block in _in_any_group(protocol, protocol.blocks):
+    for number, block in _list_group_variants(protocol, protocol.blocks):
         if block.agent and block.agent.policy:
             agent_fields[block.agent.policy] = f"$.blocks[{number}].agent.policy"
         if block.team:
@@ -327,7 +331,7 @@ def _is_policy_file(name: str) -> bool:
 def _read_stimuli(protocol: Protocol, folder: Path, path: Path) -> dict[str, bytes]:
     """Read the tables of stimuli and the images that they name."""
     contents: dict[str, bytes] = {}
-    for number, block in _in_any_group(protocol, protocol.blocks):
+    for number, block in _list_group_variants(protocol, protocol.blocks):
         if block.stimuli is not None:
             field = f"{path}: $.blocks[{number}].stimuli"
             name = block.stimuli.file
@@ -349,17 +353,22 @@ def _read_stimuli(protocol: Protocol, folder: Path, path: Path) -> dict[str, byt
 
 
 def _read_picture(folder: Path, name: str, field: str, *, formats: tuple[str, ...] = ("PNG",)) -> bytes:
+    """Read a picture in the protocol's folder after decoding it; ``field`` names its place in errors.
+
+    Raises:
+        ProtocolError: if it cannot be read, is of another format, or is too large.
+    """
     content = _read_beside(folder, name, field, MAX_PICTURE_BYTES, "copy it into the protocol's folder")
     try:
         with warnings.catch_warnings(), Image.open(io.BytesIO(content), formats=formats) as image:
-            warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # larger ones are refused here
+            warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # large pictures are refused below
             if image.width * image.height <= MAX_PICTURE_PIXELS:
                 image.load()
                 return content
             problem = f"has {image.width} x {image.height} pixels; use {MAX_PICTURE_PIXELS} at most"
     except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
-        cut = "damaged" if content.startswith(b"\x89PNG") else f"not a {' or '.join(formats)}"
-        problem = f"is {cut} ({type(error).__name__}); save it as a PNG"
+        defect = "damaged" if content.startswith(b"\x89PNG") else f"not a {' or '.join(formats)}"
+        problem = f"is {defect} ({type(error).__name__}); save it as a PNG"
     raise ProtocolError(f"{field}: {folder / name} {problem}")
 
 

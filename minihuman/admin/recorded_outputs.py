@@ -42,7 +42,7 @@ def record_output(study_dir: Path, kind: str, out: Path) -> str:
         with _open(study_dir.parent).hold() as journal:
             if output not in journal.lines:
                 journal.append(output)
-    except OSError as error:  # a copy to read from
+    except OSError as error:  # a read-only copy of the data folder
         return f"{study_dir.parent} cannot be written ({error.strerror}), so a later withdrawal will not name {out}"
     return ""
 
@@ -59,7 +59,7 @@ def note_withdrawal(study_dir: Path, code: str) -> list[str]:
     """Erase a participant from folders of tables, and add a notice of the withdrawal to every other output.
 
     Returns:
-        A line for each output that still holds their data.
+        A line for each output that still contains their data.
 
     Raises:
         OSError: if a notice cannot be written.
@@ -97,7 +97,7 @@ def _open(data: Path) -> FileJournal[RecordedOutput]:
 
 
 def _decode_output(line: bytes, number: int) -> RecordedOutput | None:
-    """Decode a line; None for one that a crash cut off."""
-    with suppress(msgspec.DecodeError):  # half a line, of a crash
+    """Decode a line; return None for a line that a crash cut off."""
+    with suppress(msgspec.DecodeError):
         return msgspec.json.decode(line, type=RecordedOutput)
     return None

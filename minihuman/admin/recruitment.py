@@ -99,7 +99,7 @@ class Recruitment:
 
     def __init__(self, study_dir: Path) -> None:
         self._journal: Journal[RecruitmentEntry] = open_journal(study_dir, ARRIVALS_FILE_NAME, _decode_entry)
-        self._ids = open_journal(study_dir, IDS_FILE_NAME, _platform_id, mode=_OWNER_ONLY)
+        self._ids = open_journal(study_dir, IDS_FILE_NAME, _decode_platform_id, mode=_OWNER_ONLY)
         self._in_database = bool(find_database_url(study_dir))
         self._secrets = open_journal(study_dir, SECRET_FILE_NAME, _decode_secret, mode=_OWNER_ONLY)
         self._secret_path = study_dir / SECRET_FILE_NAME
@@ -129,7 +129,7 @@ class Recruitment:
                 arrivals.journal.append(RecruitmentSwitched(recruiting, now_text()))
 
     def standing(self) -> RecruitmentState:
-        """Return the current state according to all entries."""
+        """Return the current state, a new object, after all entries."""
         return JournalState(RecruitmentState, RecruitmentState.take).after(self._journal.read())
 
     def find_participant(self, key: str) -> str | None:
@@ -152,13 +152,13 @@ class Recruitment:
 
     @contextmanager
     def exclusive(self) -> Iterator["RecruitmentTransaction"]:
-        """Lock the arrivals while a participant is given a slot."""
+        """Lock the arrivals for all processes while the context lasts; yield them with their current state."""
         with self._journal.hold() as journal:
             yield RecruitmentTransaction(journal, self._state.after(journal.lines))
 
     def hash_platform_id(self, platform: str, person: str) -> str:
         """Return the hash of a person's platform id: an HMAC with the study's own secret."""
-        digest = hmac.new(self._decode_secret(), f"{platform}:{person}".encode(), hashlib.sha256).hexdigest()
+        digest = hmac.new(self._read_secret(), f"{platform}:{person}".encode(), hashlib.sha256).hexdigest()
         return f"{platform}:{digest}"
 
     def remember(self, platform_id: PlatformId) -> None:
@@ -176,10 +176,10 @@ class Recruitment:
         for journal in (self._journal, self._ids):
             journal.keep(lambda line: not _has_field_value(line, "participant", participant))
 
-    def _decode_secret(self) -> bytes:
-        """Return the study's secret, which the first process to ask creates for all."""
+    def _read_secret(self) -> bytes:
+        """Return the study's secret, after creating it if there is none."""
         if not self._in_database:
-            return _secret_in(self._secret_path)
+            return _read_secret_file(self._secret_path)
         known = self._secrets.read()
         if not known:
             with self._secrets.hold() as journal:
@@ -222,14 +222,14 @@ def _has_field_value(line: bytes, field: str, value: str) -> bool:
         return False
 
 
-def _platform_id(line: bytes, number: int) -> PlatformId | None:
-    with suppress(msgspec.DecodeError):  # half a line, of a crash
+def _decode_platform_id(line: bytes, number: int) -> PlatformId | None:
+    with suppress(msgspec.DecodeError):  # a line that a crash cut off
         return msgspec.json.decode(line, type=PlatformId)
     return None
 
 
-def _secret_in(path: Path) -> bytes:
-    """Read the secret in a file, which the first process to ask creates for all."""
+def _read_secret_file(path: Path) -> bytes:
+    """Read the secret in a file, after creating it if there is none; all processes get the same one."""
     while not path.exists():
         unnamed = path.with_name(f"{SECRET_FILE_NAME}.{secrets.token_hex(4)}")
         disk = current_system().disk
@@ -244,7 +244,7 @@ def _secret_in(path: Path) -> bytes:
 
 
 def _decode_secret(line: bytes, number: int) -> PlatformSecret | None:
-    """Decode a line with a secret; None if it is none."""
+    """Decode a line with a secret; return None for any other line."""
     with suppress(msgspec.DecodeError):
         return msgspec.json.decode(line, type=PlatformSecret)
     return None

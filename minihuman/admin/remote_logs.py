@@ -125,7 +125,7 @@ class _Synchronization:
         return [(name, file) for name, file in files.items() if file.participant not in withdrawn[file.study]]
 
     def sync_log(self, file: StudyFile) -> None:
-        """Bring the local log and the one in the store to the same state."""
+        """Bring the local log and the one in the store to the same state; report a copy that is refused."""
         log = file.path(self._data)
         version = self._versions.get(file.name, "")
         if not version:
@@ -185,6 +185,11 @@ class _Synchronization:
                 self._say(str(error))
 
     def _merge_annotations(self, file: StudyFile, path: Path, other: Path, version: str) -> None:
+        """Merge local annotations with ``other``, the store's copy of a version; a damaged one is replaced.
+
+        Raises:
+            LogError: if both are damaged, or the store's is and there are no local annotations.
+        """
         try:
             stored = read_annotation_file(other)
         except LogError as error:
@@ -235,7 +240,7 @@ def _read_segments(log: Path) -> list[tuple[str, str, str]]:
 
 
 def _require_same_session(log: Path, file: StudyFile) -> None:
-    """Check that a fetched log is undamaged and of the session that its path names; other programs' files pass.
+    """Require that a fetched log is undamaged and of the session that its path names; other programs' files pass.
 
     Raises:
         DamagedCopyError: if it is damaged, or of another session.
@@ -254,6 +259,7 @@ def _require_same_session(log: Path, file: StudyFile) -> None:
 
 
 def _other_name(log: Path) -> str:
+    """Return the name of a log beside another log of the same session: with the start of its MD5."""
     return f"{log.name.removesuffix(LOG_SUFFIX)}_other-{compute_md5(log)[:8]}{LOG_SUFFIX}"
 
 
@@ -264,6 +270,7 @@ def delete_remote_logs(study_dir: Path, code: str) -> None:
         RemoteStoreError: if the logs cannot be deleted.
     """
     study_dir = study_dir.absolute()
-    store = open_remote_store(study_dir.parent, may_be_new=False)  # a share that is not mounted has them still
+    # a share that is not mounted would keep its logs, so the store must exist
+    store = open_remote_store(study_dir.parent, may_be_new=False)
     if store is not None:
         store.erase(code, store.names(f"{study_dir.name}/{code}/"))

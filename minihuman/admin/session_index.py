@@ -54,12 +54,12 @@ _VALUES = attrgetter(*(field.name for field in fields(SessionSummary)))
 _COLUMNS = dict.fromkeys(("log", "fingerprint", "path", "problem"), "TEXT") | {
     f'"{field.name}"': _SQL_TYPES[field.type] for field in fields(SessionSummary)
 }
-_ROW = ", ".join(_COLUMNS)  # what the digest is of
+_ROW = ", ".join(_COLUMNS)  # the columns that the digest covers
 _TABLE = f"{INDEX_SCHEMA}.sessions"
 _MADE_BY = f"{INDEX_SCHEMA}.made_by"
 _BATCH = 500  # rows fetched or inserted at once
 _MAKERS = ("admin", "log/model", "log/salvage")  # the packages whose code makes the rows
-LOCK_WAIT_S = 0.2  # sessions are quickly read again, and a participant waits
+LOCK_WAIT_S = 0.2  # short, since a participant may wait and logs are quickly read again
 _Rows = dict[str, tuple[str, bytes]]  # by log: its fingerprint, and all else as MessagePack, a fifth of objects' memory
 _Storing = Literal["never", "anew", "added"]
 
@@ -68,9 +68,9 @@ _Storing = Literal["never", "anew", "added"]
 class SessionRow:
     """One session of a study: its path, and its summary or the reason why it cannot be read."""
 
-    path: Path  # the finished log; the live or cut-off segment where there is none yet
-    summary: SessionSummary | None  # None: unreadable
-    problem: str  # why; "" if it is readable
+    path: Path  # the finished log; if there is none yet, the live or cut-off segment
+    summary: SessionSummary | None  # None if the log cannot be read
+    problem: str  # why it cannot be read; "" if it can
 
 
 def read_session_index(study: Path, folders: LogFolders | None = None) -> Iterator[SessionRow]:
@@ -294,13 +294,13 @@ def summarize_session(files: Sequence[Path]) -> SessionSummary:
             from minihuman.admin.log_info import summarize_from_messages  # all that reads messages: rarely needed
 
             summary = summarize_from_messages(files)
-        datetime.fromisoformat(summary.started_at)  # metadata have no checksum, and who is due is told from this
+        datetime.fromisoformat(summary.started_at)  # raises if damaged, since metadata have no checksum
         return summary
 
 
 _SUMMARIZED_VERSIONS = {
     str(version) for version in range(PLAIN_SCHEMA_VERSION, SCHEMA_VERSION + 1)
-}  # say it at the end
+}  # versions whose logs have the summary's facts at their end
 
 
 def _summarize_finished(log: Path) -> SessionSummary | None:
@@ -354,12 +354,12 @@ def find_double_sessions(folders: LogFolders) -> Iterator[str]:
         if sum(name.endswith(LOG_SUFFIX) for name in names) < 2:  # as in nearly every folder
             continue
         logs = [log for log, files in group_sessions(folder, names).items() if log in files]
-        complete: dict[tuple[str, int], dict[str, Path]] = {}  # by how the log ends
+        complete: dict[tuple[str, int], dict[str, Path]] = {}  # by session: one log for each different end
         for log in logs:
             try:
                 contents = read_summary(log)
                 summary = summarize_session([log])
-            except LogError:  # named elsewhere
+            except LogError:  # reported elsewhere
                 continue
             if contents is not None and summary.complete:
                 ends = complete.setdefault((summary.participant, summary.session), {})

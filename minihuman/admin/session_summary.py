@@ -16,8 +16,8 @@ class SessionSummary:
     segments: int
     clean: bool
     end_reason: str  # an EndReason, or "cut_off"
-    episodes_planned: int  # less those that were skipped
+    episodes_planned: int  # without skipped ones
     episodes_completed: int  # with an outcome other than abandoned
     steps: int
     duration_s: float  # from a segment's start to its last message, summed
-    complete: bool  # it said so, or nothing was left to do but to read last words
+    complete: bool  # whether it ended as complete, or only closing pages were left

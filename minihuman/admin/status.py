@@ -50,7 +50,7 @@ from minihuman.storage.outside_names import is_system_companion
 if TYPE_CHECKING:
     from minihuman.dataset.annotations import Annotation
 
-_COUNTED = {  # how a session's state is called in a line of its own
+_COUNTED = {  # the text for a session's state
     "screened_out": "screened out",
     "failed": "the simulated participant failed",
     "complete": "complete",
@@ -257,14 +257,14 @@ class StudyStatus:
     sessions: tuple[SessionRow, ...]
     slots_without_data: tuple[str, ...]  # participants who took a slot and recorded nothing
     replaced: tuple[str, ...]  # participants whose slots are offered again
-    left_without_data: Mapping[str, int]  # counts by what they did
+    left_without_data: Mapping[str, int]  # counts by a description of why they left
     withdrew: int
-    interventions: Mapping[str, int]  # what was done by hand, in counts
-    problems: tuple[str, ...]  # logs that are gone, and ends of logs that the enrolment log lacks
+    interventions: Mapping[str, int]  # counts of manual interventions by kind
+    problems: tuple[str, ...]  # as ``list_problems`` lists them
     live: frozenset[Path]  # folders in which a session is being recorded
-    sources: Mapping[str, int] = field(default_factory=dict)  # of those who came online, and have a slot
-    companions: tuple[Path, ...] = ()  # files that another system keeps beside logs: they are not read
-    useless_annotations: tuple[str, ...] = ()  # a line each, of those of episodes that no session has
+    sources: Mapping[str, int] = field(default_factory=dict)  # counts of participants who arrived online, by source
+    companions: tuple[Path, ...] = ()  # files of other systems beside logs, which are not read
+    useless_annotations: tuple[str, ...] = ()  # a line for each annotation of an episode that no session has
     flow: ParticipantFlow | None = None  # None without an enrolment log
 
 

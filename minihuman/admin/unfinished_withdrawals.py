@@ -8,7 +8,7 @@ from pathlib import Path
 
 from minihuman.dataset.withdrawn_codes import read_withdrawn_codes
 
-MARK_SUFFIX = ".withdrawing"  # behind a participant's code: the name of a file that says that erasing them has begun
+MARK_SUFFIX = ".withdrawing"  # after a participant's code, the name of a file that marks a begun erasure
 
 
 def find_unfinished_withdrawals(study_dir: Path) -> Iterator[str]:

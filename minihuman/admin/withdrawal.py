@@ -31,7 +31,7 @@ from minihuman.storage.erasure import erase
 from minihuman.storage.remote_store import RemoteStoreError
 from minihuman.storage.system import current_system, now_text
 
-MAX_REASONS = 5  # that an error names
+MAX_REASONS = 5  # that an error lists
 
 
 class ErasureError(LogError):
@@ -44,9 +44,9 @@ class WithdrawalResult:
 
     files: int
     bytes: int
-    sealed: Path | None  # the archive that holds them now
-    sha256: str  # the archive's, hexadecimal; "" without one
-    partitions: int | None = None  # of tables, removed from their remote store; None: there is none
+    sealed: Path | None  # the archive that contains them now
+    sha256: str  # of the archive, hexadecimal; "" without one
+    partitions: int | None = None  # number of table files removed from their remote store; None without one
     left: tuple[str, ...] = ()  # a line about each machine and output that still holds their data
 
     def line(self) -> str:
@@ -63,7 +63,7 @@ class WithdrawalResult:
 
 
 def _list_remains(study_dir: Path, code: str) -> Iterator[str]:
-    """Yield a line about each machine, output and file of the laboratory's that still holds a participant's data."""
+    """Yield a line about each machine, output and file of the laboratory that still contains a participant's data."""
     yield from note_withdrawal(study_dir, code)
     yield from find_pending_machines(study_dir)
     if names_participant(study_dir, code):
@@ -91,7 +91,7 @@ def withdraw_participant(
         RemoteStoreError: if logs or tables cannot be removed from a remote store; all else has then been done.
         ErasureError: if something else cannot be erased; all that can be has then been erased.
     """
-    parse_participant_code(code)  # nothing but a participant's folder is ever taken out
+    parse_participant_code(code)  # raises for any other folder's name
     folder = study_dir / code
     if any(is_being_recorded(part) for part in folder.rglob(f"*{PART_SUFFIX}")):
         raise AllocationError(f"a session of {code} is running; end it before withdrawing the participant")
@@ -101,7 +101,7 @@ def withdraw_participant(
         _check_archive(seal, study_dir, code, files)
     with _mark_as_begun(study_dir, code), _archive_files(files, seal, study_dir) as sha256:
         data_end: Literal["erased", "sealed"] = "erased" if seal is None else "sealed"
-        if code not in read_withdrawn_codes(study_dir):  # else the rest of an earlier withdrawal
+        if code not in read_withdrawn_codes(study_dir):  # otherwise an earlier withdrawal is completed
             record_departure(
                 study_dir, ParticipantWithdrawn(code, now_text(), data_end, note.reason, note.experimenter)
             )
@@ -158,12 +158,12 @@ def _mark_as_begun(study_dir: Path, code: str) -> Iterator[None]:
     If the program is killed, the file stays, so that ``status`` and ``verify`` report the unfinished erasure.
     """
     mark = find_mark(study_dir, code)
-    if not study_dir.is_dir():  # no study, which whoever reads its enrolment log says
+    if not study_dir.is_dir():  # there is no study: reading its enrolment log raises
         yield
         return
     try:
         if mark.exists():
-            sync_folder(study_dir)  # whoever left it may have been stopped before
+            sync_folder(study_dir)  # an earlier call may have been killed before this
         else:
             _write_mark(mark, code)
         yield
@@ -195,6 +195,11 @@ def replace_participant(study_dir: Path, code: str, note: AuditNote = NO_NOTE) -
 
 
 def _check_archive(archive: Path, study_dir: Path, code: str, files: list[Path]) -> None:
+    """Check the path of an archive.
+
+    Raises:
+        AllocationError: if it is inside the study's folder, or a file exists there that is not the archive.
+    """
     if archive.resolve().is_relative_to(study_dir.resolve()):
         raise AllocationError(f"{archive} is inside the study's folder; choose a path outside it with --archive")
     if archive.exists() and not _is_archived(files, archive, study_dir, code):
@@ -224,7 +229,7 @@ def _archive_files(files: list[Path], archive: Path | None, study_dir: Path) -> 
         yield ""
         return
     if archive.exists():
-        sync_folder(archive.parent)  # whoever made it may have been stopped before
+        sync_folder(archive.parent)  # an earlier call may have been killed before this
         yield hash_file(archive)
         return
     try:

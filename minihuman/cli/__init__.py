@@ -18,7 +18,7 @@ from minihuman.cli.command_line import make_command_line
 from minihuman.errors import MinihumanError, escape_control_characters, escape_line
 from minihuman.plugins import DISTRIBUTION
 
-_DISTRIBUTIONS = {  # by module
+_DISTRIBUTIONS = {  # by module, if their names differ
     "rerun": "rerun-sdk",
     "pygame": "pygame-ce",
     "PIL": "pillow",
@@ -26,24 +26,24 @@ _DISTRIBUTIONS = {  # by module
     "freetype": "freetype-py",
     "google": "protobuf",
 }
-_INTERRUPTED = 130  # as shells say it of a program that Ctrl-C ended
-_COLOURS = re.compile(r"\x1b\[[0-9;]*m")  # of a terminal, which Gymnasium puts into its warnings
+_INTERRUPTED = 130  # the exit status that shells use after Ctrl-C
+_COLOURS = re.compile(r"\x1b\[[0-9;]*m")  # a terminal's colour codes, which Gymnasium puts into its warnings
 
 
 def main() -> None:
     """Run the command line; an error that the user can correct is printed as one line, with exit status 2."""
-    warnings.formatwarning = lambda message, *_: (  # the text alone is of use here
+    warnings.formatwarning = lambda message, *_: (  # without the place in the code
         f"Warning: {escape_control_characters(_COLOURS.sub('', str(message)))}\n"
     )
-    os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")  # Arrow's own keeps what was freed, 27 MiB of a report
+    os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")  # Arrow's pool keeps freed memory: 27 MiB
     code = _run()
     try:
         sys.stdout.flush()
-    except OSError as error:  # what is still to be written has nowhere to go, now and when the interpreter ends
+    except OSError as error:  # discard the rest of the output, so that the interpreter's end does not raise, too
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        if isinstance(error, BrokenPipeError):  # its reader has closed it
+        if isinstance(error, BrokenPipeError):  # the reader has closed the pipe
             code = code or 1
-        elif code != MinihumanError.exit_code:  # else a sentence was printed
+        elif code != MinihumanError.exit_code:  # otherwise an error was printed already
             code = _refuse(error)
     sys.exit(code)
 
@@ -58,7 +58,7 @@ def _run() -> int:
         return _refuse_mistakes(error)
     except click.UsageError as error:
         return _refuse_usage(error)
-    except click.Abort as error:  # also what Click makes of Ctrl-C
+    except click.Abort as error:  # Click raises it after Ctrl-C, too
         if isinstance(error.__cause__, KeyboardInterrupt):
             return _INTERRUPTED
         return 1
@@ -71,7 +71,7 @@ def _run() -> int:
         needed = " ".join(f"'{requirement}'" for requirement in requirements)
         _complain(f"this command needs {requirements[0]}, which is not installed here; run: pip install {needed}")
         return MinihumanError.exit_code
-    except BrokenPipeError:  # the reader of our output has closed it
+    except BrokenPipeError:  # the reader has closed the pipe
         return 1
     except OSError as error:
         return _refuse(error)
@@ -123,7 +123,7 @@ def find_missing_requirements(module: str) -> list[str]:
         is_optional = is_replay_viewer or "sys_platform" in marker
         if required == name:
             extras[extra].insert(0, requirement.strip())
-        elif name != "jinja2" and not is_optional and not _can_import(required):  # jinja2's first user needs no more
+        elif name != "jinja2" and not is_optional and not _can_import(required):  # jinja2 needs no others
             extras[extra].append(requirement.strip())
     providing_extras = [extra for extra, missing in extras.items() if _name_requirement(missing[0]) == name]
     if not providing_extras:

@@ -150,20 +150,20 @@ def ppo(
     need_torch()
     from minihuman.learn.training import count_steps, train
 
-    asked = compose_job(world or [], job, option or [], settings)
-    admit_training(asked, (job or Path("job")).absolute().parent, ask_trust(trust or job is None))
-    steps = count_steps(asked.settings)
-    if steps != asked.settings.steps:
-        print_account([f"training for {steps} steps: whole rollouts of {asked.settings.worlds} worlds"])
-    with show_progress(f"training for {steps} steps in {', '.join(choice.id for choice in asked.worlds)}") as show:
+    training = compose_job(world or [], job, option or [], settings)
+    admit_training(training, (job or Path("job")).absolute().parent, ask_trust(trust or job is None))
+    steps = count_steps(training.settings)
+    if steps != training.settings.steps:
+        print_account([f"training for {steps} steps: whole rollouts of {training.settings.worlds} worlds"])
+    with show_progress(f"training for {steps} steps in {', '.join(choice.id for choice in training.worlds)}") as show:
         report = train(
-            asked,
+            training,
             out,
             resume=resume,
             selection=selection,
             follow=lambda point, curriculum: show(describe_progress(point, steps, curriculum.describe())),
         )
-    print(describe_training(out, asked, report))
+    print(describe_training(out, training, report))
 
 
 @selection_options()

@@ -15,7 +15,7 @@ import click
 from minihuman import __version__
 from minihuman.cli.options import Argument, Option
 
-SECTIONS: Mapping[str, Mapping[str, str]] = {  # the commands of each module of this package, in the order of the help
+SECTIONS: Mapping[str, Mapping[str, str]] = {  # by module of this package: its commands, in the help's order
     "start": {
         "demo": "Play a short session, then look at its log, figures and replay.",
         "new": "Write a ready-to-run protocol after a few questions.",
@@ -71,7 +71,7 @@ SECTIONS: Mapping[str, Mapping[str, str]] = {  # the commands of each module of 
         "schema": "Print the JSON Schema for protocol files.",
     },
 }
-ALIASES = {"mark": "annotate", "seal": "manifest", "bonus": "payments"}  # earlier names; they work and are not listed
+ALIASES = {"mark": "annotate", "seal": "manifest", "bonus": "payments"}  # earlier names, which work but are not listed
 _MODULES = {name: module for module, names in SECTIONS.items() for name in names}
 _NO_COMMAND = 2
 _HELP_NAMES = {"help_option_names": ["-h", "--help"]}
@@ -140,7 +140,7 @@ class Subgroup(_Group):
 
 
 def make_command(function: Callable[..., None]) -> click.Command:
-    """Convert a function whose parameters are declared as `Argument` and `Option` into a command with the same name."""
+    """Convert a function whose parameters are annotated with `Argument` or `Option` into a command of its name."""
     parameters = inspect.signature(function).parameters.values()
     kinds = {parameter.name: get_args(parameter.annotation)[0] for parameter in parameters}
 
@@ -237,7 +237,7 @@ def _is_list(annotation: Any) -> bool:
     return str(annotation).startswith("list[")
 
 
-def _click_type(kind: Any, declared: Argument | Option) -> Any:  # a ParamType, which is generic in newer Clicks only
+def _click_type(kind: Any, declared: Argument | Option) -> Any:  # a ParamType, generic only in newer Clicks
     if get_origin(kind) is Literal:
         return click.Choice(get_args(kind))
     if kind is Path:

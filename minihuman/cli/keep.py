@@ -125,13 +125,13 @@ def recover(
             print(archive_log(log, archive))
         return
     codes = [0]
-    for became in recover_logs(logs, AuditNote(ask_reason(reason), experimenter)):
-        if isinstance(became, MinihumanError):
-            print(escape_control_characters(f"minihuman: {became}"), file=sys.stderr, flush=True)
-            codes.append(became.exit_code)
+    for outcome in recover_logs(logs, AuditNote(ask_reason(reason), experimenter)):
+        if isinstance(outcome, MinihumanError):
+            print(escape_control_characters(f"minihuman: {outcome}"), file=sys.stderr, flush=True)
+            codes.append(outcome.exit_code)
         else:
-            print(escape_control_characters(became.line), flush=True)
-            codes.append(int(became.damaged))
+            print(escape_control_characters(outcome.line), flush=True)
+            codes.append(int(outcome.damaged))
     if len(codes) == 1:
         print("no cut-off logs")
     raise SystemExit(max(codes))
@@ -321,15 +321,15 @@ def gather(
     from minihuman.dataset.remote_tables import fetch_tables, store_tables
 
     if tables is not None:
-        came, removed = fetch_tables(study, tables, say=lambda line: print_account([line]))
+        n_fetched, removed = fetch_tables(study, tables, say=lambda line: print_account([line]))
         print_account(filter(None, [record_output(Path(study), TABLES, tables)]))
-        print(f"{came} files of tables fetched, {removed} removed in {tables}")
+        print(f"{n_fetched} files of tables fetched, {removed} removed in {tables}")
         return
     folder = Path(study).absolute()
     if lost_machine:
         declare_machine_lost(folder, lost_machine, say=print)
     obey_withdrawals(folder, ask_store=True, say=lambda line: print_account([line]))
-    came, went = sync_logs(folder.parent, f"{folder.name}/", say=lambda line: print_account([line]))
-    print(f"{came} logs fetched, {went} stored")
+    n_fetched, n_stored = sync_logs(folder.parent, f"{folder.name}/", say=lambda line: print_account([line]))
+    print(f"{n_fetched} logs fetched, {n_stored} stored")
     if (counts := store_tables(folder, say=lambda line: print_account([line]))) is not None:
         print(f"{counts[0]} files of tables stored, {counts[1]} removed")

@@ -37,7 +37,7 @@ class Option:
     help: str
     min: int | None
     max: int | None
-    panel: str  # its heading in the help
+    panel: str  # the heading above it in the help
 
     def __init__(
         self, *names: str, help: str, min: int | None = None, max: int | None = None, panel: str = "Options"
@@ -90,7 +90,7 @@ _HELP = {
 def selection_options(**defaults: tuple[str, ...]) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Add the options that select episodes to a command, which receives them as its last parameter, ``selection``.
 
-    ``defaults`` holds the values of options that are not given.
+    ``defaults`` has the values of options that are not given.
     """
 
     def decorate(command: Callable[..., None]) -> Callable[..., None]:
@@ -109,7 +109,7 @@ def selection_options(**defaults: tuple[str, ...]) -> Callable[[Callable[..., No
             for name, kind in options.items()
         ]
         own_annotations = {name: kind for name, kind in inspect.get_annotations(command).items() if name != "selection"}
-        chosen.__signature__ = own.replace(parameters=parameters)  # type: ignore[attr-defined] # what Typer reads
+        chosen.__signature__ = own.replace(parameters=parameters)  # type: ignore[attr-defined] # which ``make_command`` reads
         chosen.__annotations__ = own_annotations | options
         return chosen
 

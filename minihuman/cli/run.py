@@ -59,7 +59,7 @@ def run(
 
     if participant is None and not next_slot and (interrupted := _ask_interrupted(protocol, data, ask_trust(trust))):
         participant, session = interrupted
-    next_slot = next_slot or sys.stdin.isatty()  # who was asked has answered
+    next_slot = next_slot or sys.stdin.isatty()  # on a terminal the question has been answered
     if group is not None or any_day:
         reason = ask_reason(reason)
     with ExitStack() as stack:
@@ -201,7 +201,7 @@ def serve(
     try:
         with keep_processes_running(commands):
             run_server(study, data, socket, links=links, address=address, say=_say, worlds=worlds)
-    finally:  # after SIGTERM, too
+    finally:  # also after SIGTERM
         if worlds is not None:
             worlds.close()
             _say(str(worlds.pool.use))
@@ -330,7 +330,7 @@ def simulate(
         for path in played:
             print(path, flush=True)
             logs.append(path)
-    if player.startswith("model:"):  # any other player that fails is an error at once
+    if player.startswith("model:"):  # any other player's failure raises at once
         _require_whole_sessions(logs, player)
 
 

@@ -1,6 +1,6 @@
-"""The options of `minihuman learn ppo`, one for each training setting, and what the command prints.
+"""The options of `minihuman learn ppo`, one for each training setting, and the command's output.
 
-This module imports no torch: the command's help needs none.
+This module does not import torch, which the command's help does not need.
 """
 
 import inspect
@@ -18,7 +18,7 @@ from minihuman.trust import Permission, admit_worlds
 
 
 def training_options(command: Callable[..., None]) -> Callable[..., None]:
-    """Add an option for each training setting to a command, which receives those that were given as ``settings``."""
+    """Add an option for each training setting to a command, which receives the given ones as ``settings``."""
 
     @wraps(command)
     def chosen(*arguments: Any, **named: Any) -> None:
@@ -42,7 +42,7 @@ def training_options(command: Callable[..., None]) -> Callable[..., None]:
 
 
 def _annotate(declared: Any) -> Any:
-    """Return the annotation of the option of a setting."""
+    """Return the annotation that declares a setting's option."""
     kind = TrainingSettings.__annotations__[declared.name]
     default = declared.default
     if declared.name == "hidden":
@@ -68,7 +68,7 @@ def compose_job(
     """Return the job of a file, if there is one, with the worlds, options and settings of the command line.
 
     Raises:
-        LearnError: if the file or what was given is not valid.
+        LearnError: if the file, a world, an option or a setting is not valid.
     """
     job = None if path is None else read_job(path)
     choices = tuple(WorldChoice(world) for world in worlds) or (job.worlds if job else ())
@@ -78,7 +78,7 @@ def compose_job(
 
 
 def _parse_option(text: str) -> tuple[str, Any]:
-    """Return the name and the value of a world's option; the value is TOML's, or else text."""
+    """Return the name and the value of a world's option; the value is TOML or, if it is not valid TOML, text."""
     name, separator, written = text.partition("=")
     if not separator or not name:
         raise LearnError(f"--option {text!r} is not valid; write NAME=VALUE, as in max_steps=100")
@@ -92,7 +92,7 @@ def admit_training(job: TrainingJob, folder: Path, permission: Permission) -> No
     """Let the worlds of a job run their code, if the user trusts it.
 
     Raises:
-        LearnError: if the user does not.
+        LearnError: if the user does not trust it.
     """
     named = [(choice.id, choice.options) for choice in job.worlds]
     refused = admit_worlds(named, folder.resolve(), permission)
@@ -101,13 +101,13 @@ def admit_training(job: TrainingJob, folder: Path, permission: Permission) -> No
 
 
 def describe_progress(point: Any, steps: int, curriculum: str) -> str:
-    """Return a line on a training in progress."""
+    """Return a line about the progress of a training."""
     line = f"{point.steps} of {steps} steps, {point.success:.0%} of episodes succeed"
     return f"{line}; {curriculum}" if curriculum else line
 
 
 def describe_training(out: Path, job: TrainingJob, report: Any) -> str:
-    """Return what came of a training, a line for the run and one for each world's evaluation."""
+    """Describe the result of a training: a line for the run and one for each world's evaluation."""
     last = report.points[-1]
     latest = f"of the latest, {last.success:.0%} succeeded, mean return {last.return_mean:.3f}"
     lines = [f"{out}: {last.steps} steps, {last.episodes} episodes; {latest}"]

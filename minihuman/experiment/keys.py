@@ -72,8 +72,8 @@ PAD_AXES = ("pad_left_x", "pad_left_y", "pad_right_x", "pad_right_y", "pad_left_
 MOUSE_AXES = ("mouse_x", "mouse_y")  # of a mouse that is captured: whole pixels, which add up from tick to tick
 TOUCH_AXES = ("touch_left_x", "touch_left_y", "touch_right_x", "touch_right_y")  # of the sticks on a touch screen
 AXES = PAD_AXES + MOUSE_AXES + TOUCH_AXES
-PAD_DEAD_ZONE = 0.1  # of an axis; beyond it the value rises from 0
-PAD_LEVELS = 128  # steps in which an axis is logged, each way
+PAD_DEAD_ZONE = 0.1  # of an axis; beyond it the logged number rises from 0
+PAD_LEVELS = 128  # levels at which an axis is logged, in each direction
 _PRESS_THRESHOLD = 0.5  # of an axis's value, beyond which its button goes down
 _RELEASE_THRESHOLD = 0.4  # below it, so that the button does not flutter
 BUTTON_NAMES = KEY_NAMES.union(PAD_BUTTONS)
@@ -176,6 +176,7 @@ class PadAxes:
 
 
 def _quantise_axis(raw: float) -> float:
+    """Return an axis's number as it is logged: -1 to 1 in steps of 1 / `PAD_LEVELS`, 0 in the dead zone."""
     beyond_dead_zone = max(0.0, min(1.0, abs(raw)) - PAD_DEAD_ZONE) / (1.0 - PAD_DEAD_ZONE)
     level = round(beyond_dead_zone * PAD_LEVELS)
     if raw < 0:
@@ -215,8 +216,8 @@ def key_caption(key: str) -> str:
     return ""
 
 
-# What players' fingers expect, for the action names of Minigrid, Miniworld, the arcade and Gymnasium's classics, and
-# for the axes of a vector: the first of the keys that is free.
+# The usual keys of the actions of Minigrid, Miniworld, the arcade and Gymnasium's classic worlds, and of the axes of a
+# vector. The first of the keys that is free is used.
 _USUAL_KEYS: Mapping[str, str] = {
     "left": "left",
     "turn_left": "left",
@@ -268,7 +269,11 @@ _USUAL_FPS = 30.0
 def assign_keys(actions: Sequence[str]) -> dict[str, str]:
     """Assign a key to each action.
 
-    An action whose name suggests an arrow or a similar key gets that key; the others get digits and letters in order.
+    An action whose name suggests an arrow or a similar key gets that key; the others get digits and letters in order,
+    as long as there are any.
+
+    Returns:
+        The action of each key.
     """
     keys: dict[str, str] = {}
     for action in actions:
@@ -285,7 +290,7 @@ def assign_keys(actions: Sequence[str]) -> dict[str, str]:
 
 
 def assign_usual_keys(world: "World") -> dict[str, str]:
-    """Assign a key to each of a world's actions except the one that happens without a key."""
+    """Assign a key to each of a world's actions except its no-op; return the action of each key."""
     noop = find_noop(world)
     names = [world.action_names[number] for number in world.actions.numbers]
     return assign_keys([name for name in names if name != noop or len(names) == 1])
@@ -305,8 +310,8 @@ def find_period_ms(world: "World") -> float | None:
     if world.actions.is_discrete and find_noop(world) is None:
         return None
     skipped = getattr(world.unwrapped, "_frameskip", 1)  # the arcade's: its rate is that of single frames
-    decides = getattr(world.unwrapped, "config", None)  # highway-env's: a policy acts less often than frames are drawn
-    rate = decides.get("policy_frequency") if isinstance(decides, dict) else None
+    config = getattr(world.unwrapped, "config", None)  # highway-env's: a policy acts less often than frames are drawn
+    rate = config.get("policy_frequency") if isinstance(config, dict) else None
     fps = float(rate or world.env.metadata.get("render_fps") or _USUAL_FPS)
     if isinstance(skipped, int) and skipped > 1:
         fps = 60.0 / skipped

@@ -75,8 +75,8 @@ class PendingAllocationSession(SessionMachine):
         strata = build_strata(decode_logged_protocol(plan.protocol_toml))
         assert strata is not None, "only a study with strata has plans without a group"
         self._strata = strata
-        self._past: list[tuple[Input, int]] | None = []  # what came in, and when; None once the group is drawn
-        self._answers: list[Event] = []  # what the stratum follows from
+        self._past: list[tuple[Input, int]] | None = []  # inputs and their arrivals; None once the group is drawn
+        self._answers: list[Event] = []  # events that determine the stratum
         self._stratum: str | None = None
 
     @property
@@ -98,7 +98,7 @@ class PendingAllocationSession(SessionMachine):
         if self._past is None:
             return super().receive(happened, at_ns=at_ns, draws=draws)
         if isinstance(happened, SlotDrawn):
-            return self._begin_again(happened.plan, self._past)
+            return self._replay_inputs(happened.plan, self._past)
         self._past.append((happened, at_ns))
         if self._stratum is None:
             before = self._screen
@@ -109,7 +109,8 @@ class PendingAllocationSession(SessionMachine):
                 self._screen = before  # the next part may depend on the group
         return []
 
-    def _begin_again(self, plan: SessionPlan, past: list[tuple[Input, int]]) -> list[Event]:
+    def _replay_inputs(self, plan: SessionPlan, past: list[tuple[Input, int]]) -> list[Event]:
+        """Restart the session with the drawn plan, and return the events of all inputs so far."""
         self._past = None
         self.close()
         self._reset(plan)

@@ -62,9 +62,9 @@ from minihuman.moved import forward_names
 from minihuman.worlds.adapters.world import World
 from minihuman.worlds.contract import CLAUSES_VERSION, PICTURES_VERSION
 
-MACHINE_VERSION = 1  # goes up when the same inputs give other events; logs record it
+MACHINE_VERSION = 1  # increased when the same inputs give other events; logs record it
 _STOP_REASONS: tuple[Any, ...] = get_args(get_type_hints(Stop)["reason"])
-_EXTERNAL_STOP_REASONS = (  # only the session host gives these, or what tells of itself by an event before the end
+_EXTERNAL_STOP_REASONS = (  # reasons that the session machine itself does not give without an earlier event
     "aborted",
     "window_closed",
     "signal",
@@ -88,11 +88,11 @@ _TIMED_PHASES = (
     Phase.FIXATION,
     Phase.FEEDBACK,
     Phase.LEARNING,
-)  # for some time from when they are seen
-_MAX_LOOK_AHEAD = 2_000  # events that are looked through for an answer
-_LAST_EVENTS = 8  # at most, that an end has
+)  # phases whose duration counts from the screen's display
+_MAX_LOOK_AHEAD = 2_000  # events that are searched for an answer
+_LAST_EVENTS = 8  # the largest number of events at a session's end
 _EXTERNAL_EVENTS = (Sampled, Linked, ModelCall, PictureCorrected)
-BROWSER_NOTE = "page"  # notes of this kind are a browser's page's own
+BROWSER_NOTE = "page"  # the kind of notes that come from a browser's page
 
 
 def renders_same_images(facts: Mapping[str, str]) -> bool:
@@ -100,7 +100,7 @@ def renders_same_images(facts: Mapping[str, str]) -> bool:
     return facts.get("pictures", "1") == str(PICTURES_VERSION)
 
 
-SeatFollower = Callable[[SessionMachine, ModelCall | None], str]  # a difference; None: a screen may be another one
+SeatFollower = Callable[[SessionMachine, ModelCall | None], str]  # see ``follow`` of `compare_replay`
 
 
 def compare_replay(
@@ -112,10 +112,10 @@ def compare_replay(
 ) -> Iterator[str]:
     """Yield a line for each difference between a segment's events and their replay; nothing if they agree.
 
-    Events of devices are skipped, and so are model calls, unless ``follow`` compares them: it is called with each model
-    call, and with None after each input; screens have pictures of at most ``picture_px``. A segment that was cut off is
-    compared up to its end. First-person observations of an earlier renderer are not compared. Subgoals are skipped that
-    worlds did not report when the log was recorded.
+    Events of devices are skipped. A segment that was cut off is compared up to its end. First-person observations of an
+    earlier renderer, and subgoals that worlds did not report when the log was recorded, are not compared. ``follow`` is
+    called with each model call, to compare it, and with None after each input; without it, model calls are skipped.
+    ``picture_px`` is the largest picture of screens; without it none is drawn.
 
     Raises:
         WorldError: if a world of the plan cannot be made here.
@@ -141,7 +141,7 @@ def compare_replay(
 
 
 def _is_replayed(event: Event, *, with_model_calls: bool) -> bool:
-    """Return whether an event is compared with the replay; those from outside the session are not."""
+    """Return whether an event is compared with the replay, which an event from outside the session is not."""
     if isinstance(event, ModelCall):
         return with_model_calls
     return not _is_external(event)
@@ -154,7 +154,7 @@ def _compare_events(
     follow: SeatFollower | None,
     look_ahead: int,
 ) -> Iterator[str]:
-    """Feed a session the inputs behind numbered events and yield differences, stopping at the first differing event."""
+    """Feed a session the inputs behind numbered events; yield the differences, up to the first differing event."""
     expected: deque[Event] = deque()
     while logged:
         number, event = logged[0]
@@ -191,10 +191,10 @@ class _EventComparison:
 
     def __init__(self, make_world: WorldFactory, facts: Mapping[str, str]) -> None:
         self._make_world = make_world
-        self._is_drawn_by_us: dict[str, bool] = {}  # by world
+        self._is_drawn_by_us: dict[str, bool] = {}  # whether this package draws a world's pictures, by its id
         self._has_same_images = renders_same_images(facts)
         self._lacks_subgoals = facts.get("clauses", "1") != str(CLAUSES_VERSION)
-        self._skips_hashes = False  # of the running episode
+        self._skips_hashes = False  # whether the running episode's observations are not compared
 
     def make_world(self, world_id: str, options: dict[str, Any]) -> World:
         """Make a world and remember whether this package draws its pictures."""
@@ -305,21 +305,21 @@ def _feed_next_input(session: SessionMachine, coming: list[Event], *, draws: boo
     if isinstance(event, PointerUsed) and happened is not None:
         return session.receive(
             happened, at_ns=event.t_ns, draws=draws
-        )  # the time passes behind its event, not before as a key's
+        )  # a pointer's event precedes what is due at its time, unlike a key's
     if happened is not None:
-        if happened.t_ns < event.t_ns:  # it came late, behind something that left no event
+        if happened.t_ns < event.t_ns:  # an input that left no event moved the session's time first
             is_covered = session.phase in _OVER_PARTS
             session.receive(ScreenShown(event.t_ns, 0, 0) if is_covered else Tick(event.t_ns), draws=draws)
         return session.receive(happened, draws=draws)
-    behind = _find_input_behind(coming, session)
-    if behind is not None:
-        return session.receive(behind, at_ns=event.t_ns, draws=draws)
+    late_input = _find_input_behind(coming, session)
+    if late_input is not None:
+        return session.receive(late_input, at_ns=event.t_ns, draws=draws)
     stop = _find_stop(coming, session.phase)
     if stop is not None and stop.reason in _EXTERNAL_STOP_REASONS:
         return session.receive(stop, draws=draws)
-    by_time = session.receive(Tick(event.t_ns), draws=draws)
-    if by_time or stop is None:
-        return by_time
+    timed_events = session.receive(Tick(event.t_ns), draws=draws)
+    if timed_events or stop is None:
+        return timed_events
     return session.receive(stop, draws=draws)
 
 
@@ -406,8 +406,8 @@ def _show_screen(session: SessionMachine, event: Event, *, draws: bool) -> None:
         if over_ns is None or over_ns > event.t_ns:
             return
         session.receive(ScreenShown(0, 0, event.t_ns), draws=draws)
-        over_ns = session.next_tick_ns  # had it been seen just now
-        assert over_ns is not None  # a screen that stands for some time was just seen
+        over_ns = session.next_tick_ns  # the end of the phase if the screen was displayed just now
+        assert over_ns is not None, "a timed screen that was displayed has an end"
         session.receive(ScreenShown(0, 0, event.t_ns + 1 - (over_ns - event.t_ns)), draws=draws)
 
 
@@ -460,7 +460,7 @@ def _describe_difference(event: Event, replayed: Event) -> str:
 
 
 def is_same_event(logged: Event, replayed: Event) -> bool:
-    """Return whether an event equals its replay. NaN equals NaN, and failures of a world are equal whatever their text.
+    """Return whether an event equals its replay. NaN equals NaN, and a world's failures are equal whatever their text.
 
     The text of a failing world differs between versions of Python and of this program; the place of the failure does
     not.
@@ -469,7 +469,7 @@ def is_same_event(logged: Event, replayed: Event) -> bool:
         return True
     if type(logged) is not type(replayed):
         return False
-    ignored_fields = {"picture_hash"}  # of what was shown; a replay draws nothing
+    ignored_fields = {"picture_hash"}  # a replay draws no pictures
     if isinstance(replayed, SessionEnded) and replayed.reason == "world_error":
         ignored_fields.add("detail")
     return all(

@@ -41,7 +41,7 @@ class _LentContext(SessionContext):
     _lend: WorldLender
 
     def world(self, world_id: str, options: dict[str, Any]) -> World:
-        """Return the lent world.
+        """Open and return the lent world.
 
         Raises:
             WorldError: if no world is lent.
@@ -49,7 +49,7 @@ class _LentContext(SessionContext):
         lent = self._lend(world_id, options)
         if lent is None:
             raise WorldError(f"the copied session has no world {world_id} to replay in")
-        self._world = ((world_id, options), lent)  # as the session would have it open from then on
+        self._world = ((world_id, options), lent)  # the copy's open world from now on
         return lent
 
     def close(self) -> None:
@@ -57,6 +57,8 @@ class _LentContext(SessionContext):
 
 
 class _Copier:
+    """Copies objects of the session machine, each once, and gives the copy of the context lent worlds."""
+
     def __init__(self, lend: WorldLender) -> None:
         self._lend = lend
         self._copies: dict[int, Any] = {}  # by the identity of the original
@@ -73,10 +75,11 @@ class _Copier:
         if kind is tuple:
             return tuple(map(self.copy, value))
         if _is_mutable(value):
-            return self._of_machine(value)
+            return self._copy_attributes(value)
         return value
 
-    def _of_machine(self, value: Any) -> Any:
+    def _copy_attributes(self, value: Any) -> Any:
+        """Return a copy of an object of the session machine, with copies of its attributes."""
         kind = _LentContext if type(value) is SessionContext else type(value)
         duplicate = object.__new__(kind)
         self._copies[id(value)] = duplicate  # before its attributes, which may refer to it
@@ -90,7 +93,7 @@ def _is_mutable(value: Any) -> bool:
     """Return whether an object belongs to the session machine and changes while a session runs."""
     kind = type(value)
     frozen = getattr(kind, "__dataclass_params__", None)
-    if isinstance(value, Activity | AnswerDraft):  # a plug-in's too
+    if isinstance(value, Activity | AnswerDraft):  # including a plug-in's classes
         return True
     if not kind.__module__.startswith(_COPIED_PACKAGES) or (frozen is not None and frozen.frozen):
         return False

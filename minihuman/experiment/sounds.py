@@ -23,16 +23,16 @@ EARS = ("both", "left", "right")
 SOUND_FORMATS = ("WAV", "FLAC", "OGG")
 LOWEST_LEVEL_DB = -120.0
 LONGEST_SOUND_S = 600.0
-PAGE_RATE_HZ = 48_000  # at which pages receive sounds
+PAGE_RATE_HZ = 48_000  # the rate of the sounds that pages receive
 EXTRA = 'pip install "minihuman-lab[sound]"'
-_RAMP_S = 0.005  # in which tones and noise begin and end, and a sound that is cut off ends: without it, they click
-_SILENCE_S = 0.1  # around what is resampled
-_NOISE_SEED = 51  # the noise is the same in each trial
-_HIGHEST = 32767  # of a sample of 16 bits
+_RAMP_S = 0.005  # ramp of tones, noise and shortened files, which would click without it
+_SILENCE_S = 0.1  # added around samples before resampling
+_NOISE_SEED = 51  # fixed, so that the noise is the same in each trial
+_HIGHEST = 32767  # the greatest sample of 16 bits
 
 
 class SoundContent(msgspec.Struct, frozen=True):
-    """What a sound consists of, and how it is played."""
+    """The source of a sound, and its level, ear and duration."""
 
     source: str  # TONE, NOISE, or a file of the protocol
     hz: float  # of a tone
@@ -40,7 +40,7 @@ class SoundContent(msgspec.Struct, frozen=True):
         float  # the peak of a tone or noise in relation to full scale; for a file, what its samples are changed by
     )
     ear: Literal["both", "left", "right"]
-    lasts_ms: float  # 0: a file's own length
+    lasts_ms: float  # 0 for a file's own length
 
     @property
     def file(self) -> str:
@@ -50,9 +50,9 @@ class SoundContent(msgspec.Struct, frozen=True):
 
 @dataclass(frozen=True, slots=True)
 class SoundCue:
-    """A sound that is to begin at a time, or is playing."""
+    """A sound that is scheduled to begin at a time, or is playing."""
 
-    number: int  # tells it from all others of the session
+    number: int  # unique in the session
     content: SoundContent
     due_ns: int  # session time
 
@@ -97,7 +97,7 @@ def render_sound(content: SoundContent, files: Mapping[str, bytes], rate_hz: int
 
 
 def encode_wav(samples: NDArray[np.float32], rate_hz: int) -> bytes:
-    """Encode samples, float32[n, 2], as a WAV file of 16 bits; with one channel where both ears hear the same."""
+    """Encode samples, float32[n, 2], as a WAV file of 16 bits, with one channel if both ears' samples are equal."""
     is_mono = bool(np.array_equal(samples[:, 0], samples[:, 1]))
     channels = samples[:, :1] if is_mono else samples
     encoded = io.BytesIO()
@@ -110,7 +110,7 @@ def encode_wav(samples: NDArray[np.float32], rate_hz: int) -> bytes:
 
 
 def _place(samples: NDArray[np.float64], ear: str) -> NDArray[np.float64]:
-    """Return the samples of both ears, float64[n, 2], of those of one or two channels."""
+    """Return the samples of both ears, float64[n, 2], from one or two channels, float64[n, 1 or 2]."""
     if ear == "both":
         return np.repeat(samples, 2, axis=1) if samples.shape[1] == 1 else samples
     placed = np.zeros((len(samples), 2))
@@ -136,19 +136,19 @@ def _read_file(name: str, files: Mapping[str, bytes], rate_hz: int) -> NDArray[n
         ) from error
     if samples is None or not np.isfinite(samples).all():
         raise WorldError(
-            f"sound {name!r} is {format_name} with {channels} channels; use WAV, FLAC or OGG with 1 or 2 channels, of "
-            f"{LONGEST_SOUND_S:g} s at most"
+            f"sound {name!r} is {format_name} with {channels} channels; use WAV, FLAC or OGG with 1 or 2 channels of "
+            f"finite samples, neither empty nor longer than {LONGEST_SOUND_S:g} s"
         )
     return _resample(samples, file_rate_hz, rate_hz)
 
 
 def _resample(samples: NDArray[np.float64], from_hz: int, to_hz: int) -> NDArray[np.float64]:
-    """Return samples at another rate, by their spectrum; what the lower rate cannot hold is left out."""
+    """Resample by the Fourier transform; frequencies that the lower rate cannot represent are removed."""
     if from_hz == to_hz:
         return samples
     factor = math.gcd(from_hz, to_hz)
-    unit = from_hz // factor  # so many samples become a whole number of others
-    before = unit * math.ceil(_SILENCE_S * from_hz / unit)  # so that the end does not ring in the beginning
+    unit = from_hz // factor  # the fewest samples that become a whole number of samples
+    before = unit * math.ceil(_SILENCE_S * from_hz / unit)  # silence, as the transform is periodic
     count = unit * math.ceil((len(samples) + 2 * before) / unit)
     padded = np.zeros((count, samples.shape[1]))
     padded[before : before + len(samples)] = samples
@@ -161,6 +161,6 @@ def _resample(samples: NDArray[np.float64], from_hz: int, to_hz: int) -> NDArray
 def _import_soundfile(name: str) -> Any:
     try:
         import soundfile
-    except (ImportError, OSError) as error:  # OSError: its library of the system is missing
+    except (ImportError, OSError) as error:  # OSError if the system's library is missing
         raise WorldError(f"sound {name!r} needs the package soundfile; {EXTRA}") from error
     return soundfile

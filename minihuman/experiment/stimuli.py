@@ -55,10 +55,10 @@ class Stimulus(gymnasium.Env[NDArray[np.int64], int]):
     """
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"]}  # noqa: RUF012 - Gymnasium's
-    option_prefix = "chance_"  # of the options that are named after responses
-    picture_size_px = (640, 480)  # set by who draws
+    option_prefix = "chance_"  # the prefix of options that are named after responses
+    picture_size_px = (640, 480)  # set by the caller of ``render``
     last_reward = 0.0  # of the last response
-    choice = 0  # which of several choices in a trial is on the screen
+    choice = 0  # the number of the choice on the screen, in a trial of several choices
     stop_delay_ms: float | None = None  # of a trial's stop signal, for simulated participants; None without one
     go_response = ""  # the response that would be correct without the stop signal
 
@@ -85,7 +85,7 @@ class Stimulus(gymnasium.Env[NDArray[np.int64], int]):
         self.action_space = gymnasium.spaces.Discrete(len(self.action_names))  # type: ignore[assignment]
         self.observation_space = gymnasium.spaces.Box(0, 2, (2,), np.int64)
         self._chances = _read_chances(chances, self.action_names)
-        self.correct_response = str(correct)  # a table's 1 is a number, the response's name a text
+        self.correct_response = str(correct)  # a table's cell may be a number, such as 1
         if self.correct_response:
             self._chances = {self.correct_response: 1.0}
         _require_choice("side", side, tuple(SIDES))
@@ -216,7 +216,7 @@ class TwoStep(Stimulus):
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[np.int64], dict[str, Any]]:
         """Reset the trial and show the first choice."""
-        self._pair = 0  # 0: the first choice
+        self._pair = 0  # 0 for the first choice, then the pair of the second choice
         self.choice = 0
         return super().reset(seed=seed, options=options)
 

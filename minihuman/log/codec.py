@@ -89,7 +89,7 @@ def _encode_labels(labels: Mapping[str, Any]) -> str:
 
 
 def _encode_hold(hold: str) -> str:
-    """Encode what a held key does; "" stands for "once", as in logs older than that choice."""
+    """Encode the effect of a held key; "" stands for "once", as in logs older than that choice."""
     if hold == "once":
         return ""
     return hold
@@ -179,7 +179,7 @@ class EventRow:
 
 
 Decoder = tuple[Callable[[bytes], Message], Callable[[Any], Any]]
-_DECODERS: dict[str, Decoder] = {}  # by topic; a topic of no kind is looked up again, as a plug-in may come later
+_DECODERS: dict[str, Decoder] = {}  # by topic; unknown topics are not cached, as a plug-in may be installed later
 _PAUSE = CustomCodec(_encode_pause, _decode_pause)
 _OWN_ROWS = tuple(
     EventRow(event, topics.BY_NAME[topic], *fields_and_codec)

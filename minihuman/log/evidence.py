@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Literal
 
-COLLECTED = "collected"  # the fact that says where a session's steps were made first
+COLLECTED = "collected"  # the fact that names where a session's steps were computed first
 PAGE = "page"  # in a page without a server
 Evidence = Literal["witnessed", "consistent"]
 

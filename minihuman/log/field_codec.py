@@ -102,7 +102,7 @@ class MessageCodec:
             hint = hints[name]
             codec = codecs[name]
             decode = codec.decode
-            if decode is None and descriptor.default_value == []:  # a repeated field's, in every release of protobuf
+            if decode is None and descriptor.default_value == []:  # a repeated field, in every release of protobuf
                 decode = tuple
             optional = descriptor.has_presence and (descriptor.message_type is None or type(None) in get_args(hint))
             if optional:
@@ -142,8 +142,8 @@ class MessageCodec:
         """Decode n messages whose fields are columns (``MessageColumns`` with ``canonical``).
 
         Returns:
-            The n values, and bool[n], whether ``encode`` is sure to give a message with the same bytes. A value of
-            which it is not sure may be another than ``decode`` returns.
+            The n values, and bool[n], whether ``encode`` surely gives back the same bytes. Where this is False, the
+            value may differ from that of ``decode``.
 
         Raises:
             ValueError: if the bytes are not such messages.
@@ -163,7 +163,7 @@ class MessageCodec:
         return list(map(self._kind, *values_by_field)), is_sure
 
     def _decode_column(self, name: str, column: Any, allowed: tuple[str, ...]) -> tuple[list[Any], Any]:
-        """Return a field of n messages, and whether each is sure to be what ``decode`` returns."""
+        """Return a field's n values, and bool[n], whether each is surely the one that ``decode`` returns."""
         descriptor = self._message.DESCRIPTOR.fields_by_name[name]
         codec = self._nested.get(name)
         if isinstance(codec, MessageCodec):

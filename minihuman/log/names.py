@@ -3,14 +3,14 @@
 They are part of the format: they stay as they are when names in the code change.
 """
 
-SCHEMA_VERSION = 3  # the newest of the messages; goes up when an older reader would misread a newer log
-PLAIN_SCHEMA_VERSION = 2  # of a segment in which nothing is what a reader of before would misread
+SCHEMA_VERSION = 3  # the newest; increased when older readers would misread a newer log
+PLAIN_SCHEMA_VERSION = 2  # of a segment that readers of version 2 read correctly
 PROFILE = "minihuman"
 
 SEGMENT_METADATA = "minihuman.segment"  # at a segment's start
 FACTS_METADATA = "minihuman.facts"
 END_METADATA = "minihuman.end"  # added when the segment is finished
-FINISHED_LOG_WAS = "the finished log was "  # followed by the damage that took its end
+FINISHED_LOG_WAS = "the finished log was "  # followed by the damage that destroyed its end
 REPAIRED_METADATA = "minihuman.repaired"  # added when a finished log is rewritten because it was damaged
 MISSING_METADATA = "minihuman.missing"  # added for messages that were lost to damage
 

@@ -44,10 +44,10 @@ MAGIC = b"\x89MCAP0\r\n"  # every MCAP file's first bytes
 LOG_SUFFIX = ".mcap"
 PART_SUFFIX = ".mcap.part"
 SYSTEM_COMPANION = "another system keeps it beside a file for itself; delete it"
-MODELS_FOLDER = "models"  # of a data folder: models' studies lie there, apart from people's
+MODELS_FOLDER = "models"  # the subfolder of a data folder for models' studies, apart from people's
 _SEGMENT = re.compile(r"_seg-(\d+)$")
 _OURS = re.compile(r"_ses-\d+(_seg-\d+)?\.mcap(\.part)?$")
-_HEADER = struct.Struct("<BQI")  # behind the magic bytes: opcode, length, and how long the profile is
+_HEADER = struct.Struct("<BQI")  # after the magic bytes: opcode, record length, and length of the profile
 _PROFILE = b"minihuman"
 _SAFE = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
 LogFolders = Iterable[tuple[Path, list[str]]]  # each with all its file names
@@ -141,7 +141,7 @@ def session_folder(data: Path, study: str, participant: str, session: int) -> Pa
 
 def study_folder(log: Path) -> Path:
     """Return the folder of the study to which a log belongs, also for a relative path from inside it."""
-    return log.absolute().parent.parent.parent  # behind session and participant
+    return log.absolute().parent.parent.parent  # above the folders of the session and the participant
 
 
 def find_log_folders(top: Path) -> Iterator[tuple[Path, list[str]]]:
@@ -157,7 +157,7 @@ def find_log_folders(top: Path) -> Iterator[tuple[Path, list[str]]]:
                         names.append(entry.name)
                     elif not entry.is_symlink():
                         waiting.append(entry.path)
-        except OSError:  # gone since, or not ours to read
+        except OSError:  # deleted meanwhile, or not readable
             continue
         if any(LOG_SUFFIX in name for name in names):
             yield Path(folder), names
@@ -200,6 +200,10 @@ def find_system_companions(folders: LogFolders) -> list[Path]:
 @contextmanager
 def raise_as_log_error(path: Path, doing: str = "read") -> Iterator[None]:
     """Convert any error that a log's content causes to a LogError that names the file; our own errors pass unchanged.
+
+    Args:
+        path: the log.
+        doing: the participle of what is done with it, for the message.
 
     Raises:
         LogError: instead of any other error.

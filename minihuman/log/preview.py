@@ -36,14 +36,14 @@ class PreviewEncoder:
 
     Args:
         started_ns: the wall clock at the segment's time 0.
-        encode_picture: how floor plans are encoded.
+        encode_picture: encodes a floor plan.
     """
 
     def __init__(self, started_ns: int, encode_picture: Callable[[Image.Image], bytes] = encode_png) -> None:
-        self.is_pose_per_step = False  # as earlier releases wrote poses: each in a message of its own, before its step
+        self.is_pose_per_step = False  # whether each pose has its own message before its step, as in earlier releases
         self._started_ns = started_ns
         self._encode_picture = encode_picture
-        self._path: PosesInFrame | None = None  # of the episode that runs
+        self._path: PosesInFrame | None = None  # of the running episode
 
     def encode(self, topic: str, data: bytes, event: events.Event | None = None) -> Iterator[tuple[str, Message]]:
         """Yield the previews that come before a message of the record, in the order of the segment.
@@ -120,7 +120,7 @@ class PreviewEncoder:
 
 
 def _place_pose(pose: Pose) -> FoxglovePose:
-    """Return a pose as viewers know it: a position and a quaternion."""
+    """Return a pose in the form that viewers require: a position and a quaternion."""
     half = pose.yaw_rad / 2
     turned = Quaternion(x=0.0, y=math.sin(half), z=0.0, w=math.cos(half))
     return FoxglovePose(position=Vector3(x=pose.x, y=pose.y, z=pose.z), orientation=turned)
@@ -177,7 +177,7 @@ def _describe_episode(event: events.EpisodeStarted | events.EpisodeEnded | event
 
 LONG_SIDE_PX = 384
 MARGIN_PX = 12
-ARROW_PX = 9  # its least radius
+ARROW_PX = 9  # the least radius of the agent's arrow
 PAPER = "#ffffff"
 FLOOR = "#f1efe9"
 WALL = "#33363b"
@@ -185,7 +185,7 @@ AGENT = "#0072b2"
 
 
 def draw_floor_plan(floor: Map, pose: Pose | None) -> Image.Image:
-    """Draw a map from above, +x right and +z down, with its things and, if given, a pose; of a building, its floor."""
+    """Draw a map from above, +x right and +z down, with its things and any given pose; of a building, its floor."""
     if floor.levels:
         floor = floor.plan_of(floor.floor_at(floor.levels[0] if pose is None else pose.y))
     x0, z0, x1, z1 = floor.bounds

@@ -1,7 +1,7 @@
-"""The schema version that a segment needs: the lowest whose readers read all of it correctly, as its plan shows.
+"""The schema version that a segment needs: the lowest whose readers read all of it correctly, according to its plan.
 
-Version 2 is read by every release since the first that wrote it. Version 3 adds what a reader of version 2 would
-misread. A segment that cannot contain any of that stays at version 2, so that older releases can still read it.
+Version 2 is read by every release since the first that wrote it. Version 3 adds content that a reader of version 2
+would misread. A segment that cannot have such content stays at version 2, so that older releases can still read it.
 """
 
 from collections.abc import Mapping
@@ -13,24 +13,24 @@ from minihuman.worlds.outcomes import LAST_REWARD
 
 
 def find_schema_version(plan: SessionPlan, facts: Mapping[str, str]) -> int:
-    """Return the schema version of a segment, which depends on what a reader of version 2 would misread in it."""
+    """Return the schema version of a segment, which is higher if a reader of version 2 would misread the segment."""
     if has_outcome_rules(plan) or has_timelines(plan) or records_whole_texts(plan, facts):
         return SCHEMA_VERSION
     return PLAIN_SCHEMA_VERSION
 
 
 def has_outcome_rules(plan: SessionPlan) -> bool:
-    """Return whether an outcome may differ from what the last reward says: ``ended``, or a goal at a step limit."""
+    """Return whether an outcome may not follow from the last reward: ``ended``, or a goal at a step limit."""
     return any(episode.outcome_rule != LAST_REWARD for episode in plan.episodes)
 
 
 def has_timelines(plan: SessionPlan) -> bool:
-    """Return whether a trial's pictures may be the timeline's, which are no pictures of its world's steps."""
+    """Return whether a trial's pictures may come from a timeline instead of its world's steps."""
     return any(getattr(part.plan, "timeline", None) for part in plan.parts)
 
 
 def records_whole_texts(plan: SessionPlan, facts: Mapping[str, str]) -> bool:
-    """Return whether answers or messages are logged as whole texts, without which a replay would give other texts."""
+    """Return whether answers or messages are logged as whole texts, which a replay needs to give the same texts."""
     return (facts.get("text_rules", "1") == TEXT_RULES and _has_part_with(plan, "has_text_fields")) or (
         facts.get("message_rules", "1") == MESSAGE_RULES and _has_part_with(plan, "has_text_entry")
     )

@@ -31,12 +31,12 @@ PANEL = "#f4f5f7"
 INK = "#1f2328"
 FAINT = "#6e747c"
 BLUE = "#0969da"
-# it stores pictures of rooms badly
+# GIF compresses pictures of rooms badly
 _GIF_COLOURS = 32
 _GIF_PX = (560, 280)
-_LINES = 7  # steps listed
-_MOST_KEYS = 6  # drawn
-_SHEET = 6  # pictures of an episode on a contact sheet
+_LINES = 7  # the largest number of listed steps
+_MOST_KEYS = 6  # the largest number of drawn keys
+_SHEET = 6  # pictures per episode on a contact sheet
 _THUMB_PX = (200, 150)
 # a film's panel beside the view; positions from the picture's upper edge
 _MARGIN_PX = 20
@@ -57,7 +57,7 @@ _KEY_PITCH_PX = (62, 78)  # from one key to the next, across and down
 _CAPTION_OFFSET_PX = 55
 _MOST_KEY_CHARACTERS = 5
 _MOST_ACTION_CHARACTERS = 8
-_LEAST_SMALL = 3  # characters of a key's name that is set small
+_LEAST_SMALL = 3  # names of keys with at least so many characters are set small
 _LEAST_THING_PX = 4
 _AGENT_PX = 5
 # a contact sheet
@@ -88,7 +88,7 @@ TITLE = Lettering(BOLD, 19)
 TEXT = Lettering(REGULAR, 14)
 MONO = Lettering(MONOSPACED, 12)
 KEY = Lettering(BOLD, 22)
-_MIDDLE = 0.58  # of a line's type size, from its top
+_MIDDLE = 0.58  # the middle of a line, from its top, as a share of the type size
 
 
 def draw_label(
@@ -311,7 +311,7 @@ def draw_contact_sheet(log: SessionLog, episodes: Sequence[EpisodeLog]) -> Image
 
 
 def _draw_description(draw: ImageDraw.ImageDraw, episode: EpisodeLog, top: int) -> None:
-    """Describe an episode of a contact sheet in lines, of which the first one stands out."""
+    """Write the description of an episode of a contact sheet, with its first line in darker ink."""
     lines = [
         f"episode {episode.number}",
         episode.plan.block_name[:_MOST_BLOCK_CHARACTERS],

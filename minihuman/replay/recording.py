@@ -61,7 +61,7 @@ def _lay_out_session(log: SessionLog, *, with_view: bool) -> rrb.Horizontal:
     partner_seats = sorted({seat for episode in log.episodes for seat in list_partner_seats(episode)})
     names = {"view": "View", **{f"view-seat-{seat}": f"View of seat {seat}" for seat in partner_seats}}
     views = [rrb.Spatial2DView(origin=f"{root}/{view}", name=name) for view, name in names.items()]
-    pictures: list[Any] = [_maps(log)]
+    pictures: list[Any] = [_build_maps(log)]
     if with_view and len(views) > 1:
         pictures.append(rrb.Horizontal(*views))
     elif with_view:
@@ -86,7 +86,7 @@ def _lay_out_session(log: SessionLog, *, with_view: bool) -> rrb.Horizontal:
 def _lay_out_column(log: SessionLog, *, with_view: bool) -> rrb.Vertical:
     """Build the column of one session among several."""
     root = session_root(log)
-    pictures: list[Any] = [_maps(log, f"{root} ({log.plan.participant.group}): ")]
+    pictures: list[Any] = [_build_maps(log, f"{root} ({log.plan.participant.group}): ")]
     if with_view:
         pictures.append(rrb.Spatial2DView(origin=f"{root}/view", name="View"))
     return rrb.Vertical(
@@ -96,8 +96,8 @@ def _lay_out_column(log: SessionLog, *, with_view: bool) -> rrb.Vertical:
     )
 
 
-def _maps(log: SessionLog, name: str = "") -> rrb.Spatial2DView | rrb.Tabs:
-    """Build the view of the map, or a tab of it for each block, since blocks differ in the size of their maps."""
+def _build_maps(log: SessionLog, name: str = "") -> rrb.Spatial2DView | rrb.Tabs:
+    """Build the view of the map, or a tab with it for each block, since blocks differ in the size of their maps."""
     bounds: dict[str, list[Bounds]] = {}
     for episode in log.episodes:
         if episode.start.map is not None:
@@ -124,7 +124,7 @@ def _build_map_view(log: SessionLog, name: str, bounds: Sequence[Bounds]) -> rrb
 
 
 APPLICATION = "minihuman"
-FIRST_BYTES = 2**20  # rerun waits for ever where a disk has no room for what a recording begins with
+FIRST_BYTES = 2**20  # rerun waits forever if a disk has no room for a recording's beginning
 
 
 def save_recording(logs: Sequence[SessionLog], path: Path, *, with_view: bool = False) -> Path:
@@ -149,18 +149,18 @@ def save_recording(logs: Sequence[SessionLog], path: Path, *, with_view: bool = 
     path.parent.mkdir(parents=True, exist_ok=True)
     if shutil.disk_usage(path.parent).free < FIRST_BYTES:
         raise _make_write_error(path, is_full=True)
-    path.open("ab").close()  # what cannot be written is an error that names it; rerun has one of its own
-    recording = rr.RecordingStream(APPLICATION, recording_id=_identity(logs))
+    path.open("ab").close()  # if this fails, the error names the file, unlike rerun's
+    recording = rr.RecordingStream(APPLICATION, recording_id=_identify_recording(logs))
     with recording:
         try:
             recording.save(path, default_blueprint=build_layout(logs, with_view=with_view))
         except RuntimeError as error:
             raise _make_write_error(path, is_full=not path.is_file()) from error
         for log in logs:
-            moments = ReplayTimeline.of(log, aligned_ns=aligned_ns)
-            send_session(recording, log, moments)
+            timeline_of_log = ReplayTimeline.of(log, aligned_ns=aligned_ns)
+            send_session(recording, log, timeline_of_log)
             if with_view:
-                send_views(recording, log, moments)
+                send_views(recording, log, timeline_of_log)
         _finish_recording(recording, path)
     return path
 
@@ -173,7 +173,7 @@ def _finish_recording(recording: rr.RecordingStream, path: Path) -> None:
     """
     try:
         recording.flush()
-    except RuntimeError as error:  # all that is said of a write that failed; the reason is on the terminal
+    except RuntimeError as error:  # a write failed; rerun prints the reason on the terminal
         is_full = shutil.disk_usage(path.parent).free < FIRST_BYTES
         recording.disconnect()
         path.unlink(missing_ok=True)
@@ -188,8 +188,8 @@ def _make_write_error(path: Path, *, is_full: bool) -> OSError:
     return OSError(number, os.strerror(number), str(path))
 
 
-def _identity(logs: Sequence[SessionLog]) -> uuid.UUID:
-    """Return an id that depends on the sessions alone, so that the viewer shows a replay that is opened twice once."""
+def _identify_recording(logs: Sequence[SessionLog]) -> uuid.UUID:
+    """Return an id that depends only on the sessions, so that a replay that is opened twice is shown once."""
     names = [f"{log.plan.study}/{session_root(log)}/{log.started_at}" for log in logs]
     return uuid.uuid5(uuid.NAMESPACE_URL, "minihuman:" + "|".join(names))
 

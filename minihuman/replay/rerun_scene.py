@@ -25,20 +25,20 @@ from minihuman.log.model.teaching_events import NO_ADVICE
 from minihuman.replay.frames import SIZE_PX, fit_picture, render_frames, render_partner_frames
 
 SESSION_TIME = "session_time"  # since the session's first segment began
-PLAY_TIME = "play_time"  # since the session's first episode began, 0 before it: where a replay opens
-STEP = "step"  # counts on through the session; every episode's first picture counts as one too
+PLAY_TIME = "play_time"  # since the session's first episode began, 0 before it; the timeline that a replay opens with
+STEP = "step"  # counts all steps of the session, including each episode's first picture
 EPISODE = "episode"  # 1 for the session's first, 0 before it
-ALIGNED = "aligned_time"  # several sessions: their n-th episodes begin together
+ALIGNED = "aligned_time"  # for several sessions, whose n-th episodes begin together
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReplayTimeline:
-    """The times of one session's rows. ``aligned_ns`` is when each episode begins on the common timeline, or None."""
+    """The times of one session's rows."""
 
     row_t_ns: NDArray[np.int64]  # every pose of every episode
     start_t_ns: NDArray[np.int64]  # (episodes,)
     numbers: NDArray[np.int64]  # (episodes,) 1 for the session's first
-    aligned_ns: NDArray[np.int64] | None
+    aligned_ns: NDArray[np.int64] | None  # (episodes,) their starts on the timeline of several sessions, if any
 
     @classmethod
     def of(cls, log: SessionLog, *, aligned_ns: dict[int, int] | None = None) -> "ReplayTimeline":
@@ -94,7 +94,7 @@ def align_episode_starts(logs: Sequence[SessionLog]) -> dict[int, int]:
 
 
 def build_facts_page(log: SessionLog) -> str:
-    """Return a page of Markdown that says who played what and when and how it ended, with a row for each episode."""
+    """Return the session's facts as a page of Markdown, with a table that has a row for each episode."""
     plan = log.plan
     participant = log.plan.participant
     clean = "cut off"
@@ -104,7 +104,10 @@ def build_facts_page(log: SessionLog) -> str:
         f"# {participant.id}, session {plan.session}",
         "",
         f"**{plan.study}** {plan.study_version}, group *{participant.group}*, played by *{log.player}*.",
-        f"Started {log.started_at} ({_segments(log)}); the log is {clean}, the session ended: {log.end_reason}.",
+        (
+            f"Started {log.started_at} ({_describe_segments(log)}); the log is {clean}, "
+            f"the session ended: {log.end_reason}."
+        ),
         "",
         "| episode | attempt | block | world | keys | outcome | steps | return |",
         "|--:|--:|---|---|---|---|--:|--:|",
@@ -119,7 +122,7 @@ def build_facts_page(log: SessionLog) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _segments(log: SessionLog) -> str:
+def _describe_segments(log: SessionLog) -> str:
     """Describe where each segment begins on the session's clock."""
     if len(log.segments) == 1:
         return "one segment"
@@ -146,10 +149,10 @@ _POINT = pa.list_(pa.field("item", pa.float32(), nullable=False), 2)
 _STRIP = pa.list_(pa.field("item", _POINT, nullable=False))
 _TRAIL_MOVES = 12
 _FIRST_LINE_ORDER = 20  # draw order of the path; the trail lies on it
-_VIDEO_FPS = 10  # nominal: each row names its picture in the video
-_PATH_ROWS = 400  # a longer path is redrawn every few moves: the whole of it each time would grow with the square
+_VIDEO_FPS = 10  # nominal, since each row refers to its picture in the video
+_PATH_ROWS = 400  # a longer path is redrawn only every few moves, which avoids quadratic size
 _HEADING = {"cell": 0.8, "m": 0.7}
-_KEY_STATES = {  # what became of a press: label, colour
+_KEY_STATES = {  # colours by a press's verdict
     "accepted": 0x009E73FF,
     "queued": 0x56B4E9FF,
     "spare": 0xE69F00FF,
@@ -169,22 +172,22 @@ def session_root(log: SessionLog) -> str:
     return f"{log.plan.participant.id}_ses-{log.plan.session:02d}"
 
 
-def send_session(recording: rr.RecordingStream, log: SessionLog, moments: ReplayTimeline) -> None:
+def send_session(recording: rr.RecordingStream, log: SessionLog, timeline: ReplayTimeline) -> None:
     """Send everything except the participant's view to the recording."""
     root = session_root(log)
     recording.log(
         f"{root}/facts", rr.TextDocument(build_facts_page(log), media_type=rr.MediaType.MARKDOWN), static=True
     )
-    _send_maps(recording, root, log, moments)
-    _send_motion(recording, root, log, moments)
-    _send_partners(recording, root, log, moments)
-    _send_series(recording, root, log, moments)
-    _send_keys(recording, root, log, moments)
-    _send_steering(recording, root, log, moments)
-    _send_events(recording, root, log, moments)
+    _send_maps(recording, root, log, timeline)
+    _send_motion(recording, root, log, timeline)
+    _send_partners(recording, root, log, timeline)
+    _send_series(recording, root, log, timeline)
+    _send_keys(recording, root, log, timeline)
+    _send_steering(recording, root, log, timeline)
+    _send_events(recording, root, log, timeline)
 
 
-def send_views(recording: rr.RecordingStream, log: SessionLog, moments: ReplayTimeline) -> None:
+def send_views(recording: rr.RecordingStream, log: SessionLog, timeline: ReplayTimeline) -> None:
     """Send the view of every episode, redrawn and checked against the log or as stored, and the views of partners.
 
     Raises:
@@ -209,10 +212,10 @@ def send_views(recording: rr.RecordingStream, log: SessionLog, moments: ReplayTi
         asset = rr.AssetVideo(contents=files[name].getvalue(), media_type="video/mp4")
         recording.log(f"{root}/{name}", asset, static=True)
         columns = rr.VideoFrameReference.columns_nanos(np.arange(video.frames) * (1_000_000_000 // _VIDEO_FPS))
-        recording.send_columns(f"{root}/{name}", moments.columns(np.concatenate(times[name])), columns)
+        recording.send_columns(f"{root}/{name}", timeline.columns(np.concatenate(times[name])), columns)
 
 
-def _send_maps(recording: rr.RecordingStream, root: str, log: SessionLog, moments: ReplayTimeline) -> None:
+def _send_maps(recording: rr.RecordingStream, root: str, log: SessionLog, timeline: ReplayTimeline) -> None:
     """Send the walls and things of each episode's map, which appear at the episode's reset."""
     starts_ns = []
     floors = []
@@ -222,7 +225,7 @@ def _send_maps(recording: rr.RecordingStream, root: str, log: SessionLog, moment
             floors.append(episode.start.map)
     if not floors:
         return
-    times = moments.columns(starts_ns)
+    times = timeline.columns(starts_ns)
     walls = list(chain.from_iterable(floor.walls for floor in floors))
     strips = np.asarray(walls, np.float32).reshape(-1, 2, 2)
     columns = rr.LineStrips2D.columns(strips=strips, colors=[WALL] * len(strips))
@@ -237,7 +240,7 @@ def _send_maps(recording: rr.RecordingStream, root: str, log: SessionLog, moment
     recording.send_columns(f"{root}/map/things", times, points.partition([len(floor.things) for floor in floors]))
 
 
-def _send_motion(recording: rr.RecordingStream, root: str, log: SessionLog, moments: ReplayTimeline) -> None:
+def _send_motion(recording: rr.RecordingStream, root: str, log: SessionLog, timeline: ReplayTimeline) -> None:
     """Send the agent's position and heading at every step, and its path and trail whenever it moved."""
     placed = [(episode, ~np.isnan(episode.poses[:, 0])) for episode in log.episodes]
     placed = [(episode, has_pose) for episode, has_pose in placed if has_pose.any()]
@@ -246,7 +249,8 @@ def _send_motion(recording: rr.RecordingStream, root: str, log: SessionLog, mome
     times = np.concatenate([episode.t_ns[has_pose] for episode, has_pose in placed])
     poses = np.concatenate([episode.poses[has_pose] for episode, has_pose in placed])
     places = poses[:, [0, 2]].astype(np.float32)
-    length = np.concatenate([np.full(has_pose.sum(), _heading(episode), np.float32) for episode, has_pose in placed])
+    lengths = [np.full(has_pose.sum(), _measure_arrow(episode), np.float32) for episode, has_pose in placed]
+    length = np.concatenate(lengths)
     heading = np.stack([np.cos(poses[:, 3]), -np.sin(poses[:, 3])], axis=1)
     arrows = rr.Arrows2D.columns(
         origins=places,
@@ -254,13 +258,13 @@ def _send_motion(recording: rr.RecordingStream, root: str, log: SessionLog, mome
         colors=np.full(len(places), AGENT, np.uint32),
         radii=length / 8,
     )
-    recording.send_columns(f"{root}/map/agent", moments.columns(times), arrows)
+    recording.send_columns(f"{root}/map/agent", timeline.columns(times), arrows)
     ends = np.cumsum([has_pose.sum() for _, has_pose in placed])
-    moves = [start + _moves(places[start:end]) for start, end in pairwise([0, *ends])]
-    _send_lines(recording, root, moments, times[np.concatenate(moves)], places[np.concatenate(moves)], moves)
+    moves = [start + _find_moves(places[start:end]) for start, end in pairwise([0, *ends])]
+    _send_lines(recording, root, timeline, times[np.concatenate(moves)], places[np.concatenate(moves)], moves)
 
 
-def _send_partners(recording: rr.RecordingStream, root: str, log: SessionLog, moments: ReplayTimeline) -> None:
+def _send_partners(recording: rr.RecordingStream, root: str, log: SessionLog, timeline: ReplayTimeline) -> None:
     """Send the position, heading and path of a team's other bodies at every step."""
     for episode in log.episodes:
         for seat in list_partner_seats(episode):
@@ -271,13 +275,13 @@ def _send_partners(recording: rr.RecordingStream, root: str, log: SessionLog, mo
             heading = np.stack([np.cos(poses[has_pose, 3]), -np.sin(poses[has_pose, 3])], axis=1)
             arrows = rr.Arrows2D.columns(
                 origins=places,
-                vectors=(_heading(episode) * heading).astype(np.float32),
+                vectors=(_measure_arrow(episode) * heading).astype(np.float32),
                 colors=np.full(len(places), PARTNER, np.uint32),
-                radii=np.full(len(places), _heading(episode) / 8, np.float32),
+                radii=np.full(len(places), _measure_arrow(episode) / 8, np.float32),
             )
-            times = moments.columns(episode.t_ns[has_pose])
+            times = timeline.columns(episode.t_ns[has_pose])
             recording.send_columns(f"{root}/map/seat-{seat}", times, arrows)
-            strips = _strips(places, [(0, row + 1) for row in range(len(places))])
+            strips = _build_strips(places, [(0, row + 1) for row in range(len(places))])
             lines = rr.LineStrips2D.columns(strips=strips, colors=np.full(len(places), PARTNER, np.uint32))
             recording.send_columns(f"{root}/map/path-seat-{seat}", times, lines)
 
@@ -285,7 +289,7 @@ def _send_partners(recording: rr.RecordingStream, root: str, log: SessionLog, mo
 def _send_lines(
     recording: rr.RecordingStream,
     root: str,
-    moments: ReplayTimeline,
+    timeline: ReplayTimeline,
     times: NDArray[np.int64],
     places: NDArray[np.float32],
     moves: Sequence[NDArray[np.int64]],
@@ -310,27 +314,27 @@ def _send_lines(
     lines = (("path", path, PATH), ("trail", trail, TRAIL))
     for order, (name, windows, colour) in enumerate(lines, _FIRST_LINE_ORDER):
         columns = rr.LineStrips2D.columns(
-            strips=_strips(places, windows),
+            strips=_build_strips(places, windows),
             colors=np.full(len(windows), colour, np.uint32),
             draw_order=np.full(len(windows), order, np.float32),  # the trail lies on the path
         )
-        rows = moments.columns(times[[end - 1 for _, end in windows]])
+        rows = timeline.columns(times[[end - 1 for _, end in windows]])
         recording.send_columns(f"{root}/map/{name}", rows, columns)
 
 
-def _moves(places: NDArray[np.float32]) -> NDArray[np.int64]:
+def _find_moves(places: NDArray[np.float32]) -> NDArray[np.int64]:
     """Return the indices of an episode's first row and of each row whose position differs from the previous one."""
     return np.concatenate([[0], 1 + np.flatnonzero((np.diff(places, axis=0) != 0).any(axis=1))])
 
 
-def _heading(episode: EpisodeLog) -> float:
+def _measure_arrow(episode: EpisodeLog) -> float:
     """Return the length of the arrow that shows the agent's direction of view."""
     if episode.start.map is None:
         return _HEADING["m"]
     return _HEADING[episode.start.map.unit]
 
 
-def _strips(places: NDArray[np.float32], windows: Sequence[tuple[int, int]]) -> pa.Array:
+def _build_strips(places: NDArray[np.float32], windows: Sequence[tuple[int, int]]) -> pa.Array:
     """Return a line strip for each window of rows [begin, end), as the Arrow array that rerun needs."""
     lengths = np.array([end - begin for begin, end in windows])
     rows = np.concatenate([np.arange(begin, end) for begin, end in windows])
@@ -338,21 +342,21 @@ def _strips(places: NDArray[np.float32], windows: Sequence[tuple[int, int]]) -> 
     return pa.ListArray.from_arrays(np.cumsum([0, *lengths]).astype(np.int32), points, type=_STRIP)
 
 
-def _send_series(recording: rr.RecordingStream, root: str, log: SessionLog, moments: ReplayTimeline) -> None:
+def _send_series(recording: rr.RecordingStream, root: str, log: SessionLog, timeline: ReplayTimeline) -> None:
     """Send the reward and return at each step, and the reaction times."""
-    _send_rewards(recording, f"{root}/reward", log, moments)
-    _send_returns(recording, f"{root}/return", log, moments)
-    _send_reaction_times(recording, f"{root}/reaction_ms", log, moments)
+    _send_rewards(recording, f"{root}/reward", log, timeline)
+    _send_returns(recording, f"{root}/return", log, timeline)
+    _send_reaction_times(recording, f"{root}/reaction_ms", log, timeline)
 
 
-def _send_rewards(recording: rr.RecordingStream, path: str, log: SessionLog, moments: ReplayTimeline) -> None:
+def _send_rewards(recording: rr.RecordingStream, path: str, log: SessionLog, timeline: ReplayTimeline) -> None:
     style = rr.SeriesPoints(names="reward", colors=TRAIL, markers="circle", marker_sizes=3)
     times_ns = [episode.t_ns[1:] for episode in log.episodes]
     rewards = [episode.rewards for episode in log.episodes]
-    _send_scalars(recording, path, style, moments, times_ns, rewards)
+    _send_scalars(recording, path, style, timeline, times_ns, rewards)
 
 
-def _send_returns(recording: rr.RecordingStream, path: str, log: SessionLog, moments: ReplayTimeline) -> None:
+def _send_returns(recording: rr.RecordingStream, path: str, log: SessionLog, timeline: ReplayTimeline) -> None:
     """Send the return at each step as a staircase: level until the step, then a jump."""
     style = rr.SeriesLines(names="return", colors=PATH, widths=2)
     times_ns = []
@@ -364,10 +368,10 @@ def _send_returns(recording: rr.RecordingStream, path: str, log: SessionLog, mom
         times_ns.append(np.repeat(episode.t_ns, 2))
         pairs.append(np.column_stack([returns_before, returns]).ravel())
         last_return = float(returns[-1])
-    _send_scalars(recording, path, style, moments, times_ns, pairs)
+    _send_scalars(recording, path, style, timeline, times_ns, pairs)
 
 
-def _send_reaction_times(recording: rr.RecordingStream, path: str, log: SessionLog, moments: ReplayTimeline) -> None:
+def _send_reaction_times(recording: rr.RecordingStream, path: str, log: SessionLog, timeline: ReplayTimeline) -> None:
     style = rr.SeriesPoints(names="reaction time from onset (ms)", colors=AGENT, markers="circle", marker_sizes=3)
     times_ns = []
     reactions_ms = []
@@ -376,14 +380,14 @@ def _send_reaction_times(recording: rr.RecordingStream, path: str, log: SessionL
         is_answered = ~np.isnan(all_ms)
         times_ns.append(episode.t_ns[1:][is_answered])
         reactions_ms.append(all_ms[is_answered])
-    _send_scalars(recording, path, style, moments, times_ns, reactions_ms)
+    _send_scalars(recording, path, style, timeline, times_ns, reactions_ms)
 
 
 def _send_scalars(
     recording: rr.RecordingStream,
     path: str,
     style: rr.SeriesPoints | rr.SeriesLines,
-    moments: ReplayTimeline,
+    timeline: ReplayTimeline,
     times_ns: Sequence[NDArray[np.int64]],
     scalars: Sequence[NDArray[np.float64]],
 ) -> None:
@@ -391,17 +395,17 @@ def _send_scalars(
     if not times_ns:
         return
     recording.log(path, style, static=True)
-    rows = moments.columns(np.concatenate(times_ns))
+    rows = timeline.columns(np.concatenate(times_ns))
     recording.send_columns(path, rows, rr.Scalars.columns(scalars=np.concatenate(scalars)))
 
 
-def _send_keys(recording: rr.RecordingStream, root: str, log: SessionLog, moments: ReplayTimeline) -> None:
+def _send_keys(recording: rr.RecordingStream, root: str, log: SessionLog, timeline: ReplayTimeline) -> None:
     """Send a lane for each physical key that shows each press's verdict until the key's release."""
     lanes: dict[str, list[KeyPressed]] = defaultdict(list)
     for press in log.keys:
         if press.verdict != "repeat":
             lanes[press.key].append(press)
-    actions: dict[str, dict[str, None]] = defaultdict(dict)  # of each key, in the order in which it got them
+    actions: dict[str, dict[str, None]] = defaultdict(dict)  # of each key, in the order of assignment
     for episode in log.episodes:
         for key, action in episode.plan.key_map.keys.items():
             actions[key].setdefault(action)
@@ -412,7 +416,7 @@ def _send_keys(recording: rr.RecordingStream, root: str, log: SessionLog, moment
         style = rr.StateConfiguration(values=states, labels=states, colors=list(_KEY_STATES.values()))
         recording.log(lane, style, static=True)
         columns = rr.StateChange.columns(state=[_find_key_state(press) for press in presses])
-        recording.send_columns(lane, moments.columns([press.t_ns for press in presses]), columns)
+        recording.send_columns(lane, timeline.columns([press.t_ns for press in presses]), columns)
 
 
 def _find_key_state(press: KeyPressed) -> str:
@@ -422,8 +426,8 @@ def _find_key_state(press: KeyPressed) -> str:
     return ""
 
 
-def _send_steering(recording: rr.RecordingStream, root: str, log: SessionLog, moments: ReplayTimeline) -> None:
-    """Send two lanes: what the policy would have done after each picture, and what the person did while in control."""
+def _send_steering(recording: rr.RecordingStream, root: str, log: SessionLog, timeline: ReplayTimeline) -> None:
+    """Send two lanes: the policy's advice after each picture, and the person's actions while in control."""
     lanes: dict[str, list[tuple[int, str]]] = {"policy": [], "person": []}
     names: dict[str, None] = {}
     for episode in log.episodes:
@@ -451,13 +455,13 @@ def _send_steering(recording: rr.RecordingStream, root: str, log: SessionLog, mo
             style = rr.StateConfiguration(values=states, labels=states, colors=colours)
             recording.log(f"{root}/steering/{name}", style, static=True)
             columns = rr.StateChange.columns(state=[action for _, action in changes])
-            recording.send_columns(f"{root}/steering/{name}", moments.columns([t for t, _ in changes]), columns)
+            recording.send_columns(f"{root}/steering/{name}", timeline.columns([t for t, _ in changes]), columns)
 
 
-def _send_events(recording: rr.RecordingStream, root: str, log: SessionLog, moments: ReplayTimeline) -> None:
+def _send_events(recording: rr.RecordingStream, root: str, log: SessionLog, timeline: ReplayTimeline) -> None:
     """Send readable lines about episodes, key presses, pauses and notes, in order of time."""
-    lines = list(chain.from_iterable(map(_episode_lines, log.episodes)))
-    lines += [_press_line(press) for press in log.keys if press.down and press.verdict != "repeat"]
+    lines = list(chain.from_iterable(map(_list_episode_lines, log.episodes)))
+    lines += [_describe_press(press) for press in log.keys if press.down and press.verdict != "repeat"]
     for note in log.notes:
         match note:
             case Paused():
@@ -472,10 +476,10 @@ def _send_events(recording: rr.RecordingStream, root: str, log: SessionLog, mome
     if lines:
         times_ns, levels, texts = zip(*lines, strict=True)
         columns = rr.TextLog.columns(text=list(texts), level=list(levels))
-        recording.send_columns(f"{root}/events", moments.columns(list(times_ns)), columns)
+        recording.send_columns(f"{root}/events", timeline.columns(list(times_ns)), columns)
 
 
-def _press_line(press: KeyPressed) -> tuple[int, str, str]:
+def _describe_press(press: KeyPressed) -> tuple[int, str, str]:
     """Return the time, level and text of a line about a key press."""
     level = "WARN"
     if press.verdict in ("accepted", "queued"):
@@ -483,7 +487,7 @@ def _press_line(press: KeyPressed) -> tuple[int, str, str]:
     return press.t_ns, level, f"key {press.key}: {press.verdict.replace('_', ' ')} ({press.phase})"
 
 
-def _episode_lines(episode: EpisodeLog) -> list[tuple[int, str, str]]:
+def _list_episode_lines(episode: EpisodeLog) -> list[tuple[int, str, str]]:
     plan = episode.plan
     steps = len(episode.actions)
     began = f"{episode.name} begins: {plan.world}, seed {plan.seed}; {episode.start.mission}"

@@ -45,7 +45,7 @@ from minihuman.worlds.adapters.world import World
 
 LOG = logging.getLogger("minihuman")
 _SEED_STRIDE = 1_000_003  # between the seeds of two participants
-N_CANDIDATE_PAIRS = 10  # pairs that are looked at for one that is disagreed on
+N_CANDIDATE_PAIRS = 10  # pairs among which the learner chooses the one that its ensemble disagrees on most
 
 
 class AgentHost(RequestHandler):
@@ -57,7 +57,7 @@ class AgentHost(RequestHandler):
         logs: returns the session's logs so far, including the live one; it is called whenever a learner is asked.
         learner: the process that learns; None if no part of the session has a learner.
         earlier: the policy that played last in each part of the session, after an interruption.
-        stretches: the sampler of clips to compare; None if no part of the session compares clips.
+        clips: the sampler of clips to compare; None if no part of the session compares clips.
         seed: the seed of all learning.
         patient: whether to wait for the learner, because no participant is waiting.
         unhurried: whether to give the learner no time limit, so that its policy depends on its data alone.
@@ -71,7 +71,7 @@ class AgentHost(RequestHandler):
         logs: Callable[[], list[Path]],
         learner: LearnerProcess | None = None,
         earlier: Mapping[int, str] | None = None,
-        stretches: ClipSampler | None = None,
+        clips: ClipSampler | None = None,
         seed: int = 0,
         patient: bool = False,
         unhurried: bool = False,
@@ -81,15 +81,15 @@ class AgentHost(RequestHandler):
         self._logs = logs
         self._learner = learner
         self._earlier = dict(earlier or {})
-        self._stretches = stretches
+        self._clips = clips
         self._seed = seed
         self._patient = patient
         self._unhurried = unhurried
         self._latest = max(self._earlier.items(), default=(0, ""))[1]
-        self._disputed: list[tuple[EpisodeClip, EpisodeClip]] = []  # pairs that the learner was asked about
-        self._pair: tuple[EpisodeClip, EpisodeClip] | None = None  # of which the first was offered
-        self._agents: dict[str, BaseAgent] = {}  # the one that plays, by the name of its policy
-        self._last_begun: tuple[str, int] | None = None  # policy and episode of the last begin()
+        self._candidates: list[tuple[EpisodeClip, EpisodeClip]] = []  # pairs that the learner is choosing from
+        self._pair: tuple[EpisodeClip, EpisodeClip] | None = None  # the pair whose first clip was offered
+        self._agents: dict[str, BaseAgent] = {}  # the agent that plays, by its policy
+        self._last_begun: tuple[str, int] | None = None  # policy and episode that an agent began last
 
     def answer(self, want: ActivityRequest, play: RunningEpisode | None, t_ns: int) -> ActivityInput | None:
         """Return the input that answers a request of the session; None if there is no answer yet."""
@@ -100,10 +100,10 @@ class AgentHost(RequestHandler):
                 return self._find_first_policy(want, t_ns)
             case AdviceRequest() if play is not None:
                 return self._ask_advice(want, play, t_ns)
-            case ClipRequest() if self._stretches is not None:
-                return self._offer_clip(self._stretches, want, t_ns)
-            case EpisodeRequest() if self._stretches is not None:
-                return ClipOffered(t_ns, self._stretches.episode(want))
+            case ClipRequest() if self._clips is not None:
+                return self._offer_clip(self._clips, want, t_ns)
+            case EpisodeRequest() if self._clips is not None:
+                return ClipOffered(t_ns, self._clips.episode(want))
         return None
 
     def close(self) -> None:
@@ -136,7 +136,7 @@ class AgentHost(RequestHandler):
             try:
                 self._agents = {policy: self._load(policy)}
                 self._last_begun = None
-            except Exception as error:  # of a lab's own agent
+            except Exception as error:  # any error of a laboratory's own agent
                 LOG.warning("the policy %s cannot be loaded: %s", policy, error)
                 return NewPolicy(t_ns, "", f"the agent failed: {describe_failure(error)}")
         self._latest = policy or self._latest
@@ -184,43 +184,51 @@ class AgentHost(RequestHandler):
 
     # Pairs
 
-    def _offer_clip(self, stretches: ClipSampler, want: ClipRequest, t_ns: int) -> ClipOffered | None:
-        """Return a clip of a random pair, or of the pair that divides the learner's ensemble; None while it decides."""
+    def _offer_clip(self, clips: ClipSampler, want: ClipRequest, t_ns: int) -> ClipOffered | None:
+        """Return a clip of a random pair, or of the pair on which the learner's ensemble disagrees most.
+
+        Return None while the learner chooses that pair.
+        """
         if want.pairing == "random" or self._learner is None:
-            return ClipOffered(t_ns, stretches.draw(want))
+            return ClipOffered(t_ns, clips.draw(want))
         if want.place:
             pair = self._pair
             self._pair = None
             if pair is None or pair[0] != want.again:
-                return ClipOffered(t_ns, stretches.draw(want))
+                return ClipOffered(t_ns, clips.draw(want))
             return ClipOffered(t_ns, pair[1])
-        if not self._disputed:
-            pairs = stretches.candidates(want, N_CANDIDATE_PAIRS)
+        if not self._candidates:
+            pairs = clips.candidates(want, N_CANDIDATE_PAIRS)
             if len(pairs) < 2 or self._learner.busy:
-                return ClipOffered(t_ns, stretches.draw(want))
-            request = LearnerRequest(
-                logs=[str(path) for path in self._logs()],
-                part=want.source,
-                episodes=0,
-                learner="",
-                seed=self._seed + want.pair,
-                start="",
-                budget_s=self._limit_learning_s(want.wait_s),
-                pairs=pairs,
-            )
-            self._learner.ask(request)
-            self._disputed = pairs
+                return ClipOffered(t_ns, clips.draw(want))
+            self._learner.ask(self._build_pair_request(want, pairs))
+            self._candidates = pairs
         answer = self._learner.answer(patient=self._patient)
         if answer is None:
             return None
         if answer.failure:
-            LOG.warning("any pair comes instead of one that is disagreed on: %s", answer.failure)
+            LOG.warning("the first candidate pair is shown, as the learner chose none: %s", answer.failure)
         index = 0
         if answer.file.isdecimal():
-            index = min(int(answer.file), len(self._disputed) - 1)
-        self._pair = self._disputed[index]
-        self._disputed = []
+            index = min(int(answer.file), len(self._candidates) - 1)
+        self._pair = self._candidates[index]
+        self._candidates = []
         return ClipOffered(t_ns, self._pair[0])
+
+    def _build_pair_request(
+        self, want: ClipRequest, pairs: Sequence[tuple[EpisodeClip, EpisodeClip]]
+    ) -> LearnerRequest:
+        """Return the request to choose one of these pairs."""
+        return LearnerRequest(
+            logs=[str(path) for path in self._logs()],
+            part=want.source,
+            episodes=0,
+            learner="",
+            seed=self._seed + want.pair,
+            start="",
+            budget_s=self._limit_learning_s(want.wait_s),
+            pairs=pairs,
+        )
 
     # Advice
 
@@ -234,7 +242,7 @@ class AgentHost(RequestHandler):
                     self._begin(agent, play)
                     self._last_begun = policy_and_episode
                 chances = tuple(float(chance) for chance in agent.action_probabilities(play.world))
-        except Exception as error:  # of a lab's own agent: the person can still play
+        except Exception as error:  # any error of a laboratory's own agent; the person can still play
             LOG.warning("the agent failed: %s at %s: %s", type(error).__name__, locate_error(error), error)
             return NewPolicy(t_ns, want.policy, f"the agent failed: {describe_failure(error)}")
         return Advice(t_ns, want.step, chances)
@@ -320,7 +328,7 @@ class AgentHostedPlan(typing.Protocol):
 
 
 def make_policy_host(context: HostContext) -> AgentHost:
-    """Make the host that answers a session's requests for agents, clips and episodes."""
+    """Make the host that answers a session's requests for agents, clips and episodes, and start its learner if any."""
     plan = context.plan
     plans: list[AgentHostedPlan] = [part.plan for part in plan.parts if getattr(part.plan, "host", "") == AGENT_HOST]
     learner = None
@@ -330,22 +338,23 @@ def make_policy_host(context: HostContext) -> AgentHost:
     if any(hosted.plays_policy_file(context.protocol.files) for hosted in plans):
         with suppress(MinihumanError):  # reported when a policy is to play
             load_agent_class(POLICY_AGENT)  # seconds, for what it imports: now, and not between two episodes
-    earlier = _policies_by_episode(context.logged)
+    earlier = _find_latest_policies(context.logged)
     if plan.segment > 1:
         session_folder = SegmentPath.of_plan(context.data, plan).log.parent
-        earlier = _policies_by_episode(read_log(session_folder).part_events) | earlier
+        earlier = _find_latest_policies(read_log(session_folder).part_events) | earlier
     return AgentHost(
         PolicyStore(context.data / plan.study),
         context.protocol.files,
         logs=context.list_logs,
         learner=learner,
         earlier=earlier,
-        stretches=ClipSampler(context.list_logs, seed=plan.study_seed, index=plan.participant.index),
+        clips=ClipSampler(context.list_logs, seed=plan.study_seed, index=plan.participant.index),
         seed=plan.study_seed + _SEED_STRIDE * plan.participant.index,
         patient=context.patient,
         unhurried=context.patient,
     )
 
 
-def _policies_by_episode(events: Iterable[object]) -> dict[int, str]:
+def _find_latest_policies(events: Iterable[object]) -> dict[int, str]:
+    """Return the policy that was given last in each part, by the part's number."""
     return {event.part: event.policy for event in events if isinstance(event, PolicyGiven)}

@@ -29,7 +29,7 @@ class ClipSampler:
         self._seed = seed
         self._index = index
         self._part: int | None = None
-        self._places: list[_ClipStart] = []  # of that part; nothing is played while it compares
+        self._places: list[_ClipStart] = []  # the clips to draw from in that part, during which no episode is added
 
     def candidates(self, want: ClipRequest, count: int) -> list[tuple[EpisodeClip, EpisodeClip]]:
         """Draw ``count`` pairs of different clips; the list is empty if no two clips differ."""
@@ -44,21 +44,24 @@ class ClipSampler:
         return pairs
 
     def draw(self, want: ClipRequest, *, candidate: int = 0) -> EpisodeClip | None:
-        """Draw a clip; return None if no two clips differ. Each candidate has its own random stream."""
+        """Draw a clip other than ``want.again``; return None if no two clips differ.
+
+        Each ``candidate`` number has its own random stream.
+        """
         if self._part != want.part:
             self._part = want.part
             self._places = self._list_starts(want)
         purpose = f"stretch-{want.source}-part-{want.part}-pair-{want.pair}-{want.place}"
         if candidate:
             purpose += f"-candidate-{candidate}"
-        left = [place for place in self._places if _make_clip(place, want.steps) != want.again]
-        if len(self._places) < 2 or not left:
+        other_places = [place for place in self._places if _make_clip(place, want.steps) != want.again]
+        if len(self._places) < 2 or not other_places:
             return None
         word = int(draw_words(1, seed=self._seed, purpose=purpose, index=self._index)[0])
-        return _make_clip(left[word % len(left)], want.steps)
+        return _make_clip(other_places[word % len(other_places)], want.steps)
 
     def episode(self, want: EpisodeRequest) -> EpisodeClip | None:
-        """Return one of the block's latest episodes as a whole; None if there are no more."""
+        """Return one of the block's latest ``want.count`` episodes as a whole; None if there are no more."""
         if self._part != want.part:
             self._part = want.part
             self._places = [(episode, 0) for episode in self._list_episodes(want.source)]
@@ -84,7 +87,7 @@ class ClipSampler:
 
 
 def _make_clip(place: _ClipStart, steps: int) -> EpisodeClip:
-    """Return the clip of an episode that begins at a place and is ``steps`` long."""
+    """Return the clip of ``steps`` steps that begins at a place, with the episode's actions up to the clip's end."""
     episode, first = place
     plan = episode.plan
     return EpisodeClip(

@@ -35,9 +35,10 @@ PrintLine = Callable[[str], None]
 
 
 def run_demo(data: Path, *, window: str, fullscreen: bool, say: PrintLine) -> Iterator[tuple[str, Path]]:
-    """Play the demo, verify its log and draw it; yield the name and path of each output.
+    """Play the demo, verify its log and draw it; yield the name and path of each output, the log first.
 
-    Without a display a simulated participant plays, unless a window was requested by name.
+    Without a display a simulated participant plays, unless a window was requested by name. ``say`` receives lines on
+    who plays and on the verification.
 
     Raises:
         WindowError: if the requested window cannot be opened here.
@@ -46,10 +47,9 @@ def run_demo(data: Path, *, window: str, fullscreen: bool, say: PrintLine) -> It
         _play_demo(read_protocol(find_shipped_protocol("demo")), data, window=window, fullscreen=fullscreen, say=say)
     )
     yield "log", log.path
-    proof = verify_episodes(log)
-    say(
-        proof.difference or f"verified: {proof.episodes} episodes, {proof.steps} steps, played again from seed and keys"
-    )
+    verification = verify_episodes(log)
+    counts = f"{verification.episodes} episodes, {verification.steps} steps"
+    say(verification.difference or f"verified: {counts}, played again from seed and keys")
     if log.episodes:
         yield from _make_outputs(log)
     else:
@@ -86,8 +86,8 @@ def _make_outputs(log: SessionLog) -> Iterator[tuple[str, Path]]:
     yield "replay", save_recording([log], folder / "replay.rrd")
 
 
-_ANEW = "backspace"
-_AIR_NS = 200_000_000  # a toolkit that blocks in C does not see Ctrl-C
+_NEXT_LAYOUT_KEY = "backspace"
+_WAIT_NS = 200_000_000  # per wait, since a toolkit that waits in C does not notice Ctrl-C
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,19 +131,19 @@ def _play_layout(
         hint = f"Seed {seed}, step {steps}.   Backspace: another layout   Escape: leave"
         picture = world.frame(play.view, window.picture_px or (640, 480), play.palette)
         window.show(PlayScreen(picture, mission, hint, tuple(keys.items()), step=steps))
-        key = _next_key(presses, {*keys, _ANEW})
-        if key in (None, _ANEW):
-            return key == _ANEW
+        key = _next_key(presses, {*keys, _NEXT_LAYOUT_KEY})
+        if key in (None, _NEXT_LAYOUT_KEY):
+            return key == _NEXT_LAYOUT_KEY
         happened = world.step(world.action_names.index(keys[key]))
         steps = steps + 1
         reward = reward + happened.reward
         outcome = judge.judge_step(happened.collect_facts(judge.rule, return_=reward))
         if outcome is not None:
-            window.show(_over(outcome, steps, reward))
-            return _next_key(presses, {"enter", "kp_enter", _ANEW}) is not None
+            window.show(_describe_ending(outcome, steps, reward))
+            return _next_key(presses, {"enter", "kp_enter", _NEXT_LAYOUT_KEY}) is not None
 
 
-def _over(outcome: EpisodeOutcome, steps: int, reward: float) -> Screen:
+def _describe_ending(outcome: EpisodeOutcome, steps: int, reward: float) -> Screen:
     title = capitalise(load_words(ENGLISH)[f"outcome.{outcome}"])
     return TextScreen(title, f"{steps} steps, reward {reward:.2f}", "Enter: another layout    Escape: leave")
 
@@ -156,7 +156,7 @@ def _next_key(presses: Iterator[str], accepted: set[str]) -> str | None:
 def _yield_presses(window: Window, clock: Clock) -> Iterator[str]:
     """Yield every key press, including repeats of held keys, until Escape or the window is closed."""
     while True:
-        for happened in window.wait(clock() + _AIR_NS):
+        for happened in window.wait(clock() + _WAIT_NS):
             match happened:
                 case Stop() | KeyDown(key="escape"):
                     return

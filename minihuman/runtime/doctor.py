@@ -32,15 +32,15 @@ from minihuman.runtime.devices.sound import PortAudioOutput
 from minihuman.worlds.adapters.world import World
 
 _STEPS = 60
-_WARM = 10  # steps before any is counted
-MAX_PICTURE_MS = 1000 / 30  # two frames of the commonest display
+_WARM = 10  # first steps, which are not counted
+MAX_PICTURE_MS = 1000 / 30  # two frames of a display of 60 Hz
 
 
 _NS_PER_MS = 1e6
 
 
 def _measure_steps_ms(window: BlockingWindow, block: BlockSpec, world: World) -> list[float]:
-    """Return the times from the beginning of a step to the flip of its picture."""
+    """Return the time of each step, in milliseconds, from its beginning to the flip of its picture."""
     times_ms = []
     over = True
     actions = cycle(block.actions)
@@ -57,19 +57,19 @@ def _measure_steps_ms(window: BlockingWindow, block: BlockSpec, world: World) ->
 
 
 _FRAMES = 90
-_WARM_FRAMES = 15  # before any is counted
+_WARM_FRAMES = 15  # first frames, which are not counted
 _KEYS = 30
 _SLEEP_BEFORE_KEY_S = 0.02
 _LONGEST_WAIT_NS = 2_000_000_000  # for a key that was put into the queue
 _SYNCS = 100
 _SYNC_BYTES = 4096  # about one step of a session
-_LATENESS_MS = 5.0  # a key's picture may come this much later than the display's own period
-_SLOWEST_FRAME_MS = 50.0  # 99 of 100 frames; longer is seen as a stutter
-_SLOWEST_SYNC_MS = 250.0  # 99 of 100; the writer's queue rides out less
+_LATENESS_MS = 5.0  # beyond the display's period, within which a key's picture is displayed
+_SLOWEST_FRAME_MS = 50.0  # 99th percentile; longer frames are seen as stutter
+_SLOWEST_SYNC_MS = 250.0  # 99th percentile; the writer's queue absorbs shorter ones
 _LEAST_FREE_BYTES = 2 * 10**9
-_SOUND_S = 2.0  # for which the sound device is tried
+_SOUND_S = 2.0  # of the sound device's test
 _LARGEST_UNCERTAINTY_MS = 5.0
-_UNKNOWN_PERIOD_MS = 1000 / 60  # where no display refreshes
+_UNKNOWN_PERIOD_MS = 1000 / 60  # assumed if the flip does not wait for the display
 _PACKAGES = (
     "numpy",
     "gymnasium",

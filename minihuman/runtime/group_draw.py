@@ -32,7 +32,7 @@ class GroupDrawHost(RequestHandler):
         self._next: RequestHandler | None = None
 
     def answer(self, want: ActivityRequest, play: RunningEpisode | None, t_ns: int) -> ActivityInput | None:
-        """Draw the group and return its plan; after the draw, return the next host's answer.
+        """Draw the group and return its plan; after the draw, return the next host's answer or None if it has none.
 
         Raises:
             AllocationError: if there is no slot to draw.

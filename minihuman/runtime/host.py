@@ -61,7 +61,7 @@ def host_session(
     facts_of_worlds = collect_world_facts(list_world_ids(plan))
     device_specs = decode_logged_protocol(plan.protocol_toml).devices if plan.protocol_toml else ()
     if markers:
-        pylsl()  # before there is a log: without it nothing is to begin
+        pylsl()  # fails without LSL, before anything is written
     with open_devices(device_specs, clock) as (devices, device_facts), ExitStack() as opened:
         facts = {"player": "human", **collect_machine_facts(), **facts_of_worlds, **clock.facts()}
         sound, sound_facts = opened.enter_context(open_sound(plan, clock))
@@ -76,7 +76,7 @@ def host_session(
             return DeviceRecorder(log, devices, from_ns=clock()) if devices else log
 
         recorder: Recorder = DeferredRecorder(plan, open_log)
-        if markers:  # the stream is there from now on, for those who want to listen; what it says waits, too
+        if markers:  # recorders can find the stream from now on, but its markers wait for the consent
             marking = LslMarkerRecorder(recorder, plan, clock)
             opened.callback(marking.close)
             recorder = DeferredRecorder(plan, lambda: marking)
@@ -103,7 +103,7 @@ def _open_window_devices(plan: SessionPlan, window: Window) -> dict[str, str]:
 
 
 def describe_ending(log: Path, protocol: Path) -> str:
-    """Return one line on how a log's session ended, how far it came, and how to resume it."""
+    """Seal a log, and return one line on how its session ended, how far it came, and how to resume it."""
     summary = summarize_session([log])
     digest = record_log_end(log)
     progress = f"{summary.episodes_completed} of {summary.episodes_planned} episodes"
@@ -116,7 +116,10 @@ def describe_ending(log: Path, protocol: Path) -> str:
 
 
 def _fit_four_to_three(room_px: tuple[int, int] | None) -> tuple[int, int] | None:
-    """Return the largest 4:3 picture that fits, so that every display shows the same angle of a first-person world."""
+    """Return the largest 4:3 picture's width and height in pixels; None without a size to fit into.
+
+    With 4:3 everywhere, every display shows the same angle of a first-person world.
+    """
     if room_px is None:
         return None
     room_width, room_height = room_px

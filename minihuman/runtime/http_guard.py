@@ -12,7 +12,7 @@ from collections.abc import Collection, Mapping
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from urllib.parse import urlsplit
 
-Request = socket.socket | tuple[bytes, socket.socket]  # as the standard library has it
+Request = socket.socket | tuple[bytes, socket.socket]  # the standard library's type of a request
 LOCAL_HOSTS = ("127.0.0.1", "localhost", "[::1]")
 _PORT = re.compile(r":\d*$")
 _MAX_LENGTH_DIGITS = 9

@@ -18,31 +18,31 @@ from typing import IO
 from minihuman.activities.episode_clips import EpisodeClip
 
 LEARNER_COMMAND = ("-m", "minihuman.learn.teaching.learner_main")
-_LAST_LINE_TIMEOUT_S = 5.0  # a process that has died may leave its pipe to others
-_LOOK_INTERVAL_S = 0.2  # how often a patient caller looks whether the process has died
+_LAST_LINE_TIMEOUT_S = 5.0  # to read a dead process's last line, as its children may keep the pipe open
+_LOOK_INTERVAL_S = 0.2  # between a patient caller's checks whether the process has died
 FIRST_ANSWER_TIMEOUT_S = 60.0  # more time for the first answer: the process has to start
 
 
 @dataclass(frozen=True, slots=True)
 class LearnerRequest:
-    """A request for a policy, with the data to learn it from."""
+    """A request for a policy, with the data to learn it from, or for the choice of one of several pairs of clips."""
 
     logs: list[str]  # of the session so far; the live one may be among them
     part: str  # the block's name
-    episodes: int  # those of the session before this one
-    learner: str  # its name and settings
+    episodes: int  # number of the session's episodes before the next one
+    learner: str  # name and settings
     seed: int
     start: str  # the policy file to start from; "" for none
     budget_s: float
-    pairs: Sequence[tuple[EpisodeClip, EpisodeClip]] = ()  # to choose one from, instead of a policy
+    pairs: Sequence[tuple[EpisodeClip, EpisodeClip]] = ()  # to choose from; empty if a policy is requested
 
 
 @dataclass(frozen=True, slots=True)
 class LearnerAnswer:
-    """A learner's answer: a policy, or the reason why there is none."""
+    """A learner's answer: a policy or the choice of a pair, or the reason why there is none."""
 
-    file: str  # the policy's, until the next question; the place of a pair in words, where pairs were asked about
-    failure: str  # why there is none; "" where there is one
+    file: str  # the policy's file, which exists until the next request; or the index of the chosen pair, in digits
+    failure: str  # why there is no answer; "" if there is one
 
 
 class LearnerProcess:
@@ -55,19 +55,19 @@ class LearnerProcess:
     def __init__(self, command: Sequence[str] = LEARNER_COMMAND) -> None:
         self._command = [sys.executable, *command]
         self._process: subprocess.Popen[bytes] | None = None
-        self._until_s: float | None = None  # the question's last moment
+        self._until_s: float | None = None  # monotonic deadline of the pending request; None if none is pending
         self._answers: queue.SimpleQueue[bytes] = queue.SimpleQueue()
         self._reader: threading.Thread | None = None
 
     @property
     def busy(self) -> bool:
-        """Whether a request is still unanswered."""
+        """Return whether a request is still unanswered."""
         return self._until_s is not None
 
     @property
     def pid(self) -> int:
-        """The process's id."""
-        assert self._process is not None, "it was not started"
+        """Return the id of the process, which must have been started."""
+        assert self._process is not None, "the learner process was not started"
         return self._process.pid
 
     def start(self) -> None:
@@ -84,23 +84,23 @@ class LearnerProcess:
             self._reader.start()
 
     def ask(self, request: LearnerRequest) -> None:
-        """Send a request, starting the process if necessary."""
+        """Send a request, starting the process if necessary; answers to earlier requests are dropped."""
         fresh = self._process is None or self._process.poll() is not None
         self.start()
         assert self._process is not None
         assert self._process.stdin is not None
-        while not self._answers.empty():  # to an earlier question
+        while not self._answers.empty():
             self._answers.get()
         self._until_s = time.monotonic() + request.budget_s
         if fresh:
             self._until_s += FIRST_ANSWER_TIMEOUT_S
-        with suppress(OSError):  # of a process that has died, as the answer will say
+        with suppress(OSError):  # the process has died, which ``answer`` reports
             self._process.stdin.write(json.dumps(asdict(request)).encode() + b"\n")
             self._process.stdin.flush()
 
     def answer(self, *, patient: bool = False) -> LearnerAnswer | None:
-        """Return the answer to the request; None if there is none yet. With ``patient``, wait for it."""
-        assert self._until_s is not None, "nothing was asked"
+        """Return the answer to the pending request; None if there is none yet. With ``patient``, wait for it."""
+        assert self._until_s is not None, "no request is pending"
         timeout_s = _LOOK_INTERVAL_S if patient else 0.0
         while True:
             answer = self._poll_answer(timeout_s)
@@ -146,14 +146,14 @@ class LearnerProcess:
             self._reader.join(_LAST_LINE_TIMEOUT_S)
         for stream in (self._process.stdin, self._process.stdout):
             if stream is not None:
-                with suppress(OSError):  # of what could not be written any more
+                with suppress(OSError):  # a request that was not written to the dead process
                     stream.close()
         self._process = None
 
 
 def _read_lines(stream: IO[bytes], lines: "queue.SimpleQueue[bytes]") -> None:
     for line in stream:
-        if line.endswith(b"\n"):  # else the process died over it
+        if line.endswith(b"\n"):  # otherwise the process died while it wrote the line
             lines.put(line)
 
 

@@ -25,14 +25,14 @@ class RunStoppedError(MinihumanError, RuntimeError):
 
 @dataclass(slots=True)
 class ModelRun:
-    """Counts the expenses of all sessions of a model's run, and says whether the run has to stop."""
+    """Counts the expenses of all sessions of a model's run, and decides whether the run has to stop."""
 
     name: str  # "model:NAME", or "http:NAME" of a program
     make_client: Callable[[ModelSpec], ModelClient]
     max_price: float = 0.0
     changed: Callable[[SpentTotals], object] = lambda _: None
     spent: SpentTotals = field(default_factory=SpentTotals)
-    stopped: str = ""  # why
+    stopped: str = ""  # why the run stops; "" while it goes on
     lock: threading.Lock = field(default_factory=threading.Lock)
     # one sync for all calls in flight: none of them waits for a picture, and each takes longer than a sync
     group_commit: GroupCommit = field(default_factory=lambda: GroupCommit(max_single_syncs=1))

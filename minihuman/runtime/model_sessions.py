@@ -70,7 +70,7 @@ def simulate_models(
     data = data / MODELS_FOLDER
     study_dir = data / protocol.study.name
     require_free_slots(protocol, study_dir, participants - len(list(_find_cut_off(study_dir, run.name))))
-    run.make_client(protocol.model).close()  # an address that is none must not cost a slot
+    run.make_client(protocol.model).close()  # an invalid address must not take up a slot
     waiting: set[Future[list[Path]]] = set()
     with ThreadPoolExecutor(parallel) as pool:
         try:
@@ -130,7 +130,7 @@ def _find_cut_off(study_dir: Path, player: str) -> Iterator[Path | str]:
             continue
         try:
             yield from [part for part in parts if read_log(part).player == player]
-        except LogError:  # nothing was asked before the plan was written
+        except LogError:  # the log ends before the plan, so no request was sent
             yield slot.participant
         else:
             if not parts and not list_log_files(folder, f"ses-*/*{LOG_SUFFIX}"):
@@ -200,7 +200,7 @@ def _play_first_session(
 
 
 def _build_session(plan: SessionPlan, run: ModelRun, spec: ModelSpec) -> SessionMachine:
-    """Build a new session."""
+    """Build a new session, with facts about the model, the machine and the worlds for its log."""
     facts = {"player": run.name, **collect_machine_facts(), **collect_world_facts(list_world_ids(plan))}
     facts |= {"window": "model", "answer_rules": ANSWER_RULES}
     return SessionMachine(plan, World, facts, picture_px=find_picture_size(spec))
@@ -230,12 +230,16 @@ def _play(
     log: McapRecorder,
     left: LeftoverSegment | None = None,
 ) -> tuple[Path | None, str]:
-    """Play one session, or the rest of one; return its log and the reason why it ended."""
+    """Play one session, or the rest of one; return its log and the reason why it ended.
+
+    Raises:
+        MinihumanError: if the model gives no answer, the run has to stop, or the world failed.
+    """
     spec = decode_logged_protocol(plan.protocol_toml).model
     clock = VirtualClock()
     record = ConversationRecord(spec)
     recorder = ResumableRecorder(log)
-    recorder.leave = True  # until it runs, an error leaves it to be resumed
+    recorder.leave = True  # until the session runs, an error leaves its log to be resumed
     try:
         if left is None:
             session = _build_session(plan, run, spec)

@@ -77,14 +77,14 @@ class ModelWindow(Window):
         self._record = record
         self._recorder = recorder
         self._screen: Screen = TextScreen("", "", "")
-        self._waiting_screen: Screen | None = None  # the screen for which the answer was to wait
+        self._waiting_screen: Screen | None = None  # the screen at which the model decided to wait
         self._attempt = 1
         self._useless = 0
         self._step: tuple[int, int] | None = None  # episode and step at the last key
         self._last_question = ""
         self._n_times_asked = 0  # how often that question was asked in a row
         last = record.call
-        if last is not None and last.state == "answered":  # of a program that was killed
+        if last is not None and last.state == "answered":  # the session is resumed
             self._attempt = last.attempt + (last.verdict == "invalid")
         elif last is not None and last.state == "asked":
             price = count_price(spec, last.prompt_tokens, spec.max_tokens)
@@ -143,7 +143,7 @@ class ModelWindow(Window):
                 self._press(missing[0])
             case PageScreen():
                 self._press(ENTER_KEYS[0])
-            case TextScreen() if self._session.next_tick_ns is None:  # else a rest is running
+            case TextScreen() if self._session.next_tick_ns is None:  # otherwise a rest is running
                 self._press(ENTER_KEYS[0])
 
     def _press(self, key: str) -> None:
@@ -267,7 +267,7 @@ class ModelWindow(Window):
         )
 
     def _read_answer(self, request: ModelCall, rule: AnswerRule, answer: ChatAnswer) -> ModelCall:
-        """Take the model's answer to a request, and return the answered call."""
+        """Read and record the model's answer to a request; return the answered call."""
         reading = rule.read(answer.text)
         call = replace(
             request,
@@ -287,6 +287,7 @@ class ModelWindow(Window):
         return call
 
     def _take(self, call: ModelCall) -> None:
+        """Record a call in the log and the conversation, and count its expenses once it is answered or has failed."""
         self._recorder.record(call)
         self._record.take(call)
         if call.state != "asked":

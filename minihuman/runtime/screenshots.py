@@ -29,16 +29,16 @@ from minihuman.simulation.participant import make_participant
 from minihuman.worlds.adapters.world import World
 
 _SEED = 1
-_VISITS = (("optimal", 0), ("random", 10))  # who plays, and how many answers in ten are given without thinking
-_WITHOUT_PLANNER = ("random", 0)  # instead of the first
+_VISITS = (("optimal", 0), ("random", 10))  # the player, and how many of its answers in ten are random
+_WITHOUT_PLANNER = ("random", 0)  # replaces the first in a world without a planner
 _SUM = re.compile(r"\u200e?[-\u2212]?\d[\d.,]*")
 _THUMB_PX: Size = (320, 180)
-_ACROSS = 5
+_SHEET_COLUMNS = 5
 _LABEL_PX = 22
 
 
 class _Camera(SimulatedWindow):
-    """A window that collects distinct screens; of play, each block's first screen and the last per outcome.
+    """A window that collects distinct screens; during play, one screen per block and one per block's outcome.
 
     Args:
         screens: receives the screens with the names of their phases.
@@ -69,7 +69,7 @@ class _Camera(SimulatedWindow):
         self._parts = parts
 
     def show(self, screen: Screen) -> ScreenShown:
-        """Keep a screen that differs from all screens before it."""
+        """Keep a screen whose description differs from those of all screens kept so far."""
         name = str(self._watched.phase)
         self._parts.add(self._watched.part.number)
         if isinstance(screen, PlayScreen):
@@ -78,7 +78,7 @@ class _Camera(SimulatedWindow):
             kind: object = (plan.block_name, state)
             name = f"{plan.block_name}-{name}"
         else:
-            kind = (name, _list_texts(screen, but_sums=name in ("feedback", "closing")))
+            kind = (name, _list_texts(screen, masks_amounts=name in ("feedback", "closing")))
         is_empty = isinstance(screen, BlankScreen) and not screen.cross
         if kind not in self._screen_kinds and not is_empty:
             self._screen_kinds.add(kind)
@@ -108,7 +108,8 @@ def render_screens(plans: Sequence[SessionPlan], size_px: Size) -> tuple[list[tu
             try:
                 run_session(session, camera, MemoryRecorder(), clock)
             except SimulationError:  # a world without a planner
-                visits += [_WITHOUT_PLANNER] * (player == _VISITS[0][0])
+                if player == _VISITS[0][0]:
+                    visits.append(_WITHOUT_PLANNER)
             if session.failure is not None:
                 raise describe_world_failure(session, None) from session.failure
         missing += [part.name for number, part in enumerate(plan.parts) if number not in parts]
@@ -152,12 +153,12 @@ def _draw_contact_sheet(pictures: list[tuple[str, Image.Image]]) -> Image.Image:
     thumb_width, thumb_height = _THUMB_PX
     cell_width = thumb_width + 8
     cell_height = thumb_height + _LABEL_PX + 8
-    columns = min(_ACROSS, max(1, len(pictures)))
-    rows = max(1, math.ceil(len(pictures) / _ACROSS))
+    columns = min(_SHEET_COLUMNS, max(1, len(pictures)))
+    rows = max(1, math.ceil(len(pictures) / _SHEET_COLUMNS))
     sheet = Image.new("RGB", (columns * cell_width, rows * cell_height), BACKGROUND)
     draw = ImageDraw.Draw(sheet)
     for place, (name, image) in enumerate(pictures):
-        row, column = divmod(place, _ACROSS)
+        row, column = divmod(place, _SHEET_COLUMNS)
         left = column * cell_width + 4
         top = row * cell_height + 4
         draw.text((left, top), name, fill=INK, font=ImageFont.load_default(14))
@@ -165,9 +166,9 @@ def _draw_contact_sheet(pictures: list[tuple[str, Image.Image]]) -> Image.Image:
     return sheet
 
 
-def _list_texts(screen: Screen, *, but_sums: bool) -> tuple[str, ...]:
-    """Return a screen's title, text, page and question, with all amounts replaced by 0 if ``but_sums`` is true."""
+def _list_texts(screen: Screen, *, masks_amounts: bool) -> tuple[str, ...]:
+    """Return a screen's title, text, page and question, with all amounts replaced by 0 if ``masks_amounts`` is true."""
     words = tuple(str(getattr(screen, name, "")) for name in ("title", "body", "page", "question"))
-    if but_sums:
+    if masks_amounts:
         return tuple(_SUM.sub("0", text) for text in words)
     return words

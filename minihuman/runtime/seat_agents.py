@@ -35,7 +35,7 @@ class SeatAgent:
         self._agent = agent
         self._seat = seat
         self._n_steps = 0
-        self._n_asked = 0  # in how many states so far
+        self._n_asked = 0  # number of states in which the agent was asked
         self._stream = f"team-agent-{plan.block_name}-{plan.episode_in_block}-{seat}"
         self._seed = seed
         self._index = team.index
@@ -48,7 +48,7 @@ class SeatAgent:
             WorldError: if the agent gives no action a positive probability.
         """
         for actions, _ in steps[self._n_steps :]:
-            if self._n_asked == self._n_steps:  # an agent with a memory has to see every state, and each once
+            if self._n_asked == self._n_steps:  # an agent with a memory has to see every state exactly once
                 self._ask()
             self._world.unwrapped.joint = actions
             self._world.step(actions[self._seat])
@@ -60,10 +60,13 @@ class SeatAgent:
             )
         purpose = f"{self._stream}-{self._n_steps}"
         word = int(draw_words(1, seed=self._seed, purpose=purpose, index=self._index)[0])
+        uniform = (word >> 11) / 2**53  # in [0, 1)
         sums = np.cumsum(chances)
-        return min(int(np.searchsorted(sums, (word >> 11) / 2**53 * sums[-1], side="right")), len(sums) - 1)
+        action = int(np.searchsorted(sums, uniform * sums[-1], side="right"))
+        return min(action, len(sums) - 1)
 
     def _ask(self) -> NDArray[np.float64]:
+        """Return the agent's probability of each action in its world's present state, float64[actions]."""
         self._n_asked = self._n_steps + 1
         return np.asarray(self._agent.action_probabilities(self._world), np.float64)
 

@@ -38,7 +38,7 @@ class CommandRequest(msgspec.Struct, frozen=True):
     """An experimenter's request to a running session."""
 
     what: CommandKind
-    text: str = ""  # the note, or why
+    text: str = ""  # the note, or the reason
     at: str = ""  # ISO 8601 UTC
 
 
@@ -61,7 +61,7 @@ class CommandInbox:
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self._read = self._size()  # requests to an earlier segment are done
+        self._read = self._size()  # skips the requests to earlier segments
 
     def read_new(self) -> list[CommandRequest]:
         """Return the new requests. Unreadable lines are skipped; an incomplete line is read once it is complete."""
@@ -88,9 +88,9 @@ class CommandInbox:
 
 
 LOG = logging.getLogger("minihuman")
-# A toolkit that blocks in C lets no Python signal handler run: come up for air this often.
+# While a toolkit waits in C, no Python signal handler runs; so a wait is interrupted this often.
 SIGNAL_CHECK_INTERVAL_NS = 200_000_000
-# Python's threads take turns every 5 ms: the log's could keep a picture waiting for that long.
+# With Python's default of 5 ms, the log's thread could delay a picture by that time.
 SWITCH_INTERVAL_S = 0.0002
 _NS_PER_S = 1_000_000_000
 
@@ -124,7 +124,7 @@ def run_session(
         Exception: an error of the window, or a bug of ours.
     """
     loop = _SessionLoop(session, window, recorder, clock, inbox, agent, sound or SimulatedOutput(clock))
-    with receive_end_signals(loop.note_signal):  # to the end: a second Ctrl-C must not cut off the log that finishes
+    with receive_end_signals(loop.note_signal):  # to the end, so that a second Ctrl-C does not cut the log off
         try:
             with _short_switch_interval():
                 loop.run_or_stop()
@@ -150,12 +150,12 @@ def _close(session: SessionMachine, agent: RequestHandler | None) -> None:
         agent.close()
     try:
         session.close()
-    except Exception as error:  # the world is done with; its log is not
+    except Exception as error:  # the log must still be finished
         LOG.warning("the world did not close: %s: %s", type(error).__name__, error)
 
 
 def describe_world_failure(session: SessionMachine, log: Path | None) -> WorldError:
-    """Return the error for a session that its world ended, with the failure and the path of what was recorded."""
+    """Return the error for a session that ended because its world failed, with the failure and the log's path."""
     log_note = "" if log is None else f"; what was recorded up to then is in {log}"
     return WorldError(f"the world failed ({session.end_detail}){log_note}")
 
@@ -182,8 +182,8 @@ class _SessionLoop:
         self._inbox = inbox
         self._agent = agent
         self._sound = sound
-        self._cues: tuple[SoundCue, ...] = ()  # that the device has
-        self._look_ns = 0  # when to read the inbox again
+        self._cues: tuple[SoundCue, ...] = ()  # the sounds that the output has
+        self._look_ns = 0  # the time from which the inbox is read again
         self._last_screen: Screen | None = None
         self._failed = False
 
@@ -215,7 +215,7 @@ class _SessionLoop:
             for happened in self._next_inputs():
                 self.take(happened)
                 if not self._session.over:
-                    self._show()  # each step's picture, though the next key is there already
+                    self._show()  # each step's picture, even if the next key has arrived already
                     self._answer()
         try:
             self._settle_log()
@@ -223,7 +223,9 @@ class _SessionLoop:
             self._stop(error)
 
     def take(self, happened: Input) -> None:
-        """Pass an input to the session and begin to write its events; the next picture waits for them.
+        """Pass an input to the session, begin to write its events, and update the sounds that play.
+
+        The next picture waits until the events are written.
 
         If the log cannot be written, the session is stopped.
         """
@@ -247,7 +249,7 @@ class _SessionLoop:
             self._settle_log()
         except LogError as error:
             self._stop(error)
-        if self.log_error:  # also where the end itself could not be written: not all of it is kept
+        if self.log_error:  # this includes a log that lacks only the session's end
             self._show_stop("disk_full", str(self.log_error))
         else:
             self._show_stop(self._session.end_reason, self._session.end_detail)
@@ -290,7 +292,7 @@ class _SessionLoop:
         self.take(Stop(self._clock(), "disk_full", str(error)))
 
     def _play_sounds(self) -> None:
-        """Hand the session's sounds to the device, if they are others than before."""
+        """Hand the session's sounds to the output, if they have changed."""
         cues = list_sound_cues(self._session)
         if cues != self._cues:
             self._cues = cues

@@ -32,12 +32,12 @@ from minihuman.runtime.host import host_session
 from minihuman.runtime.machine import SessionClock
 from minihuman.runtime.team_host import TeamTable
 
-POLL_NS = 4_000_000  # how soon a new screen of a seat is seen: the display's thread waits for keys meanwhile
-# between pictures
-GAP_PX = 12
+POLL_NS = 4_000_000  # the longest time for which the display's thread waits for keys before it shows new screens
+GAP_PX = 12  # between pictures
 GROUND = (22, 25, 30)
 _STOP_KEYS = RESERVED_KEYS - {"enter"}
-_QUESTIONS = (Phase.PAUSED, Phase.UNFOCUSED, Phase.QUIT_QUESTION, Phase.ABORT_QUESTION)  # about all sessions
+# phases in which a question concerns all sessions
+_QUESTIONS = (Phase.PAUSED, Phase.UNFOCUSED, Phase.QUIT_QUESTION, Phase.ABORT_QUESTION)
 
 Result = TypeVar("Result")
 
@@ -46,7 +46,7 @@ class SeatWindow(Window):
     """One person's part of a shared window. Its screens are shown while it is in front, which `wait` then reports."""
 
     def __init__(self, window: Window, clock: Clock, number: int, seats: int) -> None:
-        self.session: SessionMachine | None = None  # once it has begun
+        self.session: SessionMachine | None = None  # the seat's session, once it has begun
         self.screen: Screen | None = None
         self.label = f"{number}"
         self._window = window  # the shared one
@@ -63,7 +63,7 @@ class SeatWindow(Window):
 
     @property
     def waits(self) -> bool:
-        """Whether the person in this seat has nothing to do."""
+        """Return whether the person in this seat has nothing to do."""
         screen = self.screen
         return screen is None or (isinstance(screen, TextScreen) and not screen.prompt and not screen.keys)
 
@@ -112,7 +112,7 @@ class SeatWindow(Window):
 
     @property
     def picture_px(self) -> tuple[int, int] | None:
-        """The seat's share of the size that the shared window has for pictures."""
+        """Return the seat's share of the size that the shared window has for pictures; None if that is unknown."""
         room = self._window.picture_px
         if room is None:
             return None
@@ -136,7 +136,7 @@ class SharedWindow:
         self._window = window
         self._clock = clock
         self._displayed: list[tuple[SeatWindow, Screen]] = []
-        self._down: dict[str, Sequence[SeatWindow]] = {}  # whose keys are down
+        self._down: dict[str, Sequence[SeatWindow]] = {}  # the seats that received the press of each key that is down
 
     def run(self, plays: Sequence[Callable[[], Result]]) -> list[Result]:
         """Call each seat's function in a thread of its own, and return their results once all have returned.
@@ -167,12 +167,12 @@ class SharedWindow:
 
     @property
     def _active_seats(self) -> list[SeatWindow]:
-        """The seats whose sessions are not over; all seats if every session is."""
+        """Return the seats whose sessions are not over; all seats if every session is."""
         return [seat for seat in self.seats if seat.session is None or not seat.session.over] or [*self.seats]
 
     @property
     def _front(self) -> SeatWindow:
-        """The seat whose person has something to do; the first active seat if all of them wait."""
+        """Return the seat whose person has something to do; the first active seat if all of them wait."""
         return next((seat for seat in self._active_seats if not seat.waits), self._active_seats[0])
 
     def _show(self) -> None:

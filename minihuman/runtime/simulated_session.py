@@ -67,14 +67,14 @@ def simulate(
     """
     facts = {"player": player, "player_seed": str(seed), **collect_machine_facts()}
     require_free_slots(protocol, data / protocol.study.name, participants)
-    _require_player(protocol, player, seed)  # one that cannot play must not cost a slot
-    left = Counter[int]()  # by place: who left no data
+    _require_player(protocol, player, seed)  # a player that cannot play must not take up a slot
+    without_data = Counter[int]()  # number of participants who left no data, by slot index
 
     def begin() -> tuple[SessionPlan, SimulatedParticipant]:
         plan = plan_next_session(protocol, data)
         place = plan.participant.index
         taken_over = int(plan.participant.id.partition("-")[2]) - 1 - place  # 0 for the slot's first participant
-        stream_key = (place, *filter(None, (left[place], taken_over)))
+        stream_key = (place, *filter(None, (without_data[place], taken_over)))
         rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=stream_key))
         return plan, make_participant(player, rng)
 
@@ -83,13 +83,13 @@ def simulate(
         return
     for _ in range(participants):
         plan, person = begin()
-        yield from _play_sessions(protocol, data, plan, person, facts, left, make_world=make_world)
+        yield from _play_sessions(protocol, data, plan, person, facts, without_data, make_world=make_world)
 
 
 def _simulate_teams(
     protocol: Protocol, data: Path, people: list[tuple[SessionPlan, SimulatedParticipant]], facts: dict[str, str]
 ) -> Iterator[Path]:
-    """Simulate all people at once, each in a thread; thread timing does not affect the results."""
+    """Simulate all people at once, each in a thread; yield their logs. Thread timing does not affect the results."""
     teams = TeamTable(protocol, data, lambda: 0.0, gather=len(people))
 
     def play(person: tuple[SessionPlan, SimulatedParticipant]) -> list[Path]:
@@ -109,19 +109,22 @@ def _play_sessions(
     plan: SessionPlan,
     person: SimulatedParticipant,
     facts: dict[str, str],
-    left: Counter[int],
+    without_data: Counter[int],
     teams: TeamTable | None = None,
     *,
     make_world: WorldFactory = World,
 ) -> Iterator[Path]:
-    """Play all sessions of one person; if the first leaves no data, count the person in ``left``."""
+    """Play all sessions of one person and yield their logs.
+
+    If the first session leaves no data, free the person's slot and count the person in ``without_data``.
+    """
     place = plan.participant.index
     log, reason = _play_session(
-        protocol, plan, person, data, facts, before=left[place], teams=teams, make_world=make_world
+        protocol, plan, person, data, facts, before=without_data[place], teams=teams, make_world=make_world
     )
     if log is None:
         free_slot(data / plan.study, plan.participant.id, reason)
-        left[place] += 1
+        without_data[place] += 1
     else:
         yield log
     for session in range(2, len(protocol.sessions) + 1):
@@ -154,9 +157,9 @@ def _require_player(protocol: Protocol, player: str, seed: int) -> None:
                         with limit_answer_time():
                             person.begin(episode, plan.key_pool, world)
                             person.press(world)
-                    except MinihumanError:  # it says that it cannot play here
+                    except MinihumanError:  # the player reports that it cannot play here
                         raise
-                    except Exception:  # whatever else it does wrong is recorded in its session
+                    except Exception:  # any other error of the player is recorded in its session
                         return
 
 

@@ -63,14 +63,14 @@ class SimulatedWindow(Window, SimulatedPerson):
         self._clock = clock
         self._at_rest = at_rest
         self._screen: Screen = TextScreen("", "", "")
-        self._last_play: RunningEpisode | None = None  # that the player was shown
-        self._simulators: dict[str, PartSimulator | None] = {}  # by kind
+        self._last_play: RunningEpisode | None = None  # the episode that the player was shown last
+        self._simulators: dict[str, PartSimulator | None] = {}  # by kind of part; None for a kind without one
         self._n_draws = 0
-        self._steps_at_last_key = 0  # of the running episode, at the last key
-        self._useless_presses = 0  # since then
+        self._steps_at_last_key = 0  # steps of the running episode at the last key
+        self._useless_presses = 0  # keys since the last step
         self._withheld: tuple[RunningEpisode, int] | None = None  # the trial and step without a response
-        self._last_ns = 0  # of the last key, and of the last new screen
-        self._coming: list[Input] = []  # in order of time
+        self._last_ns = 0  # time of the last input or new screen
+        self._coming: list[Input] = []  # scheduled inputs, in order of time
 
     def show(self, screen: Screen) -> ScreenShown:
         """Show a screen to the player; it counts as displayed one frame later."""
@@ -87,7 +87,11 @@ class SimulatedWindow(Window, SimulatedPerson):
         return ScreenShown(t_ns=self._clock(), submit_ns=submit_ns, flip_ns=self._clock())
 
     def wait(self, until_ns: int | None) -> list[Input]:
-        """Advance the clock to the player's next input, or to ``until_ns``; return the input."""
+        """Advance the clock to the player's next input and return it, or to ``until_ns`` and return nothing.
+
+        Raises:
+            PlayerFailedError: if the player presses no key for an hour, or too many that lead to no step.
+        """
         if not any(isinstance(happened, KeyDown | PointerPressed | TextInput) for happened in self._coming):
             self._schedule_next()
         if not self._coming or (until_ns is not None and until_ns < self._coming[0].t_ns):
@@ -112,7 +116,7 @@ class SimulatedWindow(Window, SimulatedPerson):
 
     @property
     def now_ns(self) -> int:
-        """The session's time in nanoseconds."""
+        """Return the session's time in nanoseconds."""
         return self._clock()
 
     def begin_episode(self, play: RunningEpisode) -> None:
@@ -155,7 +159,7 @@ class SimulatedWindow(Window, SimulatedPerson):
     # What is pressed next
 
     def _schedule_next(self) -> None:
-        """Schedule the player's next input."""
+        """Schedule the player's next input, as the part's own rules, its simulator or the usual rules choose it."""
         part = self._session.part
         if self._session.phase is part.phase:
             key = part.simulate(self.choose)
@@ -176,13 +180,13 @@ class SimulatedWindow(Window, SimulatedPerson):
     def _do_usual(self) -> None:
         """Schedule the usual input for a screen that parts of every kind may show."""
         match self._screen:
-            case PlayScreen() if self._session.play is not None:  # else the last picture stays
+            case PlayScreen() if self._session.play is not None:  # otherwise the last picture is held
                 self._play(self._session.play)
             case PageScreen():
                 self.press_key("enter")
             case TextScreen(keys=keys) if missing := [key for key, pressed in keys if not pressed]:
                 self.press_key(missing[0])
-            case TextScreen() if self._session.next_tick_ns is None:  # else a rest is running: nothing to press yet
+            case TextScreen() if self._session.next_tick_ns is None:  # otherwise a rest is running
                 self.press_key("enter")
 
     def _play(self, play: RunningEpisode) -> None:

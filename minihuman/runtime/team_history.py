@@ -52,7 +52,7 @@ def read_team_history(study_dir: Path, data: Path, key: TeamBlockKey, *, n_perso
     If at some time every session of the team was over, the team restarts the episode that it did not complete.
     """
     history = TeamHistory()
-    until_ns = 0.0  # when the last of the sessions so far ended
+    until_ns = 0.0  # the latest end of the segments so far; infinite if one of them is still running
     for segment in list_team_segments(study_dir, data, key):
         if segment.started_ns > until_ns or n_persons == 1:
             _forget(history)
@@ -67,6 +67,7 @@ def read_team_history(study_dir: Path, data: Path, key: TeamBlockKey, *, n_perso
 
 
 def _forget(history: TeamHistory) -> None:
+    """Discard the joint steps of the episode that the team restarts, and that the team had ended."""
     history.steps.clear()
     history.has_ended = False
 

@@ -44,7 +44,7 @@ from minihuman.runtime.seat_agents import SeatAgents
 from minihuman.runtime.team_history import TeamBlockKey, read_team_history
 from minihuman.storage.system import monotonic_s, now_text
 
-PRESENCE_S = 3.0  # who waits in a lobby asks several times a second
+PRESENCE_S = 3.0  # without a request, after which a person is not in the lobby; who waits asks several times a second
 
 
 @dataclass(slots=True)
@@ -53,7 +53,7 @@ class RunningTeam:
 
     play: JointPlay
     agents: SeatAgents
-    members: "dict[int, TeamMember]" = field(default_factory=dict)  # by seat, whose sessions are here
+    members: "dict[int, TeamMember]" = field(default_factory=dict)  # by seat; only those with sessions in this process
 
 
 class TeamTable:
@@ -77,7 +77,7 @@ class TeamTable:
         self._now_s = now_s
         self.lock = threading.Condition(threading.RLock())  # notified of every change
         self._lobbies: dict[str, Lobby[TeamMember]] = {}  # by block
-        self._teams: dict[TeamBlockKey, RunningTeam] = {}  # as long as they play
+        self._teams: dict[TeamBlockKey, RunningTeam] = {}  # the teams that are playing
         self._policies = PolicyStore(self._study_dir)
 
     def read_clock_s(self) -> float:
@@ -91,6 +91,7 @@ class TeamTable:
             self.lock.notify_all()
 
     def _notify_members(self, members: "Iterable[TeamMember]") -> None:
+        """Wake all threads that wait for the table, and report a change to these members' sessions."""
         self.lock.notify_all()
         for member in tuple(members):
             member.changed()
@@ -104,7 +105,11 @@ class TeamTable:
     # Forming
 
     def join(self, want: TeamRequest, member: "TeamMember") -> Team | TeamLost | None:
-        """Return the team of a member; None while the member has to wait, ``TeamLost`` if no partner came."""
+        """Enter a member in the block's lobby, and form its team if there are partners.
+
+        Returns:
+            The member's team; None while the member has to wait; ``TeamLost`` if no partner came.
+        """
         if len(want.plan.team.persons) == 1:
             return self._form_alone(want, member)
         lobby = self._lobbies.get(want.block)
@@ -130,7 +135,7 @@ class TeamTable:
         return self._leave_lobby(want, lobby, entry)
 
     def _form_alone(self, want: TeamRequest, member: "TeamMember") -> Team:
-        """Form the team of a person whose partners are all agents."""
+        """Form and record the team of a person whose partners are all agents."""
         plan = want.plan.team
         index = member.plan.participant.index
         seat = plan.persons[0]
@@ -159,7 +164,10 @@ class TeamTable:
     def _leave_lobby(
         self, want: TeamRequest, lobby: "Lobby[TeamMember]", entry: "LobbyEntry[TeamMember]"
     ) -> Team | TeamLost | None:
-        """Return the team of a member, ``TeamLost`` after the longest wait, or None while the member waits."""
+        """Return the team of a member, who then leaves the lobby; None while the member waits.
+
+        After the longest wait, return a team with stand-ins, or ``TeamLost`` if the study ends such sessions.
+        """
         rules = want.plan.team
         if entry.team is None:
             if not self._gather and self._now_s() - entry.since_s < rules.lobby_s:
@@ -226,7 +234,7 @@ class TeamTable:
         return running
 
     def answer_ready(self, want: ReadyRequest, member: "TeamMember") -> SeatsReady | TeamLost | None:
-        """Return the start of an episode once all members are ready; None before."""
+        """Record that a member is ready, and return the start of the episode once all members are; None before."""
         running = self.take_seat(want.team, want.plan.block_name, want.rules, member)
         answer = running.play.answer_ready(want, self._now_s())
         self._notify_concerned(running)

@@ -65,16 +65,16 @@ class Database:
         """
         with self._guard:
             try:
-                connection = self._connected()
+                connection = self._connect_if_needed()
                 with self._cut_off_late(connection), connection.cursor() as cursor:
                     yield cursor
             except psycopg.Error as error:
                 self.close()
-                reason = redact(" ".join(str(error).split()))  # in lines
+                reason = redact(" ".join(str(error).split()))  # the driver's errors have several lines
                 raise JournalDatabaseError(
                     f"the database of {self._purpose} cannot be queried: {reason}; check that it is running and "
                     "reachable"
-                ) from None  # its text may hold the password
+                ) from None  # the driver's error may contain the password
 
     def close(self) -> None:
         """Close the connection, which is reopened on demand."""
@@ -83,7 +83,7 @@ class Database:
                 self._connection.close()
                 self._connection = None
 
-    def _connected(self) -> "psycopg.Connection[Any]":
+    def _connect_if_needed(self) -> "psycopg.Connection[Any]":
         """Return the open connection, after connecting and creating the tables if necessary."""
         if self._connection is None or self._connection.closed:
             connection = psycopg.connect(self._url, autocommit=True, connect_timeout=_CONNECT_TIMEOUT_S)
@@ -97,14 +97,16 @@ class Database:
 
     @contextmanager
     def _cut_off_late(self, connection: "psycopg.Connection[Any]") -> Iterator[None]:
+        """Shut the connection if the context lasts longer than the timeout; the next call then opens another."""
         with cut_off_late(self._timeout_s, partial(_shut, connection)) as timer:
             try:
                 yield
             finally:
-                if not timer.is_alive():  # it shut the connection, after the last answer: the next call makes another
+                if not timer.is_alive():  # the timer has shut the socket, perhaps after the last answer
                     self.close()
 
 
 def _shut(connection: "psycopg.Connection[Any]") -> None:
+    """Shut a connection's socket down, so that a thread that waits for the database's answer gets an error."""
     with suppress(OSError, psycopg.Error), socket.socket(fileno=os.dup(connection.fileno())) as line:
         line.shutdown(socket.SHUT_RDWR)

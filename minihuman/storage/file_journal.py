@@ -57,7 +57,7 @@ class FileJournal(Journal[Line]):
         return self._chain.unchained
 
     def read(self) -> Sequence[Line]:
-        """Return all lines, without a line that another process is just writing."""
+        """Return all lines, without a line that another process is just writing; none if there is no file."""
         try:
             with name_file_in_errors(self._path), self._path.open("rb") as file:
                 return self._read_on(file.fileno())
@@ -75,7 +75,7 @@ class FileJournal(Journal[Line]):
                 try:
                     lock_file(fd, self._path)
                     if not is_file_at(fd, self._path):
-                        continue  # a participant was removed from it meanwhile, which writes it anew
+                        continue  # while this process waited, another one removed a participant and replaced the file
                     lines = self._read_on(fd)
                     chain = self._chain.copy() if self._chained else None
                     journal = _LockedFile(fd, self._path, lines, self._declaration, chain, durable=self._durable)
@@ -100,12 +100,12 @@ class FileJournal(Journal[Line]):
     def _forget(self) -> None:
         """Discard everything that was read, so that the next read begins at the file's start."""
         self._lines: list[Line] = []
-        self._count = 0  # lines, those that were passed over too
-        self._at = 0  # bytes that were read
-        self._last = b""  # the end of them
-        self._which = (-1, -1)
-        self._durable = 0  # bytes that this process made durable
-        self._size_and_mtime_ns = (-1, -1)  # when it was read last
+        self._count = 0  # lines read, including skipped ones
+        self._at = 0  # bytes read
+        self._last = b""  # the last bytes read
+        self._file_id = (-1, -1)
+        self._durable = 0  # size of the file when this process last made it durable, in bytes
+        self._size_and_mtime_ns = (-1, -1)  # of the file, at the last read
         self._chain: LineChain = LineChain(str(self._path))
 
     def _read_on(self, fd: int) -> Sequence[Line]:
@@ -119,27 +119,27 @@ class FileJournal(Journal[Line]):
             finished = content.removesuffix(unfinished)
             chain = self._chain.copy()
             lines = [self._open(chain, line, self._count + number) for number, line in enumerate(new_lines, 1)]
-            half = None
+            incomplete = None
             if unfinished:
-                half = self._open(chain.copy(), unfinished, self._count + len(new_lines) + 1)
+                incomplete = self._open(chain.copy(), unfinished, self._count + len(new_lines) + 1)
             self._chain = chain
             self._lines += [line for line in lines if line is not None]
             self._count += len(new_lines)
             self._at += len(finished)
             self._last = (self._last + finished)[-_REMEMBERED:]
-            if half is None:
+            if incomplete is None:
                 return LinesRead(self._lines)
-            return (*self._lines, half)
+            return (*self._lines, incomplete)
 
     def _forget_if_changed(self, fd: int) -> None:
         """Forget the lines read so far if the file was replaced, or changed other than by adding to it."""
         status = os.fstat(fd)
         size, mtime_ns = self._size_and_mtime_ns
         is_rewritten = status.st_size == size and status.st_mtime_ns != mtime_ns
-        is_another = (status.st_dev, status.st_ino) != self._which
+        is_another = (status.st_dev, status.st_ino) != self._file_id
         if is_rewritten or is_another or read_at(fd, len(self._last), self._last_begin) != self._last:
             self._forget()
-            self._which = (status.st_dev, status.st_ino)
+            self._file_id = (status.st_dev, status.st_ino)
         self._size_and_mtime_ns = (status.st_size, status.st_mtime_ns)
 
     def _open(self, chain: LineChain, line: bytes, number: int) -> Line | None:
@@ -156,8 +156,8 @@ class FileJournal(Journal[Line]):
         return self._at - len(self._last)
 
 
-_REMEMBERED = 256  # bytes by which a file that was changed is known
-_READ_BYTES = 1 << 20  # that are read at once
+_REMEMBERED = 256  # last bytes read; if the file has others in their place, it was changed
+_READ_BYTES = 1 << 20  # per system call
 
 
 class _LockedFile(LockedJournal[Line]):
@@ -180,8 +180,8 @@ class _LockedFile(LockedJournal[Line]):
     def _write(self, lines: tuple[Line, ...]) -> None:
         """Write lines, after completing a line that a crash cut off."""
         size = os.fstat(self._fd).st_size
-        tail = max(0, size - _LONGEST)
-        start = read_at(self._fd, _LONGEST, tail).rpartition(b"\n")[2]
+        tail = max(0, size - _MAX_LINE_BYTES)
+        start = read_at(self._fd, _MAX_LINE_BYTES, tail).rpartition(b"\n")[2]
         end = self._complete_line(start)
         encoded = [msgspec.json.encode(line) for line in lines]
         if self._chain is not None:
@@ -208,9 +208,9 @@ class _LockedFile(LockedJournal[Line]):
         end = b"\n"
         if self._chain is not None:
             if start.endswith(b"}") and TAIL.search(start) is None:
-                end = b" \n"  # else it would read as whole
+                end = b" \n"  # without the space, it would look like a whole line of an earlier version
             self._chain.pass_over(start + end.removesuffix(b"\n"))
         return end
 
 
-_LONGEST = 1 << 20  # bytes of a line
+_MAX_LINE_BYTES = 1 << 20

@@ -211,7 +211,7 @@ class JournalState(Generic[Line, State]):
             return self._state
 
     def _continues(self, lines: Sequence[Line]) -> bool:
-        """Return whether lines begin with those that the state has; otherwise the journal was read anew."""
+        """Return whether the lines begin with those already processed; if not, the journal was read anew."""
         if self._count == 0:
             return True
         return self._count <= len(lines) and lines[self._count - 1] is self._last

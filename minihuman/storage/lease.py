@@ -35,7 +35,7 @@ class LeaseGrant:
     name: str  # of the session, for its page: random, the same for every holder
     ended: str = ""  # why the session ended for good; then nothing is leased
     copied: bool = False  # whether any server has copied a log of it
-    idle_s: float = 0.0  # since that was done last
+    idle_s: float = 0.0  # since a server last copied a log of it
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,7 +137,7 @@ class PostgresLeaseTable(LeaseTable):
 
     def acquire(self, session: str) -> LeaseGrant | None:
         """Lease a session, or mark it as requested, in one SQL statement, so that one time counts throughout."""
-        ask = """
+        insert_or_update = """
             insert into minihuman_leases as had (session, name, fence, until)
                 values (%s, %s, 1, now() + make_interval(secs => %s))
             on conflict (session) do update set
@@ -148,7 +148,7 @@ class PostgresLeaseTable(LeaseTable):
                 coalesce(extract(epoch from clock_timestamp() - copied_at), 0)
         """
         with self._database.ask() as cursor:
-            row = cursor.execute(ask, [session, secrets.token_hex(8), TTL_S]).fetchone()
+            row = cursor.execute(insert_or_update, [session, secrets.token_hex(8), TTL_S]).fetchone()
         assert row is not None
         fence, name, ended, is_held, copied, idle_s = row
         if is_held:
@@ -160,14 +160,14 @@ class PostgresLeaseTable(LeaseTable):
         ordered = sorted(renewals, key=lambda renewal: renewal.session)
         names = [renewal.session for renewal in ordered]
         fences = [renewal.fence for renewal in ordered]
-        lock = """
+        lock_and_select = """
             select leases.session, wanted from minihuman_leases as leases
             join unnest(%s::text[], %s::bigint[]) as mine (session, fence)
                 on leases.session = mine.session and leases.fence = mine.fence
             where ended = '' order by leases.session for update of leases
         """
         with self._renewals.transaction() as cursor:
-            wanted_by_session = dict(cursor.execute(lock, [names, fences]).fetchall())
+            wanted_by_session = dict(cursor.execute(lock_and_select, [names, fences]).fetchall())
             cursor.execute(
                 "update minihuman_leases set until = clock_timestamp() + make_interval(secs => %s)"
                 " where session = any(%s)",
@@ -194,9 +194,9 @@ class PostgresLeaseTable(LeaseTable):
 
     def store(self, session: str, fence: int, files: Mapping[str, bytes]) -> bool:
         """Replace the copies of a session's files."""
-        mine = "update minihuman_leases set copied_at = clock_timestamp() where session = %s and fence = %s"
+        mark_copied = "update minihuman_leases set copied_at = clock_timestamp() where session = %s and fence = %s"
         with self._database.transaction() as cursor:
-            if cursor.execute(mine, [session, fence]).rowcount != 1:
+            if cursor.execute(mark_copied, [session, fence]).rowcount != 1:
                 return False
             cursor.execute("delete from minihuman_log_copies where session = %s", [session])
             for name, content in files.items():
@@ -205,10 +205,10 @@ class PostgresLeaseTable(LeaseTable):
 
     def read_files(self, session: str) -> dict[str, bytes]:
         """Return the copies of a session's files, joined from their pieces."""
-        ask = "select file, start, data from minihuman_log_copies where session = %s order by file, start"
+        select = "select file, start, data from minihuman_log_copies where session = %s order by file, start"
         copies: dict[str, bytearray] = {}
         with self._database.transaction() as cursor:
-            for name, start, piece in cursor.execute(ask, [session]).fetchall():
+            for name, start, piece in cursor.execute(select, [session]).fetchall():
                 copy = copies.setdefault(name, bytearray())
                 del copy[start:]
                 copy += piece
@@ -216,12 +216,12 @@ class PostgresLeaseTable(LeaseTable):
 
     def release(self, session: str, fence: int, *, ended: str = "") -> bool:
         """Let a lease expire at once."""
-        over = """
+        end_lease = """
             update minihuman_leases set until = '-infinity', wanted = false, ended = %s
             where session = %s and fence = %s and ended in ('', %s)
         """
         with self._database.transaction() as cursor:
-            return bool(cursor.execute(over, [ended, session, fence, ended]).rowcount == 1)
+            return bool(cursor.execute(end_lease, [ended, session, fence, ended]).rowcount == 1)
 
     def forget(self, prefix: str) -> None:
         """Delete the copies of sessions and revoke their leases; the fences keep growing."""

@@ -27,8 +27,8 @@ _ADD = """
 insert into minihuman_lines (journal, number, line)
 select %s, number, line from unnest(%s::bigint[], %b::bytea[]) as added (number, line)
 """
-_HOLD_TIMEOUT_S = 20.0  # so long a journal may be held: a slot is taken and a session planned meanwhile
-_Asking = Callable[[], AbstractContextManager["psycopg.Cursor[Any]"]]
+_HOLD_TIMEOUT_S = 20.0  # long enough to take a slot and plan a session while the journal is held
+_CursorOpener = Callable[[], AbstractContextManager["psycopg.Cursor[Any]"]]
 
 
 class PostgresJournal(Journal[Line], Generic[Line]):
@@ -73,29 +73,30 @@ class PostgresJournal(Journal[Line], Generic[Line]):
 
     def read(self) -> Sequence[Line]:
         """Return all lines."""
-        with self._asking(self._database.ask) as cursor:  # lines taken out in between change the next generation
+        # no transaction: if lines are removed between the two queries, the next call sees a new generation
+        with self._open_cursor(self._database.ask) as cursor:
             row = cursor.execute("select generation from minihuman_journals where name = %s", [self._name]).fetchone()
             return self._read_on(cursor, row[0]) if row else ()
 
     @contextmanager
     def hold(self) -> Iterator[LockedJournal[Line]]:
         """Lock the journal by its row; the lock ends with the connection."""
-        with self._asking(self._database.transaction) as cursor:
-            lines = self._read_on(cursor, self._locked(cursor))
+        with self._open_cursor(self._database.transaction) as cursor:
+            lines = self._read_on(cursor, self._lock_row(cursor))
             chain = self._chain.copy() if self._chained else None
             yield _LockedRows(cursor, self._name, self._last, lines, self._declaration, chain)
 
     def keep(self, is_kept: Callable[[bytes], bool]) -> None:
         """Delete the lines that are not kept, and make all readers read the journal again."""
-        with self._asking(self._database.transaction) as cursor:
-            self._locked(cursor)
+        with self._open_cursor(self._database.transaction) as cursor:
+            self._lock_row(cursor)
             rows = cursor.execute(
                 "select number, line from minihuman_lines where journal = %s", [self._name]
             ).fetchall()
-            out = [number for number, line in rows if not is_kept(bytes(line))]
-            if out:
+            removed_numbers = [number for number, line in rows if not is_kept(bytes(line))]
+            if removed_numbers:
                 delete = "delete from minihuman_lines where journal = %s and number = any(%s)"
-                cursor.execute(delete, [self._name, out])
+                cursor.execute(delete, [self._name, removed_numbers])
                 cursor.execute(
                     "update minihuman_journals set generation = generation + 1 where name = %s", [self._name]
                 )
@@ -104,7 +105,7 @@ class PostgresJournal(Journal[Line], Generic[Line]):
         """Close the connection, which is reopened on demand."""
         self._database.close()
 
-    def _locked(self, cursor: "psycopg.Cursor[Any]") -> int:
+    def _lock_row(self, cursor: "psycopg.Cursor[Any]") -> int:
         """Lock the journal's row, after inserting it if necessary; return the journal's generation."""
         lock = "select generation from minihuman_journals where name = %s for update"
         while (row := cursor.execute(lock, [self._name]).fetchone()) is None:
@@ -119,8 +120,8 @@ class PostgresJournal(Journal[Line], Generic[Line]):
             self._last = 0
             self._lines = []
             self._chain = LineChain(self._name)
-        ask = "select number, line from minihuman_lines where journal = %s and number > %s order by number"
-        for number, line in cursor.execute(ask, [self._name, self._last]).fetchall():
+        select = "select number, line from minihuman_lines where journal = %s and number > %s order by number"
+        for number, line in cursor.execute(select, [self._name, self._last]).fetchall():
             chain = self._chain.copy()
             content = bytes(line)
             if self._chained:
@@ -134,12 +135,13 @@ class PostgresJournal(Journal[Line], Generic[Line]):
         return LinesRead(self._lines)
 
     @contextmanager
-    def _asking(self, ask: "_Asking") -> Iterator["psycopg.Cursor[Any]"]:
+    def _open_cursor(self, open_cursor: "_CursorOpener") -> Iterator["psycopg.Cursor[Any]"]:
+        """Open a cursor; after an error of the database, have the next read begin at the first line."""
         try:
-            with ask() as cursor:
+            with open_cursor() as cursor:
                 yield cursor
         except JournalDatabaseError:
-            self._generation = -1  # what was read may have been undone
+            self._generation = -1  # the transaction whose lines were read may have been rolled back
             raise
 
 

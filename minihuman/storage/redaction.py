@@ -1,8 +1,8 @@
 """Removes secrets from third parties' errors: passwords in addresses, keys, and values of variables.
 
 Libraries put addresses and settings into their errors as they were given, or parts of them as they understood them. Any
-such text goes through ``redact`` before it reaches a person, a log or another error. Who reads an address from a file
-tells ``remember_address``, since a part of a mistyped one cannot be recognized by itself.
+such text goes through ``redact`` before it reaches a person, a log or another error. A caller that reads an address
+from a file passes it to ``remember_address``, since a part of a mistyped address cannot be recognized by itself.
 """
 
 import os
@@ -10,7 +10,7 @@ import re
 from urllib.parse import quote, unquote
 
 REDACTED = "[...]"
-_MIN_SECRET_LETTERS = 6  # of a variable's value: what is shorter is a dummy, and may be part of a word
+_MIN_SECRET_LETTERS = 6  # a shorter value of a variable is a dummy, and may be part of a word
 _USER_INFO = re.compile(
     r"(?<=://)[^\s/@'\"]*(?:/[^\s@'\"]*)?@"  # a password may hold a slash
     r"|(?<![\w.@-])[^\s/:@'\"]+:[^\s@'\"]+@(?=[\w\[])"  # an address whose scheme was forgotten
@@ -27,7 +27,7 @@ _ADDRESS_SECRETS: set[str] = set()  # of this process's addresses
 def remember_address(address: str) -> None:
     """Remember the secrets of an address of a store or a database, for all texts that are redacted later.
 
-    They are the password, up to the last at sign, as it may hold one, and the values of secret parameters.
+    The secrets are the values of secret parameters and the password, up to the last at sign as it may contain one.
     """
     secrets = _PARAMETER.findall(address)
     password = address.partition("://")[2].rpartition("@")[0].partition(":")[2]

@@ -112,7 +112,7 @@ class FolderStore(RemoteStore):
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
-        self._unfinished = folder / ".unfinished"  # one for all, so that what a crash leaves does not stay
+        self._unfinished = folder / ".unfinished"  # one for all files: after a crash the next call removes it
 
     def put(self, name: str, path: Path, *, over: str = "") -> None:
         """Copy a file into the folder under a lock against other machines; it is durable before it gets its name."""
@@ -191,6 +191,7 @@ class FolderStore(RemoteStore):
 
     @contextmanager
     def _locked(self) -> Iterator[None]:
+        """Lock the folder against other machines, and remove a file that an interrupted call left unfinished."""
         with hold_lock(self._folder / ".lock", 0o666):
             if self._unfinished.exists():
                 current_system().disk.unlink(self._unfinished)
@@ -269,10 +270,10 @@ def compute_md5(path: Path) -> str:
         return ""
 
 
-STORE_TIMEOUT_S = 60.0  # of one answer, all of it
+STORE_TIMEOUT_S = 60.0  # for one whole answer
 _CONNECT_TIMEOUT_S = 10
 _READ_TIMEOUT_S = 30
-_SLOWEST_BYTES_PER_S = 50_000  # what is slower is taken for a store that drips
+_SLOWEST_BYTES_PER_S = 50_000  # a slower transfer is cut off
 _CONFLICTS = ("PreconditionFailed", "ConditionalRequestConflict", "412", "409")
 
 
@@ -355,7 +356,7 @@ class S3Store(RemoteStore):
                 raise RemoteStoreConflictError(
                     f"{failure} {self._bucket}, as another machine has just changed it; run the command again"
                 ) from None
-            raise RemoteStoreError(f"{failure} {self._bucket}: {error}") from None  # its text may hold a password
+            raise RemoteStoreError(f"{failure} {self._bucket}: {error}") from None  # it may contain a password
         except TimeoutError as error:
             raise RemoteStoreError(
                 f"{failure} {self._bucket}: {error.strerror}; check the network, then run the command again"

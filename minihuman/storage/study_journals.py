@@ -27,7 +27,10 @@ def open_journal(
     chained: bool = False,
     declaration: Line | None = None,
 ) -> Journal[Line]:
-    """Open a study's journal of that name; all callers in this process get the same object."""
+    """Open a study's journal of that name; calls with equal arguments return the same object within a process.
+
+    ``decode`` and the keyword arguments are those of ``FileJournal``; a journal in a database ignores ``mode``.
+    """
     study_dir = study_dir.absolute()
     url = find_database_url(study_dir)
     if url:
@@ -56,5 +59,5 @@ def _in_database(url: str, name: str, decode: Callable[..., Any], chained: bool,
     from minihuman.storage.postgres_journal import PostgresJournal
 
     journal = PostgresJournal(url, name, decode, chained=chained, declaration=declaration)
-    atexit.register(journal.close)  # it is kept until then
+    atexit.register(journal.close)  # the cache keeps the journal until the process ends
     return journal

@@ -52,7 +52,7 @@ class ProgramClient(ModelClient):
         self._answers: queue.Queue[str] = queue.Queue()
         self._prompt: Prompt | None = None
         self._number = 0
-        self.over = ""
+        self.over = ""  # how the session ended; "" while it runs
 
     def ask(self, prompt: Prompt) -> ChatAnswer:
         """Show a screen and wait for the program's answer.
@@ -91,7 +91,10 @@ class ProgramClient(ModelClient):
         return True
 
     def read_screen(self) -> dict[str, Any]:
-        """Return, as JSON values, the screen that is waiting for an answer or how the session ended."""
+        """Wait for a screen or the session's end, and return it as JSON values.
+
+        Without either within ``ANSWER_WAIT_S``, return only the last screen's number, with ``"over": None``.
+        """
         with self._changed:
             self._changed.wait_for(lambda: self._prompt is not None or self.over, ANSWER_WAIT_S)
             if self._prompt is None:
@@ -156,7 +159,7 @@ class ProgramSessions:
             TooManySessionsError: if too many sessions are running.
         """
         if not (isinstance(name, str) and name.isprintable() and 0 < len(name) <= MAX_NAME):
-            raise BadRequestError(f"name is a text of 1 to {MAX_NAME} characters")
+            raise BadRequestError(f"name is not a text of 1 to {MAX_NAME} printable characters; send such a name")
         with self.lock:
             self.threads = [thread for thread in self.threads if thread.is_alive()]
             ended_secrets = [secret for secret, client in self.clients.items() if client.over]
@@ -245,6 +248,7 @@ class AgentRequestHandler(GuardedHandler):
             self._reply(200, client.read_screen())
 
     def _find_client(self) -> ProgramClient | None:
+        """Return the client of the session in the request's path; reply with an error and return None if none."""
         client = self.programs.clients.get(self.path.removeprefix("/sessions/"))
         if client is None:
             self._reply(404, {"error": "this session does not exist; begin a session with POST /sessions"})
@@ -347,7 +351,7 @@ def make_mcp_server(programs: ProgramSessions) -> "MCPServer":
 
 
 def _show_screen(client: ProgramClient, **more: str) -> list[Any]:
-    """Return a client's screen as a list of its JSON text and, if it has one, its picture."""
+    """Return a client's screen as its JSON text, with ``more`` fields, and its picture if it has one."""
     from mcp.server.mcpserver import Image
 
     screen = client.read_screen()

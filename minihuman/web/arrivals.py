@@ -66,8 +66,8 @@ class PlatformVisitor:
 
     platform: RecruitmentPlatform
     id: str
-    preview: bool = False  # of the task, which they have not accepted
-    signature: str = ""  # that they came through a link of the study's own
+    preview: bool = False  # whether they see a preview of a task that they have not accepted
+    signature: str = ""  # proof that they came through one of the study's own links
 
     def __repr__(self) -> str:
         """Return a description without the id, which must appear in no log and no traceback."""
@@ -117,8 +117,8 @@ class Admission:
     key: str  # of their connection: "sub-07/1"
     participant: str
     session: int
-    part: Path | None  # the live log of a session that was cut off, or that runs now
-    plan: SessionPlan | None  # what is played where there is no such log
+    part: Path | None  # the live log of a session that was cut off, or that runs now; None if there is none
+    plan: SessionPlan | None  # of the session to start; None if there is a live log to resume
     token: str = ""  # of a link made for them just now, which brings them back
     lease: Lease | None = None  # of the session; None where this server hosts it already, or is the only one
     utc_offset_min: int | None = None  # of the visitor's local time
@@ -130,8 +130,8 @@ class Rejection:
     """A visitor who may not take part, and the reason."""
 
     reason: RejectionReason
-    ended: str = ""  # where they have taken part: why their last session ended
-    session: int = 1  # which that was
+    ended: str = ""  # why their last session ended; "" if they have not taken part
+    session: int = 1  # the number of their last session
     person: str = ""  # their id on the platform that sent them
 
 
@@ -259,10 +259,10 @@ class Arrivals:
         participant = self.recruits.find_participant(key)
         plan = None
         if participant is None:
-            first = self._first_time(key, platform_visitor)
-            if isinstance(first, Rejection):
-                return first
-            participant, plan = first
+            enrolment = self._enrol_visitor(key, platform_visitor)
+            if isinstance(enrolment, Rejection):
+                return enrolment
+            participant, plan = enrolment
         leased_session = self._lease_next_session(participant)
         if isinstance(leased_session, str):
             last = max(1, len(self.protocol.sessions))
@@ -300,13 +300,17 @@ class Arrivals:
             ended = self._read_end(participant, session - 1)
             return Rejection("not_today", ended, session - 1, self.id_on_platform(participant))
 
-    def _first_time(
+    def _enrol_visitor(
         self, key: str, platform_visitor: PlatformVisitor | None
     ) -> tuple[str, SessionPlan | None] | Rejection:
-        """Give a new visitor the next slot; return the participant's code, and the session plan if the slot is new."""
+        """Enrol a new visitor in the next slot; return the participant's code and the plan of the first session.
+
+        The plan is None if the visitor was enrolled in the meantime. A study that is closed or full, or does not know
+        the link, rejects the visitor.
+        """
         with self.recruits.exclusive() as file:
             if key in file.standing.came:
-                return file.standing.came[key], None  # in another tab, at the same moment
+                return file.standing.came[key], None  # another tab was first
             known = not key.startswith("link:") or key in file.standing.issued
             if not known and not self.protocol.web.open_access:
                 return Rejection("unknown")
@@ -326,9 +330,13 @@ class Arrivals:
             return participant, plan
 
     def _lease_next_session(self, participant: str) -> tuple[int, Lease | None] | str:
-        """Find and lease a participant's first incomplete session, or return why the last one ended."""
+        """Find a participant's first incomplete session, and lease it unless it is hosted here or leases are not used.
+
+        Returns:
+            The session's number with its lease, or the reason why the participant's last session ended.
+        """
         if self.leases is None:
-            with suppress(RemoteStoreError):  # it is away: what is here is what there is
+            with suppress(RemoteStoreError):  # without the store, only the logs on this machine count
                 self._sync(participant)
         n_sessions = max(1, len(self.protocol.sessions))
         for session in range(1, n_sessions + 1):

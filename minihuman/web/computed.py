@@ -61,24 +61,24 @@ class ComputedEpisode:
     def __init__(self, play: RunningEpisode, picture_px: tuple[int, int]) -> None:
         assert isinstance(play.world, PageWorld)
         self.play = play
-        self.is_elsewhere = False  # the page is, or may be
-        self.sent_step = -1  # of the state that was sent last
+        self.is_elsewhere = False  # whether the page's state differs, or may differ, from the session's
+        self.sent_step = -1  # the step of the state that was sent last
         self._world = play.world
         self._env = play.world.unwrapped
-        self._differs = False  # since the last step that was the same
-        self._unknown = 0  # steps since then of which the page said nothing
+        self._differs = False  # whether a step has differed since the last equal one
+        self._unknown = 0  # steps without a digest since the last equal one
         describe_world: Any = _describe_first_person
         if isinstance(self._env, GridEngine):
             describe_world = _describe_grid
         self._fixed, self.arrays, self._look = describe_world(self._env, play.plan, picture_px)
 
     def state(self) -> WorldState:
-        """Return the session's complete world state, for a page that has the episode's ``arrays``."""
+        """Return the session's world state for a page that has the episode's ``arrays``, and note that it is sent."""
         state: WorldState = msgspec.structs.replace(self._fixed, **msgspec.structs.asdict(self.position()))
         return state
 
     def position(self) -> WorldPosition:
-        """Return the session's position in the episode, for a page that already has a state of it."""
+        """Return the session's position for a page that has a state of the episode, and note that it is sent."""
         self.is_elsewhere = False
         self.sent_step = self.play.steps
         if self._look is None:
@@ -154,6 +154,7 @@ def _describe_first_person(
 
 
 def _run_lengths(row: NDArray[np.int32]) -> list[int]:
+    """Return the run-length encoding of a row: each number, followed by how often it is repeated."""
     starts = np.concatenate(([0], np.flatnonzero(np.diff(row)) + 1))
     runs: list[int] = np.stack((row[starts], np.diff(starts, append=len(row))), axis=1).ravel().tolist()
     return runs

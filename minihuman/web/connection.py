@@ -42,7 +42,7 @@ _ACTS = (
     | messages.FieldMessage
     | messages.AxisMessage
     | messages.MouseMotionMessage
-)  # of a person
+)  # messages that show that the participant does something
 
 
 class Connection(PageSession):
@@ -86,7 +86,7 @@ class Connection(PageSession):
         self.transport: messages.TransportName = "websocket"  # of the newest page
         self._inbox = inbox
         self._streams = StreamNames()
-        self._is_blind = False  # what keys lead to cannot be found out
+        self._is_blind = False  # whether looking ahead has failed
         self._clock = _start_clock(hosted, max_outage_s)
         self._budget = SessionBudget(hosted.host.session.plan)
         self.is_over_budget = False  # the page sent more than its session can need, and the session was ended
@@ -165,6 +165,7 @@ class Connection(PageSession):
             self._polling = self.loop.create_task(self.run(self.poll))
 
     def _say_changed(self) -> None:
+        """Wake the task that sends to the page, from the loop or from the session's thread."""
         if self._threads is None:
             self.changed.set()
         else:
@@ -175,17 +176,17 @@ class Connection(PageSession):
     def greet(
         self, hello: messages.Hello, transport: messages.TransportName = "websocket"
     ) -> tuple[messages.Welcome, int, int]:
-        """Welcome a page on a new socket, or another transport.
+        """Welcome a page on a new socket or another transport, and resume or restart the streams of messages.
 
         Returns:
             The answer, the socket's number, and the number of the last server message that the page has.
         """
         socket_number = self.presence.open_socket(monotonic_s())
-        if transport != self.transport:  # the log's fact is of the segment's start
+        if transport != self.transport:  # noted, since the log's fact is the transport at the segment's start
             self.transport = transport
             self.host.note(f"the page speaks by {transport} from here on")
         if transport == "http":
-            self.host.link.rtt_ns = None  # of another line, maybe through another network
+            self.host.link.rtt_ns = None  # it was measured on another transport, perhaps in another network
         if self._streams.receive_stream(hello.stream, hello.first):
             self.host.begin_stream(hello.first - 1)
         if hello.segment == self.hosted.segment:
@@ -194,7 +195,8 @@ class Connection(PageSession):
             note = self._clock.catch_up(ahead_ns, wall_ns=clock.wall_ns(), monotonic_ns=clock.monotonic_ns())
             self.host.note(note)
             if not self._clock.allows(hello.last, self.now_ns()):
-                self.hosted.segment = secrets.token_hex(8)  # else all that the page has kept would be refused, for ever
+                # a new name, so that the page discards the messages it has kept, which would all be refused
+                self.hosted.segment = secrets.token_hex(8)
         if self._streams.resumes(hello.life, hello.heard, self.outgoing):
             self.outgoing.acknowledge(hello.heard)
             return self._build_welcome(resumes=True), socket_number, hello.heard
@@ -413,7 +415,8 @@ def _start_clock(hosted: HostedSession, max_outage_s: float) -> SegmentClock:
     monotonic_ns = clock.monotonic_ns()
     logged_ns = hosted.host.last_at_ns
     since_start_ns = max(wall_ns - hosted.started_ns, logged_ns)
-    longest_ns = logged_ns + round(max_outage_s * 1e9)  # before a consent a server that is gone left no log
+    # before the consent a server leaves no log, so a session taken over then seems to start only now
+    longest_ns = logged_ns + round(max_outage_s * 1e9)
     return SegmentClock(
         monotonic_ns - since_start_ns,
         wall_ns=wall_ns,

@@ -84,7 +84,7 @@ class ConnectionFactory:
         self._turns: WeakValueDictionary[bytes, asyncio.Lock] = WeakValueDictionary()  # while one waits
 
     def _make_threads(self, worlds: IsolatedWorlds | None) -> Executor | None:
-        """Make a thread for each session of a study whose isolated worlds may keep all sessions waiting."""
+        """Make a thread for each session if isolated worlds may keep the sessions waiting; otherwise return None."""
         protocol = self._arrivals.protocol
         if worlds is None or not any(worlds.isolates(block.world) for block in protocol.blocks):
             return None
@@ -102,7 +102,7 @@ class ConnectionFactory:
         link_digest = hashlib.sha256(repr((hello.token, sorted(hello.platform.items()))).encode()).digest()
         turn = self._turns.setdefault(link_digest, asyncio.Lock())
         network = find_network(address)
-        # a token that they invented is turned away
+        # without open access an invented token is turned away, so the form suffices here
         is_invited = is_token(hello.token) and not self._web.open_access
         async with contextlib.AsyncExitStack() as turns:
             await turns.enter_async_context(turn)
@@ -148,7 +148,7 @@ class ConnectionFactory:
         return len(self._connections) >= self._web.max_concurrent_sessions
 
     def _is_disk_low(self) -> bool:
-        """Return whether the disk has only the room that is reserved for finishing the logs of running sessions."""
+        """Return whether only the space for finishing running sessions' logs is left on the disk, and warn if so."""
         folder = next(path for path in (self._data, *self._data.absolute().parents) if path.is_dir())
         is_low = shutil.disk_usage(folder).free < RESERVE_BYTES
         if is_low:
@@ -172,8 +172,11 @@ class ConnectionFactory:
         return len(unproven) >= self._web.max_unconsented_per_address
 
     def isolate(self, connection: Connection) -> None:
-        """Rename a connection so that only its own page uses it, which frees the participant's key."""
-        if connection.key != connection.admission.key:  # it was, and its end is tried again
+        """Rename a connection so that only its own page uses it, which frees the participant's key.
+
+        A connection that is isolated already stays as it is.
+        """
+        if connection.key != connection.admission.key:
             return
         del self._connections[connection.key]
         own_key = f"{connection.key} left {next(self._isolation_numbers)}"
@@ -195,7 +198,7 @@ class ConnectionFactory:
             return self._refusals.answer_rejection(admission)
         if admission.lease is None and admission.key in self._connections:
             return self._connections[admission.key]
-        opened: list[Connection] = []  # none before its recorder is open
+        opened: list[Connection] = []  # empty until the connection exists; its recorder calls back earlier
 
         def wake() -> None:
             for connection in opened:
@@ -211,7 +214,7 @@ class ConnectionFactory:
         except (MinihumanError, OSError) as error:
             await asyncio.to_thread(self._arrivals.settle, admission)
             LOG.warning("a session was not started: %s", error)
-            # no database, or a log that another server left was complete: the page tries again, and gets the reason
+            # the database is away, or another server completed the session: the page's next try gets the reason
             if isinstance(error, OSError | AllocationError):
                 return WAIT
             return self._refusals.turn_away("broken")
@@ -256,7 +259,11 @@ class ConnectionFactory:
     def _start_or_resume(
         self, admission: Admission, facts: dict[str, str], wake: Callable[[], None], ask_team: Callable[[], None]
     ) -> HostedSession:
-        """Resume the session of a live log, or start a host for a new segment."""
+        """Resume the session of a live log, or start a host for a new segment if it was left too long ago.
+
+        Raises:
+            LogError: if another server is writing the log, or the new segment cannot be started.
+        """
         if admission.part is not None:
             if is_being_recorded(admission.part):
                 raise LogError(f"{admission.part} is being written by another server; reload the page in a moment")
@@ -270,7 +277,8 @@ class ConnectionFactory:
         lease = admission.lease
         leases = self._arrivals.leases
         if lease is not None and leases is not None and plan.segment > 1:
-            leases.publish(lease, SegmentPath.of_plan(self._data, plan).log)  # else the next one has only the rest
+            # the next server would otherwise have only the new segment
+            leases.publish(lease, SegmentPath.of_plan(self._data, plan).log)
         return start_host(plan, self._disk, facts, self._settings, at_sync=wake, at_team_change=ask_team)
 
     def _open_inbox(self, admission: Admission) -> CommandInbox:

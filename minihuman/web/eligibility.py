@@ -84,9 +84,9 @@ class BrowserProperties(msgspec.Struct, frozen=True):
 
     browser: str = "other"  # the family
     window_px: tuple[int, int] = (0, 0)
-    rtt_ms: float | None = None  # the least of a few pings; None: not measured
-    keyboard: bool = True  # not only a touch screen, as far as the browser can tell
-    gamepad: bool = False  # one whose button was pressed: before, a browser shows none
+    rtt_ms: float | None = None  # the shortest round trip of a few pings; None if it was not measured
+    keyboard: bool = True  # False if the browser reports a touch screen and no mouse
+    gamepad: bool = False  # browsers report a gamepad only once one of its buttons was pressed
 
 
 def read_browser_properties(facts: Mapping[str, bool | float | str]) -> BrowserProperties:

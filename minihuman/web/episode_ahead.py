@@ -30,12 +30,12 @@ class EpisodeAhead:
 
     def __init__(self, make_world: WorldFactory, picture_px: tuple[int, int]) -> None:
         self.plan: EpisodePlan | None = None
-        self.computed: ComputedEpisode | None = None  # by the page; else there is a graph
-        self.graph: LookAheadGraph | None = None
+        self.computed: ComputedEpisode | None = None  # an episode that the page computes
+        self.graph: LookAheadGraph | None = None  # for any other episode
         self._make_world = make_world
         self._picture_px = picture_px
-        self._own_world: World | None = None  # that may be reset
-        self._lends = True  # a world of its own can restore the copies of the session's
+        self._own_world: World | None = None  # a world beside the session's, which may be reset
+        self._lends = True  # whether that world can restore copies of the session's
 
     def forget(self, *, keeps_computed: bool) -> None:
         """Start over for a page that has no episode rules yet.
@@ -61,7 +61,7 @@ class EpisodeAhead:
         self.graph = None
         self._lends = play.world.has_portable_copies
         if computes:
-            if self.computed is None or self.computed.play is not play:  # else the page was loaded again
+            if self.computed is None or self.computed.play is not play:  # it is the same if the page was reloaded
                 self.computed = ComputedEpisode(play, self._picture_px)
             return -1
         self.computed = None
@@ -70,8 +70,9 @@ class EpisodeAhead:
         if self._lends:
             own_world = self._find_world(play.plan)
             actual = None
-        has_partners_ticks = play.is_joint and play.real_time  # which also have the others' actions
-        combines_keys = play.repeats_held or not play.world.actions.is_discrete  # so that any step is possible
+        # in both cases, the next step is not one of a few known actions
+        has_partners_ticks = play.is_joint and play.real_time
+        combines_keys = play.repeats_held or not play.world.actions.is_discrete
         self.graph = LookAheadGraph(
             play.plan,
             self._make_world,
@@ -101,7 +102,7 @@ class EpisodeAhead:
             if edge is None:
                 return -1
             return edge[0].name
-        if play.is_joint:  # others acted, too
+        if play.is_joint:  # the step also had the others' actions
             self.graph.move_to(play.world)
             return self.graph.root.name
         scene = self.graph.step(action, play.world)

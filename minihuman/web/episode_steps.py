@@ -20,10 +20,10 @@ class EpisodeSteps:
     """
 
     def __init__(self, logged: Iterable[Event]) -> None:
-        self.episode = -1  # whose steps these are
-        self._scenes: list[int] = []  # the names of those that its steps led to
-        self._play: RunningEpisode | None = None  # begun here, so that the page knows its rules
-        self._early: DisplayedMessage | None = None  # a picture that was shown, until its step is closed
+        self.episode = -1  # the latest episode's number
+        self._scenes: list[int] = []  # the names of the scenes after each of its steps
+        self._play: RunningEpisode | None = None  # the episode whose rules the page has
+        self._early: DisplayedMessage | None = None  # the report of a picture whose step is not closed yet
         for event in logged:
             match event:
                 case EpisodeBeginning():

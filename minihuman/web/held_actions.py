@@ -32,7 +32,7 @@ def describe_held(play: RunningEpisode) -> HeldRules | None:
 
 
 def find_held(play: RunningEpisode) -> HeldInputs | None:
-    """Return what the session knows to be held; None where held keys do not combine."""
+    """Return the keys and axes that the session takes for held; None where held keys do not combine."""
     if not play.repeats_held:
         return None
     down, pressed, axes = play.held_inputs

@@ -1,4 +1,4 @@
-"""What a page is told of keys that are held, axes and named actions, to combine them as the session does."""
+"""The messages from which a page combines held keys, axes and named actions as the session does."""
 
 import msgspec
 
@@ -6,24 +6,24 @@ import msgspec
 class VectorRules(msgspec.Struct):
     """How named actions and axes make a vector, as `VectorActions` does."""
 
-    elements: list[tuple[int, float]]  # of each action from number 1: the component that it moves, and where to
-    rest: list[float]  # by component
+    elements: list[tuple[int, float]]  # for each action from number 1: the component that it sets, and the number
+    rest: list[float]  # the number of each component without an action
     low: list[float]
     high: list[float]
-    adds: list[bool]  # opposite directions cancel each other
-    whole: list[bool]  # it takes whole numbers alone
+    adds: list[bool]  # by component: whether opposite directions cancel each other
+    whole: list[bool]  # by component: whether it takes whole numbers only
 
 
 class HeldRules(msgspec.Struct):
     """How keys that are held and axes combine in the step that time makes."""
 
     axes: dict[str, tuple[int, float]]  # by name: component and scale
-    chords: list[tuple[list[int], int]]  # numbered actions that together are another
+    chords: list[tuple[list[int], int]]  # the actions that are replaced if held together, and their replacement
 
 
 class HeldInputs(msgspec.Struct):
-    """What the session knows to be held."""
+    """The keys and axes that the session takes for held."""
 
     down: list[str]  # keys, the latest last
     pressed: list[str]  # since the last step, the latest last
-    axes: dict[str, float]  # where they are; the mouse's: pixels since the last step
+    axes: dict[str, float]  # positions; for the mouse's axes, pixels since the last step

@@ -50,7 +50,7 @@ _RULES = (
     "agent_rules",
     "trial_rules",
     "presence_rules",
-)  # facts that say by what a session was played
+)  # facts that must be equal on the server that resumes a session
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,8 +79,8 @@ class HostedSession:
     host: SessionHost
     recorder: Recorder
     started_ns: int  # the wall clock at the segment's time 0, ns since 1970
-    segment: str  # what the page calls the segment: it says nothing of whose it is
-    files: list[McapRecorder] = field(default_factory=list)  # its log, once there is one
+    segment: str  # the page's name of the segment, as by ``name_segment``
+    files: list[McapRecorder] = field(default_factory=list)  # the recorder of its log, once there is a log
     signs: LifeSigns = field(default_factory=LifeSigns)  # of its page and participant
 
     def find_live_log(self) -> Path | None:
@@ -201,15 +201,15 @@ class SessionRecording:
     """
 
     def __init__(self, hosted: HostedSession, lease: Lease | None, leases: SessionLeases | None) -> None:
-        self.is_finishing = False  # a task is finishing it
-        self.is_delayed = False  # since the enrolment log is unavailable
-        self.is_finished = False  # the log is on the disk, or never will be
-        self.is_broken = False  # something of the log is lost
-        self.log: Path | None = None  # once it is finished
+        self.is_finishing = False  # whether a task is finishing it
+        self.is_delayed = False  # whether finishing has to be tried again
+        self.is_finished = False  # whether finishing is done, with a whole log or a broken one
+        self.is_broken = False  # whether a part of the log is lost
+        self.log: Path | None = None  # the finished log
         self._hosted = hosted
         self._lease = lease
         self._leases = leases
-        self._is_closed = False  # the log is
+        self._is_closed = False  # whether the log was closed
 
     def finish(self) -> None:
         """Finish and seal the log. After an ``OSError`` this can be called again.
@@ -234,20 +234,23 @@ class SessionRecording:
         self.is_finished = True
 
     def _end_lease(self, final_reason: str) -> None:
-        """End the lease; ``final_reason`` is "" if another server can resume the session."""
+        """Drain the log and end the lease; ``final_reason`` is "" if another server can resume the session.
+
+        In that case, have the log published before it gets its final name.
+        """
         if self._leases is None or self._lease is None:
             return
         leases = self._leases
         lease = self._lease
         for file in self._hosted.files:
-            with suppress(LogError):  # said below, where it is closed
+            with suppress(LogError):  # ``_close_log`` reports the error
                 file.drain()
             if not final_reason:
                 file.publish = lambda log: leases.publish(lease, log)
         leases.end(lease, final_reason)
 
     def _close_log(self) -> None:
-        """Finish the log, and record whether that failed."""
+        """Finish the log, record whether that failed, and close the session's agent."""
         try:
             self.log = self._hosted.recorder.close()
         except LogError as error:
@@ -283,7 +286,7 @@ class SessionRecording:
         if self._leases is None or self._lease is None or not self._leases.release(self._lease):
             return
         if is_dismissed:
-            with suppress(OSError):  # else it is put aside when the session is leased here again
+            with suppress(OSError):  # otherwise it is put aside when the session is leased here again
                 for file in self._hosted.files:
                     put_aside(file.segment_path.part, SUPERSEDED)
 

@@ -3,13 +3,13 @@
 from collections.abc import Iterable
 from urllib.parse import urlsplit
 
-_POLICY = (  # nothing from anywhere else; blob: is for pictures that came over the socket, wasm for the worlds' rules
+_POLICY = (  # blob: is for pictures that came over the socket, wasm for the worlds' rules
     "default-src 'self'; script-src 'self' 'wasm-unsafe-eval'; img-src 'self' blob: data:; object-src 'none'; "
     "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
 HEADERS: tuple[tuple[str, str], ...] = (
     ("content-security-policy", _POLICY),
-    ("cross-origin-opener-policy", "same-origin"),  # these three make clocks of 5 µs of 100
+    ("cross-origin-opener-policy", "same-origin"),  # with these three, a page's clock has a resolution of 5, not 100 µs
     ("cross-origin-embedder-policy", "require-corp"),
     ("cross-origin-resource-policy", "same-origin"),
     ("referrer-policy", "no-referrer"),

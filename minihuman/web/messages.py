@@ -54,8 +54,8 @@ class KeyMessage(msgspec.Struct, tag="key", tag_field="t", forbid_unknown_fields
     stamp: Ns
     symbol: ShortText = ""
     repeat: bool = False
-    trusted: bool = True  # False: a script made it, no keyboard
-    # of the step that the page made by itself, 16 hexadecimal digits; "" where it made none
+    trusted: bool = True  # False if a script made the event
+    # the digest of the step that the page computed, 16 hexadecimal digits; "" if it computed none
     digest: Digest = ""
     cause: PressCause | KeyReleaseCause = "finger"
 
@@ -65,8 +65,8 @@ class DisplayedMessage(msgspec.Struct, tag="shown", tag_field="t", forbid_unknow
 
     submit: Ns
     flip: Ns
-    screen: Number = 0  # as the server numbered it; 0: the page went there ahead of it
-    name: Ns = 0  # of the screen that the page went to
+    screen: Number = 0  # the server's number of the screen; 0 if the page showed it ahead of the server
+    name: Ns = 0  # the name of a screen that the page showed ahead of the server
     episode: int = -1
     step: int = -1
     node: int = -1
@@ -75,7 +75,7 @@ class DisplayedMessage(msgspec.Struct, tag="shown", tag_field="t", forbid_unknow
 class TickMessage(msgspec.Struct, tag="tick", tag_field="t", forbid_unknown_fields=True):
     """A tick at the time that the session asked for."""
 
-    digest: Digest = ""  # as a key's
+    digest: Digest = ""  # as in ``KeyMessage``
 
 
 class TextMessage(msgspec.Struct, tag="typed", tag_field="t", forbid_unknown_fields=True):
@@ -91,7 +91,7 @@ class FieldMessage(msgspec.Struct, tag="field", tag_field="t", forbid_unknown_fi
     name: Annotated[str, Meta(max_length=200)]  # the field's
     changes: Annotated[tuple[TextChange, ...], Meta(max_length=len(get_args(TextChange)))] = ()
     keys: Number = 0  # pressed in the field for it
-    began: Ns = 2**53  # none: at the message's time
+    began: Ns = 2**53  # the default stands for the message's time
 
 
 class PointerMessage(msgspec.Struct, tag="pointer", tag_field="t", forbid_unknown_fields=True):
@@ -102,7 +102,7 @@ class PointerMessage(msgspec.Struct, tag="pointer", tag_field="t", forbid_unknow
     y: Fraction
     target: ShortText = ""
     along: Fraction = 0.0
-    stamp: Ns = 2**53  # none: pages of before, which did not tell
+    stamp: Ns = 2**53  # the default stands for none, as from pages of earlier versions
     cause: PointerCause = "finger"
 
 
@@ -143,7 +143,7 @@ class RoundTripMessage(msgspec.Struct, tag="link", tag_field="t", forbid_unknown
     received: int
     answered: int
     back: Ns
-    latest: Ns  # how long the last one took
+    latest: Ns  # the duration of the latest round trip
 
 
 class SoundMessage(msgspec.Struct, tag="sound", tag_field="t", forbid_unknown_fields=True):
@@ -251,7 +251,7 @@ class Welcome(msgspec.Struct, tag="welcome", tag_field="t"):
     touch: Texts  # our name of each key that the study is played with -> what a button for it says
     token: str  # of a link made just now, to come back by; "" if the page had one
     words: Texts  # what the page says around a session
-    taken: int  # the time of the last of the page's messages that the session has: it may not be acknowledged
+    taken: int  # the time of the last of the page's messages that the session has, acknowledged or not
     gamepad: bool  # whether the study is played with one
     sign_ms: int  # the longest time in which the page sends nothing
     sounds: list[str] = []  # the digests of the session's sounds
@@ -321,7 +321,7 @@ class FilmFrame(msgspec.Struct, tag="frame", tag_field="t"):
 
     name: int  # of the screen
     side: int  # which of its films
-    place: int  # in it
+    place: int  # the picture's place in the film
     picture: int
 
 
@@ -329,7 +329,7 @@ class GridPosition(msgspec.Struct, tag="grid", tag_field="world"):
     """The position of a grid world after a step."""
 
     step: int
-    row: list[int]  # a number and how often it comes, and so on
+    row: list[int]  # run lengths: each number, followed by how often it is repeated
     rng_state: list[str]  # six whole numbers of 64 bits
 
 
@@ -382,8 +382,8 @@ class EpisodeRules(msgspec.Struct, tag="rules", tag_field="t"):
     noop: int | None
     auto_repeat: bool
     most_steps: int
-    held: bool  # the last picture stays for a while
-    keep: int  # pictures before this number are of no use any more, but for those on a screen
+    held: bool  # whether the last picture stays for a while
+    keep: int  # pictures before this number are no longer needed, except those on a screen
     computed: WorldState | None = None  # where the page computes it; else scenes are sent ahead
     motion: float = 0.0  # ms from a picture that the page computes to the next
     team: JointPace = ""  # whose joint steps the server closes
@@ -416,10 +416,10 @@ class EpisodeState(msgspec.Struct, tag="now", tag_field="t"):
     episode: int = -1
     step: int = -1
     node: int = -1
-    who: str = ""  # steers, "agent" or "person"; "" where an agent never does
-    action: int = -1  # that the agent makes next, unless the person takes over; a team's: own, of a step that is open
-    limit: int | None = None  # beside an agent: from when on keys do nothing
-    pace: int = 0  # ns that a step has taken the server lately
+    who: str = ""  # the controller, "agent" or "person"; "" in an episode that no agent plays
+    action: int = -1  # the agent's next action, unless the person takes over; in a team, the own action of an open step
+    limit: int | None = None  # in an agent's episode, the time from which keys have no effect
+    pace: int = 0  # ns that the server has taken for a step lately
 
 
 class AgentControl(msgspec.Struct, tag="beside", tag_field="t"):
@@ -431,8 +431,8 @@ class AgentControl(msgspec.Struct, tag="beside", tag_field="t"):
     hand_back: str  # the key; "" where control cannot be handed back
     good: str  # the keys that rate it; "" where it is not rated
     bad: str
-    flash: int  # ns that such a press is seen
-    apart: int  # ns in which a held key counts once
+    flash: int  # ns for which a rating is shown
+    apart: int  # the shortest time between two presses of a held key that count, in ns
     controller_texts: Texts  # controller -> text
 
 

@@ -105,16 +105,16 @@ class Outbox:
     def __init__(
         self, session: SessionMachine, make_world: WorldFactory, settings: PageSettings, logged: Sequence[Event] = ()
     ) -> None:
-        self.through = 0  # the last of the page's messages that was taken
-        self.at_ns = 0  # when that was
-        self.moved = 0  # the last of them that the page waits for, as it may lead somewhere
-        self.page_computes = False  # it has compiled the rules that are here
+        self.through = 0  # the number of the page's last message that was taken
+        self.at_ns = 0  # the time of that message
+        self.moved = 0  # the number of the last message whose answer the page waits for
+        self.page_computes = False  # whether the page has compiled this server's rules
         self.steps = EpisodeSteps(logged)
-        self._pace_ns = 0  # what a step has taken lately
+        self._pace_ns = 0  # moving average of the time that a step's message takes
         self._session = session
         self._settings = settings
         self._ahead = EpisodeAhead(make_world, settings.picture_px)
-        self._joint_texts: object = None  # below the picture of an episode that others act in, too
+        self._joint_texts: object = None  # the texts below the picture of a joint episode
         self._screen_id = 0
         self._page = PageContents(settings.encoding, self._ahead.lend)
 
@@ -178,7 +178,10 @@ class Outbox:
         return self._ahead.computed is not None
 
     def follow(self, events: list[Event]) -> None:
-        """Move the look-ahead to the session's new state; ``send_state`` then informs the page."""
+        """Move the look-ahead to the session's new state, and begin an episode that these events begin or prepare.
+
+        New scenes and an episode's rules are sent; ``send_state`` then sends the session's state.
+        """
         next_play = None
         if not self._session.over:
             next_play = self._session.part.next_play
@@ -205,7 +208,7 @@ class Outbox:
         plan = play.plan
         if self._ahead.plan is plan:
             return
-        self.send_prefetched()  # as long as its pictures are known
+        self.send_prefetched()  # now, since the page forgets the pictures that it refers to
         self.steps.begin(play)
         possible = [play.world.action_names.index(name) for name in plan.key_map.keys.values()]
         if plan.noop is not None:
@@ -230,7 +233,7 @@ class Outbox:
         return self.page_computes and computed == "page" and can_compute(play)
 
     def record_step_time(self, took_ns: int) -> None:
-        """Record how long a step's message took; stop looking ahead in a world that is too slow."""
+        """Record how long a step's message took, in nanoseconds; stop looking ahead in a world that is too slow."""
         before_ns = self._pace_ns or took_ns
         self._pace_ns = before_ns + (took_ns - before_ns) // 8
         self._ahead.stop_if_slow(self._pace_ns)
@@ -238,10 +241,10 @@ class Outbox:
     def grow(self, rtt_ns: int) -> bool:
         """Draw one picture of a film, or look one scene or screen further ahead; return False if nothing is left.
 
+        ``send_prefetched`` sends what was found.
+
         Args:
             rtt_ns: the round-trip time in nanoseconds.
-
-        ``send_prefetched`` sends what was found.
         """
         session = self._session
         if session.over or self.outgoing.n_unacknowledged > PREFETCH_BACKLOG:

@@ -27,8 +27,8 @@ class PageContents:
         self.images = ImageCache(encoding)
         self.screen: Screen | None = None
         self.screen_name = 0
-        self.screen_play: RunningEpisode | None = None  # that was played then
-        self.plays = False  # an episode that it computes goes on in it
+        self.screen_play: RunningEpisode | None = None  # the episode that was running when the last state was sent
+        self.plays = False  # whether an episode that the page computes was running then
         self._state: tuple[object, ...] | None = None
         self._control: messages.AgentControl | None = None
         self._arrays: set[str] = set()

@@ -13,8 +13,8 @@ _POINTERS: Mapping[str, type[inputs.PointerPressed | inputs.PointerMoved | input
     "moved": inputs.PointerMoved,
     "released": inputs.PointerReleased,
 }
-_MAX_REMEMBERED = 2_000  # presses: a page repeats what was not acknowledged, which is of the last seconds
-MakeInput = Callable[[int], inputs.Input | None]  # at the time of the page's echo
+_MAX_REMEMBERED = 2_000  # presses; a page repeats only unacknowledged ones, which are seconds old
+MakeInput = Callable[[int], inputs.Input | None]  # makes the input from the time of the page's echo
 
 
 class PageInputs:
@@ -26,12 +26,12 @@ class PageInputs:
 
     def __init__(self, known: Iterable[Event]) -> None:
         self._keys_down: dict[tuple[int, str], None] = {}  # the latest presses, the oldest first
-        self._forgotten_ns = -1  # of earlier ones nothing is known
+        self._forgotten_ns = -1  # the time of the latest press that was forgotten
         for event in known:
             if isinstance(event, KeyPressed) and event.down:
                 self._remember(event.t_ns - event.waited_ns, event.key)
         self._last_question = 0
-        self._questions: dict[int, MakeInput] = {}  # by number; what happens at the page's echo
+        self._questions: dict[int, MakeInput] = {}  # by number, until the page echoes the question
 
     @property
     def open_questions(self) -> tuple[int, ...]:
@@ -94,6 +94,7 @@ class PageInputs:
         return inputs.KeyDown(stamp_ns, message.key, message.symbol, message.repeat, cause)
 
     def _remember(self, stamp_ns: int, key: str) -> None:
+        """Remember a key press, and forget the oldest one beyond the limit."""
         self._keys_down[stamp_ns, key] = None
         if len(self._keys_down) > _MAX_REMEMBERED:
             oldest = next(iter(self._keys_down))

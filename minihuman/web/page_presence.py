@@ -22,9 +22,9 @@ class PagePresence:
         if signs is None:
             signs = LifeSigns()
         self.signs = signs
-        self.is_here = False  # the newest socket is open
-        self.dismissal_code = 0  # with this code the page was sent away: another server has the session
-        self._sockets = 0  # how many there have been; the newest counts
+        self.is_here = False  # whether the newest socket is open
+        self.dismissal_code = 0  # the closing code for a page whose session another server has; 0 if none has it
+        self._sockets = 0  # the number of sockets so far, which is the newest one's number
         self._seen_s = now_s
         self._acted_s = now_s
 

@@ -47,7 +47,7 @@ class StreamNames:
 class PageSession(abc.ABC):
     """The interface through which a page's protocol uses its session."""
 
-    ping: tuple[int, int] | None = None  # of a text: when it was sent and received; answered with the rest
+    ping: tuple[int, int] | None = None  # the times at which a ping to answer with the next batch was sent and received
 
     @property
     @abc.abstractmethod
@@ -80,7 +80,7 @@ class PageSession(abc.ABC):
 
     @abc.abstractmethod
     def record_act(self) -> None:
-        """Record that the participant did something of which no message tells yet."""
+        """Record that the participant typed something that has not settled yet."""
 
     @abc.abstractmethod
     def bid_farewell(self, *, is_left: bool) -> None:
@@ -103,8 +103,8 @@ class PageSession(abc.ABC):
 class TextEffect:
     """The effect of a text that a page sent."""
 
-    has_answer: bool  # there is something to send: messages, or an acknowledgement
-    wants_more: bool  # there is more to look for ahead
+    has_answer: bool  # whether there are messages or an acknowledgement to send
+    wants_more: bool  # whether to look further ahead
 
 
 class PageProtocol:
@@ -124,9 +124,9 @@ class PageProtocol:
         self._sent = after
         self._acknowledged = 0
         self._rate_limit = RateLimit(now_s)
-        self._last_number = 0  # of the server's messages, and
-        self._safe = 0  # of the page's that were safe, before the text that is being received
-        self._was_behind = False  # nothing was looked for ahead then
+        self._last_number = 0  # the server's last message before the text that is being received
+        self._safe = 0  # the page's last safe message before that text
+        self._was_behind = False  # whether the page had too many unacknowledged messages to look ahead for it
         self._ends_with_round_trip = False
 
     # From the page
@@ -162,7 +162,7 @@ class PageProtocol:
             case messages.PageAck():
                 self._acknowledge(message.n)
             case messages.Farewell():
-                if not self.is_superseded:  # else another page is here already, and this one's word is late
+                if not self.is_superseded:  # otherwise a newer page is connected already
                     self._session.bid_farewell(is_left=message.left)
             case messages.Hello():
                 raise messages.MessageError(
@@ -223,7 +223,7 @@ class PageProtocol:
 
     @property
     def can_wait(self) -> bool:
-        """Return whether the pending messages may be delayed, because the page is ahead and loses nothing."""
+        """Return whether the pending messages may be delayed, because the page has computed their content ahead."""
         return all(
             isinstance(message, messages.EpisodeState) and message.tick is None and not message.who
             for _, message in self._outgoing.after(self._sent)
@@ -231,7 +231,7 @@ class PageProtocol:
 
     def take_batches(self) -> Iterator[bytes]:
         """Yield the pending data in batches: messages, their acknowledgement, and the answer to a ping."""
-        safe = self._session.safe()  # asked first: a page that hears of a safe key has heard where it led
+        safe = self._session.safe()  # read first: a message's consequences precede its acknowledgement
         parts: list[bytes] = []
         size = 0
         for number, message in self._outgoing.after(self._sent):

@@ -41,7 +41,7 @@ from minihuman.web.screen_values import ImageCache, NumberPicture, convert_scree
 from minihuman.worlds.adapters.world import World
 from minihuman.worlds.picture_hash import hash_picture
 
-_NAME_BITS = 2**52 - 1  # of a scene's hash: what a page's numbers hold
+_NAME_BITS = 2**52 - 1  # of a scene's hash, since a page's numbers hold no more bits exactly
 
 
 @dataclass(slots=True, eq=False)
@@ -51,8 +51,8 @@ class SceneNode:
     hash: int
     picture: int
     saved: Any
-    closed: bool  # nothing is known of what follows: the episode is over in it, or it cannot be gone on from
-    edges: "dict[int, tuple[SceneNode, bool]]" = field(default_factory=dict)  # by action; whether the episode ends then
+    closed: bool  # whether no action can be tried from it, as the episode is over or the world cannot be restored
+    edges: "dict[int, tuple[SceneNode, bool]]" = field(default_factory=dict)  # by action: next scene, whether it ends
 
     @property
     def name(self) -> int:
@@ -92,15 +92,15 @@ class LookAheadGraph:
         actual: World | None = None,
     ) -> None:
         self.plan = plan
-        self.wrong = 0  # steps after which the session was elsewhere
-        self.blind = blind or actual is not None  # this world cannot be looked ahead in
+        self.wrong = 0  # steps that were predicted wrongly
+        self.blind = blind or actual is not None
         self._actions = tuple(sorted(set(actions)))
         self._picture_px = picture_px
         self._image_cache = image_cache
-        self.pictures: dict[int, int] = {}  # their numbers, by the scenes' names
-        self._picture_hashes: dict[int, int] = {}  # of worlds that are not ours, by the scenes' names
+        self.pictures: dict[int, int] = {}  # the pictures' numbers by their scenes' names
+        self._picture_hashes: dict[int, int] = {}  # by scenes' names; 0 in built-in worlds
         self._scenes: dict[int, SceneNode] = {}  # by hash
-        self._new_nodes: list[tuple[int, int]] = []  # as the page is sent them
+        self._new_nodes: list[tuple[int, int]] = []  # scene and picture, not sent yet
         self._new_edges: list[tuple[int, int, int, bool]] = []
         if actual is not None:
             self.world = actual
@@ -151,7 +151,7 @@ class LookAheadGraph:
             self.blind = True
             return False
         if truncated and not terminated:
-            root.closed = True  # the copy is too old to go on from; nothing is known of a younger one
+            root.closed = True  # the saved world is at its step limit, which the session may reach later
             return False
         scene = self._find_scene(world, closed=terminated)
         root.edges[action] = scene, terminated
@@ -203,13 +203,13 @@ class LookAheadGraph:
         return scene
 
 
-NEAR_RTT_NS = 40_000_000  # below it one input ahead is enough
-_MOST_TRIES = 48  # from one screen
-_FLIP_NS = 16_000_000  # until a screen is there
-_LOOK_NS = 200_000_000  # until an input
+NEAR_RTT_NS = 40_000_000  # with a shorter round trip, looking one input ahead is enough
+_MOST_TRIES = 48  # of inputs, from one screen of the session
+_FLIP_NS = 16_000_000  # assumed time until a screen is displayed
+_LOOK_NS = 200_000_000  # assumed time from then to an input
 _TICK = "tick"
 _DIGIT_KEYS = 9
-_MOVING = ("step", "controller", "controller_text")  # of a screen that the page goes on with by itself
+_MOVING = ("step", "controller", "controller_text")  # fields that the page itself changes while a screen is shown
 
 
 @dataclass(slots=True)
@@ -233,9 +233,9 @@ class ScreenPrefetcher:
         self._number = number
         self._lend = lend
         self._to_do: deque[tuple[_CopiedScreen, str]] = deque()
-        self._left = 0  # tries
-        self._looked_from: set[int] = set()  # since the session shows its screen
-        self._screens: set[int] = set()  # that the page has
+        self._left = 0  # tries left
+        self._looked_from: set[int] = set()  # names of the screens whose inputs are tried from the session's screen
+        self._screens: set[int] = set()  # names of the screens that the page has
         self._edges: dict[tuple[int, str], int] = {}
         self._new_screens: list[PrefetchedScreen] = []
         self._new_edges: list[tuple[int, str, int]] = []
@@ -272,6 +272,7 @@ class ScreenPrefetcher:
         return ScreenPrefetch(screens, edges)
 
     def _look_at(self, copied: _CopiedScreen) -> None:
+        """Schedule a screen's likely inputs to be tried, once."""
         if copied.name not in self._looked_from:
             self._looked_from.add(copied.name)
             self._to_do.extend((copied, input_name) for input_name in list_likely_inputs(copied.session))
@@ -313,7 +314,7 @@ def _locate_beginning(play: RunningEpisode | None) -> tuple[int, int]:
 
 
 def describe_screen(session: SessionMachine, number: NumberPicture, known: int = 0) -> tuple[dict[str, Any], int]:
-    """Return a screen's values for the page, and its name.
+    """Return the values of a session's screen for the page, and the screen's name.
 
     The name depends on the screen's content and the session's state alone, so a copy of the session yields the same
     name.
@@ -321,7 +322,7 @@ def describe_screen(session: SessionMachine, number: NumberPicture, known: int =
     Args:
         session: the session in its present state.
         number: gives a picture its number.
-        known: the name of the screen that the page has; a film is not sent again for each of its steps.
+        known: the name of the screen that the page has; the values are empty if that screen has the same films.
     """
     screen = session.screen
     if isinstance(screen, FilmsScreen):
@@ -340,6 +341,7 @@ def describe_screen(session: SessionMachine, number: NumberPicture, known: int =
 
 
 def _name(looks: object, session: SessionMachine) -> int:
+    """Return a screen's name, a hash of how it looks and of the session's place in its plan."""
     position = (session.part.number, session.phase, session.next_episode)
     digest = hashlib.blake2b(msgspec.json.encode((looks, position)), digest_size=8).digest()
     return name_scene(int.from_bytes(digest, "little"))
@@ -435,18 +437,18 @@ class FilmPrefetcher:
         if isinstance(screen, FilmsScreen):
             self._films = screen.films
             step = screen.shown_step
-        places = []
+        to_draw = []
         for side, film in enumerate(self._films):
             shown = min(step, len(film) - 1)
             for picture in range(len(film)):
                 distance = (picture - shown) % len(film)  # a film begins again after its end
                 if distance:
-                    places.append((distance, side, picture))
-        self._to_do = deque((side, picture) for _, side, picture in sorted(places))
+                    to_draw.append((distance, side, picture))
+        self._to_do = deque((side, picture) for _, side, picture in sorted(to_draw))
 
     def grow(self) -> FilmFrame | None:
         """Draw the next picture; return None if none is left."""
         if not self._to_do:
             return None
-        side, copied = self._to_do.popleft()
-        return FilmFrame(self._name, side, copied, self._number(self._films[side][copied]))
+        side, picture = self._to_do.popleft()
+        return FilmFrame(self._name, side, picture, self._number(self._films[side][picture]))

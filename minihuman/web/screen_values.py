@@ -64,7 +64,7 @@ def _activity(screen: screens.ActivityScreen, number: NumberPicture) -> dict[str
         return dict(_picture(screen, number))
     module, _, function = view.values.partition(":")
     values: dict[str, Any] = getattr(import_module(module), function)(screen, number)
-    if isinstance(screen, screens.FilmsScreen):  # of which the page has one picture each; the others follow
+    if isinstance(screen, screens.FilmsScreen):  # one picture of each film is sent now; the others follow
         values["films"] = [_number_film(film, screen.shown_step, number) for film in screen.films]
     own = {"kind": "activity", "view": view.name, "module": find_module_address(view.module)}
     return own | {"title": "", "prompt": "", "progress": ""} | dict(_locale(screen)) | values
@@ -197,10 +197,10 @@ ZLIB = 0
 JPEG = 1
 TILED = 2
 JPEG_QUALITY = 85
-_LEVEL = 1  # of ISA-L's four: a tenth of zlib's time at its first, and smaller
-_FLAT = 0.12  # of its bytes: what zlib makes smaller than this is drawn of few colours, and stays exact
-_EVERY = 8  # rows; a picture is judged by these first,
-_ROWS = 12  # or by so many of a tall one
+_LEVEL = 1  # of ISA-L's levels 0 to 3; it takes a tenth of the time of zlib's level 1, and packs smaller
+_FLAT = 0.12  # a picture that packs to a smaller fraction of its bytes has few colours, and is sent losslessly
+_EVERY = 8  # the sample that decides whether packing is tried has every eighth row,
+_ROWS = 12  # but fewer rows of a tall picture
 _SHARED_BYTES = 32 * 2**20  # of packed pictures that are cached for all sessions
 
 
@@ -237,7 +237,7 @@ class ImageCache:
 
     def __init__(self, encoding: ImageEncoding = "auto") -> None:
         self._encoding = encoding
-        self.next = 0  # the number of the next one
+        self.next = 0  # the number of the next new picture
         self._numbers: dict[bytes, int] = {}
         self._new: list[PictureMessage] = []  # not sent yet
         self._tiles: dict[Hashable, int] = {}  # numbers of tiles, by key
@@ -289,6 +289,7 @@ class ImageCache:
 
 
 def _encode_picture(encoding: ImageEncoding, picture: NDArray[np.uint8]) -> tuple[int, bytes]:
+    """Pack a picture, uint8[H, W, 3]; return the packing used, ``ZLIB`` or ``JPEG``, and the packed bytes."""
     if encoding == "lossless" or (encoding == "auto" and _may_be_flat(picture)):
         packed = isal_zlib.compress(picture.data, _LEVEL)
         if encoding == "lossless" or len(packed) < _FLAT * picture.nbytes:

@@ -9,14 +9,14 @@ from minihuman.experiment.plan.session_plan import EpisodePlan, SessionPlan, lis
 
 MESSAGE_COST_BYTES = 400  # of a message in a log, beyond its own text
 _STEP_BYTES = 4 * (60 + MESSAGE_COST_BYTES)  # a key down and up, a tick and a picture
-_CHARACTER_BYTES = 60 + MESSAGE_COST_BYTES  # a message of its own
-_MAX_STEPS = 20_000  # of one episode, whatever the protocol's limit: no participant plays more
-_PART_BYTES = 50_000  # pages turned, sliders moved, keys tried
-_FACTOR = 2
-_PRESSED_STEPS_PER_S = 15  # by a quick participant, longer than a moment, and
-_REPEATED_STEPS_PER_S = 40  # by a key that is held
+_CHARACTER_BYTES = 60 + MESSAGE_COST_BYTES  # a typed character, as a message of its own
+_MAX_STEPS = 20_000  # of one episode that are counted, even if the protocol allows more
+_PART_BYTES = 50_000  # for the pages turned, sliders moved and keys tried in a part
+_FACTOR = 2  # margin over the estimates
+_PRESSED_STEPS_PER_S = 15  # by a quick participant, sustained
+_REPEATED_STEPS_PER_S = 40  # by a held key
 _BASE_BYTES = 1_000_000
-_RATE_BYTES_PER_S = 3_000  # five keys, pressed and released in vain, every second
+_RATE_BYTES_PER_S = 3_000  # five ineffective keys, pressed and released, every second
 _TEXT_BYTES_PER_S = 10 * _CHARACTER_BYTES
 _GAMEPAD_BYTES_PER_S = 60 * 2 * (60 + MESSAGE_COST_BYTES)  # both axes of a stick, once a frame; thumbs as well
 _MOUSE_BYTES_PER_S = 144 * 2 * (60 + MESSAGE_COST_BYTES)  # both axes, once a frame of a quick display
@@ -31,8 +31,8 @@ class SessionBudget:
 
     def __init__(self, plan: SessionPlan) -> None:
         self.spent_bytes = 0
-        self._text_bytes = 0  # of these, what was typed, which takes nothing of what steps need
-        self._step_bytes = _FACTOR * _estimate_step_bytes(plan)  # of all steps, which come at this rate at most
+        self._text_bytes = 0  # the part of these that was typed, which may not use the bytes granted for steps
+        self._step_bytes = _FACTOR * _estimate_step_bytes(plan)  # for all steps, granted at the rate below
         self._step_bytes_per_s = _FACTOR * _STEP_BYTES * max(map(_estimate_steps_per_s, plan.episodes), default=0)
         self._fixed_bytes = _BASE_BYTES + _FACTOR * estimate_plan_bytes(plan) - self._step_bytes
         self._bytes_per_s = _RATE_BYTES_PER_S
@@ -44,7 +44,13 @@ class SessionBudget:
             self._bytes_per_s += _TEXT_BYTES_PER_S
 
     def spend(self, n_bytes: int, session_ns: int, *, is_text: bool = False) -> bool:
-        """Count the bytes of a message; return False if the session has now sent more than it can need by this time."""
+        """Count a message's bytes; return False if the session has sent more than it can need by this time.
+
+        Args:
+            n_bytes: the size of the message.
+            session_ns: the session's time in nanoseconds.
+            is_text: whether the message holds what was typed, which is also limited by itself.
+        """
         self.spent_bytes += n_bytes + MESSAGE_COST_BYTES
         if is_text:
             self._text_bytes += n_bytes + MESSAGE_COST_BYTES
@@ -52,7 +58,7 @@ class SessionBudget:
         return is_text_within and self.spent_bytes <= self.find_limit_bytes(session_ns)
 
     def find_limit_bytes(self, session_ns: int) -> int:
-        """Return the number of bytes that a session can need up to a time in it."""
+        """Return the number of bytes that a session can need up to a time in it, given in nanoseconds."""
         step_bytes = min(self._step_bytes, self._step_bytes_per_s * max(0, session_ns) / 1e9)
         return self._find_other_bytes(session_ns) + round(step_bytes)
 

@@ -6,12 +6,12 @@ No I/O: all times are passed in as arguments.
 from minihuman.experiment.machine.events import CLOCK_NOTE, Linked
 from minihuman.web.messages import MessageError, RoundTripMessage
 
-_AHEAD_NS = 5_000_000_000  # a page's clock may be so far before ours, and a thousandth more with time
+_AHEAD_NS = 5_000_000_000  # that a page's clock may be ahead of the server's, besides a thousandth of the time
 _NOTED_AHEAD_NS = 1_000_000_000  # a page that is further ahead is noted, and again for each further second
-_DRIFT_AFTER_NS = 60_000_000_000  # before, jitter hides the drift
-_MAX_DRIFT_NS = 200_000_000  # of the page's clock against the server's: 2 % between two looks, which are 10 s apart
-_LOOK_INTERVAL_NS = 30_000_000_000  # after so long without a measurement of the page's, its messages are looked at
-_UNMEASURED_ERROR_NS = 800_000_000  # then: a single message may have waited so long on the way
+_DRIFT_AFTER_NS = 60_000_000_000  # from the first measurement; over less time jitter hides the drift
+_MAX_DRIFT_NS = 200_000_000  # of the page's clock against the server's: 2 % of the 10 s between two measurements
+_LOOK_INTERVAL_NS = 30_000_000_000  # without a measurement, after which the messages' arrival times are compared
+_UNMEASURED_ERROR_NS = 800_000_000  # of that comparison: the time that a single message may be delayed
 _NEVER_NS = 1 << 62
 _NS_PER_S = 1e9
 
@@ -87,11 +87,11 @@ class PageClock:
     """Compares the page's clock with the server's, by measured round trips and by the arrival of messages."""
 
     def __init__(self) -> None:
-        self.rtt_ns: int | None = None  # of the quickest of the latest; None until one was measured
-        self._first: tuple[int, int] | None = None  # time and offset of the first
-        self._began_ns: int | None = None  # when the first message came
-        self._looked_ns = 0  # when the times were compared last
-        # of the quickest message: since the last look, before that one, and in the first minute
+        self.rtt_ns: int | None = None  # the latest measured round trip; None before the first
+        self._first: tuple[int, int] | None = None  # time and offset of the first measurement
+        self._began_ns: int | None = None  # arrival of the first message
+        self._looked_ns = 0  # time of the last comparison
+        # lag of the fastest message: since the last comparison, between the last two, and in the first minute
         self._lag_ns = _NEVER_NS
         self._last_lag_ns = _NEVER_NS
         self._least_lag_ns = _NEVER_NS
@@ -116,7 +116,7 @@ class PageClock:
         return self._compare(arrival_ns, error_ns=_UNMEASURED_ERROR_NS, is_early=is_early)
 
     def look(self, link: Linked, arrival_ns: int) -> str:
-        """Return a note if the page's time has moved too far against the server's clock; otherwise ""."""
+        """Compare the clocks after a measured round trip; return a note if the page's moved too far, otherwise ""."""
         return self._compare(arrival_ns, error_ns=link.error_ns, is_early=link.drift_ppm is None)
 
     def _compare(self, arrival_ns: int, *, error_ns: int, is_early: bool) -> str:
@@ -135,7 +135,7 @@ class PageClock:
         return f"{CLOCK_NOTE} moved by {drift_ms:+.0f} ms against the times at which its messages came"
 
     def linked(self, at_ns: int, link: RoundTripMessage) -> Linked:
-        """Return the log event for a measured round trip.
+        """Record a measured round trip, and return its log event.
 
         Args:
             at_ns: the session's time in nanoseconds.

@@ -23,9 +23,9 @@ from minihuman.web.page_inputs import MakeInput, PageInputs, order_flip
 from minihuman.web.session_clocks import PageClock
 from minihuman.web.session_writer import SessionWriter
 
-_MOST_ALTERATIONS = 500  # a page that is translated has one a screen
-_MOST_UNHEARD = 20  # a page has one in a segment
-_FAR_RTT_NS = 150_000_000  # until the latency is measured
+_MAX_ALTERATION_NOTES = 500  # a translated page reports one alteration per screen
+_MAX_LATE_INPUT_NOTES = 20  # a page reports at most one per segment
+_FAR_RTT_NS = 150_000_000  # assumed round trip until one is measured
 
 
 class SessionHost:
@@ -53,23 +53,23 @@ class SessionHost:
         unwritten: Sequence[Event] = (),
     ) -> None:
         self.session = session
-        self._mark_ns = 0  # what is not later is in the log, or never will be
+        self._mark_ns = 0  # messages of the page that are not later are ignored: see ``begin_stream``
         if logged:
             self._mark_ns = logged[-1].t_ns
         self.last_at_ns = self._mark_ns
         self.outbox = Outbox(session, make_world, settings, logged)
         self.link = PageClock()
         self._agent = agent
-        self._prepared: inputs.ActivityInput | None = None  # an answer that took long, until the session has it
-        self._is_announced = False  # the page was asked when it is to be taken
+        self._prepared: inputs.ActivityInput | None = None  # the answer to a long request, until the session has it
+        self._is_announced = False  # whether the page was asked to set that answer's time
         self._inputs = PageInputs((*logged, *unwritten))
         self._writer = SessionWriter(session, recorder)
-        self._has_begun = bool(logged)  # the session knows what time it is
-        self._draws = True  # the page does not know the screen
-        self._notes: list[str] = []  # of the page, that come with its next message
+        self._has_begun = bool(logged)  # whether the session has received an input
+        self._draws = True  # whether the session draws its pictures; in an episode the page has them already
+        self._notes: list[str] = []  # about the page, to be logged with its next message
         self.has_stepped = any(isinstance(event, Stepped) for event in logged)
-        self._alterations = 0  # that were noted
-        self._unheard = 0  # notes of what was done in segments before
+        self._alterations = 0  # count of reported alterations of the page
+        self._unheard = 0  # count of reported inputs of earlier segments
         self._writer.write(unwritten)
 
     # What the outside looks at
@@ -157,14 +157,14 @@ class SessionHost:
         self._advance(number, at_ns, message, arrival_ns)
         play = self.session.play
         computes = self.outbox.is_computed
-        self._draws = play is None  # else when the page is told where the session is, if it is
+        self._draws = play is None
         events = self._add_notes(message, at_ns, self._find_events(message, at_ns, arrival_ns))
         waits = more and play is not None and self.session.play is play and (computes or not leads)
         if waits:
             self._writer.write_later(events)
         else:
             self._writer.write(events)
-        is_kept_early = isinstance(message, messages.DisplayedMessage) and not events  # until the next write is safe
+        is_kept_early = isinstance(message, messages.DisplayedMessage) and not events  # safe only with the next write
         self._writer.record_taken(number, with_next=is_kept_early)
         self.outbox.follow(events)
         if not waits:
@@ -182,7 +182,7 @@ class SessionHost:
         return [*(Noted(at_ns, BROWSER_NOTE, note) for note in notes), *events]
 
     def _advance(self, number: int, at_ns: int, message: messages.PageMessage, arrival_ns: int | None) -> None:
-        """Advance the session's time to that of a message."""
+        """Advance the session's time to that of a message, which begins the session if it is the first."""
         if at_ns <= self.last_at_ns:
             raise messages.MessageError(
                 f"message {number} has time {at_ns} ns, which is not after the previous one's {self.last_at_ns} ns; "
@@ -230,7 +230,7 @@ class SessionHost:
             self.outbox.follow(events)
             early_step = self.outbox.steps.take_early()
             if early_step is not None:
-                self._writer.write(self._step_shown(early_step, self.last_at_ns))
+                self._writer.write(self._find_display_events(early_step, self.last_at_ns))
         self.outbox.send_state()
 
     def poll(self) -> bool:
@@ -292,12 +292,12 @@ class SessionHost:
                 return [Noted(at_ns, BROWSER_NOTE, f"gamepad {name}: {detail}")]
             case messages.PageAlteration(what=what, detail=detail):
                 self._alterations += 1
-                if self._alterations > _MOST_ALTERATIONS:
+                if self._alterations > _MAX_ALTERATION_NOTES:
                     return []
                 return [Noted(at_ns, BROWSER_NOTE, format_alteration(what, detail))]
             case messages.LateInputMessage():
                 self._unheard += 1
-                if self._unheard > _MOST_UNHEARD:
+                if self._unheard > _MAX_LATE_INPUT_NOTES:
                     return []
                 return [Noted(at_ns, BROWSER_NOTE, f"not taken: {message.text}")]
             case messages.KeyMessage(trusted=False):
@@ -307,7 +307,7 @@ class SessionHost:
                 text = f"key {message.key} {direction} at {message.stamp} ns was made by a script"
                 return [Noted(at_ns, BROWSER_NOTE, text), *self._play(message, at_ns)]
             case messages.DisplayedMessage(step=step) if step >= 0:
-                return self._step_shown(message, at_ns)
+                return self._find_display_events(message, at_ns)
         return self._play(message, at_ns)
 
     def _play(self, message: messages.PageMessage, at_ns: int) -> list[Event]:
@@ -318,8 +318,11 @@ class SessionHost:
             return []
         return self.session.receive(page_input, at_ns=at_ns, draws=self._draws)
 
-    def _step_shown(self, message: messages.DisplayedMessage, at_ns: int) -> list[Event]:
-        """Return the events of a step's displayed picture, with notes on how the picture differs from the session's."""
+    def _find_display_events(self, message: messages.DisplayedMessage, at_ns: int) -> list[Event]:
+        """Return the events of a step's displayed picture, with notes on how the picture differs from the session's.
+
+        The report of a picture whose joint step is not closed yet is kept, and has no events before.
+        """
         steps = self.outbox.steps
         if not steps.knows(message):
             steps.keep_early(message)

@@ -30,16 +30,19 @@ class SessionWriter:
     """
 
     def __init__(self, session: SessionMachine, recorder: Recorder) -> None:
-        self.count = 0  # writes of events
+        self.count = 0  # number of writes
         self._session = session
         self._recorder = recorder
-        self._before_plan: list[Event] = []  # of the page's own, until the group is drawn
-        self._unwritten: list[Event] = []  # of messages that others came with
+        self._before_plan: list[Event] = []  # events to be written once the group is drawn
+        self._unwritten: list[Event] = []  # events to be written with those of the next message
         self._pending: deque[_PendingMessage] = deque()
-        self._settled = 0  # the last message of the page's that is safe
+        self._settled = 0  # number of the page's last safe message
 
     def write(self, events: Sequence[Event]) -> None:
-        """Write the session's events, with earlier events of the page that had to wait for the plan."""
+        """Write events, after those that ``write_later`` kept. While the group is not drawn, keep them until it is.
+
+        Events that were kept until the draw are written in order of time.
+        """
         events = [*self._unwritten, *events]
         self._unwritten = []
         if awaits_allocation(self._session):

@@ -4,15 +4,15 @@ from contextlib import suppress
 from dataclasses import dataclass
 from ipaddress import ip_address
 
-MESSAGES_PER_S = 200.0  # 60 steps a second with their pictures and keys are some 150
+MESSAGES_PER_S = 200.0  # 60 steps per second, with their pictures and keys, take some 150
 MESSAGE_BURST = 200
 HELLO_TIMEOUT_S = 10.0  # a socket without a hello by then is closed
 MAX_TARGET_BYTES = 2_048  # of a request's path and query
 MAX_WAITING = 200  # sockets without a hello
 HANDLES_PER_SESSION = 3  # its log, and its socket or the two requests of a page over HTTP
-_OTHER_HANDLES = 2 * MAX_WAITING + 128  # those who say nothing yet, the journals, the database
+_OTHER_HANDLES = 2 * MAX_WAITING + 128  # sockets without a hello, journals, the database
 PREFETCH_BACKLOG = 300  # unacknowledged messages above which nothing is prefetched
-MAX_BACKLOG = 3_000  # and above which the page starts anew
+MAX_BACKLOG = 3_000  # unacknowledged messages above which the page has to start anew
 
 
 @dataclass(slots=True)

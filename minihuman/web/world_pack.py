@@ -37,7 +37,7 @@ _PAGE_SEEDS = 2**53  # the whole numbers that a page has
 TILE_PX = 32
 SIZE_PX = (640, 480)  # of a first-person picture, unless the page asks for another
 PAGE_SINE = {"trig": 1}  # the option by which a first-person world computes as a page does
-# of the page, which play what is packed
+# the page's modules that play packed worlds
 MODULES = ("packed_world.js", "layouts.js", "episode_record.js", "world.js", "row.js")
 _PAGE = Path(__file__).with_name("page")
 _KINDS = (("Grid", GRID_WORLDS), ("BabyAI", BABYAI_WORLDS), ("First person", FIRST_PERSON_WORLDS))
@@ -106,11 +106,11 @@ class _PackWriter:
         self.seeds = seeds
         self.worlds: list[dict[str, Any]] = []
         self.skipped: list[str] = []
-        self.layouts: dict[str, Any] = {}  # of the worlds that pages lay out
+        self.layouts: dict[str, Any] = {}  # by name of the world, for worlds that pages lay out
         self._manifest = json.loads((_PAGE / "worlds/manifest.json").read_text(encoding="utf-8"))
         self._layout_modules = read_layout_modules()
-        self._modules = {"grid"}  # that the worlds need, by name
-        self._kinds: tuple[ObjectKind, ...] = ()  # a world's own
+        self._modules = {"grid"}  # names of the modules that the worlds need
+        self._kinds: tuple[ObjectKind, ...] = ()  # object kinds of a world's own
 
     def add_world(self, kind: str, world: CatalogueEntry) -> None:
         """Write a world's first states, or record how a page lays it out; skip a world whose rules are Python."""
@@ -137,7 +137,7 @@ class _PackWriter:
         self.worlds.append(title | packed_seeds | {"actions": list(env.action_names)} | starts)
 
     def _write_starts(self, env: Any, world: CatalogueEntry) -> dict[str, Any]:
-        """Write how a world's episodes begin; return the entry of the index that says so."""
+        """Write a world's first states, or record its layout; return the index's fields on how its episodes begin."""
         packed_seeds = {"first_seed": self.seeds.start, "seeds": len(self.seeds)}
         if isinstance(env, FirstPersonEnv):
             self._modules.add("first_person")
@@ -188,7 +188,7 @@ def parse_seeds(text: str) -> range:
     last = int(last_text or first_text)
     count = last - first + 1
     if not 1 <= count <= _MOST_SEEDS:
-        raise WorldError(f"seeds {text!r} are {count}; pack 1 to {_MOST_SEEDS}")
+        raise WorldError(f"seeds {text!r} are {max(count, 0)} seeds; pack 1 to {_MOST_SEEDS}")
     return range(first, last + 1)
 
 
@@ -216,18 +216,18 @@ def _make_world(entry: CatalogueEntry, options: dict[str, Any]) -> Any:
 def _write_rows(folder: Path, env: GridEngine, entry: CatalogueEntry, seeds: Sequence[int]) -> dict[str, Any]:
     """Pack a grid world's first states: the random states of all seeds, then the rows, then the missions."""
     rows = []
-    words = []
+    rng_states = []
     missions = []
     for seed in seeds:
         observation, _ = env.reset(seed=seed)
         state = env.save()
         rows.append(state.row)
-        words.append(state.rng_state)
+        rng_states.append(state.rng_state)
         missions.append(observation["mission"])
     distinct = missions
     if len(set(missions)) == 1:
         distinct = missions[:1]
-    content = np.stack(words).tobytes() + np.stack(rows).tobytes() + json.dumps(distinct).encode()
+    content = np.stack(rng_states).tobytes() + np.stack(rows).tobytes() + json.dumps(distinct).encode()
     _write_deflated(folder / "starts" / f"{entry.name}.z", content)
     return _describe_sizes(env)
 

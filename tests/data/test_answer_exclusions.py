@@ -142,7 +142,7 @@ REFUSED = {
     'measure = "answer:check.words"\nbelow = 1': "use is_missing, or ask for a number",
     'measure = "answer:check.colour"\nis_missing = true': "is required; set required = false",
     'measure = "answer:check.age"\nbelow = 18\nwhere = { side = "left" }': "is of trials",
-    'measure = "answer:check.age"': "has neither below nor above",
+    'measure = "answer:check.age"': "compares nothing",
     'measure = "steps"\nis_one_of = [3]': "use it with measure = 'answer:QUESTIONS.ITEM'",
 }
 

@@ -163,7 +163,7 @@ def test_who_withdrew_is_counted_as_gone(study, tmp_path):
     [(line, good)] = verify_design_decisions(copy, protocol)
     assert good
     assert "decisions of the study's designs follow from its logs; " in line
-    assert line.endswith("count logs that are gone")
+    assert line.endswith("use logs that are gone")
 
 
 def test_what_cannot_be_decided_is_refused():

@@ -313,7 +313,7 @@ class Lessons(AgentHost):
         path = SegmentPath.of_plan(data, plan)
         logs = lambda: [file for file in (path.log, path.part) if file.exists()]  # noqa: E731
         stretches = ClipSampler(logs, seed=plan.study_seed, index=plan.participant.index)
-        super().__init__(PolicyStore(data / plan.study), {}, logs=logs, stretches=stretches, patient=True)
+        super().__init__(PolicyStore(data / plan.study), {}, logs=logs, clips=stretches, patient=True)
         self._learnt = 0
 
     def answer(self, want: ActivityRequest, play: RunningEpisode | None, t_ns: int) -> ActivityInput | None:

@@ -37,7 +37,7 @@ def test_a_complete_study_says_nothing(study: Path) -> None:
 def test_a_session_whose_log_is_gone_is_named(study: Path) -> None:
     shutil.rmtree(study / "sub-02")
     assert list(verify_enrolment(study)) == [
-        ("sub-02_ses-01.mcap is gone: the enrolment log holds the head of its chain", False)
+        ("sub-02_ses-01.mcap is gone: the enrolment log has the head of its chain", False)
     ]
     for command in ("status", "verify"):
         result = CliRunner().invoke(make_command_line(), [command, str(study)])

@@ -149,7 +149,7 @@ def test_a_program_that_stayed_away_resumes_at_the_same_screen(
     assert len(list((tmp_path / "data").rglob("*.mcap.part"))) == 1
 
 
-NAME_ERROR = "name is a text of 1 to 40 characters"
+NAME_ERROR = "name is not a text of 1 to 40 printable characters; send such a name"
 OBJECT_ERROR = "send a JSON object"
 NO_SESSION_ERROR = "this session does not exist; begin a session with POST /sessions"
 SIZE_ERROR = f"send a body of at most {MAX_BODY_BYTES} bytes with its length"

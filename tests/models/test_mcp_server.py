@@ -98,7 +98,7 @@ def test_a_client_reads_why_its_call_was_refused_and_the_mistake_costs_nothing(
     async def talk() -> None:
         async with Client(make_mcp_server(programs)) as client:
             for name in ("a\nb", "", "n" * (agent_server.MAX_NAME + 1)):
-                error = f"name is a text of 1 to {agent_server.MAX_NAME} characters"
+                error = f"name is not a text of 1 to {agent_server.MAX_NAME} printable characters; send such a name"
                 assert await read_error(client, "begin", name=name) == error
             assert await read_error(client, "read_screen", session="guessed") == no_session
             assert await read_error(client, "answer", session="guessed", number=1, answer="1") == no_session

@@ -34,7 +34,7 @@ PLANTED = (
     Mutant(
         "a group is drawn again whatever the stratum",
         "admin/enrolment_log.py",
-        "if (line.stratum, line.slot is None) == (stratum, False):",
+        "if line.stratum == stratum and line.slot is not None:",
         "if line.slot is not None:",
         ("tests/study/test_strata.py", "tests/seats/test_drawn_group.py"),
     ),

@@ -42,16 +42,16 @@ def rewritten(log: Path, target: Path, change: Change, *, chained: bool) -> Path
                     writer.add_message(
                         record.channel.id, record.log_time, record.data, record.publish_time, record.sequence
                     )
-                    chain.message(record, scan.schemas.get(record.channel.schema_id))
+                    chain.add_message(record, scan.schemas.get(record.channel.schema_id))
                     pending = True
                 case Metadata():
-                    chain.metadata(record)
+                    chain.add_metadata(record)
                     facts = dict(record.metadata)
                     if chained and CHAIN_KEY in facts:
                         facts[CHAIN_KEY] = chain.head
                     writer.add_metadata(record.name, facts)
                 case Attachment():
-                    chain.attachment(record)
+                    chain.add_attachment(record)
                     writer.add_attachment(
                         record.create_time, record.log_time, record.name, record.media_type, record.data
                     )

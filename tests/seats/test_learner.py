@@ -192,7 +192,7 @@ def test_of_several_pairs_the_one_comes_that_the_ensemble_disputes_and_any_where
     [log] = TAUGHT.rglob("*.mcap")
     stretches = ClipSampler(lambda: [log], seed=3, index=0)
     learner = LearnerProcess([str(script)])
-    seat = AgentHost(PolicyStore(tmp_path), {}, logs=lambda: [log], learner=learner, stretches=stretches, patient=True)
+    seat = AgentHost(PolicyStore(tmp_path), {}, logs=lambda: [log], learner=learner, clips=stretches, patient=True)
     block = read_log(log).episodes[0].plan.block_name
     want = ClipRequest(9, block, 0, 0, 3, None, "disagreement", PATIENCE_S)
     first = seat.answer(want, None, 0)

@@ -229,7 +229,7 @@ def test_a_carried_key_map_needs_as_many_actions_in_lists_of_parts_too(parts):
     [
         ('consent = "I agree."', "consent", "or set asks_consent = true"),
         ('closing = "Bye."', "closing", "or set closing = true"),
-        ("[keys]\nkeyboard_check = true", "keyboard_check", "call it otherwise"),
+        ("[keys]\nkeyboard_check = true", "keyboard_check", "use another name"),
     ],
 )
 def test_no_part_is_called_what_comes_by_itself(head, name, way):

@@ -74,7 +74,7 @@ def test_the_papers_study_is_two_groups_of_ten_episodes_a_block_on_keys_one_to_n
         ("episodes = 2", "episodes = 2\nmotion_ms = 100", "demo.toml: $.blocks[0].motion_ms is for built-in first-per"),
         ("episodes = 2", "episodes = 2\nmotion_ms = -1", "demo.toml: $.blocks[0].motion_ms is -1; use 0 to 1000 ms"),
         ("episodes = 2", "episodes = 2\nseeds = [1]", "demo.toml: $.blocks[0].seeds has 1 seeds for 2 episodes"),
-        ("episodes = 2", "episodes = 2\nseeds = [1, -2]", "demo.toml: $.blocks[0].seeds has a negative seed"),
+        ("episodes = 2", "episodes = 2\nseeds = [1, -2]", "demo.toml: $.blocks[0].seeds has a seed that is not from 0"),
         ("episodes = 2", 'episodes = 2\npace = "real_time"', "demo.toml: $.blocks[0].step_period_ms is 0.0"),
         (
             "episodes = 2",

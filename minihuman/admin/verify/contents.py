@@ -42,7 +42,7 @@ class LogSegment:
     last_sequence: int = 0
     last_ns: int = 0
     first_ns: int = 0
-    head: str = ""  # of the chain, at its end
+    head: str = ""  # the chain's head at the segment's end
 
     @property
     def number(self) -> str:
@@ -76,9 +76,9 @@ class LogContents:
     segments: list[LogSegment] = field(default_factory=list)
     finished: bool = False
     attached: list[Attachment] = field(default_factory=list)
-    differences: list[str] = field(default_factory=list)  # a sentence for each record that is not as it is written
-    plans: list[bytes] = field(default_factory=list)  # the messages
-    plan_copies: list[bytes] = field(default_factory=list)  # of those, in the second copies of the segments' starts
+    differences: list[str] = field(default_factory=list)  # one line for each record not as minihuman writes it
+    plans: list[bytes] = field(default_factory=list)  # the plans' messages
+    plan_copies: list[bytes] = field(default_factory=list)  # the plans' messages in the segment heads
 
 
 def read_log_contents(path: Path) -> LogContents:
@@ -102,10 +102,10 @@ class _ContentsReader:
         self._scan = LogScanner(path)
         self._chain = HashChain()
         self._contents = LogContents()
-        self._schemas: dict[int, Schema] = {}  # that are known at the record
-        self._sure_events: deque[Event | None] = deque()  # of the messages to come
-        self._decode: EventDecoder | None = None  # of the latest segment's messages
-        self._verifier: MessageVerifier | None = None  # of the same, from its first message on
+        self._schemas: dict[int, Schema] = {}  # those defined before the present record
+        self._sure_events: deque[Event | None] = deque()  # events of the next messages; None if they are not sure
+        self._decode: EventDecoder | None = None  # the decoder of the latest segment's messages
+        self._verifier: MessageVerifier | None = None  # the verifier of these messages; None before the first
 
     def read(self) -> LogContents:
         """Read the log to its end and return its contents."""
@@ -115,12 +115,12 @@ class _ContentsReader:
         for record, self._schemas in records:
             match record:
                 case Metadata():
-                    self._chain.metadata(record)
+                    self._chain.add_metadata(record)
                     self._take_metadata(record)
                 case Attachment() if record.name == integrity.SEGMENT_HEAD_NAME:
                     self._take_copy(record)
                 case Attachment():
-                    self._chain.attachment(record)
+                    self._chain.add_attachment(record)
                     contents.attached.append(record)
                 case ChunkMessages():
                     self._take_chunk(record)
@@ -148,10 +148,10 @@ class _ContentsReader:
         segment = contents.segments[-1]
         match record.name:
             case log_names.FACTS_METADATA:
-                self._require_first(record.name, segment.station)
+                self._note_duplicate(record.name, segment.station)
                 segment.station = record.metadata
             case log_names.END_METADATA:
-                self._require_first(record.name, segment.end)
+                self._note_duplicate(record.name, segment.end)
                 segment.end = record.metadata
                 segment.head = self._chain.head
             case log_names.MISSING_METADATA:
@@ -161,7 +161,7 @@ class _ContentsReader:
                     "they were lost to damage"
                 )
 
-    def _require_first(self, name: str, earlier: dict[str, str] | None) -> None:
+    def _note_duplicate(self, name: str, earlier: dict[str, str] | None) -> None:
         """Note a difference if a segment has the same metadata twice."""
         if earlier is not None:
             self._contents.differences.append(f"metadata {name} is there twice")
@@ -173,7 +173,7 @@ class _ContentsReader:
             self._contents.plan_copies += (message.data for message in messages)
 
     def _decode_sure_events(self, records: Sequence[Metadata | Attachment | ChunkMessages]) -> None:
-        """Decode the events of which it is sure that their messages are as they are written, a segment at a time."""
+        """Decode a segment's events; None for a message that may not have the bytes that minihuman writes."""
         chunks: list[ChunkMessages] = []
         started_ns = ""
         for record in records:
@@ -201,7 +201,7 @@ class _ContentsReader:
         """
         contents = self._contents
         schema = self._schemas.get(record.channel.schema_id)
-        self._chain.message(record, schema)
+        self._chain.add_message(record, schema)
         segment = contents.segments[-1]
         if segment.end is not None:
             contents.differences.append(f"a message on {record.channel.topic} lies behind the end of its segment")

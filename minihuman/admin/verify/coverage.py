@@ -57,16 +57,16 @@ class Sample:
         return [logs[place] for place in sorted(places.tolist())]
 
     def describe(self, n_drawn: int, n_logs: int) -> str:
-        """Describe the sample in the words that stand wherever its result does."""
+        """Describe the sample, as every report of its result does."""
         return f"a sample of {n_drawn} of {n_logs} sessions, {100 * self.share:g} %, seed {self.seed}"
 
 
 class _VerifiedLog(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A line of the record: a log in which nothing differed."""
 
-    log: str  # its path in the record's terms
+    log: str  # its absolute path
     digest: str  # of its files, of its annotations and of its chain heads in the enrolment log
-    software: str  # that verified it
+    software: str  # the software that verified it
     at: str  # UTC
     lines: tuple[str, ...]
 
@@ -78,7 +78,7 @@ class VerificationRecord:
 
     Args:
         file: the file, which need not exist.
-        options: what else than the logs a result depends on.
+        options: the settings on which a result depends besides the logs.
 
     Raises:
         LogError: if the file cannot be read, or is another file.
@@ -100,7 +100,7 @@ class VerificationRecord:
             self._read_line(line, number)
 
     def _read_line(self, line: bytes, number: int) -> None:
-        """Read a line; one that a cut-off run left unfinished ends where the next run began."""
+        """Read a line; skip a line that a cut-off run left unfinished."""
         try:
             verified = msgspec.json.decode(line, type=_VerifiedLog)
         except msgspec.DecodeError as error:
@@ -112,7 +112,7 @@ class VerificationRecord:
         self._verified[verified.log] = verified
 
     def find(self, log: Path, heads: Iterable[tuple[str, str]]) -> tuple[str, ...] | None:
-        """Return the findings about a log that this software verified, as it is now; None if it is to be replayed.
+        """Return the lines about a log that this software verified in its present state; None if it must be verified.
 
         Args:
             log: the log, or a session's folder.
@@ -120,7 +120,7 @@ class VerificationRecord:
         """
         try:
             self._digests[log] = _digest_log(log, heads)
-        except (LogError, OSError):  # verifying says what is wrong with it
+        except (LogError, OSError):  # verification reports the error
             return None
         known = self._verified.get(str(log.absolute()))
         if known is None or (known.digest, known.software) != (self._digests[log], self._software):
@@ -128,7 +128,7 @@ class VerificationRecord:
         return tuple(f"{line} (verified at {known.at}, unchanged since)" for line in known.lines)
 
     def add(self, log: Path, lines: Sequence[str]) -> None:
-        """Append a log in which nothing differs, as it was when ``find`` did not find it.
+        """Append a log in which nothing differs, with its state at the ``find`` call that must precede.
 
         Raises:
             LogError: if the file cannot be written.

@@ -32,7 +32,7 @@ class EpisodeVerification:
     episodes: int
     steps: int
     difference: str  # the first, "episode 3 step 17: state hash ..."; "" if the log replays exactly
-    n_other_renderer: int = 0  # episodes of which what was seen is not compared: an earlier renderer drew it
+    n_other_renderer: int = 0  # episodes whose observations an earlier renderer drew, so that they are not compared
 
 
 def describe_other_rules(log: SessionLog) -> str:
@@ -48,11 +48,11 @@ def describe_other_rules(log: SessionLog) -> str:
 
 
 def follow_from_events(log: SessionLog) -> bool:
-    """Return whether a log's episodes are as logged if its events are those of the session machine.
+    """Return whether comparing a log's events with the session machine's also proves its episodes.
 
-    The machine steps the same worlds with the same seeds and actions, and all its events are compared. That is not all
-    of it for logs of earlier rules or pictures, for teams, whose joint actions are compared, too, and for worlds that
-    failed.
+    The machine steps the same worlds with the same seeds and actions, and all its events are compared. That is not
+    enough for logs of earlier rules or pictures, for worlds that failed, and for teams, whose joint actions must be
+    compared, too.
     """
     has_own_rules = all(facts.get("session_rules") == str(MACHINE_VERSION) for facts in log.metadata["segments"])
     has_own_images = all(renders_same_images(segment.facts) for segment in log.segments)
@@ -75,17 +75,17 @@ def verify_episodes(log: SessionLog, make_world: WorldFactory = World) -> Episod
         WorldError: if a world in the log cannot be created here.
     """
     episodes = steps = n_other_renderer = 0
-    same = all(renders_same_images(segment.facts) for segment in log.segments)
+    has_same_images = all(renders_same_images(segment.facts) for segment in log.segments)
     for (world_id, options), group in groupby(
         log.episodes, lambda episode: (episode.plan.world, episode.world_options)
     ):
         with closing(make_world(world_id, options)) as world:
-            unlike = world.drawn and not same
+            skips_observations = world.drawn and not has_same_images
             for episode in group:
-                difference = _first_difference(episode, world, compare_observations=not unlike)
+                difference = _first_difference(episode, world, compare_observations=not skips_observations)
                 if difference:
                     return EpisodeVerification(episodes, steps, difference, n_other_renderer)
-                n_other_renderer += unlike
+                n_other_renderer += skips_observations
                 episodes += 1
                 steps += len(episode.actions)
     return EpisodeVerification(episodes, steps, "", n_other_renderer)
@@ -105,13 +105,13 @@ def _first_difference(episode: EpisodeLog, world: World, *, compare_observations
 def _list_differences(episode: EpisodeLog, world: World) -> Iterator[str]:
     """Play an episode's actions again in the world and yield the differences."""
     play = RunningEpisode(episode.plan, world, picture_px=None)
-    yield from _at_start(episode.start, play.start(episode.start.t_ns), f"{episode.name} reset")
+    yield from _compare_start(episode.start, play.start(episode.start.t_ns), f"{episode.name} reset")
     for index, action in enumerate(episode.actions_taken):
         place = f"{episode.name} step {index + 1}"
         if play.outcome is not None:
             yield f"{place}: logged, but the episode now ends at step {index} with {play.outcome!r}"
-        again = play.step(0, action, key=episode.step_keys[index], key_t_ns=0)
-        yield from _at_step(episode, index, again, place)
+        replayed = play.step(0, action, key=episode.step_keys[index], key_t_ns=0)
+        yield from _compare_step(episode, index, replayed, place)
         if episode.team is not None:
             rewards = episode.team.rewards[index]
             if not np.array_equal(rewards, world.unwrapped.rewards, equal_nan=True):
@@ -119,7 +119,7 @@ def _list_differences(episode: EpisodeLog, world: World) -> Iterator[str]:
     if episode.team is not None:
         yield from _list_team_differences(episode, episode.team)
     if episode.end_cause and play.outcome is None:
-        play.end(0, episode.end_cause)  # by a time limit or a failure; the replay of the session's inputs compares when
+        play.end(0, episode.end_cause)  # a time limit or a failure, whose time the replay of inputs compares
     if play.outcome != episode.outcome and episode.outcome not in (None, "abandoned"):
         yield f"{episode.name}: outcome {episode.outcome!r} in the log, now {play.outcome!r}"
 
@@ -133,35 +133,35 @@ def _list_team_differences(episode: EpisodeLog, team: TeamRecord) -> Iterator[st
         yield f"{episode.name}: the joint actions of seat {team.seat} are not the seat's own"
 
 
-def _at_start(logged: EpisodeStarted, again: EpisodeStarted, place: str) -> Iterator[str]:
+def _compare_start(logged: EpisodeStarted, replayed: EpisodeStarted, place: str) -> Iterator[str]:
     for name in ("action_names", "mission", "map", "pose"):
-        if getattr(logged, name) != getattr(again, name):
-            yield f"{place}: {name} {getattr(logged, name)!r} in the log, now {getattr(again, name)!r}"
+        if getattr(logged, name) != getattr(replayed, name):
+            yield f"{place}: {name} {getattr(logged, name)!r} in the log, now {getattr(replayed, name)!r}"
     yield from _compare_hashes(
-        place, logged.state_hash, again.state_hash, logged.observation_hash, again.observation_hash
+        place, logged.state_hash, replayed.state_hash, logged.observation_hash, replayed.observation_hash
     )
 
 
-def _at_step(episode: EpisodeLog, index: int, again: Stepped, place: str) -> Iterator[str]:
+def _compare_step(episode: EpisodeLog, index: int, replayed: Stepped, place: str) -> Iterator[str]:
     """Yield the differences between a logged step and the same step now; the state after it has the next index."""
     state = index + 1
     yield from _compare_hashes(
         place,
         int(episode.state_hashes[state]),
-        again.state_hash,
+        replayed.state_hash,
         int(episode.observation_hashes[state]),
-        again.observation_hash,
+        replayed.observation_hash,
     )
     for name, logged, now in (
-        ("success", _logged_success(episode, index), again.success),
-        ("reward", float(episode.rewards[index]), again.reward),
-        ("terminated", bool(episode.terminated[index]), again.terminated),
-        ("truncated", bool(episode.truncated[index]), again.truncated),
+        ("success", _logged_success(episode, index), replayed.success),
+        ("reward", float(episode.rewards[index]), replayed.reward),
+        ("terminated", bool(episode.terminated[index]), replayed.terminated),
+        ("truncated", bool(episode.truncated[index]), replayed.truncated),
     ):
         are_both_nan = logged != logged and now != now
         if logged != now and not are_both_nan:
             yield f"{place}: {name} {logged!r} in the log, now {now!r}"
-    pose = pose_as_row(again.pose)
+    pose = pose_as_row(replayed.pose)
     if not np.array_equal(episode.poses[state], pose, equal_nan=True):
         yield f"{place}: pose {episode.poses[state].tolist()} in the log, now {list(pose)}"
 

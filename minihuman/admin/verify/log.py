@@ -47,7 +47,7 @@ from minihuman.trust import Trust, find_changed_sources, list_foreign_modules
 from minihuman.worlds.adapters.world import World
 from minihuman.worlds.isolation.isolated_world import IsolatedWorlds
 
-MAX_DIFFERENCES = 20  # that are named, of a log
+MAX_DIFFERENCES = 20  # of a log, that are listed
 
 
 def find_log_differences(path: Path, make_world: WorldFactory) -> Iterator[str]:
@@ -72,7 +72,7 @@ def find_log_differences(path: Path, make_world: WorldFactory) -> Iterator[str]:
 
 
 def _find_segment_differences(contents: LogContents, index: int, make_world: WorldFactory) -> Iterator[str]:
-    """Yield what in the segment at an index does not follow from the rest of the log."""
+    """Yield everything in the segment at an index that does not follow from the rest of the log."""
     segment = contents.segments[index]
     segments_so_far = contents.segments[: index + 1]
     yield from _compare_metadata(segment, index)
@@ -84,7 +84,7 @@ def _find_segment_differences(contents: LogContents, index: int, make_world: Wor
 
 
 def _compare_chain_heads(path: Path, contents: LogContents) -> Iterator[str]:
-    """Yield the segments whose chain ends otherwise than the enrolment log says."""
+    """Yield a line for each segment whose chain head differs from the enrolment log's."""
     known = _find_chain_heads(study_folder(path)).get(path.name, {})
     for segment in contents.segments:
         if segment.end is None or segment.number not in known:
@@ -96,13 +96,13 @@ def _compare_chain_heads(path: Path, contents: LogContents) -> Iterator[str]:
 
 
 def find_chain_heads(log: Path) -> list[tuple[str, str]]:
-    """Return the segments of a log, and the heads of their chains, that its study's enrolment log knows."""
+    """Return each segment of a log with its chain head in the study's enrolment log; others are left out."""
     known = _find_chain_heads(study_folder(log))
     return [head for file in list_session_files(log) for head in known.get(file.name, {}).items()]
 
 
 def is_of_our_worlds(log: Path) -> bool:
-    """Return whether a log names no module of others, whose code may change with nothing of ours.
+    """Return whether a log names no third-party module, whose code may change independently of ours.
 
     Raises:
         LogError: if the log cannot be read.
@@ -111,9 +111,9 @@ def is_of_our_worlds(log: Path) -> bool:
 
 
 def _find_chain_heads(study: Path) -> Mapping[str, Mapping[str, str]]:
-    """Return the chain heads that a study's enrolment log holds, by log and segment.
+    """Return the chain heads that a study's enrolment log has, by log and segment.
 
-    It is read once as long as it is the same file: reading it for each log took the square of the sessions.
+    It is read again only if its file has changed, since reading it for every session takes quadratic time.
     """
     try:
         facts = (study / ENROLMENT_FILE_NAME).stat()
@@ -128,9 +128,9 @@ def _read_chain_heads(study: Path, version: tuple[int, ...]) -> Mapping[str, Map
 
 
 def _replay(segment: LogSegment, make_world: WorldFactory) -> Iterator[str]:
-    """Compare a segment with its replay.
+    """Compare a segment with its replay; yield the differences.
 
-    If a model took part, also every prompt, its picture and how answers were read.
+    If a model took part, every prompt, its picture and the parsing of answers are compared, too.
 
     A world that failed may end its process or run forever, so it is replayed in a separate process.
     """
@@ -180,13 +180,13 @@ def _compare_attachments(contents: LogContents) -> Iterator[str]:
 
 
 def _compare_metadata(segment: LogSegment, index: int) -> Iterator[str]:
-    """Yield the differences between a segment's metadata at its start and what its plan says."""
+    """Yield the differences between the metadata at a segment's start and its plan."""
     started = segment.started
     if started is None:
         yield "its plan is missing"
         return
     expected = build_segment_metadata(started, int(segment.facts["started_unix_ns"]))
-    names = {*expected, *segment.facts} - {"minihuman", "schema_version"}  # of the software that wrote it
+    names = {*expected, *segment.facts} - {"minihuman", "schema_version"}  # these depend on the software that wrote it
     for name in sorted(names):
         logged_fact = segment.facts.get(name)
         expected_fact = expected.get(name)
@@ -305,7 +305,7 @@ def _describe_differences(differences: Sequence[str]) -> Iterator[tuple[str, boo
 def _find_differences_in_one_replay(session: SessionLog, log: Path) -> list[str] | None:
     """Return the differences in all files of a session; None if its episodes must be replayed on their own, too.
 
-    Whatever is wrong is named in the order in which the parts of a log are verified, so an error is no answer, either.
+    Also None after an error, since the parts of a log are then verified one by one and errors reported in that order.
     """
     worlds = WorldPool()
     with suppress(MinihumanError):

@@ -34,9 +34,9 @@ class MessageVerifier:
         self._decode = decode
         self._live = live
         self._previews = PreviewEncoder(started_ns, self._keep_picture)  # pictures are compared by their pixels
-        self._picture: Image.Image | None = None  # that the latest preview shows
-        self._waiting: list[LogMessage] = []  # for viewers, since the last message that is part of the record
-        self._last: LogMessage | None = None  # of those that are
+        self._picture: Image.Image | None = None  # of the latest expected preview
+        self._waiting: list[LogMessage] = []  # preview messages since the last message of the record
+        self._last: LogMessage | None = None  # the last message of the record
 
     def check(self, message: LogMessage, schema: str) -> tuple[Event | None, list[str]]:
         """Return the event in a message, and a line for each way in which the message differs from the expected one.
@@ -71,12 +71,12 @@ class MessageVerifier:
         return event, differences + self._compare_previews(expected, message, previews, place)
 
     def _keep_picture(self, picture: Image.Image) -> bytes:
-        """Keep a picture to be compared, in place of encoding it."""
+        """Keep a picture to be compared, instead of encoding it."""
         self._picture = picture
         return b""
 
     def accept(self, message: LogMessage, event: Event) -> bool:
-        """Take a message that is sure to be as its event is written, with the event's times.
+        """Accept a message that surely has its event's bytes and times.
 
         Return False, and do nothing, if previews belong to it: these must be compared.
         """
@@ -160,7 +160,7 @@ def _shows_same(topic: str, again: Message, logged_bytes: bytes, picture: Image.
             return True
         # Pillow 10 and 12 put the outline of a disc on different pixels
         return _differ_by_a_pixel(np.asarray(picture), np.asarray(logged))
-    except Exception:  # what is no picture
+    except Exception:  # the bytes are no picture
         return False
 
 

@@ -22,8 +22,8 @@ from minihuman.worlds.contract import PICTURES_VERSION
 from minihuman.worlds.picture_hash import hash_picture
 
 PictureVerdict = Literal["equal", "different", "not comparable", "not recorded"]
-_VERSION = "version_"  # before a package's name, in facts
-_NOT_COMPARED = ("version_minihuman", "version_mcap")  # which draw nothing of what is hashed
+_VERSION = "version_"  # prefix of a package's name in facts
+_NOT_COMPARED = ("version_minihuman", "version_mcap")  # packages that draw no hashed pictures
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,7 +108,7 @@ def _find_difference(episode: EpisodeLog, hashes: Mapping[int, int], world: Worl
 def _list_differences(
     episode: EpisodeLog, hashes: Mapping[int, int], world: World, size_px: tuple[int, int]
 ) -> Iterator[str]:
-    """Draw an episode again and yield the steps whose picture is not the one that was shown."""
+    """Draw an episode again and yield a line for each step whose picture differs from the shown one."""
     plan = episode.plan
     world.reset(plan.seed)
     n_steps = len(episode.actions)

@@ -26,7 +26,7 @@ from minihuman.experiment.protocol.strata import build_strata
 from minihuman.worlds.hashing import resolve_files
 
 _LATER_OUTCOMES = {"ended"}
-_ONCE_PER_PLAN = ("first_episode", "segment", "standing")  # what a resumed session changes in its plan
+_ONCE_PER_PLAN = ("first_episode", "segment", "standing")  # fields that a resumed session changes
 
 
 def compare_plan(segment: LogSegment) -> Iterator[str]:
@@ -57,7 +57,7 @@ def compare_plan(segment: LogSegment) -> Iterator[str]:
         now = getattr(again, name)
         if name == "parts":
             now = tuple(_as_part_before(protocol, plan, *parts) for parts in zip_longest(now, logged))
-        if name == "words":  # a language has got more of them since
+        if name == "words":  # later versions added texts
             now = {key: text for key, text in now.items() if key in logged}
         if name == "episodes":
             now = tuple(_as_planned_before(episode, before) for episode, before in zip_longest(now, logged))
@@ -118,13 +118,13 @@ def _without_later_fields(part: PlannedPart, logged: PlannedPart) -> PlannedPart
     """Return a planned part without the fields that plans did not have when the logged part was made."""
     if not isinstance(part.plan, PlayPlan) or not isinstance(logged.plan, PlayPlan):
         return part
-    # what is shown after an outcome that logs of schema 2 did not know
+    # logs of schema 2 have no feedback for later outcomes
     feedback = {outcome: text for outcome, text in part.plan.feedback.items() if outcome in logged.plan.feedback}
     if part.plan.feedback.keys() - feedback.keys() <= _LATER_OUTCOMES:
         part = msgspec.structs.replace(part, plan=msgspec.structs.replace(part.plan, feedback=feedback))
     if logged.plan.computed == "page":
         return part
-    # the server computed all first-person worlds, before that nothing was said
+    # earlier versions had the server compute all first-person worlds, or did not say who computes
     return msgspec.structs.replace(part, plan=msgspec.structs.replace(part.plan, computed=logged.plan.computed))
 
 

@@ -1,7 +1,7 @@
 """Verify a study: its enrolment log against its session logs, and its files against its manifest."""
 
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Sequence
 from itertools import chain
 from pathlib import Path
 
@@ -91,13 +91,13 @@ def verify_enrolment(study: Path) -> Iterator[tuple[str, bool]]:
         yield f"{journal.unchained} lines of the enrolment log are unchained: an earlier version wrote them", True
 
 
-def _read_protocol(sessions: Iterable[Path]) -> Protocol | None:
+def _read_protocol(sessions: Sequence[Path]) -> Protocol | None:
     """Read the protocol of a study's first log if it has adaptive designs of the study; otherwise return None."""
-    for log in sessions:
-        protocol = decode_logged_protocol(read_log(log).plan.protocol_toml)
-        if protocol.allocation.design or protocol.allocation.stopping:
-            return protocol
+    if not sessions:
         return None
+    protocol = decode_logged_protocol(read_log(sessions[0]).plan.protocol_toml)
+    if protocol.allocation.design or protocol.allocation.stopping:
+        return protocol
     return None
 
 

@@ -2,8 +2,8 @@
 
 A log's episodes are replayed twice: for their numbers, and as part of the session that they were played in. A built-in
 world does the same whenever it is reset with the same seed and given the same actions, so the second replay reads what
-the first one computed. Whatever is not on the tape is computed as it would be without one. Worlds of others, teams and
-worlds with wrappers are not taped: that they do the same again is not known.
+the first one computed. Anything that is not on the tape is computed by the world. Third-party worlds, teams and worlds
+with wrappers are not taped, because they may not repeat themselves.
 """
 
 from collections.abc import Callable, Mapping
@@ -22,13 +22,13 @@ from minihuman.worlds.contract import Palette, View
 from minihuman.worlds.hashing import hash64
 from minihuman.worlds.pose import Pose
 
-_MAX_IDLE = 32  # ids and options
+_MAX_IDLE = 32  # different worlds that are kept idle
 _EpisodeKey = tuple[str, int, int]  # world id, hash of its options, seed
 
 
 @dataclass(slots=True)
 class _Moment:
-    """A moment of an episode: what is known of the world then, and the steps that were taken from there."""
+    """A state of an episode's world: the facts computed of it, and the recorded steps from it."""
 
     steps: dict[Action, tuple[StepResult, "_Moment"]] = field(default_factory=dict)
     state_hash: int | None = None
@@ -37,7 +37,7 @@ class _Moment:
 
 
 class WorldTape:
-    """What the worlds of a log did after each seed and actions, as long as the proof of the log takes."""
+    """Records what worlds returned for each seed and sequence of actions during the proof of one log."""
 
     def __init__(self) -> None:
         self._episodes: dict[_EpisodeKey, _Moment] = {}
@@ -66,7 +66,7 @@ class _TapedWorld(World):
 
     def __init__(self, world_id: str, options: dict[str, Any] | None, tape: WorldTape) -> None:
         self._unmade_steps: list[Action] = []  # read from the tape; the environment has not made them
-        self._moment: _Moment | None = None  # None: what happens is not on the tape
+        self._moment: _Moment | None = None  # None while the tape is not used
         self._tape = tape
         super().__init__(world_id, options)
         self._can_be_taped = (
@@ -93,13 +93,14 @@ class _TapedWorld(World):
             return result
         self._make_steps()
         result = super().step(action)
-        self._moment = _Moment(subgoals=super().subgoals())  # which only the second replay asks for
+        self._moment = _Moment(subgoals=super().subgoals())  # recorded now, as only the second replay reads them
         moment.steps[action] = (result, self._moment)
         return result
 
     def _make_steps(self) -> None:
         """Let the environment make the steps that were read from the tape."""
-        steps, self._unmade_steps = self._unmade_steps, []
+        steps = self._unmade_steps
+        self._unmade_steps = []
         for action in steps:
             super().step(action)
 
@@ -194,7 +195,7 @@ class _TapedWorld(World):
 
 
 class WorldPool:
-    """Makes worlds for one proof, of built-in worlds that other proofs of this process have closed.
+    """Makes worlds for one proof, and reuses built-in worlds that other proofs of this process have closed.
 
     A built-in world keeps nothing over a reset but its id and options, so a session's own episodes share one, too.
 

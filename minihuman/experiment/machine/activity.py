@@ -61,15 +61,15 @@ class SessionContext:
         self.now_ns = 0
         self.next_episode = plan.first_episode  # index of the episode being played or to be played next
         self.completed = 0  # episodes of this segment
-        self.key_map: KeyMap | None = None  # in force
+        self.key_map: KeyMap | None = None  # the one in force
         self.points = plan.standing.points
         self.tries = dict(plan.standing.tries)
-        self.waited_ns = plan.standing.waited_ns or 0  # in lobbies
-        self.stranded = bool(plan.standing.stranded)  # without a partner, in a block that ended for it
-        self.teams: tuple[str, ...] = ()  # that the segment was in, the latest last
-        self.partners: set[str] = set()  # what the others in them were: "person", "agent"
-        self.keys_down: dict[str, int] = {}  # the latest last, with when each went down
-        self.axes: dict[str, float] = {}  # where those of the gamepad are, and the mouse's motion since the last tick
+        self.waited_ns = plan.standing.waited_ns or 0  # the time spent in lobbies
+        self.stranded = bool(plan.standing.stranded)  # whether a block ended for lack of a partner
+        self.teams: tuple[str, ...] = ()  # the teams of this segment, the latest last
+        self.partners: set[str] = set()  # the kinds of the others in them: "person", "agent"
+        self.keys_down: dict[str, int] = {}  # the time of each press in ns, the latest last
+        self.axes: dict[str, float] = {}  # positions of a gamepad's axes, and the mouse's motion since the last tick
         self._make_world = make_world
         self._world: tuple[tuple[str, dict[str, Any]], World] | None = None
         self._events: list[Event] = []
@@ -100,7 +100,7 @@ class SessionContext:
         return self._world is not None and self._world[0] == (world_id, options)
 
     def world(self, world_id: str, options: dict[str, Any]) -> "World":
-        """Return the open world if it has the given id and options; otherwise close it and open the one that has."""
+        """Return the world with the given id and options, after opening it in place of another one if necessary."""
         key = (world_id, options)
         if self._world is None or self._world[0] != key:
             with catch_world_errors():
@@ -120,15 +120,15 @@ class PartEnding:
     """How a part ended, and where the session continues."""
 
     end: PartEnd = "done"
-    back_to: int | None = None  # a part's index; None: the next part
-    reason: EndReason | None = None  # the whole session ends, for this reason
+    back_to: int | None = None  # the index of the part that follows; None for the next part
+    reason: EndReason | None = None  # why the whole session ends; None if it continues
     detail: str = ""
 
 
 class ActivityRequest:
     """A request of a part to its session host, which answers with an input. Kinds of activity add fields."""
 
-    awaits_others: ClassVar[bool] = False  # others' sessions answer it, so that it is asked again when nothing comes
+    awaits_others: ClassVar[bool] = False  # whether others' sessions answer it, so that it is repeated without an input
 
     @property
     def takes_long(self) -> bool:
@@ -141,12 +141,12 @@ class SteeringRules:
     """The effects of keys and time in an episode that an agent plays, for a window that runs ahead of the session."""
 
     period_ns: int  # from the picture of one of the agent's steps to the next step
-    person_acts: bool  # by a key that has an action
+    person_acts: bool  # whether a key that has an action takes control
     hand_back_key: str  # "" where control cannot be handed back
     rating_keys: tuple[str, str]  # good and bad; "" where steps are not rated
-    flash_ns: int  # how long a rating is seen
-    repeat_interval_ns: int  # a held rating key counts once in so long
-    controller_texts: Mapping[str, str]  # below the picture, by who steers
+    flash_ns: int  # the time for which a rating is shown
+    repeat_interval_ns: int  # the shortest time between two ratings by a held key
+    controller_texts: Mapping[str, str]  # the text below the picture, by controller
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,8 +154,8 @@ class Steering:
     """Who controls a running episode that an agent plays, and the agent's next action."""
 
     controller: str
-    action: int | None  # that the agent makes next; None until it is known
-    limit_ns: int | None  # from when on keys do nothing
+    action: int | None  # the agent's next action; None until it is known
+    limit_ns: int | None  # the time from which keys have no effect; None without a limit
     rules: SteeringRules
 
 
@@ -179,7 +179,7 @@ class RequestHandler(abc.ABC):
 
 @dataclass(frozen=True, slots=True)
 class AnswerField:
-    """An answer with too many values for a screen each, such as a text: a page without a server judges it.
+    """An answer with too many values for a screen of each, such as a text, which a page without a server judges.
 
     Attributes:
         name: the question's name.
@@ -209,19 +209,19 @@ class Activity(abc.ABC):
     """
 
     phase: StrEnum
-    ended: PartEnding | None = None  # set when it is over
-    next_tick_ns: int | None = None  # when it needs a Tick, unless another input comes first
+    ended: PartEnding | None = None  # how the part ended; None while it runs
+    next_tick_ns: int | None = None  # the time at which it needs a Tick, unless another input comes first
     playing = False  # whether it can be paused now
-    can_copy = False  # whether its state is numbers, texts, drafts, and lists, sets and dicts of them: see copy_session
+    can_copy = False  # whether its state is of types that `copy_session` copies
     real_time = False  # whether time, not a key, makes steps now
     play: RunningEpisode | None = None  # the running episode, for simulated participants that look at its world
     next_play: RunningEpisode | None = None  # the next one, its world reset, so that its pictures can be prepared
     request: ActivityRequest | None = None  # to the session host
     agent_plays: ClassVar[bool] = False  # whether an agent makes steps, beside the person or alone
     takes_over: ClassVar[bool] = False  # whether the person's keys make steps where an agent plays
-    sound_cues: tuple[SoundCue, ...] = ()  # what is to be heard, now or soon; a sound that is left out stops
-    limit_ns: int | None = None  # when the time to play is over, if it is limited
-    typed_event: Callable[[int, str], Event] = TextTyped  # what is logged of text
+    sound_cues: tuple[SoundCue, ...] = ()  # the sounds that play now or are scheduled; any other sound stops
+    limit_ns: int | None = None  # the time at which play is over, if it is limited
+    typed_event: Callable[[int, str], Event] = TextTyped  # makes the event that logs text, from its time and the text
 
     def __init__(self, number: int, part: PlannedPart, context: SessionContext) -> None:
         self.number = number
@@ -246,12 +246,12 @@ class Activity(abc.ABC):
 
     @property
     def answer_field(self) -> AnswerField | None:
-        """The field to type in on the present screen; None if there is none, or no page can judge it alone."""
+        """Return the field to type in on the present screen; None if there is none, or no page can judge it alone."""
         return None
 
     @property
     def history(self) -> tuple[object, ...]:
-        """What the part's future depends on, and its screen and earlier texts do not show; empty for nothing."""
+        """Return the state on which the part's future depends beside what its screen and earlier texts show."""
         return ()
 
     def suspend(self, reason: PauseReason) -> None:  # noqa: B027 - most kinds have nothing to stop

@@ -13,9 +13,9 @@ class AxisBinding(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class SpotBinding(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The action of a click in the world's picture, and the components that its position sets."""
 
-    x: int  # the component that gets the place from left to right
-    y: int  # and from top to bottom
-    action: str = ""  # an element that is done with it: "choice_0_6"
+    x: int  # the component that is set by the click's position from left to right
+    y: int  # the component that is set by its position from top to bottom
+    action: str = ""  # an action that the click also makes, such as "choice_0_6"; "" for none
 
 
 class Bindings(msgspec.Struct, frozen=True):

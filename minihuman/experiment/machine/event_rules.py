@@ -42,22 +42,22 @@ class _StreamChecker:
 
     def __init__(self) -> None:
         self.violations: list[str] = []
-        self._number = 0  # of the event that is checked
+        self._number = 0  # the number of the event that is checked
         self._event_name = ""
         self._t_ns = 0
-        self._sampled_ns: dict[str, int] = {}  # of each device's last sample
+        self._sampled_ns: dict[str, int] = {}  # the time of each device's last sample
         self._first = 0
         self._next = 0
         self._playing: EpisodeStarted | None = None
         self._last_step: Stepped | None = None
         self._steps = 0
-        self._observations = 0  # stored of the episode
+        self._observations = 0  # count of the episode's stored observations
         self._return = 0.0
         self._paused = False
         self._ended = False
         self._skipped = 0
         self._part: int | None = None
-        self._last_episode = -1  # the one that runs, or ended last
+        self._last_episode = -1  # the episode that runs, or ended last
         self._key_map: KeyMap | None = None
         self._judge = OutcomeJudge("")
         self._outcome: Outcome | None = None  # of the running episode, once a step has ended it
@@ -174,8 +174,10 @@ class _StreamChecker:
         self._rule(not self._paused, "nothing steps in a pause")
         if event.step != self._steps:
             self._rule(False, f"step {self._steps} is next, not {event.step}")
-        is_recorded = playing.plan.record_observations
-        self._rule(self._observations == is_recorded * (self._steps + 1), "a step's observation comes before it")
+        expected_observations = 0
+        if playing.plan.record_observations:
+            expected_observations = self._steps + 1  # the first is that of the reset
+        self._rule(self._observations == expected_observations, "a step's observation comes before it")
         if not _is_sum(event.return_, self._return):
             self._rule(False, f"rewards sum to {self._return}, not {event.return_}")
         if not 0 <= event.action < len(playing.action_names):
@@ -208,7 +210,8 @@ class _StreamChecker:
             expected = self._judge.judge_time_limit()
         self._rule(event.outcome == expected, f"the last step makes it {expected}, not {event.outcome}")
         self._playing = None
-        self._next += event.outcome != "abandoned"
+        if event.outcome != "abandoned":
+            self._next += 1
 
     def _rule(self, holds: bool, rule: str) -> None:
         if not holds:

@@ -14,14 +14,14 @@ from minihuman.worlds.pose import Map, Pose
 
 Outcome = Literal["goal", "timeout", "failure", "abandoned", "agent_failed", "ended"]
 KeyVerdict = Literal[
-    "accepted",  # it stepped the world, or moved the session on
-    "unmapped",  # no meaning here
-    "spare",  # in the pool, without an action, ignored
-    "repeat",  # the system's auto-repeat, not asked for
-    "queued",  # real_time: replaces or waits for the tick's action
-    "not_playing",  # the session was not taking actions (paused, feedback, ...)
+    "accepted",  # it made a step of the world, or moved the session on
+    "unmapped",  # it has no meaning here
+    "spare",  # it is in the key pool, but has no action
+    "repeat",  # the system's auto-repeat, where it does not count
+    "queued",  # in real time: its action waits for the next tick
+    "not_playing",  # it has a meaning, but the session took no actions, as in a pause or during feedback
     "release",  # a key came up
-    "typing",  # it types into a text; what it typed is TextTyped
+    "typing",  # it types into a text, which TextTyped reports
     "held_before_focus",  # it was down before the window had the focus, so nobody pressed it here
     "shortcut",  # Ctrl, Alt or Meta was down: the system's or the browser's
     "release_at_focus_loss",  # the window lost the focus with the key down; when the finger left it is unknown
@@ -33,8 +33,8 @@ PointerUse = Literal[
     "held_before_focus",  # pressed before the window had the focus: the click that brought it
     "cancelled",  # a release that no finger made
 ]
-UNPRESSED_VERDICTS = ("repeat", "held_before_focus", "shortcut")  # of keys that went down without a press of this task
-EndCause = Literal["", "max_s", "block_max_s", "agent_failed", "partner_left"]  # what else than a step ended an episode
+UNPRESSED_VERDICTS = ("repeat", "held_before_focus", "shortcut")  # of key events that are no press for this task
+EndCause = Literal["", "max_s", "block_max_s", "agent_failed", "partner_left"]  # "" if a step ended the episode
 ModelCallState = Literal[
     "asked",
     "answered",
@@ -48,7 +48,7 @@ PauseReason = Literal["participant", "focus_lost", "quit_question", "abort_quest
 EndReason = Literal[
     "complete",
     "screened_out",
-    "declined",  # did not agree: nothing of it is on the disk, unless the consent came after play
+    "declined",  # consent was refused: nothing is on the disk, unless the consent came after play
     "aborted",
     "quit",
     "window_closed",
@@ -166,7 +166,7 @@ class Stepped(TimedEvent, EpisodeStep):
     step: int  # 1 for the first
     action: int
     key: str  # the causing key, "" for a tick's no-op
-    key_t_ns: int  # when that key arrived; t_ns of the tick where none did
+    key_t_ns: int  # when that key arrived; without a key, the tick's t_ns
     reward: float
     return_: float
     terminated: bool
@@ -176,9 +176,9 @@ class Stepped(TimedEvent, EpisodeStep):
     state_hash: int
     observation_hash: int
     onset: bool = False  # the picture after it shows a stimulus onset
-    action_vector: tuple[float, ...] = ()  # the action, flat, where actions are no numbers; ``action`` names it then
-    success: bool | None = None  # what the world says of success, where the outcome rule asks; None: it does not say
-    info_json: str = ""  # the keys of its ``info`` that the plan keeps; "" where it keeps none
+    action_vector: tuple[float, ...] = ()  # the flattened action if actions are vectors; ``action`` is then its name
+    success: bool | None = None  # whether the world reports success, if the outcome rule uses it; None if unknown
+    info_json: str = ""  # the entries of the world's ``info`` that the plan keeps, as JSON; "" if it keeps none
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -208,7 +208,7 @@ class FrameShown(TimedEvent):
     step: int  # the step whose result it shows, 0 for the reset
     submit_ns: int
     flip_ns: int
-    picture_hash: int = 0  # of the picture of a world that is not ours, by `hash_picture`; 0 where none was taken
+    picture_hash: int = 0  # the picture's `hash_picture`; 0 for built-in worlds, whose pictures can be drawn again
 
 
 @dataclass(frozen=True, slots=True)
@@ -220,7 +220,7 @@ class EpisodeEnded(TimedEvent, EpisodeEnding):
     steps: int
     return_: float
     state_hash: int
-    cause: EndCause = ""  # a time limit or a failed agent, where no step ended it
+    cause: EndCause = ""  # what ended the episode if no step did
 
 
 @dataclass(frozen=True, slots=True)
@@ -266,7 +266,7 @@ class PartEnded(TimedEvent):
 
     part: int
     end: PartEnd
-    next: int  # index of the part that follows; one past the last where none does
+    next: int  # index of the part that follows; one past the last part if none does
 
 
 @dataclass(frozen=True, slots=True)
@@ -294,9 +294,9 @@ class TextChanged(TimedEvent):
     part: int
     item: str  # the item's name
     text: str
-    changes: tuple[str, ...] = ()  # how, as `TextChange` of the inputs has it
-    keys: int = 0  # pressed in the field for it; which ones is not recorded
-    waited_ns: int = 0  # the changes began so long before t_ns
+    changes: tuple[str, ...] = ()  # the kinds of changes: see `TextChange` of the inputs
+    keys: int = 0  # how many keys were pressed in the field; which ones is not recorded
+    waited_ns: int = 0  # from the first of these changes to t_ns
 
 
 @dataclass(frozen=True, slots=True)
@@ -340,13 +340,13 @@ class Answered(TimedEvent):
     part_name: str
     item: str  # the item's name
     kind: str
-    attempt: int  # 1, or more where the questions were asked again
-    value: str  # JSON: a code, a list of codes, a number, a text, or null where it was left out
-    words: str  # what the participant saw of it: the option's words, the number
+    attempt: int  # 1 for the first time that the questions are asked
+    value: str  # JSON: a code, a list of codes, a number, a text, or null if the question was skipped
+    words: str  # the answer as the participant saw it: the option's text, the number
     shown_ns: int  # when the question reached the display; 0 if unknown
-    first_ns: int  # its first change; 0 if there was none
+    first_ns: int  # when the answer was first changed; 0 if it was not
     changes: int
-    right: bool | None  # None where there is no right answer
+    right: bool | None  # whether the answer is correct; None if there is no correct answer
 
 
 @dataclass(frozen=True, slots=True)
@@ -378,10 +378,10 @@ class Noted(TimedEvent):
 class Sampled(TimedEvent):
     """A device of the protocol delivered a sample, such as a gaze position, a pulse or a trigger."""
 
-    t_ns: int  # when it was taken, which is before it arrived: samples may be older than the event before them
-    device: str  # its name in the protocol
-    values: tuple[float, ...]  # one a channel, in the protocol's order; NaN where it has none
-    text: str = ""  # what it says in words, a trigger box's code say
+    t_ns: int  # when it was taken, so that a sample may be older than the event before it
+    device: str  # the device's name in the protocol
+    values: tuple[float, ...]  # one per channel, in the protocol's order; NaN for a channel without a measurement
+    text: str = ""  # a measurement that is a text, such as a trigger box's code
 
 
 @dataclass(frozen=True, slots=True)
@@ -389,10 +389,10 @@ class Linked(TimedEvent):
     """The offset of a browser's clock from its server's, estimated from the fastest of the latest round trips."""
 
     offset_ns: int  # the server's time minus the session's, both since the segment began
-    error_ns: int  # the offset is right to so much, either way
-    rtt_ns: int  # there and back, the last time
-    least_rtt_ns: int  # the quickest of the latest
-    drift_ppm: float | None  # how much faster the server's clock runs; None until it can be told
+    error_ns: int  # the largest error of the offset, in either direction
+    rtt_ns: int  # the latest round trip
+    least_rtt_ns: int  # the fastest of the latest round trips
+    drift_ppm: float | None  # how much faster the server's clock runs; None until it can be estimated
 
 
 @dataclass(frozen=True, slots=True)
@@ -422,14 +422,14 @@ class DesignDecided(ActivityEvent):
     """A design decided on an episode, which resolves what the plan left open. It precedes the episode's reset."""
 
     part: int
-    episode: int  # the next one; after the block's last, one more
+    episode: int  # the next episode; after the block's last episode, one past it
     design: str  # as the protocol names it
     version: int
-    options: dict[str, Any]  # of the world, beside the block's own
-    seed: int | None  # of the reset; None: the plan's
-    stop: bool  # the block is over, by the design or by itself
+    options: dict[str, Any]  # the world's options beside the block's own
+    seed: int | None  # of the reset; None for the plan's seed
+    stop: bool  # whether the block is over, by the design or after its last episode
     estimates: dict[str, float]
-    posterior: int  # digest of all that the decision follows from
+    posterior: int  # 64-bit digest of the values from which the decision follows
 
 
 @dataclass(frozen=True, slots=True)
@@ -443,21 +443,21 @@ class ModelCall(ActivityEvent):
     call: int  # 1 for the session's first
     state: ModelCallState
     episode: int  # index of the episode that is played or comes next
-    step: int  # that the screen follows; 0 outside episodes
+    step: int  # the step after which the screen is shown; 0 outside episodes
     screen: str  # "play", "page" or "question"
     attempt: int  # 1, or more after an invalid answer to the same screen
     prompt_sha256: str  # of the messages, pictures by their digests
     picture_sha256: str  # of the latest picture's pixels; "" without one
     provider: str  # the protocol's label
-    model: str  # as asked for; once answered, as the server calls it
+    model: str  # the requested model's name; in an answer, the name that the server gives
     temperature: float
     max_tokens: int
-    prompt_tokens: int = 0  # as the server counts; estimated where there is no answer
+    prompt_tokens: int = 0  # as the server counts them; estimated without an answer
     completion_tokens: int = 0
     price: float = 0.0  # by the protocol's prices, in its currency
     latency_ms: float = 0.0
-    answer: str = ""  # whole
-    reasoning: str = ""  # where the server gives it
+    answer: str = ""  # the whole text
+    reasoning: str = ""  # the model's reasoning, if the server reports it
     finish_reason: str = ""
     verdict: ModelVerdict = ""
     reading: str = ""  # how a valid answer was read: "key 3", "choose 2", "text ...", "wait", "skip", "button go_on"

@@ -4,16 +4,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-# the fact "text_rules" of a session: a field's whole text is the answer as it is; before, keys edited and trimmed it
+# The fact "text_rules" of a session: a field's whole text is the answer as it is. Before, keys edited and trimmed it.
 TEXT_RULES = "2"
-# the fact "trial_rules" of a session: a pause that voids a trial is logged, and so is a sound that the session hears of
-# when its trial should be over; before, only the trial's end was
+# The fact "trial_rules" of a session: a pause that voids a trial is logged, and so is a sound that is reported when its
+# trial should be over. Before, only the trial's end was logged.
 TRIAL_RULES = "2"
-# the fact "message_rules": the same for messages to partners, which keys edited for longer
+# The fact "message_rules": as "text_rules", for messages to partners, which keys edited in later versions, too.
 MESSAGE_RULES = "2"
 
 PressCause = Literal[
-    "finger",  # or what stands for one: a screen reader's click, a simulated participant
+    "finger",  # or a substitute, such as a screen reader's click or a simulated participant
     "held_before_focus",  # it was down before this window had the focus
     "shortcut",  # of the system or the browser: Ctrl, Alt or Meta was down
 ]
@@ -65,7 +65,7 @@ TextChange = Literal[
     "dropped",  # dragged into the field
     "composed",  # by an input method
     "replaced",  # by the browser's or the system's spelling correction
-    "undone",  # or done again
+    "undone",  # or redone
     "script",  # by a program: a spelling extension, a dictation tool
 ]
 
@@ -78,7 +78,7 @@ class TextEdited(TimedInput):
     changes: tuple[TextChange, ...] = ()  # how it was changed, each way once, in the order of `TextChange`
     keys: int = 0  # pressed in the field since the last input of this type
     began_ns: int = 0  # 0: at ``t_ns``
-    field: str = ""  # the field's name; the session may be elsewhere by now. "": whatever it shows
+    field: str = ""  # the field's name, as the session may show another by now; "" for the field that it shows
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,7 +138,7 @@ class ScreenShown(TimedInput):
 
     submit_ns: int
     flip_ns: int
-    step: int | None = None  # None: the latest
+    step: int | None = None  # None for the latest step
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,7 +174,7 @@ class ExperimenterCommand(TimedInput):
     """The experimenter sent a command."""
 
     command: Literal["pause", "go_on", "abort", "note"]
-    text: str = ""  # the note, or why
+    text: str = ""  # the note, or the reason
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,8 +186,8 @@ class ActivityInput(TimedInput):
 class SoundStarted(ActivityInput):
     """A sound of ``Activity.sound_cues`` began.
 
-    The device was told to begin it at ``scheduled_ns``, and says that it began at ``onset_ns``, with an error below
-    ``uncertainty_ns`` in 99 of 100, but for a constant delay.
+    The device was told to begin it at ``scheduled_ns``, and reports that it began at ``onset_ns``. Apart from a
+    constant delay, 99 % of these onsets have an error below ``uncertainty_ns``.
     """
 
     cue: int
@@ -213,13 +213,13 @@ Input = (
 
 
 def is_timeless(happened: Input, facts: Mapping[str, str]) -> bool:
-    """Return whether what is due by now is done after an input rather than before it.
+    """Return whether everything that is due by now is processed after an input rather than before it.
 
-    Such an input reports what was before: a screen or sound that the window or device has already played.
+    Such an input reports the past, such as a screen or a sound that was already displayed or played.
 
     Args:
         happened: the input.
-        facts: the session's facts, of which one says by what rules its trials are run.
+        facts: the session's facts, which include the version of the rules for trials.
     """
     if isinstance(happened, SoundStarted):
         return facts.get("trial_rules", "1") == TRIAL_RULES

@@ -8,10 +8,10 @@ thinking is not absent.
 from dataclasses import dataclass
 from typing import Literal
 
-# open: its socket is; closed, left: it said so when it was closed, or gave way to another page; offline: its socket
-# broke without a word
+# open: the page's socket is open; closed, left: the page announced that it was closed, or gave way to another page;
+# offline: the socket broke without an announcement
 PageState = Literal["open", "closed", "left", "offline"]
-# silent: the socket is open, but nothing comes: the machine sleeps, or the network swallows
+# silent: the socket is open, but nothing arrives, as when the machine sleeps
 SeatState = Literal["here", "idle", "unfocused", "silent", "closed", "left", "offline"]
 
 
@@ -20,10 +20,10 @@ class LifeSigns:
     """The last signs of life at one seat. Times are monotonic, in seconds; None if there has been no sign."""
 
     page: PageState = "open"
-    page_s: float | None = None  # of the page
-    person_s: float | None = None  # of the person
-    has_focus: bool = True  # the page has
-    tells_acts: bool = False  # the page tells of each thing that the person does; else only their inputs are known
+    page_s: float | None = None  # the page's last sign of life
+    person_s: float | None = None  # the person's last sign of life
+    has_focus: bool = True  # whether the page has the keyboard focus
+    tells_acts: bool = False  # whether the page reports everything that the person does; otherwise only inputs
 
     def hear(self, now_s: float) -> None:
         """Record that the page sent something."""

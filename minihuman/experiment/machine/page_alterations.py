@@ -31,7 +31,10 @@ def read_alteration(note: Noted) -> str:
 
 
 def list_page_alterations(notes: Iterable[Event]) -> list[str]:
-    """List how a browser's page was altered, each way once, in alphabetical order; the consent text is named apart."""
+    """List the alterations of a browser's page, each once, in alphabetical order.
+
+    "consent text" is among them if the text or its translation was altered while the consent text was shown.
+    """
     alterations = set()
     phase = ""
     for note in notes:

@@ -21,7 +21,7 @@ from minihuman.experiment.plan.session_plan import PartPlan, PlannedPart, Sessio
 
 
 def list_parts(plan: SessionPlan) -> tuple[PlannedPart, ...]:
-    """Return the parts of a plan in order; those of a plan from before plans had parts are found by the kinds."""
+    """Return the parts of a plan in order; for a plan of an earlier version without parts, let the kinds find them."""
     if plan.parts:
         return plan.parts
     kinds = [find_kind(name) for name in list_built_in_kinds()]
@@ -99,8 +99,8 @@ class PartSequence:
         self._context = context
         self._parts = list_parts(plan)
         self._to_do = list_remaining_parts(plan, self._parts)
-        self.has_begun = False  # whether any part has
-        self.part: Activity  # the part that runs; not set before the first has begun
+        self.has_begun = False  # whether any part has begun
+        self.part: Activity  # the running part; not set before the first part has begun
         if not self._to_do:
             raise AllocationError(
                 f"{plan.participant.id} has completed all {len(plan.episodes)} episodes of session {plan.session}; "
@@ -109,7 +109,10 @@ class PartSequence:
 
     @property
     def next_part(self) -> int | None:
-        """Return the index of the part that follows the one that has ended; None if there is none."""
+        """Return the index of the part that follows the part that has ended; None if the session ends.
+
+        A part that ended with a jump back first puts the parts from there on into the sequence again.
+        """
         ended = self.part.ended
         assert ended is not None
         if ended.reason is not None:

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from minihuman.worlds.adapters.world import World  # imports Gymnasium, which reading a log does not need
 
 NS_PER_MS = 1_000_000
-_MOST_HASHES = 256  # of pictures that are on their way to a display
+_MOST_HASHES = 256  # of pictures that are not displayed yet
 EMPTY_IMAGE = np.zeros((0, 0, 3), dtype=np.uint8)
 
 
@@ -92,8 +92,8 @@ class RunningEpisode:
         axes: the values of the axes; the caller keeps it current, and a tick takes the mouse's motion from it.
     """
 
-    is_joint: ClassVar[bool] = False  # others act in it, too: the session host closes each step
-    open_action: int | None = None  # the person's own, of a step that is not closed yet
+    is_joint: ClassVar[bool] = False  # whether others act, too, so that the session host closes each step
+    open_action: int | None = None  # the person's own action in a joint step that is not closed yet
 
     def __init__(
         self,
@@ -109,7 +109,7 @@ class RunningEpisode:
         self.world = world
         self.outcome: Outcome | None = None
         self._judge = OutcomeJudge(plan.outcome_rule)
-        self.actions: list[int] = []  # done so far
+        self.actions: list[int] = []  # the actions so far
         self.return_ = 0.0
         self.started = False
         self.next_tick_ns: int | None = None  # None until a picture has been shown
@@ -118,8 +118,8 @@ class RunningEpisode:
         self._keys_down = {} if keys_down is None else keys_down
         self._axes = {} if axes is None else axes
         self._bindings = bindings
-        self._pressed: dict[str, int] = {}  # since the last tick, with the time of each press
-        self._flips_ns: list[int] = []  # of the pictures shown since play began or went on, the last two
+        self._pressed: dict[str, int] = {}  # the keys pressed since the last tick, with the time of each press
+        self._flips_ns: list[int] = []  # the last two pictures' flips since play began or resumed
         self._shown_step = -1
         self._picture_hashes: dict[int, int] = {}  # by step, of the latest steps
         with catch_world_errors():
@@ -170,7 +170,7 @@ class RunningEpisode:
         return self._action_of.get(key)
 
     def start(self, t_ns: int) -> EpisodeStarted:
-        """Start the episode and return its event."""
+        """Start the episode, discard earlier motion of the mouse, and return the episode's event."""
         self.started = True
         self._take_mouse_motion()
         with catch_world_errors():
@@ -192,8 +192,8 @@ class RunningEpisode:
             return EMPTY_IMAGE
         with catch_world_errors():
             picture = self.world.frame(self.plan.view, self._picture_px, self.plan.palette)
-        if not self.world.is_built_in:  # what is ours is drawn again by its version
-            picture = np.ascontiguousarray(picture)  # pygame's are transposed: copied once for the hash and the display
+        if not self.world.is_built_in:  # a built-in world's picture can be drawn again from the log
+            picture = np.ascontiguousarray(picture)  # copied once for both the hash and the display
             self.keep_picture_hash(hash_picture(picture))
         return picture
 
@@ -233,7 +233,7 @@ class RunningEpisode:
         return FrameShown(screen.t_ns, self.plan.episode, step, screen.submit_ns, screen.flip_ns, picture_hash)
 
     def note_onset(self, flip_ns: int) -> None:
-        """Record the flip from which response times are measured, for blocks in which not every picture is an onset."""
+        """Measure response times from this flip on, in blocks in which not every picture is an onset."""
         self._flips_ns = [flip_ns]
 
     def step_without_key(self, t_ns: int) -> Stepped:
@@ -315,14 +315,17 @@ class RunningEpisode:
         return self.step(t_ns, vector or number, key=latest, key_t_ns=pressed.get(latest, t_ns), held_keys=pressed)
 
     def _moved_components(self) -> dict[int, float]:
-        """Return how far the axes move each component of the action, without axes at rest."""
+        """Return how far the axes move each component of the action, and use up the mouse's motion.
+
+        Components that no axis moves are left out.
+        """
         shares: dict[int, float] = {}
         if not self._bindings:
             return shares
         values = {**self._axes, **self._take_mouse_motion()}
         for axis, binding in self._bindings.axes.items():
             share = values.get(axis, 0.0) * binding.scale
-            if axis in MOUSE_AXES:  # a quick turn of the hand is no more than a whole step
+            if axis in MOUSE_AXES:  # however fast the mouse moves, a step is no more than a whole one
                 share = max(-1.0, min(1.0, share))
             if share:
                 shares[binding.component] = shares.get(binding.component, 0.0) + share
@@ -334,7 +337,7 @@ class RunningEpisode:
 
     @property
     def window_axes(self) -> tuple[str, ...]:
-        """Return the axes that move components and that a window or a page makes: of the mouse and of touch sticks."""
+        """Return the bound axes that a window or a page has to provide: those of the mouse and of touch sticks."""
         if not self._bindings:
             return ()
         return tuple(axis for axis in self._bindings.axes if axis in MOUSE_AXES or axis in TOUCH_AXES)
@@ -351,7 +354,7 @@ class RunningEpisode:
             key_t_ns: the time of the key press.
             held_keys: the keys pressed since the last tick, if held keys make steps; other keys answer no picture.
         """
-        assert self.started, "start() comes first"
+        assert self.started, "call start() before the first step"
         with catch_world_errors():
             number, vector = self.world.actions.resolve(action)
             transition = self.world.step(vector or number)

@@ -76,7 +76,7 @@ def find_stop_code(reason: str, detail: str) -> str:
 
 
 def build_end_screen(words: InterfaceWords, reason: EndReason, detail: str) -> TextScreen:
-    """Build the last screen; after a failure it says what happened, what is saved, whom to tell, and a code."""
+    """Build the last screen; after a failure it states what happened and what is saved, and shows the stop code."""
     title = words["over.title"]
     text = ""
     if reason in _FAILURES:

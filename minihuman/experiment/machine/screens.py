@@ -25,8 +25,8 @@ class TextLocale:
 
     language: str = "en"
     rtl: bool = False  # from right to left
-    fonts: tuple[str, ...] = ()  # files of faces that are asked first
-    theme: str = "dark"  # or "light": light words on a dark ground, or dark on light
+    fonts: tuple[str, ...] = ()  # font files that are used before the built-in ones
+    theme: str = "dark"  # "dark" for light text on a dark ground, or "light" for the opposite
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +55,7 @@ class TextScreen:
     accepts_pointer: ClassVar[bool] = False
     title: str
     body: str
-    prompt: str  # what to press to go on, "" when nothing does
+    prompt: str  # which key leads on; "" if none does
     progress: str = ""  # "episode 3 of 10"
     keys: tuple[tuple[str, bool], ...] = ()  # keyboard check: key name, already pressed
     locale: TextLocale = TextLocale()
@@ -91,16 +91,16 @@ class PlayScreen:
     episode: int = 0
     step: int = 0
     locale: TextLocale = TextLocale()
-    mark: OutcomeMark = ""  # the last picture, held: how the episode ended
-    score_text: str = ""  # beside the mark: what it was worth
+    mark: OutcomeMark = ""  # how the episode ended, while its last picture is held
+    score_text: str = ""  # the points that the episode earned, beside the mark
     labels: tuple[tuple[str, str, str], ...] = ()  # key name, what its cap says, what stands above it
-    controller: ControlIndicator = ""  # a frame in their colour says who does; "" where an agent never does
-    controller_text: str = ""  # the same in words
-    flash: OutcomeMark = ""  # the frame for a moment: a press was taken
-    accepts_pointer: bool = False  # a click in the picture is an action
-    axes: tuple[str, ...] = ()  # of the mouse, which is captured for them, and of sticks that a page draws
-    motion: Motion | None = None  # how the view gets here; windows may leave it out
-    page_fields: Mapping[str, Any] = field(default_factory=dict)  # what its kind of block adds for a page
+    controller: ControlIndicator = ""  # who is in control, shown by a coloured frame; "" if no agent plays
+    controller_text: str = ""  # the same as text
+    flash: OutcomeMark = ""  # colours the frame for a moment after a rating
+    accepts_pointer: bool = False  # whether a click in the picture is an action
+    axes: tuple[str, ...] = ()  # axes of the mouse, which is captured for them, and of sticks that a page draws
+    motion: Motion | None = None  # the movement of the view to this picture, which windows may leave out
+    page_fields: Mapping[str, Any] = field(default_factory=dict)  # fields that the block's kind adds for a page
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -115,7 +115,7 @@ class PageScreen:
     pages: int
     prompt: str
     buttons: tuple[Button, ...] = ()
-    progress: str = ""  # "Page 1 of 3", "" where there is one
+    progress: str = ""  # "Page 1 of 3"; "" if there is only one page
     picture: NDArray[np.uint8] | None = None  # uint8[H, W, 3]
     marks: tuple[PictureLabel, ...] = ()  # in the picture
     locale: TextLocale = TextLocale()
@@ -168,8 +168,8 @@ class Slider:
 class TextField:
     """A field to type in; the target is "field".
 
-    A window has a field of its own for a native one: it alone knows caret and selection, and reports whole texts. For
-    any other, the session edits the text by keys, as sessions did that began under the first text rules.
+    For a ``native`` field the window uses a field of its own, which has caret and selection and reports whole texts.
+    Otherwise the session edits the text by keys, as under the first text rules.
     """
 
     text: str
@@ -177,9 +177,9 @@ class TextField:
     long: bool
     unit: str = ""
     native: bool = False
-    name: str = ""  # the item's name; "" where nothing tells two fields apart
-    longest: int = 0  # characters; 0: no limit
-    limit_note: str = ""  # what is said about a text that is longer
+    name: str = ""  # the item's name; "" if the field needs none
+    longest: int = 0  # the largest number of characters; 0 for no limit
+    limit_note: str = ""  # the note that is shown for a longer text
 
 
 @dataclass(frozen=True, slots=True)
@@ -191,10 +191,10 @@ class CanvasShape:
     width: float
     height: float
     label: str = ""
-    target: str = ""  # "": it cannot be clicked
+    target: str = ""  # "" if it cannot be clicked
     chosen: bool = False
     is_round: bool = False
-    fill: str = ""  # a colour, "#rrggbb", which it keeps when chosen; "": the theme's
+    fill: str = ""  # a colour, "#rrggbb", which it keeps when chosen; "" for the theme's colour
 
     def __post_init__(self) -> None:
         if self.fill and not _HEX_COLOUR.fullmatch(self.fill):
@@ -223,7 +223,7 @@ class QuestionScreen:
     prompt: str
     buttons: tuple[Button, ...] = ()
     progress: str = ""  # "Question 2 of 6"
-    note: str = ""  # why it cannot be gone on with
+    note: str = ""  # why the answer is not accepted yet
     locale: TextLocale = TextLocale()
 
     @property
@@ -265,7 +265,7 @@ class ActivityScreen:
 
     @property
     def due_ns(self) -> int | None:
-        """When the screen is to be on the display, in session time; None: as soon as it is drawn."""
+        """Return the session time at which the screen is to be displayed; None for as soon as it is drawn."""
         return None
 
 

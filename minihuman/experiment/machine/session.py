@@ -54,7 +54,7 @@ from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.moved import forward_names
 
 CONSENT_RULES = "2"  # the fact "consent_rules" of a session: Escape on a consent text declines; before, it quit
-KEY_RULES = "2"  # the fact "key_rules": what was down before the focus, and shortcuts, never act; before, they did
+KEY_RULES = "2"  # the fact "key_rules": keys held before the focus, and shortcuts, have no effect; before, they had one
 
 
 PAUSE_KEY = "f8"
@@ -113,7 +113,7 @@ class SessionMachine:
     def _reset(self, plan: SessionPlan) -> None:
         """Return to the state before the first input."""
         self.plan = plan
-        self.failure: BaseException | None = None  # what a broken world raised
+        self.failure: BaseException | None = None  # the exception of a world that failed
         self._phase = Phase.START
         self._context = self._make_context(plan)
         self._parts = PartSequence(self._context)
@@ -122,7 +122,7 @@ class SessionMachine:
         self._came_from: list[Phase] = []
         self._keys = KeyState(self._context.keys_down)
         self._focused = True
-        self._pointer_acts = True  # the press that the pointer is down with is one of this window
+        self._pointer_acts = True  # whether the pointer was pressed while the window had the focus
         self._end_reason: EndReason = "complete"
         self._end_detail = ""
 
@@ -225,9 +225,9 @@ class SessionMachine:
                 self._context.emit(SessionStarted(self.now_ns, self.plan, self._facts))
                 self._move(TransitionCause.BEGAN)
             self._handle(happened)
-        except WorldFailedError as broke:
-            self.failure = broke.__cause__
-            self._end("world_error", str(broke))
+        except WorldFailedError as error:
+            self.failure = error.__cause__
+            self._end("world_error", str(error))
         self._is_drawn = False
         if draws or self.play is not play:
             self._refresh_screen()
@@ -324,7 +324,7 @@ class SessionMachine:
         return self._facts.get("key_rules", "1") == KEY_RULES
 
     def _use_pointer(self, happened: PointerInput) -> None:
-        """Log a pointer input and pass it to the part, unless the press began before the window had the focus."""
+        """Log a pointer input and pass it to the part, unless its press began before the window had the focus."""
         other_cause = _OTHER_POINTER_CAUSES.get(type(happened))
         is_other = self._judges_causes and happened.cause == other_cause
         use: PointerUse = _POINTER_WORDS[type(happened)]
@@ -366,12 +366,12 @@ class SessionMachine:
     def _obey_command(self, press: KeyDown) -> bool:
         """Obey a key that aborts, leaves or pauses the session; return False for any other key."""
         if self._keys.completes_chord(press.key) and self._can_ask_abort:
-            self._say_key(press)
+            self._accept_key(press)
             self._move(TransitionCause.ASK_ABORT)
         elif press.key == "escape":
             self._escape(press)
         elif press.key == PAUSE_KEY and self._pausable:
-            self._say_key(press)
+            self._accept_key(press)
             self._move(TransitionCause.RESUME if self._phase is Phase.PAUSED else TransitionCause.PAUSE)
         else:
             return False
@@ -387,7 +387,7 @@ class SessionMachine:
 
     def _escape(self, press: KeyDown) -> None:
         """Ask whether to end the session; on that question, a short press returns and a long one ends the session."""
-        self._say_key(press)
+        self._accept_key(press)
         if self._phase is Phase.QUIT_QUESTION:
             self._keys.hold_escape(press.t_ns)
         elif self._phase is Phase.ABORT_QUESTION:
@@ -405,33 +405,33 @@ class SessionMachine:
             self._move(TransitionCause.STAY)
 
     def _key_over_part(self, press: KeyDown) -> None:
-        """Answer the screen that covers the part; a key that answers none is logged as such."""
+        """Handle a key press on a screen that covers the part; log a key that has no effect there."""
         causes = {
             Phase.PAUSED: TransitionCause.RESUME,
             Phase.UNFOCUSED: TransitionCause.FOCUS_FOUND,  # a key that arrives is proof of the focus
             Phase.QUIT_QUESTION: TransitionCause.STAY,
         }
         if press.key in ENTER_KEYS and self._phase in causes:
-            self._say_key(press)
+            self._accept_key(press)
             self._move(causes[self._phase])
             return
         if self._phase is Phase.ABORT_QUESTION:
             reason = screen_texts.find_abort_reason(press.key)
             if reason is not None:
-                self._say_key(press)
+                self._accept_key(press)
                 self._end("aborted", reason)
                 return
         play = self.part.play
         has_meaning = press.key in ENTER_KEYS or (play is not None and play.action_of(press.key) is not None)
         self._context.emit_key(press, "not_playing" if has_meaning else "unmapped", self.phase)
 
-    def _say_key(self, press: KeyDown) -> None:
+    def _accept_key(self, press: KeyDown) -> None:
         self._context.emit_key(press, "accepted", self.phase)
 
     # Moving on
 
     def _move(self, cause: TransitionCause, why: PauseReason | None = None) -> bool:
-        """Follow the transition table; return False and change nothing if no row applies."""
+        """Follow the transition table; return False and do nothing if no row applies. ``why`` is a pause's reason."""
         move = SESSION_TRANSITIONS.find(self._phase, cause, self)
         if move is None:
             return False
@@ -456,7 +456,7 @@ class SessionMachine:
             if cause in (TransitionCause.ASK_QUIT, TransitionCause.ASK_ABORT):
                 self._came_from.append(previous)
             self._context.emit(Noted(self.now_ns, "phase", self._phase))
-            if self._phase is Phase.UNFOCUSED and self._focused:  # found while a question was in front
+            if self._phase is Phase.UNFOCUSED and self._focused:  # the focus returned while a question was shown
                 self._move(TransitionCause.FOCUS_FOUND)
         return True
 
@@ -485,11 +485,11 @@ class SessionMachine:
     # Screens
 
     def _refresh_screen(self) -> None:
-        """Build the present screen; an equal one is not replaced."""
-        over_part = screen_texts.build_overlay_screen(
+        """Build the present screen, and replace the last one unless the two are equal."""
+        overlay = screen_texts.build_overlay_screen(
             self._context.words, self._phase, self._end_reason, self._end_detail, declining=self._declining
         )
-        screen = over_part or self.part.screen()
+        screen = overlay or self.part.screen()
         if screen != self._screen:
             self._screen = screen
         self._is_drawn = True

@@ -21,7 +21,7 @@ class PhaseTransition(Generic[Subject]):
     start: StrEnum
     cause: StrEnum
     end: StrEnum | None
-    when: Callable[[Subject], bool] | None = None  # None: always; its name labels the row in diagrams
+    when: Callable[[Subject], bool] | None = None  # the row's condition, whose name labels it in diagrams; None: always
 
 
 class TransitionTable(Generic[Subject]):

@@ -26,12 +26,12 @@ from minihuman.experiment.protocol.strata import build_strata
 class AllocationSlot:
     """One participant's slot in the allocation list."""
 
-    index: int  # 0 for the first participant; with strata, those of each stratum's first place come first
+    index: int  # from 0; with strata, the first slots of all strata come first, then the second ones, and so on
     group: str
-    positions: tuple[tuple[int, ...], ...]  # one row a draw: for each action, the index of its key in the pool
-    kept: tuple[int, ...] = ()  # the row of the keys that a participant keeps; () where no block asks for it
-    orders: tuple[tuple[int, ...], ...] = ()  # for each of the protocol's orders, the places of its parts
-    stratum: str = ""  # whose answer it is for
+    positions: tuple[tuple[int, ...], ...]  # one row per draw: for each action, the index of its key in the pool
+    kept: tuple[int, ...] = ()  # the row of a key map that is constant in the whole study; () if no block has one
+    orders: tuple[tuple[int, ...], ...] = ()  # for each of the protocol's orders, the order of its parts' indices
+    stratum: str = ""  # the slot's stratum; "" without strata
 
 
 def build_allocation_list(protocol: Protocol) -> tuple[AllocationSlot, ...]:
@@ -99,7 +99,7 @@ def _has_constant_key_map(protocol: Protocol) -> bool:
 
 
 def allocation_sha256(slots: tuple[AllocationSlot, ...]) -> str:
-    """Return the SHA-256 of the list's canonical JSON form in hexadecimal, which every log holds.
+    """Return the SHA-256 of the list's canonical JSON form in hexadecimal, which every log contains.
 
     Fields that a protocol does not use are left out, so that lists from before these fields existed keep their hash.
     """
@@ -135,7 +135,7 @@ def _draw_orders(protocol: Protocol, groups: list[int], suffix: str) -> list[tup
     group_sizes: Counter[int] = Counter()
     rows = []
     for index, group in enumerate(groups):
-        place = group_sizes[group]  # of the slot among those of its group
+        place = group_sizes[group]  # the slot's place among those of its group
         rows.append(tuple(_draw_order(protocol, order, group, place, index, suffix) for order in protocol.orders))
         group_sizes[group] += 1
     return rows
@@ -167,7 +167,7 @@ def build_latin_square(count: int) -> tuple[tuple[int, ...], ...]:
     """
     first = [0]
     for step in range(1, count):
-        shift = step if step % 2 else -step  # forward and back by turns
+        shift = step if step % 2 else -step  # alternately forward and back
         first.append((first[-1] + shift) % count)
     rows = []
     for row in range(count):
@@ -250,6 +250,7 @@ def _zero_uses(n_actions: int, n_keys: int) -> list[list[int]]:
 
 
 def _count_uses(counts: list[list[int]], row: tuple[int, ...]) -> int:
+    """Return how often a group has used the keys of a row for the row's actions."""
     return sum(counts[action][key] for action, key in enumerate(row))
 
 

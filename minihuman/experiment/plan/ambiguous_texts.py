@@ -1,4 +1,4 @@
-"""Texts of a protocol that programs which guess types, such as pandas, R and Excel, take for something else.
+"""Texts of a protocol that programs which guess types, such as pandas, R and Excel, misread.
 
 The tables keep them as they are, and every format that has types says that they are text. A reader of CSV loses them
 unless it is told, so `minihuman check` names them before data are taken.
@@ -15,14 +15,15 @@ _MISSING_WORDS = frozenset(  # of pandas; R and readr have NA, Polars and DuckDB
 )
 _BOOLEANS = frozenset({"T", "F", "TRUE", "FALSE", "True", "False", "true", "false"})
 _NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?|[+-]?inf(inity)?", re.IGNORECASE)
-_PLAIN_NUMBER = re.compile(r"-?(0|[1-9][0-9]{0,14})(\.[0-9]*[1-9]|\.0)?")  # that stays the same number, such as 1.0
+# a number that is written in the same way after it was read, such as 1.0
+_PLAIN_NUMBER = re.compile(r"-?(0|[1-9][0-9]{0,14})(\.[0-9]*[1-9]|\.0)?")
 _MONTH = "(jan|feb|mar|apr|may|jun|jul|aug|sep|oct|nov|dec)"
 _DATE = re.compile(rf"[0-9]{{1,4}}[-/.][0-9]{{1,2}}([-/.][0-9]{{1,4}})?|{_MONTH}[- ]?[0-9]{{1,4}}", re.IGNORECASE)
 _MAX_NAMED = 6  # texts in a line
 
 
 def list_text_warnings(protocol: Protocol) -> Iterator[str]:
-    """Yield what is to be said of a protocol's texts: words that are missing, and texts that programs misread."""
+    """Yield a warning for each missing translation of a protocol's texts, and for each kind of misread texts."""
     yield from list_missing_words(protocol)
     yield from list_ambiguous_texts(protocol)
 
@@ -80,7 +81,7 @@ def _list_texts(protocol: Protocol) -> Iterator[tuple[str, str]]:
 
 
 def _list_labels(protocol: Protocol) -> Iterator[tuple[str, str]]:
-    """Yield the labels of the trials' stimuli, each of a column once."""
+    """Yield the block and column, and the text, of each distinct label of the trials' stimuli."""
     for block in protocol.blocks:
         if block.stimuli is None:
             continue

@@ -16,7 +16,7 @@ from minihuman.plugins import call_plugin
 
 GROUP = "minihuman.designs"
 Outcome = Literal["", "success", "reward", "steps", "log_steps"]  # of an episode
-Draw = Callable[[int], tuple[float, ...]]  # so many random numbers in [0, 1), the same for the same decision
+Draw = Callable[[int], tuple[float, ...]]  # draws a number of random numbers in [0, 1), the same for the same decision
 
 
 class DesignSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -49,7 +49,7 @@ class DesignDecision:
     seed: int | None = None  # of the reset; None: the plan's
     stop: bool = False  # the block is over
     estimates: Mapping[str, float] = field(default_factory=dict)  # by name: {"threshold": 0.31}
-    posterior: Any = ()  # all that the decision follows from; the log has its 64-bit digest
+    posterior: Any = ()  # the values from which the decision follows; the log has their 64-bit digest
 
 
 class Design(ABC):
@@ -61,8 +61,8 @@ class Design(ABC):
         settings: the settings from the protocol; invalid settings raise a ProtocolError.
     """
 
-    version = 1  # goes up when the same history leads to another decision
-    needs_success = True  # whether it goes by success: then the block's world needs a rule that says what that is
+    version = 1  # increased when the same history leads to another decision
+    needs_success = True  # whether it uses success, which the outcome rule of the block's world must then define
 
     @abstractmethod
     def __init__(self, settings: Mapping[str, Any]) -> None: ...
@@ -85,7 +85,7 @@ class EnrolledParticipant(msgspec.Struct, frozen=True):
 
     group: str
     stratum: str = ""
-    value: float | None = None  # of the design's outcome; None where the first session is not complete
+    value: float | None = None  # the participant's outcome; None if the first session is not complete
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,9 +106,9 @@ class EnrolmentDesign(ABC):
         settings: the settings from the protocol; invalid settings raise a ProtocolError.
     """
 
-    version = 1  # goes up when the same statistics lead to another decision
-    outcome: Outcome = ""  # what `EnrolledParticipant.value` is: the mean over the block's episodes; "": nothing
-    block: str = ""  # "": all blocks
+    version = 1  # increased when the same statistics lead to another decision
+    outcome: Outcome = ""  # its mean over the block's episodes is `EnrolledParticipant.value`; "" for none
+    block: str = ""  # the block whose episodes count; "" for all blocks
 
     @abstractmethod
     def __init__(self, settings: Mapping[str, Any]) -> None: ...
@@ -139,7 +139,11 @@ def make_design(spec: DesignSpec) -> Design:
 
 
 def make_enrolment_design(spec: DesignSpec) -> EnrolmentDesign:
-    """Make a design that decides at enrolment from its name and settings."""
+    """Make a design that decides at enrolment from its name and settings.
+
+    Raises:
+        ProtocolError: as `make_design` does.
+    """
     return call_plugin(GROUP, spec.name, EnrolmentDesign, ProtocolError, spec.settings, noun="design")  # type: ignore[type-abstract]
 
 
@@ -159,7 +163,7 @@ def read_design_settings(settings: Mapping[str, Any], kind: type[SettingsType]) 
 
 
 def require_setting(holds: bool, complaint: str) -> None:
-    """Raise a ProtocolError with a message unless a setting is valid.
+    """Require that a setting is valid.
 
     Raises:
         ProtocolError: if ``holds`` is false.

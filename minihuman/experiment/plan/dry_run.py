@@ -38,7 +38,7 @@ from minihuman.worlds.second_process import play_in_second_process
 
 
 def describe_plan(plan: SessionPlan) -> Iterator[str]:
-    """Yield lines that describe everything that a participant will do, part by part."""
+    """Yield lines that describe a session's settings and everything that its participant will do, part by part."""
     participant = plan.participant
     yield f"study        {plan.study} {plan.study_version}, seed {plan.study_seed}, language {plan.language}"
     yield f"protocol     SHA-256 {plan.protocol_sha256}"
@@ -99,7 +99,7 @@ def list_missing_words(protocol: Protocol) -> Iterator[str]:
 
 
 def describe_strata(protocol: Protocol) -> Iterator[str]:
-    """Yield the number of slots of each group in each stratum, if groups are drawn after an answer."""
+    """Yield lines on a study's strata and each group's slots in them; nothing without strata."""
     strata = build_strata(protocol)
     if strata is None:
         return
@@ -229,12 +229,12 @@ def _describe_limits(play: PlayPlan) -> Iterator[str]:
         yield f"  points {', '.join(points)}"
 
 
-_OURS = "minihuman/"
+_OWN_NAMESPACE = "minihuman/"
 
-N_TRIED_SEEDS = 5  # that are laid out where a block does not say which
-N_CHECKED_STEPS = 300  # that `check` plays of a foreign world, over several episodes
-N_STARTED_STEPS = 60  # that are played before sessions begin
-MOVING_FPS = 15  # Gymnasium's puzzles state 4 and Minigrid 10 frames a second, its games of motion 15 to 50
+N_TRIED_SEEDS = 5  # layouts that are tried for a block without seeds of its own
+N_CHECKED_STEPS = 300  # of a foreign world that `check` plays, over several episodes
+N_STARTED_STEPS = 60  # of a foreign world that are played before sessions begin
+MOVING_FPS = 15  # frames per second of a world that moves: 15 to 50 in Gymnasium, where its puzzles have 4
 
 
 def check_worlds(protocol: Protocol, source: str = "protocol", *, provable: bool = False) -> list[str]:
@@ -267,7 +267,7 @@ def check_worlds(protocol: Protocol, source: str = "protocol", *, provable: bool
             raise ProtocolError(f"{place} cannot be played ({report.broken[0]})")
         faults = list(report.unsound)
         lines = list(report.notices)
-        if block.record_observations:  # which make up for what is not provable
+        if block.record_observations:  # recorded observations replace the proof of a world that cannot be replayed
             lines += report.unprovable
         else:
             faults += report.unprovable
@@ -341,7 +341,7 @@ def _list_block_notices(block: BlockSpec) -> Iterator[str]:
 
 
 def describe_worlds(protocol: Protocol, notices: Sequence[str] | None = None) -> Iterator[str]:
-    """Yield the notices of `check_worlds`, then which actions blocks lack and whether their rules are compiled."""
+    """Yield the given or new notices of `check_worlds`, then actions blocks lack and whether rules are compiled."""
     if notices is None:
         notices = check_worlds(protocol)
     yield from notices
@@ -362,7 +362,7 @@ def _describe_rules(block: BlockSpec) -> Iterator[str]:
         env = world.unwrapped
         if world.is_built_in or not hasattr(env, "own_fields"):
             return
-        # imported here: the translation is for those who wrote a world
+        # imported here, since only a world with rules of its own needs the translation
         from minihuman.worlds.grid.own.programs import describe_rules
 
         yield f"block {block.name!r}: layout and rules of {type(env).__name__}: {describe_rules(env)}"
@@ -397,7 +397,7 @@ def list_world_notices(world: World) -> list[str]:
 
 
 def try_world(block: BlockSpec) -> None:
-    """Use a block's world once in every way that its episodes do, with each of its layouts and actions."""
+    """Use a block's world as its episodes do, with each layout and action; raise WorldError if it cannot be used."""
     seeds = sorted(set(_list_tried_seeds(block)))
     world = World(block.world, block.options)
     try:
@@ -484,16 +484,16 @@ def _find_unknown_actions(block: BlockSpec, known: Sequence[str]) -> Iterator[tu
 def _explain_world_error(block: BlockSpec, error: WorldError) -> str:
     """Explain why a world could not be made, with a suggestion of a similar name."""
     reason = str(error).removeprefix(f"{block.world}: ")
-    ours = [entry.id for entry in (*WORLDS, *TEAM_WORLDS)]
-    if block.world in ours or not isinstance(error.__cause__, gymnasium.error.UnregisteredEnv):
+    own_ids = [entry.id for entry in (*WORLDS, *TEAM_WORLDS)]
+    if block.world in own_ids or not isinstance(error.__cause__, gymnasium.error.UnregisteredEnv):
         return reason
     name = re.split("[/:]", block.world)[-1]
-    own_id = f"{_OURS}{name}"
-    if own_id in ours:
+    own_id = f"{_OWN_NAMESPACE}{name}"
+    if own_id in own_ids:
         upstream = "miniworld" if name.startswith("MiniWorld") else "minigrid"
         original_id = f"{upstream}:{name}"
         return f"there is none of that name alone; write {own_id!r}, or {original_id!r} for the original"
-    similar = difflib.get_close_matches(block.world, ours, n=1) or difflib.get_close_matches(own_id, ours, n=1)
+    similar = difflib.get_close_matches(block.world, own_ids, n=1) or difflib.get_close_matches(own_id, own_ids, n=1)
     if similar:
         return f"{reason}; did you mean {similar[0]!r}? `minihuman worlds` lists ours"
     return reason

@@ -19,13 +19,13 @@ from minihuman.experiment.plan.designs import (
     round_estimate,
 )
 
-_COMPARED_DIGITS = 9  # decimals of what a decision compares, so that every processor decides alike
+_COMPARED_DIGITS = 9  # decimals of the numbers that a decision compares, so that all processors decide alike
 
 
 class MinimisationSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The settings of minimisation."""
 
-    probability: float = 0.8  # of the group that leaves the least imbalance
+    probability: float = 0.8  # of choosing a group that leaves the least imbalance
     stratum_weight: float = 2.0  # of the imbalance within the participant's stratum, beside that of the whole study
 
 
@@ -74,6 +74,7 @@ class Minimisation(EnrolmentDesign):
 
 
 def _find_imbalance(counts: Mapping[str, int], ratios: Mapping[str, int], new_group: str) -> float:
+    """Return the range of the groups' counts, each divided by its ratio, once a participant joins ``new_group``."""
     filled_shares = []
     for group, ratio in ratios.items():
         count = counts.get(group, 0)
@@ -86,8 +87,8 @@ def _find_imbalance(counts: Mapping[str, int], ratios: Mapping[str, int], new_gr
 class ThompsonSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The settings of Thompson sampling."""
 
-    block: str = ""  # whose share of episodes with success is the reward; "": all
-    prior: tuple[float, float] = (1.0, 1.0)  # successes and failures of each group before the first participant
+    block: str = ""  # the block whose share of successful episodes is the reward; "" for all blocks
+    prior: tuple[float, float] = (1.0, 1.0)  # each group's successes and failures before the first participant
 
 
 class Thompson(EnrolmentDesign):
@@ -118,26 +119,26 @@ class Thompson(EnrolmentDesign):
         return sums
 
     def decide(self, statistics: Mapping[str, Any], stratum: str, draw: Draw) -> EnrolmentDecision:
-        """Choose the group with the highest draw from its distribution."""
+        """Draw a probability of success from each group's beta distribution, and choose the group with the highest."""
         from scipy.special import betaincinv  # only an enrolment needs it
 
         prior = self.settings.prior
         chances = dict[str, float]()
         draws = dict[str, float]()
-        for (group, (won, lost)), share in zip(statistics.items(), draw(len(statistics)), strict=True):
-            wins = prior[0] + won
-            losses = prior[1] + lost
-            chances[group] = round_estimate(wins / (wins + losses))
-            draws[group] = round(float(betaincinv(wins, losses, share)), _COMPARED_DIGITS)
+        for (group, (successes, failures)), share in zip(statistics.items(), draw(len(statistics)), strict=True):
+            alpha = prior[0] + successes
+            beta = prior[1] + failures
+            chances[group] = round_estimate(alpha / (alpha + beta))
+            draws[group] = round(float(betaincinv(alpha, beta, share)), _COMPARED_DIGITS)
         return EnrolmentDecision(max(draws, key=lambda group: draws[group]), estimates=chances)
 
 
 class GroupSequentialSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The settings of a group-sequential study."""
 
-    looks: tuple[int, ...]  # how many complete participants each look is taken at; the last ends the study
+    looks: tuple[int, ...]  # the number of complete participants at each look; the last look ends the study
     outcome: Literal["success", "reward", "steps", "log_steps"] = "success"
-    block: str = ""  # "": all
+    block: str = ""  # the block whose episodes count; "" for all blocks
     alpha: float = 0.05  # two-sided, of the whole study
 
 

@@ -21,14 +21,14 @@ from minihuman.experiment.plan.designs import (
 class StaircaseSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The settings of a staircase."""
 
-    option: str  # of the world
+    option: str  # the world's option that the staircase sets
     values: tuple[bool | int | float | str, ...]  # from the easiest to the hardest
     down: int = 2  # successes in a row that lead to a harder value
-    step_sizes: tuple[int, ...] = (1,)  # places to move, by the number of reversals; the last one stays
+    step_sizes: tuple[int, ...] = (1,)  # places to move after 0, 1, ... reversals; the last one stays
     start: int = 0  # place of the first value
-    stop_reversals: int = 0  # the block is over after so many; 0: never
-    averaged_reversals: int = 6  # the threshold is the mean of the values at the last so many
-    only: dict[str, bool | int | float | str] = {}  # the options of the episodes that it goes by; empty: all episodes
+    stop_reversals: int = 0  # number of reversals after which the block is over; 0 for never
+    averaged_reversals: int = 6  # number of last reversals whose mean value is the threshold
+    only: dict[str, bool | int | float | str] = {}  # options of the episodes that count; empty for all episodes
 
 
 class Staircase(Design):
@@ -42,11 +42,12 @@ class Staircase(Design):
         )
         sizes = bool(spec.step_sizes) and min(spec.step_sizes) > 0
         require_setting(
-            sizes and spec.down > 0 and spec.averaged_reversals > 0, "down, step_sizes and averages are 1 or more"
+            sizes and spec.down > 0 and spec.averaged_reversals > 0,
+            "down, step_sizes and averaged_reversals are 1 or more",
         )
 
     def decide(self, history: Sequence[PlayedEpisode], draw: Draw) -> DesignDecision:
-        """Choose the value that follows the latest run of successes, or the latest failure."""
+        """Choose the value that follows from all counted episodes, and estimate the threshold from the reversals."""
         settings = self.settings
         place = settings.start
         run = 0
@@ -57,7 +58,7 @@ class Staircase(Design):
                 continue
             if episode.success:
                 run += 1
-                move = int(run == settings.down)
+                move = 1 if run == settings.down else 0
             else:
                 run = 0
                 move = -1
@@ -72,9 +73,9 @@ class Staircase(Design):
             last_place = len(settings.values) - 1
             place = min(max(place + move * step_size, 0), last_place)
         estimates = {"reversals": float(len(reversals))}
-        turned = [settings.values[at] for at in reversals[-settings.averaged_reversals :]]
-        if len(turned) > 1 and not any(isinstance(value, str) for value in turned):
-            estimates["threshold"] = round_estimate(sum(map(float, turned)) / len(turned))
+        averaged_values = [settings.values[at] for at in reversals[-settings.averaged_reversals :]]
+        if len(averaged_values) > 1 and not any(isinstance(value, str) for value in averaged_values):
+            estimates["threshold"] = round_estimate(sum(map(float, averaged_values)) / len(averaged_values))
         stop = bool(settings.stop_reversals) and len(reversals) >= settings.stop_reversals
         return DesignDecision(
             {settings.option: settings.values[place]}, None, stop, estimates, (place, run, direction, reversals)
@@ -86,16 +87,16 @@ class QuestPlusSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True)
 
     option: str  # of the world
     values: tuple[int | float, ...]  # above 0, in any order
-    harder: Literal["smaller", "larger"] = "smaller"  # values
-    guess: float = 0.5  # share of successes where the value is far too hard
-    lapse: float = 0.02  # share of failures where it is far too easy
-    slopes: tuple[float, ...] = (1.5, 2.5, 3.5, 5.0)  # of the Weibull function, that are thought possible
-    thresholds: tuple[float, float] | None = None  # lowest and highest; absent: those of values
-    grid: int = 80  # thresholds between them, spaced evenly on a logarithmic scale
-    stop_sd: float = 0.0  # the block is over when the SD of the threshold's logarithm is below; 0: never
+    harder: Literal["smaller", "larger"] = "smaller"  # which values are harder
+    guess: float = 0.5  # proportion of successes at values that are far too hard
+    lapse: float = 0.02  # proportion of failures at values that are far too easy
+    slopes: tuple[float, ...] = (1.5, 2.5, 3.5, 5.0)  # possible slopes of the Weibull function
+    thresholds: tuple[float, float] | None = None  # lowest and highest possible threshold; None for those of values
+    grid: int = 80  # number of possible thresholds, spaced evenly on a logarithmic scale
+    stop_sd: float = 0.0  # SD of the threshold's logarithm below which the block is over; 0 for never
 
 
-_LOG_UNIT = 2.0**20  # log-likelihoods are whole numbers of this part of a nat, so that sums are exact
+_LOG_UNIT = 2.0**20  # units per nat in which log-likelihoods are whole numbers, so that sums are exact
 
 
 class QuestPlus(Design):
@@ -128,7 +129,7 @@ class QuestPlus(Design):
         return np.asarray(spec.guess + (1 - spec.guess - spec.lapse) * weibull)
 
     def decide(self, history: Sequence[PlayedEpisode], draw: Draw) -> DesignDecision:
-        """Choose the value that is expected to reveal most about the threshold."""
+        """Choose the value that is expected to leave the least entropy of the threshold, and estimate the threshold."""
         settings = self.settings
         places = {value: place for place, value in enumerate(settings.values)}
         scores = np.zeros(self._chance.shape[1:], np.int64)
@@ -138,21 +139,24 @@ class QuestPlus(Design):
         weights = np.exp((scores - scores.max()) / _LOG_UNIT)
         weights /= weights.sum()
         share = weights.sum(axis=1)
-        log = self._log_thresholds
-        mean = float(share @ log)
-        sd = float(np.sqrt(max(share @ (log - mean) ** 2, 0.0)))
-        known = (
+        log_thresholds = self._log_thresholds
+        mean = float(share @ log_thresholds)
+        sd = float(np.sqrt(max(share @ (log_thresholds - mean) ** 2, 0.0)))
+        estimates = (
             ("threshold", float(np.exp(mean))),
             ("threshold_log_sd", sd),
             ("slope", float(weights.sum(axis=0) @ np.array(settings.slopes))),
         )
-        rounded = {name: round_estimate(value) for name, value in known}
+        rounded = {name: round_estimate(value) for name, value in estimates}
         best = int(np.argmin(np.round(self._expected_entropy(weights), 9)))
         stop = bool(history) and rounded["threshold_log_sd"] < settings.stop_sd
         return DesignDecision({settings.option: settings.values[best]}, None, stop, rounded, scores)
 
     def _expected_entropy(self, weights: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the threshold's expected entropy in nats after an episode at each value."""
+        """Return the threshold's expected entropy in nats after an episode at each value, float64[values].
+
+        ``weights`` is the posterior, float64[thresholds, slopes].
+        """
         success = (self._chance * weights).sum(axis=2)
         failure = weights.sum(axis=1) - success
         return sum(_entropy(joint) for joint in (success, failure))  # type: ignore[return-value]
@@ -171,9 +175,9 @@ class LevelReplaySettings(msgspec.Struct, frozen=True, forbid_unknown_fields=Tru
 
     seeds: tuple[int, ...]  # reset seeds: each with each row of options is a level
     options: tuple[dict[str, Any], ...] = ({},)  # rows of options of the world
-    replay: float = 0.5  # how probable a level is played again while there are new ones
-    staleness: float = 0.1  # share of the choice that goes by how long ago a level was played
-    temperature: float = 0.1  # of the ranks of regret: near 0 the highest alone
+    replay: float = 0.5  # probability of replaying a level while there are new ones
+    staleness: float = 0.1  # weight of the time since a level was played, in the choice of the level to replay
+    temperature: float = 0.1  # of the ranks of regret; near 0, only the level with the highest regret is replayed
     best_return: float = 1.0  # the highest return of an episode
 
 
@@ -188,13 +192,13 @@ class LevelReplay(Design):
         self._levels = [(dict(row), seed) for row in spec.options for seed in spec.seeds]
         are_shares = 0 <= spec.replay <= 1 and 0 <= spec.staleness <= 1
         require_setting(len(self._levels) > 1, f"seeds and options make {len(self._levels)} levels; give two or more")
-        require_setting(all(0 <= seed < 2**63 for seed in spec.seeds), "a seed is 0 or more")
+        require_setting(all(0 <= seed < 2**63 for seed in spec.seeds), "a seed is 0 or more and below 2**63")
         require_setting(are_shares, "replay and staleness are shares from 0 to 1")
         require_setting(spec.temperature >= 0.01, f"temperature is {spec.temperature:g}; use 0.01 or more")
 
     def decide(self, history: Sequence[PlayedEpisode], draw: Draw) -> DesignDecision:
         """Choose a new level, or one to replay."""
-        regrets = dict[int, tuple[float, int]]()  # of each level that was played, and the episode of it
+        regrets = dict[int, tuple[float, int]]()  # regret and episode of each played level's latest episode
         for number, episode in enumerate(history):
             played_level = self._find_level(episode)
             if played_level is not None:
@@ -236,6 +240,7 @@ class LevelReplay(Design):
         return levels[min(place, last_place)]
 
     def _find_level(self, episode: PlayedEpisode) -> int | None:
+        """Return the level that an episode played; None if it is none of the levels."""
         episode_options = episode.options.items()
         levels = enumerate(self._levels)
         return next(

@@ -29,7 +29,7 @@ from minihuman.experiment.protocol.protocol import BlockSpec, Protocol
 from minihuman.moved import forward_names
 from minihuman.worlds.outcomes import OUTCOME_RULES
 
-MAX_SESSION_EPISODES = 20_000  # the plan is made and logged whole
+MAX_SESSION_EPISODES = 20_000  # since the plan is expanded and logged as a whole
 
 
 def enrol_participant(
@@ -54,8 +54,8 @@ def assign_slot(protocol: Protocol, participant: Participant, slot: AllocationSl
         ProtocolError: if there is no such group.
     """
     group = protocol.group(participant.group or slot.group).name
-    own = slot.index if slot.stratum else None
-    return msgspec.structs.replace(participant, group=group, stratum=slot.stratum, slot=own)
+    index = slot.index if slot.stratum else None
+    return msgspec.structs.replace(participant, group=group, stratum=slot.stratum, slot=index)
 
 
 def expand_protocol(
@@ -70,9 +70,9 @@ def expand_protocol(
 ) -> SessionPlan:
     """Plan everything that a session contains, before its first key press.
 
-    ``overridden`` says that participant or group was chosen by hand. ``first_episode`` and ``segment`` say where the
-    session resumes, and change nothing else. ``outcome_rules`` is 0 in a study that began before there were any. For a
-    participant whose group has not been drawn, the plan is valid up to the draw, and some group's plan after it.
+    A plan made before the participant's group is drawn is valid only up to the draw. ``overridden`` means that the
+    participant or the group was chosen by hand. A resumed session begins at ``first_episode``, in a ``segment`` after
+    the first. ``outcome_rules`` is the version of the rules, 0 in a study that began before there were any.
     """
     slots = build_allocation_list(protocol)
     slot = slots[participant.place if participant.group else 0]

@@ -10,8 +10,8 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-_BOUNDARY_BRACKET = (0.5, 12.0)  # in which each look's |z| is searched for
-_POINTS = 801  # of the grid on which the score's density between two looks is followed
+_BOUNDARY_BRACKET = (0.5, 12.0)  # interval of |z| in which each look's boundary is searched
+_POINTS = 801  # of the grid on which the score's density is evaluated
 
 
 def spend_alpha(fraction: float, alpha: float) -> float:
@@ -20,7 +20,12 @@ def spend_alpha(fraction: float, alpha: float) -> float:
 
 
 def find_boundaries(fractions: Sequence[float], alpha: float = 0.05) -> tuple[float, ...]:
-    """Return the |z| at which a study stops at each look; ``fractions`` of the information increase to 1."""
+    """Return the |z| at which a study stops at each look.
+
+    Args:
+        fractions: the fraction of the information at each look, increasing to 1.
+        alpha: the two-sided error rate of the whole study.
+    """
     spent = [0.0, *(spend_alpha(fraction, alpha) for fraction in fractions)]
     walk = _Walk()
     boundaries = list[float]()
@@ -33,6 +38,8 @@ def find_boundaries(fractions: Sequence[float], alpha: float = 0.05) -> tuple[fl
 
 
 def _find_boundary(walk: "_Walk", fraction: float, alpha_of_look: float) -> float:
+    """Return the |z| that a look exceeds with probability ``alpha_of_look`` if the study has not stopped before."""
+
     def excess_alpha(z: float) -> float:
         return walk.exit(z, fraction) - alpha_of_look
 
@@ -83,7 +90,10 @@ class _Walk:
 
 
 def compute_welch_z(first: Sequence[float], second: Sequence[float]) -> float:
-    """Return the z with the same two-sided p as Welch's t, from two groups' (n, mean, variance); 0 if undefined."""
+    """Return the z with the same two-sided p as Welch's t, from two groups' (n, mean, variance).
+
+    It has the sign of the first mean minus the second; it is 0 if a group has fewer than two or nothing varies.
+    """
     n_first, mean_first, variance_first = first
     n_second, mean_second, variance_second = second
     if min(n_first, n_second) < 2 or variance_first + variance_second <= 0:

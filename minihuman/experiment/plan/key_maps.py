@@ -23,10 +23,10 @@ class KeyMapPlanner:
         self._session = session
         self._slot = slot
         self._pool = protocol.keys.pool
-        self._latest: tuple[BlockSpec, KeyMap] | None = None  # of the block before
+        self._latest: tuple[BlockSpec, KeyMap] | None = None  # the previous block and its key map
 
     def plan(self, block: BlockSpec, draw: int) -> KeyMap:
-        """Return the key map of the next block; ``draw`` is the index of the block's draw.
+        """Plan the key map of the next block; ``draw`` is the index of the block's draw.
 
         Raises:
             ProtocolError: if the block would carry over a map for a different number of actions.
@@ -56,7 +56,7 @@ class KeyMapPlanner:
 
     def _carry_over(self, block: BlockSpec, draw: int, before: BlockSpec, key_map: KeyMap) -> KeyMap:
         """Carry over the previous block's keys, matching actions by their position in the two blocks' lists."""
-        if len(before.actions) != len(block.actions):  # only in a log: a new protocol is refused
+        if len(before.actions) != len(block.actions):  # only in an earlier log, since such a protocol is refused now
             counts = f"{len(block.actions)} actions for a key map with {len(before.actions)}"
             raise ProtocolError(f"block {block.name!r} has {counts}; give the block its own key map")
         renamed = dict(zip(before.actions, block.actions, strict=True))
@@ -64,7 +64,7 @@ class KeyMapPlanner:
         return self._deal_spare_keys(block, draw, keys)
 
     def _deal_spare_keys(self, block: BlockSpec, draw: int, keys: dict[str, str]) -> KeyMap:
-        """Complete a key map: distractors are dealt in turn to the spare keys, in random order."""
+        """Build a key map in which a block's distractors, if any, are dealt to the spare keys in random order."""
         spare = tuple(key for key in self._pool if key not in keys)
         if block.distractors:
             order = self._permute(len(spare), f"distractors-{draw}")

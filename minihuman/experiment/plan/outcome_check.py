@@ -23,7 +23,7 @@ from minihuman.worlds.adapters.world import World
 from minihuman.worlds.outcomes import WORLD_RULE, parse_outcome_rule
 
 _N_EXAMPLE_KEYS = 3
-N_TRIED_STEPS = 100  # for what a world says in ``info``
+N_TRIED_STEPS = 100  # in which a world's ``info`` is collected
 SUCCESS_MEASURES = frozenset(
     {
         *("success", "spl_mean", "steps_at_limit_mean"),
@@ -36,8 +36,8 @@ SUCCESS_MEASURES = frozenset(
 class TriedWorld:
     """The contents of a world's ``info`` during trial steps."""
 
-    is_own: bool  # its author wrote with our classes which end earns a reward
-    values: Mapping[str, Any] = field(default_factory=dict)  # by key, the first of each
+    is_own: bool  # whether the world is written with our classes, whose rewards define success
+    values: Mapping[str, Any] = field(default_factory=dict)  # the first value of each key
 
     def says_success(self, rule: StatedRule) -> bool:
         """Return whether the world reported, or may report, what a rule reads."""
@@ -62,13 +62,15 @@ def check_outcome_rules(protocol: Protocol, source: str) -> tuple[str, ...]:
         rule = find_outcome_rule(block)
         tried = try_world_info(block)
         if not tried.says_success(rule):
-            _require_no_need(protocol, block, rule, tried, source)
+            _refuse_unknown_success(protocol, block, rule, tried, source)
         lines.append(f"outcome of block {block.name!r}: {_describe_rule(rule, tried)}")
         lines += _describe_info(block, rule, tried)
     return tuple(dict.fromkeys(lines))
 
 
-def _require_no_need(protocol: Protocol, block: BlockSpec, rule: StatedRule, tried: TriedWorld, source: str) -> None:
+def _refuse_unknown_success(
+    protocol: Protocol, block: BlockSpec, rule: StatedRule, tried: TriedWorld, source: str
+) -> None:
     """Raise a ProtocolError if a rule's key holds no yes or no, or if something needs the unknown success."""
     place = f"{source}: block {block.name!r}"
     key = parse_outcome_rule(rule.rule).info_key
@@ -155,7 +157,10 @@ def list_success_needs(protocol: Protocol, block: BlockSpec) -> list[str]:
 
 
 def try_world_info(block: BlockSpec) -> TriedWorld:
-    """Play a block's world for some steps, with every action of the block in turn, and collect its ``info``."""
+    """Play a block's world for some steps, with every action of the block in turn, and collect its ``info``.
+
+    A world of the catalogue is not played if the block states no rule for success and records no ``info``.
+    """
     is_well_known = is_of_catalogue(block.world)
     if is_well_known and not block.record_info and block.success is None:
         return TriedWorld(is_own=False)
@@ -167,7 +172,7 @@ def try_world_info(block: BlockSpec) -> TriedWorld:
         numbers = [world.action_names.index(name) for name in names]
         world.reset(0)
         for step in range(N_TRIED_STEPS):
-            place = step // 3 % len(numbers)  # each action three times, so that a world moves
+            place = step // 3 % len(numbers)  # each action three times in a row, so that the world changes
             transition = world.step(numbers[place])
             values = {**transition.info, **values}
             if transition.terminated or transition.truncated:

@@ -16,7 +16,7 @@ def list_part_names(protocol: Protocol, slot: AllocationSlot, group: str, sessio
     Raises:
         AllocationError: if the study has no such session.
     """
-    if not protocol.lists_parts:  # a group lists blocks: what belongs around them comes by itself
+    if not protocol.lists_parts:  # groups list only blocks, so all other parts are added
         return _add_debrief(protocol, _surround_blocks(protocol, group), group)
     if protocol.sessions:
         if session > len(protocol.sessions):
@@ -27,15 +27,15 @@ def list_part_names(protocol: Protocol, slot: AllocationSlot, group: str, sessio
         listed = protocol.sessions[session - 1].parts
     else:
         listed = protocol.group(group).parts
-    instead = protocol.group(group).replace_parts
+    replacements = protocol.group(group).replace_parts
     names: list[str] = []
     for name in listed:
-        chosen = instead.get(name, name)
+        chosen = replacements.get(name, name)
         inside = _apply_order(protocol, slot, chosen)
         if inside is None:
             names.append(chosen)
         else:
-            names += [instead.get(part, part) for part in inside]
+            names += [replacements.get(part, part) for part in inside]
     return _add_debrief(protocol, _add_default_parts(protocol, [name for name in names if name], session), group)
 
 

@@ -36,15 +36,15 @@ OUTCOMES = ("goal", "timeout", "failure", "abandoned", "ended")
 def list_changed_words(protocol: Protocol) -> dict[str, str]:
     """Return the interface texts of a study that differ from English; none for most English studies."""
     language = protocol.study.language
-    instead = flatten_words(protocol.words)
+    stated_words = flatten_words(protocol.words)
     if protocol.study.theme != "dark":
-        instead["theme"] = protocol.study.theme  # so that it is in the log, with how else words are shown
+        stated_words["theme"] = protocol.study.theme  # logged with the texts, since it changes how they are displayed
     if language == ENGLISH or language not in LANGUAGES:
-        return instead
+        return stated_words
     kind_words: dict[str, str] = {}
     for kind in list_question_kinds(protocol.questions, [group.name for group in protocol.groups]):
         kind_words |= load_kind_words(kind, language)
-    return {**kind_words, **load_words(language), **instead}
+    return {**kind_words, **load_words(language), **stated_words}
 
 
 def load_study_words(protocol: Protocol) -> InterfaceWords:
@@ -69,7 +69,11 @@ def plan_parts(
     blocks: Sequence[BlockSpec],
     episodes: Sequence[EpisodePlan],
 ) -> Iterator[PlannedPart]:
-    """Plan each part of a session, in order."""
+    """Plan each part of a session, in order; ``blocks`` and ``episodes`` are in the order of the parts' names.
+
+    Raises:
+        ProtocolError: if a page's picture is missing, or questions return to a part outside the session.
+    """
     words = load_study_words(protocol)
     group = participant.group
     number = 0
@@ -151,11 +155,11 @@ def _plan_page(protocol: Protocol, page: PageSpec, words: InterfaceWords) -> Pag
         closing=page.closing,
         pictures=tuple(protocol.files[name] for name in images),
         example=page.example,
-        pagination=_pagination_of(pages),
+        pagination=_find_pagination_rules(pages),
     )
 
 
-def _pagination_of(pages: Sequence[str]) -> int | msgspec.UnsetType:
+def _find_pagination_rules(pages: Sequence[str]) -> int | msgspec.UnsetType:
     """Return the version of the rules that divided a text into pages; unset if there is no text."""
     if len(pages) > 1:
         return PAGINATION_RULES
@@ -223,14 +227,14 @@ def _plan_block(
         name: table for name, table in tables.items() if name in kind.plan_fields and table is not None
     }
     if "timeline" in own_fields:
-        own_fields["hold_ms"] = 0.0  # the timeline says what is shown until the trial ends
+        own_fields["hold_ms"] = 0.0  # the timeline defines what is shown until the trial ends
     plan = kind.plan(**msgspec.structs.asdict(play) | own_fields)
-    assert isinstance(plan, PlayPlan)  # the protocol's check has seen to it
+    assert isinstance(plan, PlayPlan), "the protocol's check refuses other kinds for blocks"
     return plan
 
 
 def _find_fixed_interval_ms(block: BlockSpec) -> float:
-    """Return the interval between a block's episodes; 0 if it is drawn, as the rules of trials then have it."""
+    """Return the interval between a block's episodes in milliseconds; 0 if each is drawn, as `TrialRules` has it."""
     if isinstance(block.inter_trial_interval_ms, tuple):
         return 0.0
     return block.inter_trial_interval_ms
@@ -272,9 +276,9 @@ def _plan_play(
         points=block.points,
         show_points=block.show_points,
         mission=block.mission,
-        computed=_computed_by(block),
+        computed=_find_computer(block),
         motion_ms=block.motion_ms or msgspec.UNSET,
-        pagination=_pagination_of(instruction),
+        pagination=_find_pagination_rules(instruction),
     )
 
 
@@ -291,7 +295,7 @@ def _plan_feedback(block: BlockSpec) -> dict[str, str]:
     return {outcome: text for outcome, text in texts.items() if text}
 
 
-def _computed_by(block: BlockSpec) -> ComputedBy:
+def _find_computer(block: BlockSpec) -> ComputedBy:
     """Return whether the page or the server computes a block in a browser.
 
     The default is the page for an ordinary block in a built-in world, and the server for any other block.
@@ -310,6 +314,6 @@ def _computed_by(block: BlockSpec) -> ComputedBy:
 def list_world_options(block: BlockSpec) -> dict[str, Any]:
     """Return a block's options for its world; worlds that a page computes get the portable sine."""
     options: dict[str, Any] = {}
-    if is_first_person(block.world) and _computed_by(block) == "page":
+    if is_first_person(block.world) and _find_computer(block) == "page":
         options["trig"] = 1
     return options | dict(block.options)

@@ -7,7 +7,7 @@ from minihuman.errors import AllocationError
 _CODE = re.compile(r"(sub|model)-(?P<number>\d{2,9})")
 
 
-MAX_SLOTS = 100_000  # of an allocation list; codes from there on are of those who take a slot over
+MAX_SLOTS = 100_000  # in an allocation list; higher numbers are codes of participants who took a slot over
 
 
 def parse_participant_code(code: str) -> int:

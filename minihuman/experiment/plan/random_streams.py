@@ -18,7 +18,7 @@ def draw_words(count: int, *, seed: int, purpose: str, index: int = 0) -> NDArra
 
 
 def make_draw(seed: int, purpose: str, index: int) -> Callable[[int], tuple[float, ...]]:
-    """Return a function that returns the first ``n`` random numbers in [0, 1) of a stream."""
+    """Return a function of ``count`` that returns the first ``count`` random numbers, in [0, 1), of a stream."""
 
     def draw(count: int) -> tuple[float, ...]:
         words = draw_words(count, seed=seed, purpose=purpose, index=index)

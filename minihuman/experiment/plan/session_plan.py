@@ -23,10 +23,10 @@ class Participant(msgspec.Struct, frozen=True):
 
     id: str  # "sub-07"
     index: int  # order of enrolment, 0 for the first
-    group: str  # "" as long as it is not drawn
-    stratum: str = ""  # of the answer that the group was drawn after; "" where it is drawn among all
-    slot: int | None = None  # the place in the allocation list; None: the index
-    assigned: GroupAssignment | None = None  # by an adaptive design; None: by the list, or by hand
+    group: str  # "" until it is drawn
+    stratum: str = ""  # the stratum from whose list the group was drawn; "" without strata
+    slot: int | None = None  # the place in the allocation list; None if it equals the index
+    assigned: GroupAssignment | None = None  # by an adaptive design; None if by the list or by hand
 
     @property
     def place(self) -> int:
@@ -64,28 +64,28 @@ class EpisodePlan(msgspec.Struct, frozen=True):
     seed: int  # the world's reset seed
     actions: tuple[str, ...]  # the action names that have a key
     key_map: KeyMap
-    show_keys: bool  # the legend is on the screen
+    show_keys: bool  # whether the legend is on the screen
     pace: PacePolicy
-    step_period_ms: float  # real_time only: one step a period
-    noop: str | None  # action applied at a tick without a key; None repeats nothing
-    auto_repeat: bool  # on_key only: a held key steps again
+    step_period_ms: float  # real_time only: the time between steps
+    noop: str | None  # the action at a tick or deadline without a key; None for no step
+    auto_repeat: bool  # on_key only: whether a held key makes further steps
     max_steps: int
     view: ShownView
     palette: Palette
-    record_observations: bool = False  # the log holds what was observed, beside its hash
-    onset_at_reset: bool = False  # real_time only: the first picture shows the stimulus
+    record_observations: bool = False  # whether the log contains observations beside their hashes
+    onset_at_reset: bool = False  # real_time only: whether the first picture shows the stimulus
     hold: HoldPolicy = "once"  # real_time only: whether an action lasts while its key is held
-    response_deadline_ms: float = 0.0  # on_key only: the no-op comes so long after a picture without a key; 0: never
-    outcome_rule: str = ""  # what its end means, see worlds/outcomes.py
+    response_deadline_ms: float = 0.0  # on_key only: the time from a picture to the no-op; 0 for no deadline
+    outcome_rule: str = ""  # what the episode's end means: see worlds/outcomes.py
     record_info: tuple[str, ...] = ()  # keys of the world's ``info`` that steps keep
-    labels: dict[str, Any] = {}  # of its stimulus: columns of the table that the world never sees
+    labels: dict[str, Any] = {}  # the stimulus's labels: cells of the table that are not passed to the world
 
 
 class BlockText(msgspec.Struct, frozen=True):
     """The texts around a block; an empty text shows no screen."""
 
     instruction: str
-    feedback: str  # after each episode; may hold {outcome} {reward} {steps} {episode} {episodes}
+    feedback: str  # after each episode; may contain {outcome} {reward} {steps} {episode} {episodes}
     rest: str  # after the block
     rest_s: float  # the shortest rest, seconds
 
@@ -143,10 +143,10 @@ class ResumeState(msgspec.Struct, frozen=True):
     part: int = 0  # the part to begin with
     points: float = 0.0
     outcomes: tuple[str, ...] = ()  # of that part's episodes so far
-    tries: dict[str, int] = {}  # of questions, by the part's name
+    tries: dict[str, int] = {}  # number of attempts at questions, by the part's name
     history: tuple[PlayedEpisode, ...] | msgspec.UnsetType = msgspec.UNSET  # of that part's design; unset without one
-    waited_ns: int | msgspec.UnsetType = msgspec.UNSET  # in lobbies; unset where it did not
-    stranded: bool | msgspec.UnsetType = msgspec.UNSET  # a team block ended for want of a partner
+    waited_ns: int | msgspec.UnsetType = msgspec.UNSET  # time in lobbies; unset without any
+    stranded: bool | msgspec.UnsetType = msgspec.UNSET  # whether a team's block ended for lack of a partner
 
 
 class BonusSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -156,8 +156,8 @@ class BonusSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     currency: str = ""
     base: float = 0.0
     most: float | None = None  # the bonus never exceeds it
-    waiting_per_min: float | msgspec.UnsetType = msgspec.UNSET  # in a lobby, from arrival on, beside what points earn
-    base_pay: float | msgspec.UnsetType = msgspec.UNSET  # the least for who was left, found no partner or was refused
+    waiting_per_min: float | msgspec.UnsetType = msgspec.UNSET  # for each minute in a lobby, in addition
+    base_pay: float | msgspec.UnsetType = msgspec.UNSET  # the least pay without a partner, or after a screening
 
 
 class SessionPlan(msgspec.Struct, frozen=True):
@@ -171,24 +171,24 @@ class SessionPlan(msgspec.Struct, frozen=True):
     session: int  # 1 for the first
     study_seed: int
     allocation_sha256: str | None  # hash of the up-front allocation list; None when overridden
-    overridden: bool  # --participant or --group by hand
-    consent_text: str  # empty: no consent screen
+    overridden: bool  # whether participant or group was chosen by hand
+    consent_text: str  # empty for no consent screen
     consent_sha256: str
     key_pool: tuple[str, ...]
     keyboard_check: bool
-    texts: tuple[BlockText, ...]  # one a block
+    texts: tuple[BlockText, ...]  # one per block
     closing_text: str
     episodes: tuple[EpisodePlan, ...]
-    first_episode: int  # 0, or where a resumed session goes on
+    first_episode: int  # 0, or the episode with which a resumed session continues
     segment: int  # 1 for the first, one more after each resume
-    parts: tuple[PlannedPart, ...] = ()  # in order; empty in logs from before there were parts
-    words: dict[str, str] = {}  # the interface's words that differ from English's
+    parts: tuple[PlannedPart, ...] = ()  # in order; empty in logs of versions without parts
+    words: dict[str, str] = {}  # the interface texts that differ from the English ones
     language: str = "en"
     standing: ResumeState = ResumeState()
     bonus: BonusSpec | None = None
-    fonts: tuple[str, ...] = ()  # files of faces that are asked first
-    files: dict[str, bytes] = {}  # tables of stimuli and their images, which the plan cannot be made without
-    outcome_rules: int = 0  # which rules say what an end means; 0: the last reward, as before there were others
+    fonts: tuple[str, ...] = ()  # font files that are used before the built-in ones
+    files: dict[str, bytes] = {}  # tables of stimuli and their images, from which the plan was made
+    outcome_rules: int = 0  # version of the outcome rules; 0 for those of the last reward alone
 
     def __post_init__(self) -> None:
         keep_files(self.files.values())

@@ -22,7 +22,7 @@ HOW_TO_STATE_A_RULE = (
 
 
 class StatedRule(NamedTuple):
-    """A block's outcome rule as its plan holds it, who stated it, and where it is documented."""
+    """A block's outcome rule as its plan contains it, who stated it, and where it is documented."""
 
     rule: str
     stated_by: Literal["block", "catalogue", "table", "world", "study"]

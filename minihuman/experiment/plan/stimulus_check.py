@@ -29,12 +29,12 @@ from minihuman.experiment.protocol.specs import apply_overrides
 from minihuman.experiment.sounds import SoundContent, render_sound
 from minihuman.worlds.adapters.world import World
 
-_MOST_LINES = 20  # of a table's mistakes; a wrong column is wrong in every row
-_MOST_STEPS = 10  # of a trial that is tried
-_DRAWN_PX = (320, 240)  # of a timeline's pictures
-_HEARD_HZ = 8_000  # at which sounds are tried
-_SHARES = (0.0, 1.0)  # of what is drawn from a range: the shortest and the longest
-_CLOSE = 0.8  # how similar a column's name is to an option's that it was probably meant to be
+_MOST_LINES = 20  # listed mistakes of a table, as a wrong column is wrong in every row
+_MOST_STEPS = 10  # of a trial that is played
+_DRAWN_PX = (320, 240)  # size of a timeline's pictures
+_HEARD_HZ = 8_000  # rate at which sounds are rendered
+_SHARES = (0.0, 1.0)  # random numbers that draw the least and the most of a range
+_CLOSE = 0.8  # similarity of names from which a column probably is a misspelt option
 
 
 def check_stimuli(protocol: Protocol, source: str) -> list[str]:
@@ -181,6 +181,7 @@ def _find_empty_rows(protocol: Protocol, block: BlockSpec) -> Iterator[str]:
 
 
 def _find_unplayable_rows(block: BlockSpec, stimuli: list[TrialStimulus]) -> Iterator[str]:
+    """Yield an error for each column of a row because of which the block's world cannot be played."""
     shared = list_world_options(block)
     needs_table = bool(_try_options(block, shared))
     mistakes: dict[str, list[str]] = {}  # by the row's options: equal rows have equal mistakes
@@ -201,7 +202,7 @@ def _explain_unplayable(
     reasons: dict[str, str] = {}  # by column
     if not needs_table:
         reasons = _try_each_column(block, shared, options)
-    if not reasons:  # no column is wrong by itself: which one, if left out, lets the others be played?
+    if not reasons:  # no column is wrong by itself, so name those without which the others can be played
         for column in options:
             others = {name: option for name, option in options.items() if name != column}
             if not _try_options(block, shared | others):
@@ -213,13 +214,13 @@ def _explain_unplayable(
 
 
 def _try_each_column(block: BlockSpec, shared: dict[str, Any], options: dict[str, Any]) -> dict[str, str]:
-    """Return the columns that cannot be played even without the row's other columns, each with the reason."""
+    """Return the columns that cannot be played even by themselves, each with the reason."""
     reasons = {column: _try_options(block, shared | {column: option}) for column, option in options.items()}
     return {column: reason for column, reason in reasons.items() if reason}
 
 
 def _try_options(block: BlockSpec, options: dict[str, Any]) -> str:
-    """Create, draw and play a trial with each of the block's actions; return the error, or "" if there was none."""
+    """Draw a world with these options, and play a trial with each of the block's actions; return the error or ""."""
     try:
         with closing(World(block.world, options)) as world:
             world.name_actions(block.actions)
@@ -248,6 +249,7 @@ def _play_trial(world: World, action: int, most_steps: int) -> None:
 
 
 def _list_notices(protocol: Protocol, block: BlockSpec) -> Iterator[str]:
+    """Yield notices about a table's labels, which are not shown, and about correct responses that have no key."""
     assert block.stimuli is not None
     shown = _list_shown_columns(block)
     if labels := [column for column in list_label_columns(protocol, block) if column not in shown]:
@@ -279,7 +281,7 @@ def _find_timeline_mistakes(protocol: Protocol, block: BlockSpec) -> list[str]:
 
 
 def _list_shown_columns(block: BlockSpec) -> dict[str, str]:
-    """Return the columns to which a block's timeline refers, each with the stimulus and field that does."""
+    """Return the columns to which a block's timeline refers, each with the first stimulus and field that names it."""
     columns: dict[str, str] = {}
     for stimulus in block.timeline.stimuli if block.timeline is not None else ():
         for column, field in list_columns(stimulus).items():
@@ -304,6 +306,7 @@ def _find_missing_columns(block: BlockSpec, columns: set[str]) -> list[str]:
 
 
 def _find_row_mistakes(protocol: Protocol, block: BlockSpec, cells: dict[str, Any], place: str) -> list[str]:
+    """Return what prevents a row's trial from being drawn, heard or ended, with its drawn times short and long."""
     assert block.timeline is not None
     design_option = str(block.design.settings.get("option", "")) if block.design is not None else ""
     cells = {"delay_ms": 0.0, design_option: 0.0} | cells
@@ -350,7 +353,7 @@ def _draw_always(share: float) -> DrawShare:
 
 
 def _find_excess(block: BlockSpec, schedule: TrialSchedule) -> str:
-    """Return why a trial does not fit into the block's rhythm; "" if it does."""
+    """Return why a trial lasts too long for the timeline's ``soa_ms``; "" if it does not."""
     assert block.timeline is not None
     soa_ms = block.timeline.soa_ms
     if not soa_ms or schedule.end_ns is None:

@@ -35,9 +35,9 @@ _MAX_ROWS = 10_000
 class TrialStimulus(msgspec.Struct, frozen=True):
     """The stimulus of one trial: a row of a block's table, with images by reference."""
 
-    place: str = ""  # of the row: "words.csv:3"; "" without a table
-    options: Row = {}  # of the world
-    labels: Row = {}  # that the world never sees
+    place: str = ""  # where the row is, such as "words.csv:3"; "" without a table
+    options: Row = {}  # cells that are options of the world
+    labels: Row = {}  # cells that are not passed to the world
 
 
 def plan_rules(block: BlockSpec, seed: int, purpose: str, participant: int) -> TrialRules | msgspec.UnsetType:
@@ -76,7 +76,11 @@ def plan_stimuli(protocol: Protocol, block: BlockSpec, purpose: str, participant
 
 
 def _find_column(block: BlockSpec, stimuli: list[TrialStimulus], name: str) -> list[Any]:
-    """Return a column's cell for each stimulus; raise ProtocolError if no stimulus has one."""
+    """Return a column's cell for each stimulus, None for a stimulus without one.
+
+    Raises:
+        ProtocolError: if no stimulus has one.
+    """
     rows = [stimulus.options | stimulus.labels for stimulus in stimuli]
     cells = [row.get(name) for row in rows]
     if all(cell is None for cell in cells):
@@ -114,6 +118,7 @@ def _read_count(block: BlockSpec, row: TableRow) -> int:
 
 
 def _build_stimulus(protocol: Protocol, block: BlockSpec, row: TableRow) -> TrialStimulus:
+    """Build the stimulus of a row: separate options from labels, and refer to the image by its content."""
     assert block.stimuli is not None
     options: Row = {}
     labels: Row = {}
@@ -159,7 +164,7 @@ def _find_file_names(protocol: Protocol) -> Iterator[str]:
             yield from (name for name, _ in named if name in protocol.files)
         for group in block.group_overrides:
             spec = apply_overrides(block, group).stimuli
-            if spec is not None and (not spec.file or spec.file in protocol.files):  # plans lacked them once
+            if spec is not None and (not spec.file or spec.file in protocol.files):  # earlier plans lack these files
                 yield from _list_file_names(spec, protocol.files)
 
 
@@ -249,7 +254,10 @@ def list_trial_cells(protocol: Protocol, block: BlockSpec) -> Iterator[tuple[str
 
 
 def _list_design_cells(block: BlockSpec) -> list[Row]:
-    """Return the cells that a block's design may choose, 0 where it does not list them; one empty row without any."""
+    """Return a row for each value of the option that a block's design sets; 0 if the design does not list the values.
+
+    Without a design, or if it sets no option, return one empty row.
+    """
     if block.design is None or "option" not in block.design.settings:
         return [{}]
     settings = block.design.settings

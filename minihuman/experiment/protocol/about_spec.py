@@ -34,7 +34,7 @@ class ParticipantColumnSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=T
     description: str
     type: ColumnType = "text"
     unit: str = ""  # "year"
-    levels: dict[str, str] = {}  # each word that may stand there, and what it means; empty: anything
+    levels: dict[str, str] = {}  # the description of each allowed text; empty to allow any text
 
 
 class AboutSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -84,7 +84,7 @@ def _check_author(author: AuthorSpec, path: str) -> Iterator[FieldError]:
             f"is {author.orcid!r}, which is not an ORCID; an ORCID looks like 0000-0002-1825-0097",
         )
     if author.email and "@" not in author.email:
-        yield f"{path}.email", f"is {author.email!r}, which is not an e-mail address"
+        yield f"{path}.email", f"is {author.email!r}, which is not an e-mail address; write it as name@example.org"
 
 
 def _check_participant_columns(columns: tuple[ParticipantColumnSpec, ...]) -> Iterator[FieldError]:
@@ -92,12 +92,14 @@ def _check_participant_columns(columns: tuple[ParticipantColumnSpec, ...]) -> It
     for number, column in enumerate(columns):
         path = f"$.about.participant_columns[{number}]"
         name = column.name
-        if not _COLUMN.fullmatch(name) or name in ("participant", "participant_id"):
+        if not _COLUMN.fullmatch(name):
             yield f"{path}.name", f"is {name!r}; use lower-case letters, digits and '_'"
+        elif name in ("participant", "participant_id"):
+            yield f"{path}.name", f"is {name!r}, the column of participants' codes; use another name"
         if name in names[:number]:
             yield f"{path}.name", f"is {name!r} again; give each its own name"
         if not column.description.strip():
-            yield f"{path}.description", "is empty; say what the column holds"
+            yield f"{path}.description", "is empty; describe what the column contains"
 
 
 def check_newer_person_columns(table: AboutSpec) -> Iterator[FieldError]:
@@ -110,9 +112,9 @@ def check_newer_person_columns(table: AboutSpec) -> Iterator[FieldError]:
 
 
 def name_person_column(name: str) -> str:
-    """Return the name of a laboratory's column in tables; one of a name that is minihuman's own has a prefix.
+    """Return the name of a laboratory's column in tables, with a prefix if minihuman has a column of that name.
 
-    Only studies that were recorded before such names were refused have one.
+    Such names are refused now, but earlier studies may have them.
     """
     if name in RESERVED_PERSON_COLUMNS:
         return f"person_{name}"

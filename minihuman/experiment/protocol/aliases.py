@@ -144,14 +144,15 @@ def _rename_table(fields: dict[str, Any], table: str, path: str, file_path: str,
     aliases = FIELD_ALIASES.get(table, {})
     renamed = {}
     for name, inner in fields.items():
-        now = aliases.get(name, name)
-        if now != name and now in fields:
+        current_name = aliases.get(name, name)
+        if current_name != name and current_name in fields:
             names.conflicts.append(
-                (f"{file_path}.{name}", f"is the old name of {now!r}, which is given too; remove it")
+                (f"{file_path}.{name}", f"is the old name of {current_name!r}, which is given too; remove it")
             )
             continue
-        if now != name:
-            names.renamed.append((f"{file_path}.{name}", f"is now called {now!r}"))
-        inner_table = f"{table}.{now}".lstrip(".")
-        renamed[now] = _rename_fields(inner, inner_table, f"{path}.{now}", f"{file_path}.{name}", names)
+        if current_name != name:
+            names.renamed.append((f"{file_path}.{name}", f"is now called {current_name!r}"))
+        inner_table = f"{table}.{current_name}".lstrip(".")
+        inner_path = f"{path}.{current_name}"
+        renamed[current_name] = _rename_fields(inner, inner_table, inner_path, f"{file_path}.{name}", names)
     return renamed

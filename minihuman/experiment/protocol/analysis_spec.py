@@ -9,7 +9,7 @@ from minihuman.experiment.protocol.validation_errors import FieldError
 
 _NAMED_MEASURE = re.compile(r"[a-z][a-z0-9_-]*:.+")  # an answer's, of teaching, or of a lab's own package
 
-# What groups can be compared on: columns of the table "blocks", one value a participant.
+# The measures on which groups can be compared: columns of the table "blocks", one number per participant.
 COMPARABLE_MEASURES = (
     *("log_excess_steps_mean", "spl_mean", "success", "reward_mean", "steps_at_limit_mean", "excess_steps_mean"),
     *("reward_first", "reward_slope", "playing_s_mean", "response_median_ms", "path_efficiency_mean"),
@@ -20,12 +20,12 @@ COMPARABLE_MEASURES = (
 class AnalysisSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The study's measures, and how close two groups must be to count as equivalent."""
 
-    primary_measure: str = ""  # one measure, judged by itself; "": all are corrected together
-    secondary_measures: tuple[str, ...] = ()  # corrected together, for how many there are
+    primary_measure: str = ""  # the measure that is tested without correction; "" to correct all measures together
+    secondary_measures: tuple[str, ...] = ()  # corrected together for multiple comparisons
     equivalence_margin: float | None = None  # groups whose primary measures differ by less than this are alike
-    block: str = ""  # that groups are compared on; "": the last that all of them play
-    conditions: tuple[str, ...] = ()  # that are compared within a participant: blocks, or the levels of "label:NAME"
-    covariates: tuple[str, ...] = ()  # that the primary measure is also compared adjusted for
+    block: str = ""  # the block in which groups are compared; "" for the last block that all groups play
+    conditions: tuple[str, ...] = ()  # compared within participants: blocks, or the levels of "label:NAME"
+    covariates: tuple[str, ...] = ()  # for which a second comparison of the primary measure is adjusted
 
     @property
     def condition_label(self) -> str:

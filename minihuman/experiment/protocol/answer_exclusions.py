@@ -15,7 +15,7 @@ from minihuman.experiment.protocol.model import ExclusionSpec, Protocol
 from minihuman.experiment.protocol.specs import SHIPPED_FORMS, QuestionnaireSpec, apply_overrides, load_form
 from minihuman.experiment.protocol.validation_errors import FieldError
 
-_ORDERED = ("rating", "number")  # types of answers that lie above or below others
+_ORDERED = ("rating", "number")  # types of answers that can be compared with < and >
 _ANSWER_FIELDS = ("is_one_of", "is_none_of", "is_missing")
 
 

@@ -16,7 +16,7 @@ from minihuman.experiment.protocol.validation_errors import FieldError
 from minihuman.worlds.catalogue import is_first_person
 from minihuman.worlds.outcomes import normalize_outcome_rule
 
-_FORMAT = re.compile(r"[<>^=+\- ,]{0,3}\d{0,3}(\.\d{1,2})?[a-z%]?")  # of a number or word in a text
+_FORMAT = re.compile(r"[<>^=+\- ,]{0,3}\d{0,3}(\.\d{1,2})?[a-z%]?")  # an allowed format of a placeholder
 _DAY_MS = 86_400_000
 _MOUSE_SCALE_HELP = "it is the share of a whole step that one pixel of motion makes; write scale = 0.01, say"
 _MAX_MOUSE_SCALE = 0.25  # a hand moves by tens of pixels between two ticks
@@ -74,9 +74,9 @@ def _check_episodes(block: BlockSpec) -> Iterator[FieldError]:
         yield "max_steps", f"is {block.max_steps}; use 1 to 1000000"
     if isinstance(block.seeds, tuple):
         if len(block.seeds) != block.episodes:
-            yield "seeds", f"has {len(block.seeds)} seeds for {block.episodes} episodes; give one an episode"
+            yield "seeds", f"has {len(block.seeds)} seeds for {block.episodes} episodes; give one per episode"
         if any(not 0 <= seed <= MAX_SEED for seed in block.seeds):
-            yield "seeds", "has a negative seed; a seed is 0 or more"
+            yield "seeds", f"has a seed that is not from 0 to {MAX_SEED}; a seed is 0 or more"
     criterion = block.stop_criterion
     if criterion and not 1 <= criterion.successes <= criterion.of <= block.episodes:
         asked_for = f"asks for {criterion.successes} of {criterion.of} in {block.episodes} episodes"
@@ -105,7 +105,7 @@ def _check_fixed_keys(block: BlockSpec, pool: tuple[str, ...]) -> Iterator[Field
         )
     for key in block.fixed_keys:
         if key not in pool:
-            yield "fixed_keys", f"has the key {key!r}, which is not in $.keys.pool"
+            yield "fixed_keys", f"has the key {key!r}, which is not in $.keys.pool; add it there, or use another key"
 
 
 def _check_pace(block: BlockSpec) -> Iterator[FieldError]:
@@ -119,10 +119,10 @@ def _check_times(block: BlockSpec) -> Iterator[FieldError]:
     for field in _TIMES:
         time = getattr(block, field)
         if not isinstance(time, tuple) and not 0 <= time <= _DAY_MS:
-            yield field, f"is {time:g}; use 0 or more"
+            yield field, f"is {time:g}; use 0 to {_DAY_MS}"
     interval = block.inter_trial_interval_ms
     if isinstance(interval, tuple) and not 0 <= interval[0] <= interval[1] <= _DAY_MS:
-        yield "inter_trial_interval_ms", f"is {list(interval)}; give the shortest, then the longest"
+        yield "inter_trial_interval_ms", f"is {list(interval)}; give the shortest, then the longest, up to {_DAY_MS}"
 
 
 def _check_motion(block: BlockSpec) -> Iterator[FieldError]:
@@ -243,7 +243,7 @@ def _check_axes(block: BlockSpec) -> Iterator[FieldError]:
     is_for_agents = not is_played_alone(block.kind)
     for field in ("axes", "spot"):
         if getattr(block, field) and is_for_agents:
-            yield field, f"is for blocks that are played, not for kind {block.kind!r}; remove it"
+            yield field, f"is for blocks that only the participant plays, not for kind {block.kind!r}; remove it"
     if block.axes and block.hold != "repeat":
         yield "axes", "are read at each tick; use pace = 'real_time' and hold = 'repeat'"
     if block.spot and block.hold == "repeat":
@@ -270,9 +270,9 @@ def _can_page_compute(kind: str) -> bool:
 
 
 def _has_table(kind: str, table: str) -> bool:
-    """Return whether blocks of a kind have a table of that name; true for what is not a kind of block.
+    """Return whether blocks of a kind have a table of that name; true for any other kind.
 
-    What is not a kind of block is reported as an error elsewhere.
+    A kind that is not for blocks, or not installed, is reported as an error elsewhere.
     """
     installed = find_installed_kind(kind)
     return installed is None or not issubclass(installed.plan, PlayPlan) or table in installed.plan_fields

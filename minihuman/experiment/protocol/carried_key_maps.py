@@ -48,11 +48,11 @@ def _check_pair(protocol: Protocol, path: str, group: GroupSpec, first: str, sec
 
 
 def _list_block_pairs(protocol: Protocol, group: GroupSpec, listed: Sequence[str]) -> list[tuple[str, str]]:
-    """Return the pairs of blocks that can follow each other directly in some participant's order."""
+    """Return the pairs of blocks that can follow each other directly in some participant's order, each once."""
     known = {block.name for block in protocol.blocks}
     orders = {order.name: order for order in protocol.orders}
     pairs: list[tuple[str, str]] = []
-    before: Sequence[str] = ()  # any of these may have been the last
+    before: Sequence[str] = ()  # the blocks that may precede the next part
     for name in listed:
         chosen = group.replace_parts.get(name, name)
         order = orders.get(chosen)

@@ -64,11 +64,11 @@ def check_newer_design_rules(protocol: Protocol) -> list[FieldError]:
 
 
 def _check_words(protocol: Protocol) -> Iterator[FieldError]:
-    own = flatten_words(protocol.words)
+    stated_words = flatten_words(protocol.words)
     known = {**load_words("en")}
     for kind in list_question_kinds(protocol.questions, [group.name for group in protocol.groups]):
         known |= load_kind_words(kind, "en")
-    for key, value in own.items():
+    for key, value in stated_words.items():
         if key not in known and not key.startswith(("action.", "mission.", "prompt.")):
             yield f"$.words.{key}", "is not a word of the interface; minihuman/experiment/words/en.toml has them all"
         elif not isinstance(value, str):
@@ -81,20 +81,23 @@ def _check_missing_words(protocol: Protocol) -> Iterator[FieldError]:
     A recorded session's protocol may lack newer texts, for which English is used.
     """
     language = protocol.study.language
-    own = flatten_words(protocol.words)
+    stated_words = flatten_words(protocol.words)
     if language in LANGUAGES:
         return
     unused: tuple[str, ...] = ("action.", "mission.", "key.", *LATER_WORDS, *_list_built_in_kind_words())
     if all(block.team is None for block in protocol.blocks):
         unused += ("team.",)
-    missing = [key for key in load_words("en") if key not in own and not key.startswith(unused)]
+    missing = [key for key in load_words("en") if key not in stated_words and not key.startswith(unused)]
     if missing:
         message = f"is {language!r}, which is none of {', '.join(LANGUAGES)}; give its words under [words], "
         yield "$.study.language", f"{message}{len(missing)} are missing, the first is {missing[0]}"
 
 
 def _list_built_in_kind_words() -> Iterator[str]:
-    """List the words of our kinds of question: kinds come after a study, so English stands in, and `check` names it."""
+    """Yield the words of the built-in kinds of question, which a study's own language may lack.
+
+    English replaces them, as kinds may be newer than the study, and `check` warns of them.
+    """
     for kind in list_plugin_names(QUESTION_GROUP, built_in=True):
         yield from load_kind_words(kind, "en")
 
@@ -128,7 +131,7 @@ def _check_reserved_names(protocol: Protocol) -> Iterator[FieldError]:
                 remedy = f", or set {replacing_field} = true" if replacing_field and field == "pages" else ""
                 yield (
                     f"$.{field}[{number}].name",
-                    f"is {part.name!r}, as {setting} is called; call it otherwise{remedy}",
+                    f"is {part.name!r}, the name of the part that {setting} adds; use another name{remedy}",
                 )
 
 
@@ -154,6 +157,7 @@ def _check_activities(protocol: Protocol) -> Iterator[FieldError]:
 def _check_part_lists(protocol: Protocol) -> Iterator[FieldError]:
     parts = {part.name for field in _PARTS for part in getattr(protocol, field)}
     parts_and_orders = parts | {order.name for order in protocol.orders}
+    known = ", ".join(sorted(parts_and_orders)) or "none"
     for number, session in enumerate(protocol.sessions):
         yield from _check_known_parts(f"$.sessions[{number}].parts", session.parts, parts_and_orders)
         yield from _check_session(session, number)
@@ -162,7 +166,7 @@ def _check_part_lists(protocol: Protocol) -> Iterator[FieldError]:
         replaced_and_replacing = chain.from_iterable(group.replace_parts.items())
         for name in replaced_and_replacing:
             if name and name not in parts_and_orders:
-                yield f"$.groups[{number}].replace_parts", f"names {name!r}, which is not a part"
+                yield f"$.groups[{number}].replace_parts", f"names {name!r}, which is not a part; parts: {known}"
     blocks = {block.name for block in protocol.blocks}
     for number, order in enumerate(protocol.orders):
         path = f"$.orders[{number}].parts"
@@ -193,7 +197,7 @@ def _check_session(session: SessionSpec, number: int) -> Iterator[FieldError]:
 
 def _check_order(order: OrderSpec, path: str, blocks: set[str]) -> Iterator[FieldError]:
     if len(order.parts) < 2 or not all(order.units):
-        yield path, "has no two parts; an order is of two or more"
+        yield path, "has fewer than two parts, or an empty list of parts; an order has two or more"
     played = [part for unit in order.units for part in unit if part in blocks]
     if len(set(order.units)) < len(order.units) or len(set(played)) < len(played):
         yield path, "names a part twice; name each once"
@@ -218,7 +222,7 @@ def _check_questionnaire(questionnaire: QuestionnaireSpec, protocol: Protocol) -
     if form and form not in SHIPPED_FORMS:
         yield "form", f"is {form!r}; forms: {', '.join(SHIPPED_FORMS)}"
     if return_to and return_to not in parts:
-        yield "return_to", f"is {return_to!r}, which is not a part"
+        yield "return_to", f"is {return_to!r}, which is not a part; parts: {', '.join(sorted(parts))}"
     if not 1 <= attempts <= 100:
         yield "max_attempts", f"is {attempts}; use 1 to 100"
     yield from _check_items(questionnaire)
@@ -244,13 +248,13 @@ def _check_items(questionnaire: QuestionnaireSpec) -> Iterator[FieldError]:
 
 
 def _check_correct_answers(questionnaire: QuestionnaireSpec) -> Iterator[FieldError]:
-    """Check that each right answer is one that a participant can give."""
+    """Yield an error for each correct answer of a type that a participant cannot give."""
     for place, question in enumerate(questionnaire.items):
         kind = question.kind
         try:
             answer_type = find_question_kind(kind).answer_type
         except ProtocolError:
-            continue  # an error of its own
+            continue  # ``check_item`` reports an unknown kind
         for right in question.right_answers:
             if answer_type == "number" and isinstance(right, str):
                 message = f"is {right!r}, a text, but a {kind} is answered with a number; write it without quotes"
@@ -268,7 +272,7 @@ def _check_groups(protocol: Protocol) -> Iterator[FieldError]:
         if not 1 <= ratio <= 100:
             yield f"{path}.allocation_ratio", f"is {ratio}; use 1 to 100"
         if protocol.sessions:
-            message = "is given beside [[sessions]], which say it; use replace_parts = { ... }"
+            message = "is given beside [[sessions]], which list the parts; use replace_parts = { ... }"
             if group.parts:
                 yield f"{path}.parts", message
             elif group.blocks:
@@ -281,12 +285,12 @@ def _check_overrides(protocol: Protocol) -> Iterator[FieldError]:
     groups = {group.name for group in protocol.groups}
     for field in ("blocks", "pages", "questions"):
         for number, part in enumerate(getattr(protocol, field)):
-            for group, own in part.group_overrides.items():
+            for group, overrides in part.group_overrides.items():
                 path = f"$.{field}[{number}].group_overrides.{group}"
                 if group not in groups:
                     yield path, f"is for no group; groups: {', '.join(sorted(groups))}"
                     continue
-                if {"name", "group_overrides"} & own.keys():
+                if {"name", "group_overrides"} & overrides.keys():
                     yield path, "changes the name; give the group another part with replace_parts = { ... }"
                     continue
                 try:

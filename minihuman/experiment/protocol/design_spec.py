@@ -10,7 +10,7 @@ from minihuman.experiment.protocol.validation_errors import FieldError
 
 PrimaryEffect = Literal["", "groups", "conditions", "interaction"]
 OPTION_PREFIX = "option:"
-_ROUNDING = 1e-9  # by so much may weights such as 1/3 miss a sum of 0
+_ROUNDING = 1e-9  # the largest distance from 0 of the sum of weights such as 1/3
 
 
 class ContrastSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -23,9 +23,9 @@ class ContrastSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class StudyDesignSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The parts of the design that do not follow from groups, blocks and sessions."""
 
-    question: str = ""  # in a sentence, as the report and the preregistration repeat it
-    primary_effect: PrimaryEffect = ""  # "": the interaction where there are groups and conditions
-    condition: str = ""  # "option:NAME": blocks with the same value of this option are one condition; "": every block
+    question: str = ""  # a sentence, which the report and the preregistration repeat
+    primary_effect: PrimaryEffect = ""  # "" for the interaction if there are both groups and conditions
+    condition: str = ""  # "option:NAME" if blocks with equal values of an option are one condition; "" for each block
     contrasts: tuple[ContrastSpec, ...] = ()
 
 

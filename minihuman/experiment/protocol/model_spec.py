@@ -16,21 +16,21 @@ class ModelSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     modality: ModelModality = "both"
     size_px: tuple[int, int] = (640, 480)  # of the screen's picture, width and height
     history: int = 8  # earlier screens, in words, and answers in each request
-    invalid: Literal["retry", "no_op", "end"] = "retry"  # after an answer that is none
-    retries: int = 2  # invalid answers in a row, and requests without an answer, that may be followed by another
+    invalid: Literal["retry", "no_op", "end"] = "retry"  # what follows an invalid answer
+    retries: int = 2  # number of further requests after an invalid answer, or after a request without an answer
     temperature: float = 0.0
     max_tokens: int = 256  # of an answer
     request_fields: tuple[Literal["temperature", "max_tokens", "max_completion_tokens"], ...] = (
         "temperature",
         "max_tokens",
-    )  # settings that a request holds
-    unknown: Literal["repeat", "end"] = "repeat"  # after a kill, for a call without a stored answer
-    timeout_s: float = 120.0  # of an answer
-    provider: str = ""  # who runs it, in the study's words
+    )  # settings that a request contains
+    unknown: Literal["repeat", "end"] = "repeat"  # what follows a call whose answer was lost by a kill
+    timeout_s: float = 120.0  # for an answer
+    provider: str = ""  # a label for the provider of the model
     price_prompt: float = 0.0  # per million tokens
     price_completion: float = 0.0
     currency: str = ""
-    max_price: float = 0.0  # of a session; 0: no limit
+    max_price: float = 0.0  # of a session; 0 for no limit
     max_session_tokens: int = 0
     max_session_s: float = 0.0  # of waiting for answers
 

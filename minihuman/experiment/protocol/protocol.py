@@ -46,7 +46,7 @@ from minihuman.experiment.protocol.validation_errors import (
 )
 from minihuman.plugins import QUESTION_GROUP, list_plugin_names
 
-MAX_ALLOCATED_BLOCKS = 1_000_000  # of all participants: the allocation list draws keys for each
+MAX_ALLOCATED_BLOCKS = 1_000_000  # blocks of all participants, for each of which the allocation list draws keys
 
 
 _Rules = Callable[[Protocol], Iterable[FieldError]]
@@ -76,12 +76,12 @@ def decode_logged_protocol(toml: bytes, source: str = "the protocol in a log") -
 
 
 def _decode_safely(toml: bytes, source: str, files: Mapping[str, bytes], rules: Sequence[_Rules]) -> Protocol:
-    """Decode a protocol; whatever its text makes a parser raise becomes a ProtocolError of one line."""
+    """Decode a protocol, and convert any exception that a parser raises to a ProtocolError of one line."""
     try:
         return _decode_tree(toml, source, files, rules)
     except ProtocolError:
         raise
-    except Exception as error:  # a file can be written to make a parser raise anything: nesting, huge numbers
+    except Exception as error:  # a malicious file can make a parser raise anything, as by deep nesting
         first_line = next(iter(str(error).splitlines()), "")
         raise ProtocolError(f"{source}: cannot be read: {type(error).__name__}: {first_line[:200]}") from error
 
@@ -136,7 +136,10 @@ def _check_exclusions(protocol: Protocol) -> Iterator[FieldError]:
         compares_number = rule.below is not None or rule.above is not None
         compares_answer = rule.is_one_of or rule.is_none_of or rule.is_missing
         if not compares_number and not compares_answer:
-            yield f"$.exclusions[{number}]", "has neither below nor above; give one of them"
+            yield (
+                f"$.exclusions[{number}]",
+                "compares nothing; give below or above, or for an answer is_one_of, is_none_of or is_missing",
+            )
 
 
 def _check_newer_rules(protocol: Protocol) -> list[FieldError]:
@@ -182,7 +185,7 @@ def _check_allocation_size(protocol: Protocol) -> Iterator[FieldError]:
     if count * blocks > MAX_ALLOCATED_BLOCKS:
         yield (
             "$.study.participants",
-            f"is {count} with {blocks} blocks each; ask for {MAX_ALLOCATED_BLOCKS // blocks}",
+            f"is {count} with {blocks} blocks each; ask for at most {MAX_ALLOCATED_BLOCKS // blocks}",
         )
 
 
@@ -244,7 +247,7 @@ class ProtocolField:
 
     name: str
     type: str  # "list of strings"
-    default: str  # as TOML; "required" or "absent" where there is none
+    default: str  # as TOML; "required" or "absent" without a default
     meaning: str
     example: str  # a value, as TOML
 
@@ -311,7 +314,7 @@ def walk_tables(schema: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any], b
 
 
 def _find_definition(field: dict[str, Any]) -> str | None:
-    """Return the name of the struct that a field holds, alone, in a list or as a choice; None if it holds none."""
+    """Return the name of the struct that is a field's type, alone, in a list or as a choice; None if there is none."""
     schemas = [field, field.get("items") or {}]
     schemas += field.get("anyOf", ())
     for schema in schemas:

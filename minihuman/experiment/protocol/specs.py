@@ -52,16 +52,14 @@ from minihuman.experiment.protocol.web_spec import (
 class AllocationSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The settings of allocation, apart from the groups' ratios."""
 
-    stratify_by: str = ""  # "part.item", or "part" for how many of its questions are right at the first try
-    strata: dict[str, tuple[str | int, ...]] = {}  # name -> codes taken together; absent: a stratum an option
-    cut_points: tuple[
-        float, ...
-    ] = ()  # of a number: below the first, from it to below the second, ..., the last or more
-    design: DesignSpec | None = None  # assigns each participant's group from those before, instead of the list
-    stopping: DesignSpec | None = None  # ends enrolment from the participants before
+    stratify_by: str = ""  # "part.item", or "part" for the number of questions answered correctly at the first attempt
+    strata: dict[str, tuple[str | int, ...]] = {}  # name -> codes of a stratum; if absent, each option is a stratum
+    cut_points: tuple[float, ...] = ()  # lower bounds of the strata of a number, apart from the lowest stratum
+    design: DesignSpec | None = None  # an adaptive design that assigns groups instead of the list
+    stopping: DesignSpec | None = None  # an adaptive design that ends enrolment
 
 
-GroupOverrides = dict[str, dict[str, Any]]  # group -> the fields that it has otherwise
+GroupOverrides = dict[str, dict[str, Any]]  # group -> its values of fields
 
 
 class PageSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -71,8 +69,8 @@ class PageSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     text: str = ""
     title: str = ""
     asks_consent: bool = False  # the last page asks for agreement, which is logged with the text's SHA-256
-    closing: bool = False  # the session's last words: closing the window over them leaves the session complete
-    images: tuple[str, ...] = ()  # PNG files beside the protocol, one a page from the first
+    closing: bool = False  # whether this is the closing text, on which closing the window completes the session
+    images: tuple[str, ...] = ()  # PNG files beside the protocol, one per page from the first
     example: ExampleSpec | None = None  # a world's picture on the first page
     group_overrides: GroupOverrides = {}
 
@@ -84,11 +82,11 @@ class QuestionnaireSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True)
     title: str = ""
     items: tuple[QuestionItemSpec, ...] = ()
     form: str = ""  # a shipped form instead of items: "nasa-tlx", "demographics"
-    shuffle: bool = False  # the items come in an order of the participant's own
-    max_attempts: int = 1  # where items have right answers
-    wrong_answer_text: str = ""  # said after wrong answers, while tries are left
-    return_to: str = ""  # the part to which wrong answers lead back; "" asks again at once
-    on_failure: Literal["go_on", "end"] = "go_on"  # after the last try
+    shuffle: bool = False  # whether each participant has an order of their own
+    max_attempts: int = 1  # at items that have correct answers
+    wrong_answer_text: str = ""  # shown after wrong answers while attempts are left
+    return_to: str = ""  # the part to which wrong answers lead back; "" to ask again at once
+    on_failure: Literal["go_on", "end"] = "go_on"  # after the last attempt
     group_overrides: GroupOverrides = {}
 
 
@@ -104,7 +102,7 @@ class OrderSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Some parts in an order that depends on the participant. The order's name stands for them in a list of parts."""
 
     name: str
-    parts: tuple[str | tuple[str, ...], ...]  # a list of parts stays together: a block and its questionnaire
+    parts: tuple[str | tuple[str, ...], ...]  # a list of parts stays together, such as a block and its questionnaire
     order: Literal["fixed", "shuffled", "latin-square"] = "latin-square"
 
     @property
@@ -119,7 +117,7 @@ class SessionSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     name: str
     parts: tuple[str, ...]
     days_after_previous: tuple[int, int] | None = None  # earliest and latest
-    completion_code: str = ""  # for who completes it in a browser; "": web.completion_codes.complete
+    completion_code: str = ""  # for completing it in a browser; "" for web.completion_codes.complete
 
 
 class _OverridablePart(Protocol):
@@ -151,34 +149,34 @@ def apply_overrides(part: Overridable, group: str) -> Overridable:
 
 
 def check_each(
-    field: str, parts: Sequence[Overridable], complaints: Callable[[Overridable], Iterable[FieldError]]
+    field: str, parts: Sequence[Overridable], find_errors: Callable[[Overridable], Iterable[FieldError]]
 ) -> Iterator[FieldError]:
     """Yield a (path, message) for each error of parts as they are without overrides.
 
     Args:
         field: the protocol's field that contains the parts.
         parts: the parts.
-        complaints: yields a (field, message) for each error of a part.
+        find_errors: yields a (field, message) for each error of a part.
     """
     for number, part in enumerate(parts):
-        yield from ((f"$.{field}[{number}].{name}", message) for name, message in complaints(part))
+        yield from ((f"$.{field}[{number}].{name}", message) for name, message in find_errors(part))
 
 
 def check_each_override(
-    field: str, parts: Sequence[Overridable], complaints: Callable[[Overridable], Iterable[FieldError]]
+    field: str, parts: Sequence[Overridable], find_errors: Callable[[Overridable], Iterable[FieldError]]
 ) -> Iterator[FieldError]:
     """Yield a (path, message) for each error that parts have only with a group's overrides."""
     for number, part in enumerate(parts):
-        for_all = list(complaints(part))
+        base_errors = list(find_errors(part))
         for group, own in part.group_overrides.items():
             if {"name", "group_overrides"} & own.keys():
                 continue
             try:
                 part_of_group = apply_overrides(part, group)
-            except msgspec.ValidationError:  # which is a complaint of its own
+            except msgspec.ValidationError:  # the override's own check reports it
                 continue
-            for name, message in complaints(part_of_group):
-                if (name, message) not in for_all:
+            for name, message in find_errors(part_of_group):
+                if (name, message) not in base_errors:
                     yield f"$.{field}[{number}].group_overrides.{group}.{name}", message
 
 
@@ -200,11 +198,11 @@ def check_names(field: str, parts: Sequence[_NamedPart]) -> Iterator[FieldError]
 class DeviceSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A device whose samples are logged with the session's clock."""
 
-    name: str  # of its samples in the log: lower-case letters, digits, "-" and "_"
-    plugin: str  # the plug-in that brings it; what follows a ":" is its own ("lsl:EyeTracker")
-    channels: tuple[str, ...] = ()  # what each of a sample's numbers is
-    units: tuple[str, ...] = ()  # of each, "" for none; none at all where no channel has one
-    required: bool = True  # without it the session does not begin; else the facts in the log say that it is missing
+    name: str  # the device of the samples in the log: lower-case letters, digits, "-" and "_"
+    plugin: str  # the plug-in's name, and after a ":" the plug-in's own argument ("lsl:EyeTracker")
+    channels: tuple[str, ...] = ()  # the name of each of a sample's numbers
+    units: tuple[str, ...] = ()  # the unit of each channel, "" for none; empty if no channel has a unit
+    required: bool = True  # whether no session begins without it; otherwise the log's facts note that it is missing
 
 
 def check_devices(devices: tuple[DeviceSpec, ...]) -> Iterator[FieldError]:
@@ -216,9 +214,9 @@ def check_devices(devices: tuple[DeviceSpec, ...]) -> Iterator[FieldError]:
         if not device.plugin:
             yield f"{path}.plugin", "is empty; name a plug-in, such as lsl:NAME"
         if device.units and len(device.units) != len(channels):
-            yield f"{path}.units", f"has {len(device.units)} for {len(channels)} channels"
+            yield f"{path}.units", f"has {len(device.units)} for {len(channels)} channels; give one per channel"
         if len(set(channels)) < len(channels):
-            yield f"{path}.channels", "names one twice"
+            yield f"{path}.channels", "names a channel twice; give each its own name"
 
 
 SHIPPED_FORMS = ("nasa-tlx", "demographics")
@@ -239,7 +237,7 @@ def list_question_kinds(questionnaires: Sequence[QuestionnaireSpec], groups: Seq
             try:
                 asked = apply_overrides(questionnaire, group)
             except msgspec.ValidationError:
-                continue  # an error of its own
+                continue  # the override's own check reports it
             kinds.update((item.kind, None) for item in asked.items)
             if asked.form in SHIPPED_FORMS:
                 kinds.update((item["kind"], None) for item in _read_form(asked.form)["items"])
@@ -247,7 +245,7 @@ def list_question_kinds(questionnaires: Sequence[QuestionnaireSpec], groups: Seq
 
 
 def load_form(name: str, language: str) -> ShippedForm:
-    """Load a shipped form in a language.
+    """Load one of `SHIPPED_FORMS` in a language.
 
     Raises:
         ProtocolError: if the form is not available in the language.

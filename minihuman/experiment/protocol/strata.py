@@ -24,13 +24,13 @@ from minihuman.experiment.protocol.specs import (
 )
 from minihuman.experiment.protocol.validation_errors import FieldError
 
-NO_ANSWER = "no answer"  # the stratum of those who left an optional question out
+NO_ANSWER = "no answer"  # the stratum of participants who skipped an optional question
 
 
 MAX_STRATA = 20
 
 
-_CODED = ("code", "rating")  # types of answers
+_CODED = ("code", "rating")  # types of answers whose options have codes
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,10 +38,10 @@ class Strata:
     """The strata of a study, and the stratum of each answer."""
 
     part: str
-    item: str  # "": the number of right answers
+    item: str  # "" if the number of correct answers is cut
     names: tuple[str, ...]
-    codes: dict[str | int, str]  # option -> stratum; {} where there are cuts
-    cuts: tuple[float, ...]
+    codes: dict[str | int, str]  # option -> stratum; empty for a number
+    cuts: tuple[float, ...]  # the lower bounds of all strata of a number but the lowest
 
     @property
     def question(self) -> str:
@@ -51,7 +51,7 @@ class Strata:
         return self.part
 
     def of(self, answer: Any) -> str:
-        """Return the stratum of an answer as the log holds it."""
+        """Return the stratum of a decoded answer; None stands for no answer."""
         if answer is None:
             return NO_ANSWER
         if not self.cuts:
@@ -61,19 +61,19 @@ class Strata:
 
     def find_stratum(self, events: Iterable[Event]) -> str | None:
         """Return a participant's stratum from the answers at the first completion of the part; None before that."""
-        value: Any = None
-        right: dict[str, bool] = {}  # at the first try
+        answer: Any = None
+        right: dict[str, bool] = {}  # whether each question was answered correctly at the first attempt
         part: int | None = None
         for event in events:
             match event:
                 case Answered() if event.part_name == self.part:
                     part = event.part
                     if event.item == self.item:
-                        value = msgspec.json.decode(event.value)
+                        answer = msgspec.json.decode(event.value)
                     if event.attempt == 1:
                         right[event.item] = bool(event.right)
                 case PartEnded() if event.part == part and event.end != "again":
-                    return self.of(value if self.item else sum(right.values()))
+                    return self.of(answer if self.item else sum(right.values()))
         return None
 
 

@@ -38,11 +38,11 @@ class ExperimentDesign:
     """The factors that a study varies, and the question that it asks."""
 
     factors: tuple[Factor, ...] = ()
-    question: str = ""  # in the protocol's words; "" where it has none
-    primary_effect: PrimaryEffect = ""  # "" where nothing is compared
+    question: str = ""  # as the protocol states it; "" if it does not
+    primary_effect: PrimaryEffect = ""  # "" if nothing is compared
     condition_of_block: tuple[tuple[str, str], ...] = ()
     contrasts: tuple[Contrast, ...] = ()  # those that the protocol states
-    condition_label: str = ""  # the label of trials whose levels are the conditions; its levels are in the data
+    condition_label: str = ""  # the label of trials whose levels, which are in the data, are the conditions
 
     def levels(self, name: FactorName) -> tuple[str, ...]:
         """Return the levels of a factor; empty if the design does not have the factor."""
@@ -54,7 +54,7 @@ class ExperimentDesign:
         return self.levels("condition")
 
     def add_levels(self, levels: Sequence[str]) -> "ExperimentDesign":
-        """Return the design with the levels of its label as conditions."""
+        """Return the design with the levels of its label as conditions; unchanged if there are fewer than two."""
         if len(levels) < 2:
             return self
         return replace(

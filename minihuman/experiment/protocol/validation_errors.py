@@ -92,7 +92,7 @@ def _plain(key: str) -> str:
     return ".".join(part.strip().strip("\"'") for part in key.split("."))
 
 
-FieldError = tuple[str, str]  # path, what is wrong there and the way out
+FieldError = tuple[str, str]  # a path, and a message with the error and the way out
 
 
 class InvalidFieldsError(ProtocolError):
@@ -103,7 +103,7 @@ class InvalidFieldsError(ProtocolError):
 
 Bound = tuple[str, float, float]  # a field, its least and its greatest value
 INTERNAL_FIELDS = frozenset({"toml", "files"})  # of Protocol, which the file itself does not have
-_SHOWN = 60  # characters of a value
+_SHOWN = 60  # characters of a value in a message
 _NAMED = {"blocks": "block", "groups": "group", "pages": "page", "questions": "questions", "sessions": "session"}
 
 
@@ -114,7 +114,7 @@ def find_structural_errors(tree: object, kind: type[msgspec.Struct], path: str =
         return
     hints = get_type_hints(kind)
     fields = {field.encode_name: field for field in msgspec.structs.fields(kind) if field.name not in INTERNAL_FIELDS}
-    meant = set()  # fields that are there under another name
+    meant = set()  # fields that probably are given under a misspelt name
     for name in tree:
         if name not in fields:
             meant.update(difflib.get_close_matches(name, fields, n=1))
@@ -178,7 +178,7 @@ def format_field_errors(errors: Iterable[FieldError], *, source: str, text: str,
 
 
 def _name_table(path: str, tree: dict[str, Any]) -> str:
-    """Return the name of the block or group that contains a path."""
+    """Return the name of the block, group or other part that contains a path, in parentheses; "" if none does."""
     steps = path.removeprefix("$.").split(".")
     table, _, number = steps[0].partition("[")
     rows = tree.get(table)
@@ -237,7 +237,7 @@ def _list_alternatives(hint: Any) -> tuple[Any, ...]:
 
 
 def _explain_mistake(value: object, hint: Any, path: str, message: str) -> FieldError:
-    """Explain why a value is wrong, from msgspec's message, which says where inside the value the mistake is."""
+    """Return the path and the explanation of a wrong value, from msgspec's message about it."""
     reason = message.partition(" - at ")[0]
     inner_path = message.partition(" - at `$")[2].rstrip("`")
     name = path.rsplit(".", 1)[-1]
@@ -258,7 +258,7 @@ def _explain_mistake(value: object, hint: Any, path: str, message: str) -> Field
 
 
 def _list_words(hint: Any) -> list[str]:
-    """Return the words that a type hint admits; none if it is not of fixed words."""
+    """Return the texts that a type hint allows; empty if it allows any text."""
     words: list[str] = []
     for option in _list_alternatives(hint):
         if get_origin(option) is Literal:

@@ -12,7 +12,7 @@ Browser = Literal["chrome", "edge", "firefox", "safari"]
 RecruitmentPlatform = Literal["prolific", "sona", "mturk"]
 ImageEncoding = Literal["auto", "lossless", "jpeg"]
 
-# A host name of two labels or more, "*." before it for those below it, a port behind it; or this machine's own.
+# A host name of two or more labels, or localhost, with an optional port; "*." before a name means all hosts below it.
 _EMBEDDING_HOST = re.compile(
     r"((\*\.)?([a-z0-9]([a-z0-9-]{0,61}[a-z0-9])?\.)+[a-z][a-z0-9-]{1,62}|localhost)(:\d{1,5})?"
 )
@@ -30,11 +30,11 @@ class CompletionCodesSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=Tru
     """The codes by which participants confirm to the recruiting platform how their session ended; "" shows none."""
 
     complete: str = ""
-    declined: str = ""  # did not agree
-    screened_out: str = ""  # browser, window, line or keyboard, or a criterion not reached
-    failed_check: str = ""  # wrong answers, where the questions say failed = "end"
-    timed_out: str = ""  # the participant was away for as long as the study waits
-    quit: str = ""  # ended it themselves
+    declined: str = ""  # the participant refused consent
+    screened_out: str = ""  # by browser, window, latency or keyboard, or by a criterion that was not reached
+    failed_check: str = ""  # by wrong answers to questions with on_failure = "end"
+    timed_out: str = ""  # the participant was inactive or away for longer than the study waits
+    quit: str = ""  # the participant ended the session
 
 
 class WebSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -45,18 +45,18 @@ class WebSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         480,
     )  # of the world's picture, width and height; shown enlarged, never stretched
     image_encoding: ImageEncoding = "auto"  # auto: grid worlds lossless, first-person ones as JPEG
-    reconnect_timeout_s: float = 600.0  # so long a lost line may take to come back before the session ends
-    idle_timeout_s: float = 1800.0  # so long nothing may be pressed; 0: for ever
-    allowed_browsers: tuple[Browser, ...] = ()  # that may take part; (): any
-    max_rtt_ms: float = 0.0  # the slowest line that may, there and back; 0: any
-    min_window_size_px: tuple[int, int] = (0, 0)  # the smallest window that may, width and height
-    require_keyboard: bool = True  # devices with only a touch screen may not take part
-    open_access: bool = False  # who comes without a link and from no platform gets a slot, too
-    recruitment_platforms: tuple[RecruitmentPlatform, ...] = ()  # that people may come from; () asks for links
-    max_concurrent_sessions: int = 200  # seats
-    max_unconsented_per_address: int = 20  # of people without a link who played nothing; raise it for a lab
-    require_signed_arrival: bool = False  # who comes from a platform needs a signature; see web/arrival_signature.py
-    embed_in: tuple[str, ...] = ()  # hosts whose pages may show the study in a frame; (): none may
+    reconnect_timeout_s: float = 600.0  # without a connection, after which the session ends
+    idle_timeout_s: float = 1800.0  # without an input, after which the session ends; 0 for never
+    allowed_browsers: tuple[Browser, ...] = ()  # browsers that may take part; () for any
+    max_rtt_ms: float = 0.0  # the longest round-trip time of a page that may take part; 0 for any
+    min_window_size_px: tuple[int, int] = (0, 0)  # the smallest window that may take part, width and height
+    require_keyboard: bool = True  # whether devices with only a touch screen are refused
+    open_access: bool = False  # whether visitors without a link and from no platform may take part
+    recruitment_platforms: tuple[RecruitmentPlatform, ...] = ()  # platforms that send visitors; () to require links
+    max_concurrent_sessions: int = 200
+    max_unconsented_per_address: int = 20  # visitors without a link who have not taken part yet; raise it for a lab
+    require_signed_arrival: bool = False  # whether platforms' visitors need a signature; see web/arrival_signature.py
+    embed_in: tuple[str, ...] = ()  # hosts whose pages may show the study in a frame; () for none
     completion_codes: CompletionCodesSpec = CompletionCodesSpec()
     redirect: str = ""  # where the page leads at the end; {code} and {id}, the platform's id, are filled in
 

@@ -16,7 +16,7 @@ from minihuman.plugins import QUESTION_GROUP, list_plugin_names, read_plugin_fil
 
 ENGLISH = "en"
 LANGUAGES = ("en", "de", "fr", "es", "zh", "ja", "ar", "he")
-# studies in a language of their own were written before these: English stands in, and `check` names them
+# texts that earlier studies in a language of their own lack; English replaces them, and `check` warns of them
 LATER_WORDS = ("outcome.ended", "over.kept_in_part", "note.too_long")
 
 
@@ -37,7 +37,7 @@ def load_words(language: str) -> Mapping[str, str]:
 
 
 def load_kind_words(kind: str, language: str) -> Mapping[str, str]:
-    """Load the words of a kind of question in a language; English stands in for those that it lacks."""
+    """Load the words of a kind of question in a language; English ones replace those that it lacks."""
     words_by_language = _read_kind_words(kind)
     return {**words_by_language.get(ENGLISH, {}), **words_by_language.get(language, {})}
 
@@ -50,7 +50,7 @@ def list_missing_kind_words(kind: str, language: str) -> tuple[str, ...]:
 
 @remember_by_name
 def _read_kind_words(kind: str) -> Mapping[str, Mapping[str, str]]:
-    """Read the words of a kind of question, by language; none where its folder has no ``words.toml``.
+    """Read the words of a kind of question, by language; empty if its folder has no ``words.toml``.
 
     Raises:
         ProtocolError: if the file is not a table of texts for each language.
@@ -105,7 +105,7 @@ class InterfaceWords:
         self._words = {**base, **(instead or {})}
 
     def __getitem__(self, key: str) -> str:
-        """Return the text of a key that every language has."""
+        """Return the text of a key, which must exist."""
         return self._words[key]
 
     def find(self, key: str, default: str) -> str:
@@ -113,14 +113,14 @@ class InterfaceWords:
         return self._words.get(key, default)
 
     def with_kind(self, kind: str) -> "InterfaceWords":
-        """Return these words, and beneath them those of a kind of question that they lack."""
+        """Return these words, completed by those of a kind of question."""
         kind_words = load_kind_words(kind, self.language)
         if kind_words.keys() <= self._words.keys():
             return self
         return InterfaceWords(self.language, {**kind_words, **self._words}, self._fonts)
 
     def fill(self, key: str, **fields: Any) -> str:
-        """Return the text of a key with its fields filled in."""
+        """Return the text of a key, which must exist, with its fields filled in."""
         return self._words[key].format(**fields)
 
     @property

@@ -13,8 +13,8 @@ from minihuman.experiment.machine.events import KeyPressed, Noted
 from minihuman.log.model.session_log import Segment, SessionLog
 
 _NS_PER_MS = 1_000_000
-_SURELY_BEFORE_NS = 100 * _NS_PER_MS  # a window that waits for the focus takes it up within a few milliseconds
-_AUTO_REPEAT_NS = 2_000 * _NS_PER_MS  # no system that we know of waits longer before a held key repeats
+_SURELY_BEFORE_NS = 100 * _NS_PER_MS  # a window notices the focus within a few milliseconds
+_AUTO_REPEAT_NS = 2_000 * _NS_PER_MS  # known systems repeat a held key after at most this
 _PAD_FRAME_NS = 100 * _NS_PER_MS  # a page reads a gamepad once a frame
 _NEVER_NS = 1 << 62
 _ACTED = ("accepted", "queued")
@@ -25,8 +25,8 @@ class DoubtfulPress(NamedTuple):
     """A press that had an effect, and certainly or possibly was made before the window had the focus."""
 
     key: str
-    t_ns: int  # when the session took it
-    is_certain: bool  # by the log's own record of when it went down
+    t_ns: int  # when the session accepted it
+    is_certain: bool  # whether the logged time of the press proves it
 
 
 def find_doubtful_presses(log: SessionLog) -> list[DoubtfulPress]:

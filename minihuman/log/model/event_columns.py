@@ -24,7 +24,7 @@ class CategoricalTexts(Sequence[str]):
 
     def __init__(self, codes: NDArray[np.integer[Any]], categories: Sequence[str]) -> None:
         self.codes = codes  # (n,) indices into ``categories``
-        self.categories = categories  # each different
+        self.categories = categories  # distinct
 
     @classmethod
     def of(cls, texts: Iterable[str]) -> "CategoricalTexts":
@@ -89,7 +89,7 @@ class CategoricalTexts(Sequence[str]):
 
 
 KeyOrFrame = TypeVar("KeyOrFrame", KeyPressed, FrameShown)
-NO_ACTION = -1  # in a column of actions, where an event has none
+NO_ACTION = -1  # stands for None in a column of actions
 
 
 class EventColumns(Sequence[KeyOrFrame], Generic[KeyOrFrame]):
@@ -166,7 +166,7 @@ class EventColumns(Sequence[KeyOrFrame], Generic[KeyOrFrame]):
 
 
 def _convert_column(name: str, column: Any) -> Iterable[Any]:
-    """Return a column's values as event objects have them."""
+    """Convert a column to the values of event objects."""
     if isinstance(column, CategoricalTexts):
         return column
     values: list[Any] = column.tolist()
@@ -176,7 +176,7 @@ def _convert_column(name: str, column: Any) -> Iterable[Any]:
 
 
 def _convert_cell(name: str, cell: Any) -> Any:
-    """Return one value of a column as an event object has it."""
+    """Convert one value of a column to that of an event object."""
     if isinstance(cell, str):
         return cell
     number = cell.item()

@@ -87,22 +87,22 @@ PauseSpans = tuple[tuple[int, int], ...]  # begin and end of each, ns of session
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Segment:
-    """One logged stretch of a session during which the program ran."""
+    """A part of a session during which the program ran without interruption."""
 
     number: int  # 1 for the session's first
     started_at: str  # ISO 8601 UTC, from the wall clock
     started_unix_ns: int  # the same, ns since 1970
-    started_monotonic_ns: int | None  # the machine's monotonic clock then; None in logs that do not say
-    monotonic_clock: str  # that clock's name, such as "clock_gettime(CLOCK_MONOTONIC)"; "" where the log does not say
+    started_monotonic_ns: int | None  # the machine's monotonic clock then; None if not recorded
+    monotonic_clock: str  # that clock's name, such as "clock_gettime(CLOCK_MONOTONIC)"; "" if not recorded
     start_ns: int  # session time at which it began; 0 for the first
-    end_ns: int  # session time of the last that is known of it
+    end_ns: int  # session time of the last record
     end_reason: str  # an EndReason, or "cut_off"
     clean: bool  # whether it ended by itself; False if it was cut off or is still live
     facts: dict[str, str]  # of the station: versions, platform, display
     notes: tuple[SegmentNote, ...]  # consent, focus, pauses, errors, in order of time
     keys: EventColumns[KeyPressed]  # every press and release, outside episodes too
     part_events: tuple[PartEvent, ...] = ()  # parts, pages, answers, points, in the order logged
-    samples: Sequence[Sampled] = ()  # of the protocol's devices, read when looked at
+    samples: Sequence[Sampled] = ()  # of the protocol's devices, read on access
 
     @property
     def pauses(self) -> PauseSpans:
@@ -132,7 +132,7 @@ def part_events_in_session_time(events: Iterable[PartEvent], start_ns: int) -> t
 
 
 def _shift_event(event: PartEvent, start_ns: int) -> PartEvent:
-    if isinstance(event, Linked):  # whose other times are how long something took
+    if isinstance(event, Linked):  # its other times are durations
         return replace(event, t_ns=event.t_ns + start_ns)
     names = (field.name for field in fields(event) if field.name.endswith("_ns"))
     times = {name: getattr(event, name) for name in names}
@@ -140,7 +140,7 @@ def _shift_event(event: PartEvent, start_ns: int) -> PartEvent:
     return replace(event, **known)
 
 
-CUT_OFF = "cut_off"  # instead of an outcome or an end reason, where the log broke off before there was one
+CUT_OFF = "cut_off"  # the outcome or end reason if the log ends before there is one
 
 
 def pose_as_row(pose: Pose | None) -> tuple[float, float, float, float]:
@@ -166,8 +166,8 @@ class TeamRecord:
     digest: int  # of the joint actions, as logged with the last step; 0 before the first
     late: int  # inputs of this seat that came too late
     takeovers: int  # how often an agent took a person's seat
-    corrected: int  # pictures of the own action that the others' changed
-    sightings: tuple[SeatSeen, ...] = ()  # of people's seats that were not seen as before
+    corrected: int  # pictures shown after the own action that others' actions made wrong
+    sightings: tuple[SeatSeen, ...] = ()  # changes of what people saw of a seat
 
     @property
     def partner_seats(self) -> tuple[int, ...]:
@@ -208,10 +208,10 @@ class TeamRecord:
 
     def find_difference(self, seed: int) -> str:
         """Return how the joint actions contradict their logged digest; "" if they do not."""
-        again = digest_joint_actions(self.team, seed, self.actions.tolist())
-        if not len(self.actions) or again == self.digest:
+        digest = digest_joint_actions(self.team, seed, self.actions.tolist())
+        if not len(self.actions) or digest == self.digest:
             return ""
-        return f"joint actions have digest {again:016x}, in the log {self.digest:016x}"
+        return f"joint actions have digest {digest:016x}, in the log {self.digest:016x}"
 
 
 def _measure_lobby_ns(segment: Segment) -> int:
@@ -277,7 +277,7 @@ class EpisodeLog:
     """One played episode. ``n`` steps have ``n + 1`` poses, times and hashes, which is checked on creation."""
 
     start: EpisodeStarted  # plan, action names, mission, map, initial pose and hashes
-    poses: NDArray[np.float64]  # (n + 1, 4) x, y, z, yaw_rad; NaN where the world cannot tell
+    poses: NDArray[np.float64]  # (n + 1, 4) x, y, z, yaw_rad; NaN if unknown
     t_ns: NDArray[np.int64]  # (n + 1,) reset, then each step; session time
     actions: NDArray[np.int64]  # (n,)
     step_keys: Sequence[str]  # (n,) causing key, "" for a tick's no-op
@@ -285,23 +285,23 @@ class EpisodeLog:
     rewards: NDArray[np.float64]  # (n,)
     terminated: NDArray[np.bool_]  # (n,)
     truncated: NDArray[np.bool_]  # (n,)
-    rt_ms: NDArray[np.float64]  # (n,) NaN where there is none
+    rt_ms: NDArray[np.float64]  # (n,) NaN without a reaction time
     state_hashes: NDArray[np.uint64]  # (n + 1,)
     observation_hashes: NDArray[np.uint64]  # (n + 1,)
     keys: EventColumns[KeyPressed]  # every press and release while it ran
     frames: EventColumns[FrameShown]
-    outcome: Outcome | None  # None: the log was cut off inside this episode
-    observations: Sequence[Any] | None = None  # (n + 1,) read when looked at; None where the log holds none
-    segment: int = 1  # of the session: one more after each resume
-    attempt: int = 1  # more where an interrupted episode was begun again
-    pauses: PauseSpans = ()  # that lay between its reset and its last step, session time
-    taught: TeachingRecord | None = None  # control and advice; None where no agent took part
-    end_cause: EndCause = ""  # the time limit that ended it, where no step did
-    onsets: NDArray[np.bool_] | None = None  # (n + 1,) whose picture shows a stimulus onset; None: no step's
-    team: TeamRecord | None = None  # who sat where and what all bodies did; None where one body played
-    action_vectors: NDArray[np.float64] | None = None  # (n, d) where actions are vectors; ``actions`` names them then
-    successes: NDArray[np.float64] | None = None  # (n,) what the world said of success, NaN: nothing; None: not asked
-    infos: Sequence[Mapping[str, Any]] | None = None  # (n,) the keys of its ``info`` that the plan keeps; None: none
+    outcome: Outcome | None  # None if the log was cut off in this episode
+    observations: Sequence[Any] | None = None  # (n + 1,) read on access; None if not recorded
+    segment: int = 1  # the number of the segment in the session
+    attempt: int = 1  # higher if an interrupted episode was begun again
+    pauses: PauseSpans = ()  # between its reset and its last step, session time
+    taught: TeachingRecord | None = None  # control and advice; None if no agent took part
+    end_cause: EndCause = ""  # what ended it, such as a time limit, if no step did
+    onsets: NDArray[np.bool_] | None = None  # (n + 1,) whether the picture shows a stimulus onset; None if none does
+    team: TeamRecord | None = None  # seats and joint actions; None without a team
+    action_vectors: NDArray[np.float64] | None = None  # (n, d) if actions are vectors, which ``actions`` then numbers
+    successes: NDArray[np.float64] | None = None  # (n,) the world's success, NaN if unknown; None if not recorded
+    infos: Sequence[Mapping[str, Any]] | None = None  # (n,) the keys of ``info`` that the plan keeps; None without any
 
     def __post_init__(self) -> None:
         """Refuse columns whose lengths do not match the number of steps."""
@@ -367,9 +367,9 @@ class EpisodeLog:
             return None
         if self.outcome in ("goal", "timeout", "failure"):
             return self.outcome == "goal"
-        rule = parse_outcome_rule(self.plan.outcome_rule)  # broken off: no success where success is known at all
-        was_said = self.successes is not None and not np.isnan(self.successes).all()
-        if not rule.may_be_unknown or was_said:
+        rule = parse_outcome_rule(self.plan.outcome_rule)  # broken off: no success, if success is defined
+        was_reported = self.successes is not None and not np.isnan(self.successes).all()
+        if not rule.may_be_unknown or was_reported:
             return False
         return None
 

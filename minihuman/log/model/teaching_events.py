@@ -59,14 +59,14 @@ class CorrectionRecord:
 
     part: int  # index into the plan's parts
     correction: int  # 0 for the part's first
-    episode: int  # that it corrects, 0 for the session's first
+    episode: int  # the corrected episode, 0 for the session's first
     attempt: int
-    step: int  # after which it begins, 0 for the reset
+    step: int  # the last step before the correction, 0 for the reset
     world: str
     options: str  # JSON
     seed: int
     before: NDArray[np.int64]  # (step,) the episode's actions that lead there from the reset
-    actions: NDArray[np.int64]  # (n,) what should have been done
+    actions: NDArray[np.int64]  # (n,) the actions that the person prefers
     keys: tuple[str, ...]  # (n,)
     key_t_ns: NDArray[np.int64]  # (n,)
     t_ns: NDArray[np.int64]  # (n + 1,) its beginning, then each step
@@ -133,18 +133,18 @@ def _build_correction(
     )
 
 
-NO_ADVICE = -1  # instead of a policy's action, where it gave none
+NO_ADVICE = -1  # in place of a policy's action if it gave none
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TeachingRecord:
     """An agent's part in the ``n`` steps of an episode: control, advice and ratings. Times are session time."""
 
-    policy: str  # that played: the SHA-256 of its file, or an agent's name; "" where there was none yet
-    by_person: NDArray[np.bool_]  # (n,) who steered when the step was made
-    policy_actions: NDArray[np.int64]  # (n,) the world's action that the policy would have done; NO_ADVICE
-    probabilities: NDArray[np.float32]  # (n, actions) by the world's action number; zeros where there are none
-    controls: tuple[ControlChanged, ...]  # who steers from when on
+    policy: str  # the SHA-256 of its file, or an agent's name; "" if there was none yet
+    by_person: NDArray[np.bool_]  # (n,) whether the person was in control at the step
+    policy_actions: NDArray[np.int64]  # (n,) the action that the policy advised, or NO_ADVICE
+    probabilities: NDArray[np.float32]  # (n, actions); zeros without advice
+    controls: tuple[ControlChanged, ...]  # each change of who is in control
     ratings: tuple[Rated, ...]  # presses of a rating key while it ran, or while its last picture was held
 
     @property
@@ -154,9 +154,9 @@ class TeachingRecord:
 
     def agreement(self, actions: NDArray[np.int64]) -> float:
         """Return the share of the person's steps in which the policy agreed; NaN if there are none."""
-        mine = self.by_person & (self.policy_actions != NO_ADVICE)
-        if mine.any():
-            return float((self.policy_actions[mine] == actions[mine]).mean())
+        is_compared = self.by_person & (self.policy_actions != NO_ADVICE)
+        if is_compared.any():
+            return float((self.policy_actions[is_compared] == actions[is_compared]).mean())
         return np.nan
 
 

@@ -1,7 +1,7 @@
-"""Decodes the events of many messages of one topic at once, and says of which messages it is sure.
+"""Decodes the events of many messages of one topic at once, and returns for which messages it is sure.
 
 Sure means: the event is the one that `decode_event` returns, and `encode_event` gives the message's bytes again. It
-follows from how the bytes are built, so that nothing is encoded. Whatever is not sure is left to these two functions.
+follows from the structure of the bytes, so that nothing is encoded. Other messages are left to these two functions.
 """
 
 from collections import defaultdict
@@ -18,9 +18,9 @@ from minihuman.log.read.protobuf_columns import BEYOND, MessageColumns
 from minihuman.log.read.session_rows import FREQUENT_TOPICS
 from minihuman.log.salvage.records import ChunkMessages
 
-_CAUSE_FIELDS = {topics.STEP: "key_t_ns", topics.FRAME: "submit_ns"}  # the times of which `event_cause_ns` tells
+_CAUSE_FIELDS = {topics.STEP: "key_t_ns", topics.FRAME: "submit_ns"}  # the times that `event_cause_ns` returns
 _Batch = tuple[NDArray[Any], ...]  # places among the messages, where they begin and end, log and publish times
-_FAR_NS = 1 << 61  # times beyond, 73 years, are compared as Python's numbers
+_FAR_NS = 1 << 61  # later times (73 years) are not sure
 
 
 def decode_sure_events(chunks: Sequence[ChunkMessages], started_ns: str) -> list[Event | None]:
@@ -28,11 +28,11 @@ def decode_sure_events(chunks: Sequence[ChunkMessages], started_ns: str) -> list
 
     Args:
         chunks: the messages of the segment.
-        started_ns: the wall-clock time of the segment's time 0, in nanoseconds, as its metadata have it.
+        started_ns: the wall-clock time of the segment's time 0, in nanoseconds, from its metadata.
 
     Returns:
-        For each of the messages its event; None for other topics, and for messages of which it is not sure that they
-        have the bytes and the times that their events are written with.
+        For each of the messages its event; None for other topics, and for messages that may not have the bytes and
+        the times with which their events are written.
     """
     events: list[Event | None] = [None] * sum(map(len, chunks))
     if not started_ns.isdecimal() or int(started_ns) >= _FAR_NS:
@@ -50,7 +50,7 @@ def decode_sure_events(chunks: Sequence[ChunkMessages], started_ns: str) -> list
         batch = tuple(map(np.concatenate, zip(*arrays, strict=True)))
         try:
             decoded, is_sure = _decode_topic(topic, batch, payloads, int(started_ns))
-        except (ValueError, IndexError):  # it is told one by one what is no such message
+        except (ValueError, IndexError):  # single messages are then decoded one by one
             continue
         for message_place, event, sure in zip(batch[0].tolist(), decoded, is_sure.tolist(), strict=True):
             if sure:
@@ -59,7 +59,7 @@ def decode_sure_events(chunks: Sequence[ChunkMessages], started_ns: str) -> list
 
 
 def _decode_topic(topic: str, batch: _Batch, payloads: bytes, started_ns: int) -> tuple[list[Event], NDArray[np.bool_]]:
-    """Return the events of messages on one topic, and bool[n], of which messages it is sure.
+    """Return the events of messages on one topic, and bool[n], whether each is sure.
 
     Raises:
         ValueError: if the bytes are not such messages.

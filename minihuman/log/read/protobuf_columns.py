@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from minihuman.log.model.event_columns import CategoricalTexts
 
 ByteArray = NDArray[np.uint8]
-Uint64Array = NDArray[np.uint64]  # the bytes from each place on
-MessageOffsets = NDArray[np.int64]  # (n,) a byte of each message
+Uint64Array = NDArray[np.uint64]  # the eight bytes from each position on
+MessageOffsets = NDArray[np.int64]  # (n,) one position per message
 
 # wire types
 _VARINT = 0
@@ -34,27 +34,27 @@ _WIRE_TYPE = {
     FieldDescriptor.TYPE_MESSAGE: _LENGTH,
 }
 _LONGEST_VARINT = 10  # bytes
-_VARINT_BITS = 70  # ten groups of seven are the most that a varint has
-# a byte's part of the number, and whether another byte follows
+_VARINT_BITS = 70  # a varint has at most ten groups of seven
+# the bits of the number in a byte, and the bit that marks a following byte
 _SEVEN = np.uint64(0x7F)
 _EIGHTH = np.uint64(0x80)
 _ONES, _SEVENS, _EIGHTHS = (byte * np.uint64(0x0101010101010101) for byte in (np.uint64(1), _SEVEN, _EIGHTH))
-_PAIRS = tuple(  # how far the upper of two neighbours moves down to the lower, and the lower ones' bits
+_PAIRS = tuple(  # the shift that joins the upper of two neighbours to the lower, and the mask of the lower ones
     (np.uint64(bits), np.uint64(lower))
     for bits, lower in ((1, 0x007F007F007F007F), (2, 0x00003FFF00003FFF), (4, 0x000000000FFFFFFF))
 )
-# to one of 2,048 slots, by the upper bits of a product
+# hashing to one of 2,048 slots by the upper bits of a product
 _SPREAD = np.uint64(0x9E3779B97F4A7C15)
 _DOWN = np.uint64(53)
-_FIRST_BYTES = np.array([(1 << 8 * count) - 1 for count in range(8)], np.uint64)  # none to seven of eight
-BEYOND = bytes(16)  # behind the last message, so that a number cut off there can be read before it is refused
+_FIRST_BYTES = np.array([(1 << 8 * count) - 1 for count in range(8)], np.uint64)  # masks of 0 to 7 bytes
+BEYOND = bytes(16)  # follows the last message, so that a truncated number can be read before it is rejected
 
 
 class FieldColumn(NamedTuple):
     """One field of n messages: numbers, texts or the columns of a nested message, and which messages have the field."""
 
     values: Any
-    is_present: NDArray[np.bool_]  # (n,) False: the field's default stands in ``values``
+    is_present: NDArray[np.bool_]  # (n,) if False, ``values`` has the field's default
 
 
 class MessageColumns(Mapping[str, FieldColumn]):
@@ -62,8 +62,8 @@ class MessageColumns(Mapping[str, FieldColumn]):
 
     Attributes:
         is_canonical: bool[n], whether a message's bytes are the ones that protobuf writes for its fields: each known
-            field once, in the order of numbers, in as few bytes as possible, and none that is its default. Known only
-            with ``canonical``; nested messages and the letters of texts are not considered.
+            field once, in the order of numbers, in as few bytes as possible, and none that is its default. All are
+            False without ``canonical``; nested messages and the letters of texts are not considered.
 
     Raises:
         ValueError: on creation or when a field is accessed, if the bytes are not such messages.
@@ -90,9 +90,9 @@ class MessageColumns(Mapping[str, FieldColumn]):
         at = begins.copy()
         while (at < ends).any():
             before = at.copy()
-            for field in self._fields.values():  # writers keep the fields' order, so once through is enough
+            for field in self._fields.values():  # writers keep the fields' order, so one round suffices
                 field.take(at)
-            self.is_canonical &= at == ends  # what takes another round is out of order, there twice or unknown
+            self.is_canonical &= at == ends  # otherwise a field is out of order, repeated or unknown
             for row in np.flatnonzero((at == before) & (at < ends)):
                 at[row] = _after_unknown(data, int(at[row]), int(ends[row]))
         if canonical:
@@ -119,26 +119,26 @@ class _Field:
     def __init__(self, field: FieldDescriptor, data: bytes, ends: MessageOffsets, *, canonical: bool) -> None:
         assert field.number < 2048, f"{field.full_name}: a tag of three bytes"
         self._kind = field
-        # a repeated field's default, in every release of protobuf; its numbers stand one behind the other
+        # a repeated field's default in every release of protobuf; its numbers are packed
         self._is_list = field.default_value == []
         self._wire_type = _LENGTH if self._is_list else _WIRE_TYPE[field.type]
         tag = field.number << 3 | self._wire_type
-        self._second = tag >> 7  # byte of the tag; 0 for none
-        self._first = (tag & 0x7F) | 0x80 if self._second else tag
-        self._tag_bytes = 2 if self._second else 1
+        self._second_tag_byte = tag >> 7  # 0 if the tag has one byte
+        self._first_tag_byte = (tag & 0x7F) | 0x80 if self._second_tag_byte else tag
+        self._tag_bytes = 2 if self._second_tag_byte else 1
         self._bytes: ByteArray = np.frombuffer(data, np.uint8)
         self._eights = _eights(data)
         self._ends = ends
         self.is_present = np.zeros(len(ends), np.bool_)
-        self._numbers = np.zeros(len(ends), np.uint64)  # the number itself, or where a text or message begins
+        self._numbers = np.zeros(len(ends), np.uint64)  # the number itself, or the position of a text or message
         self._lengths = np.zeros(len(ends), np.int64)
-        self._varint_bytes = np.ones(len(ends), np.int64) if canonical else None  # that the number or length takes
+        self._varint_bytes = np.ones(len(ends), np.int64) if canonical else None  # bytes of the number or length
 
     def take(self, at: MessageOffsets) -> None:
         """Read the field from every message that has it at position ``at``, and move those positions past it."""
-        has_field = (self._bytes[at] == self._first) & (at < self._ends)
-        if self._second:
-            has_field &= self._bytes[at + 1] == self._second
+        has_field = (self._bytes[at] == self._first_tag_byte) & (at < self._ends)
+        if self._second_tag_byte:
+            has_field &= self._bytes[at + 1] == self._second_tag_byte
         count = np.count_nonzero(has_field)
         if not count:
             return
@@ -166,24 +166,24 @@ class _Field:
         at[rows] = places
 
     def find_canonical(self) -> NDArray[np.bool_]:
-        """Return in which messages the field, if it is there, has the bytes that protobuf writes for its value.
+        """Return bool[n], whether the field, if present, has the bytes that protobuf writes for its value.
 
-        Numbers of ten bytes, which are negative, are said not to.
+        It is False for numbers of ten bytes, which are negative.
         """
         assert self._varint_bytes is not None
         numbers = self._lengths.view(np.uint64) if self._wire_type == _LENGTH else self._numbers
         upper_bits = (7 * (self._varint_bytes - 1)).clip(0, 63).astype(np.uint64)
-        is_written_so: NDArray[np.bool_] = (self._varint_bytes == 1) | ((numbers >> upper_bits) > 0)
-        is_written_so &= self._varint_bytes < _LONGEST_VARINT
+        is_canonical: NDArray[np.bool_] = (self._varint_bytes == 1) | ((numbers >> upper_bits) > 0)
+        is_canonical &= self._varint_bytes < _LONGEST_VARINT
         if self._kind.type == FieldDescriptor.TYPE_BOOL:
-            is_written_so &= numbers <= 1
+            is_canonical &= numbers <= 1
         if not self._kind.has_presence:
-            is_written_so &= numbers != 0
-        is_written_so |= ~self.is_present
-        return is_written_so
+            is_canonical &= numbers != 0
+        is_canonical |= ~self.is_present
+        return is_canonical
 
     def values(self, data: bytes, *, canonical: bool = False) -> Any:
-        """Return the whole column, once every message has been read."""
+        """Return the whole column; every message must have been read."""
         match self._kind.type:
             case FieldDescriptor.TYPE_DOUBLE if self._is_list:
                 return self._lists(data)
@@ -217,19 +217,19 @@ class _Field:
 
 
 def _eights(data: bytes) -> Uint64Array:
-    """Return the eight bytes from each byte on as a number, to be looked up at many positions at once."""
+    """Return, for each position, its eight bytes as one number, so that many positions can be read at once."""
     return np.ndarray(len(data) - 7, "<u8", data, strides=(1,))
 
 
 def _varints(eights: Uint64Array, at: MessageOffsets) -> tuple[Uint64Array, MessageOffsets]:
     """Decode the varint at each position, lowest seven bits first; return the numbers and the next positions."""
     eight = eights[at]
-    if not (eight & _EIGHTH).any():  # as most are: lengths, flags, small numbers
+    if not (eight & _EIGHTH).any():  # the common case: lengths, flags, small numbers
         return eight & _SEVEN, at + 1
     stops = ~eight & _EIGHTHS
-    within = (stops & -stops) - np.uint64(1)  # the bits up to the first stop; all where there is none in these bytes
+    within = (stops & -stops) - np.uint64(1)  # the bits up to the first stop; all without a stop
     numbers = eight & within & _SEVENS
-    for bits, lower in _PAIRS:  # sevens become fourteens, those twenty-eights, those the number
+    for bits, lower in _PAIRS:  # joins groups of 7 bits to 14, 28 and 56
         numbers = (numbers & lower) | ((numbers & ~lower) >> bits)
     at = at + ((within & _ONES) * _ONES >> np.uint64(56)).astype(np.int64)
     more = np.flatnonzero(stops == 0)
@@ -246,7 +246,7 @@ def _varints(eights: Uint64Array, at: MessageOffsets) -> tuple[Uint64Array, Mess
 
 
 def _read_texts(data: bytes, begins: MessageOffsets, ends: MessageOffsets) -> CategoricalTexts:
-    """Read the texts between these positions, comparing seven bytes and their count at a time."""
+    """Read the texts between these positions; texts are compared in parts of seven bytes with their count."""
     eights = _eights(data)
     last_eight = len(eights) - 1
     lengths = ends - begins
@@ -258,7 +258,7 @@ def _read_texts(data: bytes, begins: MessageOffsets, ends: MessageOffsets) -> Ca
         seven_bytes = eights[places] & _FIRST_BYTES[byte_counts]
         part = seven_bytes | (byte_counts << np.uint64(56))
         firsts, part_codes = _distinct(part)
-        if offset:  # texts are the same if both what came before and this part are
+        if offset:  # texts are equal if their earlier parts and this one are
             pairs = codes.astype(np.uint64) * np.uint64(len(firsts)) + part_codes.astype(np.uint64)
             firsts, part_codes = _distinct(pairs)
         codes = part_codes
@@ -267,7 +267,7 @@ def _read_texts(data: bytes, begins: MessageOffsets, ends: MessageOffsets) -> Ca
 
 
 def _distinct(values: Uint64Array) -> tuple[MessageOffsets, NDArray[np.int64]]:
-    """Return the position of one occurrence of each distinct value, and the number of its value for each row.
+    """Return the position of one occurrence of each distinct value, and for each row the index of its value.
 
     It sorts only if two values share a hash slot.
     """

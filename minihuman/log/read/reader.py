@@ -23,12 +23,12 @@ class LogReader:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.starts: list[dict[str, str]] = []  # per segment whose plan is there: version, wall clock, study
-        self.ends: list[dict[str, str]] = []  # per finished segment: reason, clean
-        self.damage = ""  # what could not be read
-        self.missing: list[MissingMessages] = []  # messages that are not there
-        self._at = 0  # where the chunk begins that is being read
-        self._decode: EventDecoder  # of the segment that is being read
+        self.starts: list[dict[str, str]] = []  # metadata of each segment with a plan: version, wall clock, study
+        self.ends: list[dict[str, str]] = []  # metadata of each finished segment: reason, clean
+        self.damage = ""  # describes what could not be read
+        self.missing: list[MissingMessages] = []  # messages that were lost
+        self._at = 0  # position of the chunk that is being read
+        self._decode: EventDecoder  # for the segment that is being read
 
     def messages(self) -> Iterator[LogMessage]:
         """Yield every message in file order.
@@ -51,14 +51,14 @@ class LogReader:
             match record:
                 case ChunkMessages():
                     if not start:
-                        raise LogError(f"{self.path} is not a minihuman log: it states no schema version")
+                        raise LogError(f"{self.path} is not a minihuman log: it has no schema version")
                     self._decode = select_decoder(start, self.path)
                     self.starts += [start] * record.count(PLAN)
                     self._at = scan.position
                     yield record
                 case Metadata() if record.name == SEGMENT_METADATA:
                     start = record.metadata
-                case Metadata() if record.name == END_METADATA and "segment" in record.metadata:  # else it is damaged
+                case Metadata() if record.name == END_METADATA and "segment" in record.metadata:  # else damaged
                     self.ends.append(record.metadata)
         self.damage = scan.damage
         self.missing = scan.missing
@@ -77,11 +77,11 @@ class LogReader:
         """
         with raise_as_log_error(self.path):
             for message in self.messages():
-                event = self.event(message.channel.topic, message.data)
+                event = self.decode(message.channel.topic, message.data)
                 if event is not None:
                     yield event
 
-    def event(self, topic: str, data: bytes) -> Event | None:
+    def decode(self, topic: str, data: bytes) -> Event | None:
         """Decode the event in a message's bytes; return None for a preview.
 
         Raises:

@@ -49,7 +49,7 @@ from minihuman.log.salvage.summary_section import all_ended_cleanly
 from minihuman.storage.outside_names import require_name
 from minihuman.trust import find_logged_sources
 
-_BREAK = ""  # the topic that stands for messages that are missing
+_BREAK = ""  # the topic of a placeholder for missing messages
 
 
 @dataclass(slots=True)
@@ -59,7 +59,7 @@ class _SegmentDraft:
     started: events.SessionStarted
     begin: int
     ended: events.SessionEnded | None = None
-    last_ns: int = 0  # of what has been read one by one
+    last_ns: int = 0  # the latest time of its rare messages
     notes: list[SegmentNote] = field(default_factory=list)
     part_events: list[PartEvent] = field(default_factory=list)
 
@@ -69,15 +69,15 @@ class _EpisodeDraft:
     """An episode as far as it has been read. Its messages are those from ``begin`` to ``end``."""
 
     start: events.EpisodeStarted
-    segment: int  # 0 for the first that was read
+    segment: int  # index of the segment among those read
     begin: int
-    end: int | None = None  # None: the log broke off first
+    end: int | None = None  # None if the log ended first
     outcome: events.Outcome | None = None
     end_cause: events.EndCause = ""
-    policy: str = ""  # of an agent, in force when it began
+    policy: str = ""  # of an agent, when the episode began
     formed: TeamFormed | None = None  # the team that plays it
-    ready: SeatsReadied | None = None  # and where it stood at the reset
-    activity_events: list[events.ActivityEvent] = field(default_factory=list)  # of activities
+    ready: SeatsReadied | None = None  # the team's poses at the reset
+    activity_events: list[events.ActivityEvent] = field(default_factory=list)
 
 
 class SessionAssembler:
@@ -86,17 +86,17 @@ class SessionAssembler:
     def __init__(self) -> None:
         self._parts: list[_SegmentDraft] = []
         self._chunks: list[bytes] = []  # that hold messages of the topics that have thousands
-        self._batches: dict[str, list[TopicMessages]] = defaultdict(list)  # among those chunks' bytes
-        self._unread: dict[str, tuple[list[int], list[bytes]]] = {  # places and messages, read when looked at
+        self._batches: dict[str, list[TopicMessages]] = defaultdict(list)  # with positions in the bytes of these chunks
+        self._unread: dict[str, tuple[list[int], list[bytes]]] = {  # places and messages, which are read on access
             topics.OBSERVATION: ([], []),
             topics.SAMPLE: ([], []),
         }
         self._spans: list[_EpisodeDraft] = []
-        self._policy = ""  # of an agent, in force
-        self._formed: TeamFormed | None = None  # of the part that runs
-        self._ready: SeatsReadied | None = None  # of the episode that comes
-        self._count = 0  # of messages, so far
-        self._size = 0  # of those chunks, so far
+        self._policy = ""  # of an agent, currently
+        self._formed: TeamFormed | None = None  # of the current part
+        self._ready: SeatsReadied | None = None  # of the next episode
+        self._count = 0  # number of messages so far
+        self._size = 0  # bytes in ``_chunks``
 
     def read(self, reading: LogReader) -> None:
         """Add a file's messages.
@@ -109,9 +109,9 @@ class SessionAssembler:
             rare_messages += ((self._count + place, _BREAK, b"") for place in chunk.breaks)
             for place, topic, data in sorted(rare_messages, key=lambda message: (message[0], message[1] != _BREAK)):
                 if topic == _BREAK:
-                    self._close(place)  # what is behind a gap may be another episode's
+                    self._close(place)  # messages after a gap may belong to another episode
                 else:
-                    self._take(place, reading.event(topic, data))
+                    self._take(place, reading.decode(topic, data))
             self._count += len(chunk)
 
     def _collect_frequent(self, chunk: ChunkMessages) -> list[tuple[int, str, bytes]]:
@@ -192,20 +192,20 @@ class SessionAssembler:
             check_step_numbers(episode, episode_numbers[step_rows], step_numbers[step_rows])
             attempts[episode] += 1
             n_steps = step_rows.stop - step_rows.start
-            begin = step_rows.start + number  # a row for the reset of each episode before
+            begin = step_rows.start + number  # each earlier episode has one more row, for its reset
             state_columns = {name: column[begin : begin + n_steps + 1] for name, column in of_states.items()}
             times_ns = state_columns["t_ns"]
-            used = ~np.isnan(vectors[step_rows]).all(axis=0)  # other columns are another world's
+            used = ~np.isnan(vectors[step_rows]).all(axis=0)  # other columns belong to other worlds
             yield EpisodeLog(
                 start=start,
                 **state_columns,
                 **{name: column[step_rows] for name, column in of_steps.items()},
                 step_keys=rows.steps.column("key").values[step_rows],
-                action_vectors=vectors[step_rows][:, used] if used.any() else None,  # its actions are numbers
+                action_vectors=vectors[step_rows][:, used] if used.any() else None,  # otherwise its actions are numbers
                 successes=read_successes(start.plan, rows.steps.column, step_rows),
                 infos=read_infos(start.plan, rows.steps.column, step_rows),
                 keys=rows.key_events[rows.keys.between(span.begin, span.end)],
-                frames=rows.frame_events[rows.frames.between(span.begin, nexts[number])],  # the last one stays
+                frames=rows.frame_events[rows.frames.between(span.begin, nexts[number])],  # it stays visible
                 outcome=span.outcome,
                 end_cause=span.end_cause,
                 observations=self._find_observations(span, n_steps),
@@ -250,7 +250,7 @@ class SessionAssembler:
                 keys=EventColumns.of(events.KeyPressed, ()),
             )
             placed.append((segment, span))
-            after_ns = end_ns + 1  # a clock that was set back does not turn session time back
+            after_ns = end_ns + 1  # session time goes on even if the clock was set back
         return placed
 
     @staticmethod
@@ -280,7 +280,7 @@ class SessionAssembler:
     def _take(self, place: int, event: events.Event | None) -> None:
         """Add an event at a position among all messages to the segment and the episode to which it belongs."""
         if not self._parts and not isinstance(event, events.SessionStarted):
-            return  # the plan is lost, and nothing says what this belongs to
+            return  # the plan is lost, so the segment is unknown
         match event:
             case events.SessionStarted():
                 self._close(place)
@@ -317,7 +317,7 @@ class SessionAssembler:
                 self._formed = None
                 self._ready = None
             case events.ModelCall() | events.DesignDecided():
-                return  # who sits in the seat, or what comes next: not what happens in the episode
+                return  # about the agent or the next episode, not about this one
             case events.ActivityEvent() if (
                 self._spans and getattr(event, "episode", None) == self._spans[-1].start.plan.episode
             ):
@@ -412,7 +412,7 @@ def list_session_files(path: Path) -> list[Path]:
 
 def _build_session_log(path: Path, gathered: SessionAssembler, readings: list[LogReader]) -> SessionLog:
     first = gathered.started[0]
-    require_name(first.plan.study, "the study")  # a log from elsewhere says so; exports name files by them
+    require_name(first.plan.study, "the study")  # exports name files by these, and a foreign log may contain anything
     require_name(first.plan.participant.id, "the participant")
     starts = [facts for reading in readings for facts in reading.starts]
     ends = [facts for reading in readings for facts in reading.ends]

@@ -1,4 +1,4 @@
-"""Rows of a session: the messages of one topic with their positions, and the columns made from their fields.
+"""Rows of a session: the messages of one topic with their positions, and the columns of their fields.
 
 Messages are collected per topic and converted to columns at once. No object is created per step, key press or frame,
 which is what makes reading a study fast.
@@ -105,7 +105,7 @@ def build_state_columns(
     pose = column("pose")
     after = np.stack([np.where(pose.is_present, pose.values[axis].values, np.nan) for axis in _AXES], axis=1)
     first = np.array([pose_as_row(start.pose) for start in starts], np.float64).reshape(-1, len(_AXES))
-    moments: dict[str, NDArray[Any]] = {"poses": np.insert(after, resets, first, axis=0)}
+    state_columns: dict[str, NDArray[Any]] = {"poses": np.insert(after, resets, first, axis=0)}
     for of_episode, name, dtype in (
         ("t_ns", "t_ns", np.int64),
         ("state_hashes", "state_hash", np.uint64),
@@ -113,8 +113,8 @@ def build_state_columns(
         ("onsets", "onset", np.bool_),
     ):
         first = np.array([getattr(start, name) for start in starts], dtype)
-        moments[of_episode] = np.insert(column(name).values, resets, first)
-    return moments
+        state_columns[of_episode] = np.insert(column(name).values, resets, first)
+    return state_columns
 
 
 def build_key_columns(column: Callable[[str], FieldColumn], count: int) -> EventColumns[events.KeyPressed]:
@@ -146,7 +146,7 @@ class TopicRows:
         )
         self._data = data
         self._shifted: dict[str, FieldColumn] = {}
-        self._offsets_ns: NDArray[np.int64] | None = None  # from segment time to session time; None: all are 0
+        self._offsets_ns: NDArray[np.int64] | None = None  # from segment time to session time; None if all are 0
 
     def __len__(self) -> int:
         return len(self.places)
@@ -212,5 +212,5 @@ class FrequentRows:
     @cached_property
     def frame_events(self) -> EventColumns[events.FrameShown]:
         """Return the columns of every displayed frame."""
-        frames = self.frames  # alone: what is cached here and held this would be a cycle, freed only by the collector
+        frames = self.frames  # the closure must not refer to self: that would be a reference cycle
         return EventColumns(events.FrameShown, lambda name: frames.column(name).values, range(len(frames)))

@@ -36,10 +36,10 @@ from minihuman.storage.durable_files import sync_folder
 from minihuman.storage.locks import is_file_at
 from minihuman.storage.system import current_system
 
-STEP_BYTES = 2_048  # a step with its key events, frame and pose takes about 900 bytes live; twice that, to be safe
-OBSERVATION_BYTES = 32_768  # a picture of 80 x 60 is in a live log twice, as PNG of up to 15,000 bytes
-MAX_ESTIMATED_STEPS = 20_000  # more than any participant plays in one episode, whatever the protocol's limit
-RESERVE_BYTES = 16 * 1024 * 1024  # for finishing the log, floor plans, and whatever else fills the disk meanwhile
+STEP_BYTES = 2_048  # twice what a step with its key events, frame and pose takes
+OBSERVATION_BYTES = 32_768  # two PNGs of 80 x 60 pixels, of up to 15,000 bytes each
+MAX_ESTIMATED_STEPS = 20_000  # more than anyone plays in one episode, even if the protocol allows more
+RESERVE_BYTES = 16 * 1024 * 1024  # for finishing the log, floor plans, and data of other programs
 
 
 def require_disk_space(folder: Path, episode: EpisodePlan) -> None:
@@ -65,8 +65,8 @@ def require_disk_space(folder: Path, episode: EpisodePlan) -> None:
 LOGGER = logging.getLogger("minihuman")
 
 
-MAX_PENDING_WRITES = 65_536  # writes that may wait; at a hundred a second a disk may stall for ten minutes
-WRITE_BOUND_S = 0.1  # the longest that a write holds a picture up
+MAX_PENDING_WRITES = 65_536  # enough for ten minutes at a hundred writes per second
+WRITE_BOUND_S = 0.1  # the longest time for which a picture waits for a write
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,10 +103,10 @@ class LiveFile:
 
     def __init__(self, fd: int, part: Path, settings: "RecorderSettings", *, crc: int = 0) -> None:
         self.fd = fd
-        self.crc = crc  # of all that was written
+        self.crc = crc  # of all bytes written
         self._part = part
         self._settings = settings
-        self._write_lock = threading.Lock()  # held while it is written, or written again
+        self._write_lock = threading.Lock()  # held during each write and while the file is restored
 
     def append(self, pieces: Iterable[AppendBlock]) -> None:
         """Write blocks of bytes to the operating system.
@@ -155,7 +155,7 @@ class LiveFile:
                 f"{self._part} was deleted while it was being written, and it cannot be restored: {error.strerror}"
             ) from error
         LOGGER.warning(
-            "%s was taken away while it was being written; it is back, with all %d bytes", self._part, copied
+            "%s was deleted or moved while it was being written; it was restored with all %d bytes", self._part, copied
         )
 
     def _copy_to(self, new_fd: int) -> int:
@@ -187,13 +187,13 @@ def _join_pieces(pieces: Iterable[AppendBlock]) -> Iterator[AppendBlock]:
 
 @dataclass(slots=True)
 class WriteJob:
-    """One write of the events of an input."""
+    """The write of the events of one input."""
 
     pieces: Sequence[AppendBlock]
-    steps: int  # of the segment, with these
+    steps: int  # of the segment, including these
     finished: threading.Lock = field(default_factory=threading.Lock)  # held until it is written or has failed
-    over: bool = False  # it was written or has failed
-    fully_written: bool = False  # it was written to its last byte
+    over: bool = False  # whether it was written or has failed
+    fully_written: bool = False  # whether all its bytes were written
 
 
 class FileWriter:
@@ -205,19 +205,19 @@ class FileWriter:
     def __init__(self, file: LiveFile, settings: RecorderSettings) -> None:
         self.file = file
         self.failure: Exception | None = None
-        self.durable_steps = 0  # how many are fsynced
-        self.durable_writes = 0  # likewise
-        self.late = 0  # writes that a picture did not wait for to their end
+        self.durable_steps = 0  # number of fsynced steps
+        self.durable_writes = 0  # number of fsynced writes
+        self.late = 0  # number of writes that were not over when their picture was shown
         self.longest_wait_s = 0.0
         self._settings = settings
         self._begun_count = 0  # jobs
         self._written_count = 0
-        self._settled_count = 0  # jobs that are durable, or never will be
+        self._settled_count = 0  # jobs that are durable or have failed
         self._settling = threading.Condition()
-        self._is_broken = False  # the file cannot be made durable
-        self._last: WriteJob | None = None  # begun and not waited for
-        self._stuck: WriteJob | None = None  # the last whose wait timed out
-        self._is_expected = False  # by the group: it will write what waits
+        self._is_broken = False  # whether making the file durable has failed
+        self._last: WriteJob | None = None  # the last queued job that ``settle`` has not waited for
+        self._stuck: WriteJob | None = None  # the last job whose wait timed out
+        self._is_expected = False  # whether the group will write the queued jobs
         self._jobs: queue.SimpleQueue[WriteJob | None] = queue.SimpleQueue()
         self._unsynced: queue.SimpleQueue[WriteJob | None] = queue.SimpleQueue()
         # Daemons, so that a crash of the program is not held up; what was written stays and is recovered.
@@ -265,7 +265,7 @@ class FileWriter:
         self._last = None
         if job is None:
             return
-        if self._stuck is not None and not self._stuck.over:  # a picture has waited for the disk already
+        if self._stuck is not None and not self._stuck.over:  # an earlier picture has waited for the disk already
             self.late += 1
             return
         began_s = time.monotonic()
@@ -297,7 +297,7 @@ class FileWriter:
                 self.file.append(piece for job in jobs for piece in job.pieces)
                 for job in jobs:
                     job.fully_written = True
-            except Exception as error:  # handed to the session at this write or the next
+            except Exception as error:  # the session raises it at this write or the next
                 self.failure = error
         self._written_count += len(jobs)
 
@@ -338,7 +338,7 @@ class FileWriter:
 
     def write_waiting(self) -> bool:
         """Write all queued blocks, for a ``GroupCommit``; return whether there were any."""
-        self._is_expected = False  # before the queue is emptied: what comes from here on has another commit
+        self._is_expected = False  # first: jobs that are queued from here on need another commit
         jobs = [job for job in _take_waiting(self._jobs) if job is not None]
         self._write_jobs(jobs)
         for job in jobs:
@@ -363,9 +363,9 @@ def _take_waiting(jobs: "queue.SimpleQueue[WriteJob | None]") -> list[WriteJob |
     return waiting
 
 
-GATHER_S = 0.2  # so long a write waits for others of its file: a key's press, picture and release are one
-COMMIT_WINDOW_S = 0.1  # so much earlier it is done where another file's round is due
-MAX_SINGLE_SYNCS = 12  # files that are fsynced by themselves; a disk that keeps up has seldom more in a round
+GATHER_S = 0.2  # how long a write waits for others of its file, such as a key's press, picture and release
+COMMIT_WINDOW_S = 0.1  # a file is committed up to this much earlier, together with a file that is due
+MAX_SINGLE_SYNCS = 12  # more files than a disk that keeps up has in most rounds
 
 
 class GroupCommit:
@@ -386,13 +386,13 @@ class GroupCommit:
         max_single_syncs: int = MAX_SINGLE_SYNCS,
     ) -> None:
         self._max_single_syncs = max_single_syncs
-        self.rounds = 0  # done so far
+        self.rounds = 0  # number of commits so far
         self._sync_one = sync_one
         self._sync_all = sync_all
-        self._due: deque[tuple[float, FileWriter]] = deque()  # the earliest first
+        self._due: deque[tuple[float, FileWriter]] = deque()  # when each file is due, the earliest first
         self._hurried: deque[FileWriter] = deque()
         self._wake = threading.Event()
-        self._idle = False  # nothing is due, so that it has to be woken
+        self._idle = False  # whether nothing is due, so that the thread must be woken
         self._beginning = threading.Lock()
         self._thread: threading.Thread | None = None
 
@@ -470,7 +470,7 @@ class GroupCommit:
                 for fd in {os.fstat(fd).st_dev: fd for fd in fds}.values():
                     self._sync_all(fd)
                 return {}
-            except OSError:  # of any file on that file system: sync each by itself
+            except OSError:  # the error may concern one file only, so sync each by itself
                 pass
         failed = {}
         for fd in fds:
@@ -485,5 +485,5 @@ class GroupCommit:
 def _isolate_failures() -> Iterator[None]:
     try:
         yield
-    except Exception:  # a bug of ours, in one file's part
-        LOGGER.exception("a round failed for a file")
+    except Exception:  # a bug of ours: the other files must still be committed
+        LOGGER.exception("committing a log's live file failed")

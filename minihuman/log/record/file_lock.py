@@ -41,13 +41,13 @@ def create_live_file(segment_path: SegmentPath) -> int:
             raise
         if is_file_at(fd, segment_path.part):
             break
-        os.close(fd)  # a recovery took the empty file away between open and lock
+        os.close(fd)  # a recovery moved the empty file between open and lock
     refusal = _find_recorded_error(segment_path)
     if refusal is not None:
         disk.unlink(segment_path.part)
         os.close(fd)
         raise refusal
-    for folder in segment_path.part.parents[:4]:  # session, participant, study and data folder: any of them may be new
+    for folder in segment_path.part.parents[:4]:  # session, participant, study and data folder, any of which may be new
         sync_folder(folder)
     return fd
 
@@ -71,13 +71,13 @@ def _running_error(segment_path: SegmentPath) -> LogError:
 
 
 def _find_recorded_error(segment_path: SegmentPath) -> LogError | None:
-    """Return the error for a segment that a finished log holds already; None if none does."""
+    """Return the error for a segment that a finished log contains already; None if none does."""
     from minihuman.log.read.reader import read_segment_starts
 
     if not segment_path.log.exists() or segment_path.segment not in (1, *read_segment_starts(segment_path.log)):
         return None
     return LogError(
-        f"{segment_path.log} already exists and holds segment {segment_path.segment}; choose another number with "
+        f"{segment_path.log} already exists and has segment {segment_path.segment}; choose another number with "
         "--session, or move the log"
     )
 

@@ -29,14 +29,14 @@ from minihuman.storage.durable_files import sync_folder, write_durably
 from minihuman.storage.outside_names import is_system_companion
 from minihuman.storage.system import current_system
 
-UNFINISHED_SUFFIX = ".finishing"  # of a log until it has its name
+UNFINISHED_SUFFIX = ".finishing"  # the suffix of a log's name until it is complete
 
 
 class NotPublishedError(MinihumanError, OSError):
     """A log could not be stored where every server has it, so it was not finished; the live file remains."""
 
 
-CHUNK_BYTES = 64 * 1024  # what a damaged bit can cost
+CHUNK_BYTES = 64 * 1024  # the most that one damaged bit can destroy
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,9 +44,9 @@ class ExpectedContent:
     """What a recorder has written, to be compared with the content of the file."""
 
     messages: int
-    crc: int  # of all bytes
-    late_writes: int  # that the disk did not take before their picture was shown
-    longest_wait_s: float  # of a write
+    crc: int  # of all its bytes
+    late_writes: int  # number of writes that were not over when their picture was shown
+    longest_wait_s: float  # the longest wait for a write
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,15 +54,15 @@ class FinalizedLog:
     """The outcome of finalizing a live file."""
 
     path: Path  # the session's log, or where an unreadable live file was put aside
-    readable: bool  # False: not even the session's plan was in it
+    readable: bool  # False if it does not even have the session's plan
     steps: int  # of this segment
-    episodes: int  # of this segment, started
+    episodes: int  # number of episodes started in this segment
     end_reason: str  # an EndReason, or "cut_off"
     damage: str  # where and why reading stopped before the live file's end; "" if it did not
     messages: int = 0  # of this segment's record
-    damaged_copy_path: Path | None = None  # where the live file was kept as it was found, if it was not whole
+    damaged_copy_path: Path | None = None  # the unchanged copy of the live file, if it was damaged
     chain: str = ""  # the head of the log's hash chain
-    was_finished: bool = False  # a finished log, made again: what it lacks was there once
+    was_finished: bool = False  # whether this is a repaired finished log, so that what it lacks has been lost
 
     @property
     def damaged(self) -> bool:
@@ -88,7 +88,7 @@ def finish_log(
     promised: ExpectedContent | None = None,
     publish: Callable[[Path], None] = lambda _: None,
 ) -> FinalizedLog:
-    """Turn a live file into the session's log, or merge it into that log. The caller holds the file's lock.
+    """Turn a live file into the session's log, or merge it into that log. The caller must hold the file's lock.
 
     Args:
         segment_path: the paths of the live file and the log.
@@ -102,7 +102,7 @@ def finish_log(
         OSError: if the disk is full; the live file remains.
     """
     starts = {} if _is_blank(segment_path.part) else read_segment_starts(segment_path.part, first=True)
-    if not starts:  # nothing was played yet, or the file's start is gone
+    if not starts:  # nothing was recorded yet, or the file's start was lost
         return _discard_live_file(segment_path.part)
     earlier = read_segment_starts(segment_path.log) if segment_path.log.exists() else {}
     new = starts.items() - earlier.items()
@@ -111,14 +111,14 @@ def finish_log(
     temporary = segment_path.log.with_name(f"{segment_path.log.name}{UNFINISHED_SUFFIX}")
     try:
         finalized = _write_finished_log(segment_path, temporary, with_log=bool(earlier), clean=clean, promised=promised)
-        if new:  # else a finish that was cut off before it removed the live file
+        if new:  # otherwise an earlier call was killed before it removed the live file
             publish(temporary)
             _rename(temporary, segment_path.log)
     finally:
         _remove(temporary)
     if not new and not finalized.damage:
         finalized = _require_logged(segment_path, finalized)
-    if finalized.damage:  # what could not be read may still be of use
+    if finalized.damage:  # keep it, since the unread bytes may still be of use
         return replace(finalized, damaged_copy_path=put_aside(segment_path.part, "as-found"))
     current_system().disk.unlink(segment_path.part)
     sync_folder(segment_path.part.parent)
@@ -133,13 +133,13 @@ def _discard_live_file(part: Path) -> FinalizedLog:
 def _require_new_segment(segment_path: SegmentPath, earlier: Mapping[int, str]) -> None:
     if segment_path.segment in earlier:
         raise LogError(
-            f"{segment_path.log} already holds a different segment {segment_path.segment}; move that log away, then "
+            f"{segment_path.log} already has a different segment {segment_path.segment}; move that log away, then "
             "recover again"
         )
 
 
 def _require_logged(segment_path: SegmentPath, finalized: FinalizedLog) -> FinalizedLog:
-    """Return the outcome, stated as damaged if the live file has more than the log, as after a resume."""
+    """Return the outcome; if the live file has more than the log, as after a resume, it is stated as damaged."""
     logged = _read_record(segment_path.log)
     topics_in_log = [message[0] for message in _read_record(segment_path.part) if message in logged]
     if len(topics_in_log) >= finalized.messages:
@@ -162,7 +162,7 @@ def _read_record(path: Path) -> Iterator[tuple[str, int, int, int, bytes]]:
 
 
 def _is_blank(part: Path) -> bool:
-    """Return whether a power cut left a file its size but not its first bytes."""
+    """Return whether a file's first bytes are zeros, as after a power cut that preserves only its size."""
     with part.open("rb") as file:
         return not file.read(8).strip(b"\0")
 
@@ -201,7 +201,7 @@ def repair_log(log: Path) -> FinalizedLog:
         with raise_as_log_error(log):
             read_segment_starts(log)
     except NewerLogError:
-        if is_whole_log(log):  # else the version, too, may be damaged
+        if is_whole_log(log):  # otherwise the version may be damaged, too
             raise
     except LogError:
         pass
@@ -235,12 +235,12 @@ def _rewrite_damaged(log: Path) -> FinalizedLog:
                     "it out of the study"
                 )
             lacks = scan.unfinished_reason
-            copy.missing(gap for gap in scan.missing if gap not in scan.declared)
+            copy.record_missing(gap for gap in scan.missing if gap not in scan.declared)
             last = int(copy.starts[-1]["segment"])
             for segment in sorted(segments - {int(facts["segment"]) for facts in copy.ends if "segment" in facts}):
                 facts = copy.summarize_segment() if segment == last else {"reason": CUT_OFF}
-                copy.end(segment, **facts, clean=False, stopped=f"{names.FINISHED_LOG_WAS}{lacks}")
-            copy.metadata(names.REPAIRED_METADATA, {"damage": lacks})
+                copy.record_end(segment, **facts, clean=False, stopped=f"{names.FINISHED_LOG_WAS}{lacks}")
+            copy.add_metadata(names.REPAIRED_METADATA, {"damage": lacks})
         aside = put_aside(log, "as-found", linked=True)
         _rename(temporary, log)
     except OSError as error:
@@ -303,8 +303,8 @@ def _write_finished_log(
                 "late_writes": promised.late_writes,
                 "longest_wait_ms": round(1e3 * promised.longest_wait_s),
             }
-        copy.missing(part.missing)
-        copy.end(segment_path.segment, **facts)
+        copy.record_missing(part.missing)
+        copy.record_end(segment_path.segment, **facts)
     return FinalizedLog(
         path=segment_path.log,
         readable=True,

@@ -18,8 +18,8 @@ from minihuman.log.preview import PreviewEncoder
 from minihuman.log.salvage.records import LogMessage
 from minihuman.log.salvage.scan import LogScanner, MissingMessages
 
-UNNUMBERED = 0  # the sequence of a preview
-EPISODE_BYTES = 16 * 1024  # an episode with fewer shares its chunk with the next
+UNNUMBERED = 0  # the sequence number of previews
+EPISODE_BYTES = 16 * 1024  # a smaller episode shares its chunk with the next
 _PREVIEW_TOPICS = frozenset(topic.name for topic in topics.TOPICS if topic.is_preview)
 _SUMMARY_TOPICS = frozenset({topics.SKIP, topics.PLAN, topics.EPISODE_END, topics.SESSION_END})  # for a segment's end
 _HEAD = (names.SEGMENT_METADATA, names.FACTS_METADATA)
@@ -34,23 +34,23 @@ class LogCopier:
         self.ends: list[dict[str, str]] = []
         self.counts: Counter[str] = Counter()  # messages per topic, of the last segment copied
         self.total: Counter[str] = Counter()  # of all segments
-        self.end_reason = ""  # of the last segment copied; "" if it holds none
+        self.end_reason = ""  # of the last segment copied; "" if it has none
         self.last_sequence = 0  # of the last segment copied
         self.planned = 0  # episodes of the session
-        self.skipped = 0  # of them, in all segments copied: a criterion was met, or the time was up
-        self.completed: set[int] = set()  # of them, in all segments copied: with an outcome other than abandoned
+        self.skipped = 0  # episodes skipped in all copied segments, by a criterion or a time limit
+        self.completed: set[int] = set()  # episodes with an outcome other than abandoned, in all copied segments
         self.lasted_ns = 0  # from the last segment's first message to its last
         self._first_ns = 0
         self._writer = writer
         self._schemas: dict[tuple[str, bytes], int] = {}
         self._channels: dict[tuple[str, int], int] = {}
         self._attachments: set[tuple[str, bytes]] = set()
-        self._head: dict[str, Metadata] = {}  # of the segment whose plan is next
-        self._early_attachments: list[Attachment] = []  # to it
-        self._early_previews: list[tuple[LogMessage, Schema | None]] = []  # previews, before that plan
+        self._head: dict[str, Metadata] = {}  # metadata of the segment whose plan comes next
+        self._early_attachments: list[Attachment] = []  # attachments before that plan
+        self._early_previews: list[tuple[LogMessage, Schema | None]] = []  # before that plan
         self._draw = False
-        self._previews: PreviewEncoder | None = None  # None: none are added
-        self._last: LogMessage | None = None  # of the record
+        self._previews: PreviewEncoder | None = None  # None if no previews are added
+        self._last: LogMessage | None = None  # the last message of the record
         self._chunk_bytes = 0
 
     def copy_file(self, scan: LogScanner, *, draw: bool = False) -> None:
@@ -64,7 +64,7 @@ class LogCopier:
                 case Metadata() if record.name in _HEAD:
                     self._head[record.name] = record
                 case Metadata():
-                    self.metadata(record.name, record.metadata)
+                    self.add_metadata(record.name, record.metadata)
                 case Attachment() if record.name != integrity.SEGMENT_HEAD_NAME and self._head:
                     self._early_attachments.append(record)
                 case Attachment() if record.name != integrity.SEGMENT_HEAD_NAME:
@@ -73,11 +73,11 @@ class LogCopier:
         if self._previews is not None and self._last is not None:
             self._add_previews(self._previews.finish(), self._last)
 
-    def metadata(self, name: str, facts: Mapping[str, object], *, sealed: bool = False) -> None:
+    def add_metadata(self, name: str, facts: Mapping[str, object], *, sealed: bool = False) -> None:
         """Add a metadata record; if ``sealed``, with the head of the hash chain, which covers the record."""
         record = Metadata(name, {key: _format_fact(fact) for key, fact in facts.items()})
-        self._flush()  # else it would come before the messages that it follows
-        self.chain.metadata(record)
+        self._flush()  # so that the record comes after the messages before it
+        self.chain.add_metadata(record)
         if sealed:
             record.metadata[CHAIN_KEY] = self.chain.head
         self._writer.add_metadata(record.name, record.metadata)
@@ -90,14 +90,14 @@ class LogCopier:
         elif name == names.END_METADATA:
             self.ends.append(record.metadata)
 
-    def missing(self, gaps: Iterable[MissingMessages]) -> None:
+    def record_missing(self, gaps: Iterable[MissingMessages]) -> None:
         """Record which messages were lost."""
         for gap in gaps:
-            self.metadata(names.MISSING_METADATA, {"segment": gap.segment, "first": gap.first, "last": gap.last})
+            self.add_metadata(names.MISSING_METADATA, {"segment": gap.segment, "first": gap.first, "last": gap.last})
 
-    def end(self, segment: int, **facts: object) -> None:
+    def record_end(self, segment: int, **facts: object) -> None:
         """Record how a segment ended, with the head of the hash chain."""
-        self.metadata(names.END_METADATA, {"segment": segment} | facts, sealed=True)
+        self.add_metadata(names.END_METADATA, {"segment": segment} | facts, sealed=True)
 
     def summarize_segment(self) -> dict[str, object]:
         """Return a summary of the last copied segment, for the metadata of its end."""
@@ -117,14 +117,14 @@ class LogCopier:
         self._attachments.add((record.name, record.data))
         self._flush()
         self._writer.add_attachment(record.create_time, record.log_time, record.name, record.media_type, record.data)
-        self.chain.attachment(record)
+        self.chain.add_attachment(record)
 
     def _copy_message(self, message: LogMessage, schema: Schema | None) -> None:
         topic = message.channel.topic
         if topic in _PREVIEW_TOPICS:
-            self._previews = None  # a file of an earlier version
+            self._previews = None  # an earlier version's file has previews
         if self._head and topic in _PREVIEW_TOPICS:
-            self._early_previews.append((message, schema))  # a line about the plan that comes next
+            self._early_previews.append((message, schema))  # a log line about the next plan
             return
         if topic == topics.PLAN:
             self._write_second_start(message, schema)
@@ -140,7 +140,7 @@ class LogCopier:
         self._first_ns = self._first_ns or message.log_time
         self.lasted_ns = max(self.lasted_ns, message.log_time - self._first_ns)
         if topic in _SUMMARY_TOPICS:
-            with suppress(Exception):  # as in _add_previews
+            with suppress(Exception):  # foreign bytes; the message itself is kept
                 self._count_event(decode_event(topic, message.data))
 
     def _count_event(self, event: Event | None) -> None:
@@ -180,7 +180,7 @@ class LogCopier:
         previews = self._early_previews
         self._early_previews = []
         for record in head.values():
-            self.metadata(record.name, record.metadata)
+            self.add_metadata(record.name, record.metadata)
         if copied:
             self._writer.add_attachment(
                 log_time, log_time, integrity.SEGMENT_HEAD_NAME, integrity.SEGMENT_HEAD_MEDIA_TYPE, copied
@@ -211,7 +211,7 @@ class LogCopier:
             publish_time=message.publish_time,
             sequence=message.sequence,
         )
-        self.chain.message(message, schema)
+        self.chain.add_message(message, schema)
         self.counts[message.channel.topic] += 1
         self.total[message.channel.topic] += 1
         self._chunk_bytes += 1 + len(message.data)
@@ -234,7 +234,7 @@ class LogCopier:
 
     def _register_schema(self, schema: Schema | None) -> int:
         if schema is None:
-            self._schemas["", b""] = 0  # as MCAP says that there is none; another program's topic may have none
+            self._schemas["", b""] = 0  # 0 is MCAP's number for no schema, as another program's topic may have
             return 0
         key = (schema.name, schema.data)
         if key not in self._schemas:

@@ -46,8 +46,8 @@ class LeftoverSegment:
     events: tuple[Event, ...]
     messages: int
     steps: int
-    crc: int  # of all of its bytes
-    rare: tuple[str, ...] = ()  # topics that it has channels of beside those of every log
+    crc: int  # of all its bytes
+    rare: tuple[str, ...] = ()  # topics with channels in this file that not every log has
 
     def close(self) -> None:
         """Close the file without changing it."""
@@ -66,7 +66,7 @@ def resume_segment(part: Path) -> LeftoverSegment:
     try:
         _cut_torn_end(part, fd)
         left = _read_leftover(part, fd)
-        write_again(part)  # its writer may have ended because an fsync failed
+        write_again(part)  # the writer may have stopped after a failed fsync
         return left
     except BaseException:
         os.close(fd)
@@ -170,7 +170,7 @@ class McapRecorder(Recorder):
         self._ended = self._ended or any(isinstance(event, SessionEnded) for event in events)
         try:
             pieces = self._live.encode(events)
-        except Exception as error:  # a bug of ours, or a world's: the log must not continue with a gap
+        except Exception as error:  # a bug of ours or of a world: the log must not go on with a gap
             self._disk.failure = error
         else:
             self._disk.begin(pieces, steps=self._live.steps)
@@ -251,7 +251,7 @@ class McapRecorder(Recorder):
 
     def _require_undamaged(self, finished: FinalizedLog) -> FinalizedLog:
         """Return a finished log; raise DataLossError if it lacks something that was written."""
-        if not finished.damage or not self._live.messages:  # nothing was written, so nothing is lost
+        if not finished.damage or not self._live.messages:  # without messages nothing can be lost
             return finished
         raise DataLossError(
             f"{finished.path}: kept {finished.steps} of {self._live.steps} steps, {finished.messages} of "

@@ -126,7 +126,7 @@ class WrappedRecorder(Recorder):
         return self._recorder.close()
 
 
-MAX_BUFFERED_EVENTS = 256  # events that may wait
+MAX_BUFFERED_EVENTS = 256  # events that are buffered before a write
 
 
 class BufferedRecorder(WrappedRecorder):
@@ -197,7 +197,7 @@ class DeferredRecorder(WrappedRecorder):
 
     def __init__(self, plan: SessionPlan, open_recorder: Callable[[], Recorder]) -> None:
         self._open_recorder = open_recorder
-        self._waiting: list[Sequence[Event]] = []  # per write
+        self._waiting: list[Sequence[Event]] = []  # the events of each write before the consent
         self._asks = asks_consent_before_play(plan)
         self._waits = self._asks or is_allocation_pending(plan)
         self._closed = False
@@ -234,7 +234,7 @@ class DeferredRecorder(WrappedRecorder):
                     self._recorder.begin(batch)
 
     def close(self) -> Path | None:
-        """Finish the log if there is one, and discard events that were only kept."""
+        """Finish the log if there is one, and discard events that were kept in memory."""
         self._closed = True
         self._waiting = []
         return self._recorder.close()

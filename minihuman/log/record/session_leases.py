@@ -35,8 +35,8 @@ from minihuman.storage.lease import (
 from minihuman.storage.outside_names import require_name
 from minihuman.storage.system import current_system, monotonic_s
 
-SAFETY_MARGIN_S = 2.0  # before the lease runs out: from here on nothing is acknowledged
-SUPERSEDED = "superseded"  # in the name of a file that is another server's now
+SAFETY_MARGIN_S = 2.0  # nothing is acknowledged in the last seconds of a lease
+SUPERSEDED = "superseded"  # marks the name of a file that another server has replaced
 
 
 @dataclass(slots=True, eq=False)
@@ -45,12 +45,12 @@ class Lease:
 
     session: str
     grant: LeaseGrant
-    renewed_s: float  # on the holder's clock, before the database was asked
+    renewed_s: float  # on the holder's clock, before the request to the database
     lost: bool = False
     is_requested: bool = False  # another server wants the session
-    copied_writes: int = -1  # of the recorder; -1: the copy may lack what an earlier holder recorded
-    _ended: bool = False  # its session has, and nobody may resume it
-    _copied: dict[str, int] = field(default_factory=dict)  # bytes, by file
+    copied_writes: int = -1  # the recorder's copied writes; -1 if the copy may lack data of an earlier holder
+    _ended: bool = False  # whether its session has ended and cannot be resumed
+    _copied: dict[str, int] = field(default_factory=dict)  # number of copied bytes, by file
     _find_part: Callable[[], Path | None] = lambda: None
     _count_writes: Callable[[], int] = lambda: 0
 
@@ -68,11 +68,11 @@ class Lease:
         """
         self._find_part = find_part
         self._count_writes = count_writes
-        self._copied = {}  # all of it once more: a torn end was taken off, and there may be more since
+        self._copied = {}  # copy everything again, since a torn end may have been cut off
 
     def _read(self) -> tuple[LogPiece | None, int]:
         """Return the data that are not copied yet, and the number of durable writes."""
-        writes = self._count_writes()  # first: these are in the file
+        writes = self._count_writes()  # counted first, so that the file contains them
         part = self._find_part()
         if part is None:
             return None, writes
@@ -102,7 +102,7 @@ class SessionLeases:
     def __init__(self, table: LeaseTable, *, clock: Callable[[], float] = monotonic_s) -> None:
         self._table = table
         self._clock = clock
-        self._guard = threading.RLock()  # a copy grows at its end: one at a time
+        self._guard = threading.RLock()  # one call at a time, since copies are appended to
 
     def acquire(self, session: str) -> Lease:
         """Lease a session, named as in "study/sub-07/ses-01".
@@ -138,7 +138,7 @@ class SessionLeases:
             path = folder / name
             log = path.with_suffix("")
             if name.endswith(PART_SUFFIX) and log.name not in copies and log.exists():
-                put_aside(log, SUPERSEDED)  # the first segment was finished here, and then another server went on
+                put_aside(log, SUPERSEDED)  # another server resumed the session afterwards
             if _holds_copy(path, copy):
                 continue
             if path.exists():
@@ -180,15 +180,15 @@ class SessionLeases:
             put_aside(part, SUPERSEDED)
         if not part.exists():
             return None
-        finished = recover_log(part)  # the copy stays until then: it says whose session it is
+        finished = recover_log(part)  # the database's copy is removed only afterwards
         with suppress(OSError):
             self.store(lease, None)
         return finished
 
     def _recover_resumable(self, part: Path, lease: Lease) -> FinalizedLog | None:
-        """Finish the live file of a session that could be resumed, as its last holder left it."""
+        """Restore the live file of a session that could be resumed to its last holder's state, and finish it."""
         self.restore(lease, part.parent)
-        if not part.exists():  # finish what the other server left, as it is here now
+        if not part.exists():  # the other server's live file has been restored here
             part = next(iter(find_leftovers(part.parent)), part)
         if not part.exists():
             return None
@@ -227,7 +227,7 @@ class SessionLeases:
         with self._guard:
             self.renew([lease])
             lease.follow(lambda: None, lambda: lease.copied_writes)
-            lease._ended = bool(reason) and not lease.lost  # before it is said: if the answer is lost, it is said again
+            lease._ended = bool(reason) and not lease.lost  # first, since a release without an answer is repeated
             if lease.lost or (reason and not self._table.release(lease.session, lease.grant.fence, ended=reason)):
                 lease.lost = True
                 raise LeaseLostError(f"{lease.session} now runs on another server")
@@ -258,7 +258,7 @@ class SessionLeases:
             self.store(lease, log)
         except (OSError, LeaseLostError) as error:
             raise NotPublishedError(
-                f"{log.name.removesuffix(UNFINISHED_SUFFIX)} cannot be kept in the database yet: {error}"
+                f"{log.name.removesuffix(UNFINISHED_SUFFIX)} cannot be stored in the database yet: {error}"
             ) from error
 
     def release(self, lease: Lease) -> bool:

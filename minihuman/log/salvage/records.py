@@ -50,7 +50,7 @@ class TopicMessages(NamedTuple):
     """A chunk's messages on one topic; each array has shape (n,)."""
 
     topic: str
-    places: ByteOffsets  # among the chunk's messages
+    places: ByteOffsets  # positions among the chunk's messages
     begins: ByteOffsets  # of the payloads, in the chunk's bytes
     ends: ByteOffsets
 
@@ -59,7 +59,7 @@ class ChunkRecords(NamedTuple):
     """A chunk's records: the positions and heads of its messages, and all other records."""
 
     data: bytes
-    starts: ByteOffsets  # (n,) of the messages, in the data
+    starts: ByteOffsets  # (n,) positions of the messages in the data
     heads: NDArray[np.void]  # (n,) their heads
     other_records: list[tuple[int, bytes]]  # opcode and content
 
@@ -94,7 +94,7 @@ class ChunkMessages:
     """
 
     def __init__(self, records: ChunkRecords, channels: Mapping[int, Channel], *, breaks: Sequence[int] = ()) -> None:
-        self.breaks = breaks  # places before which messages are missing
+        self.breaks = breaks  # indices of messages before which others are missing
         self.data = records.data
         self._heads = records.heads
         self._begins = records.starts + _MESSAGE.itemsize  # of the payloads
@@ -133,7 +133,7 @@ class ChunkMessages:
 
     def by_topic(self, *, among: Container[str]) -> Iterator[TopicMessages]:
         """Yield, for each of the given topics that occurs, its messages."""
-        numbers = self._heads["channel"].copy()  # side by side: every topic goes through them
+        numbers = self._heads["channel"].copy()  # contiguous, since it is scanned for each topic
         for number, channel in self._channels.items():
             if channel.topic in among:
                 places = np.flatnonzero(numbers == number)
@@ -141,7 +141,7 @@ class ChunkMessages:
 
 
 def _at_each(data: bytes, dtype: np.dtype[Any]) -> NDArray[Any]:
-    """View the data as one value of this type from each byte on, to look up many positions at once."""
+    """View the data as an array with one value per position, so that many positions can be read at once."""
     return np.ndarray(max(0, len(data) + 1 - dtype.itemsize), dtype, data, strides=(1,))
 
 
@@ -175,14 +175,14 @@ def _walk_records(data: bytes, begin: int, end: int) -> ByteOffsets:
     return np.array(starts, np.int64)
 
 
-MAX_RECORD_BYTES = 64 * 1024 * 1024  # of a record, packed or unpacked; ours are a thousand times smaller
-MAX_CANDIDATES = 256  # candidates whose checksum is wrong, before a damaged file's rest is given up
-_RECORD_START = re.compile(rb"[\x06\x09\x0c\x0f]....\x00\x00\x00\x00", re.DOTALL)  # shorter than 4 GiB
+MAX_RECORD_BYTES = 64 * 1024 * 1024  # the largest record allowed, packed or not; ours are a thousand times smaller
+MAX_CANDIDATES = 256  # possible record starts that are tried before the rest of a damaged file is given up
+_RECORD_START = re.compile(rb"[\x06\x09\x0c\x0f]....\x00\x00\x00\x00", re.DOTALL)  # of a record shorter than 4 GiB
 _DATA_END = struct.Struct("<BQI")
 _TIMES = struct.Struct("<QQ")
 _TEXT_LENGTH = struct.Struct("<I")
-_CHUNK_BYTES = 40  # of a chunk without its records and the name of their compression
-_ATTACHMENT_BYTES = 36  # of an attachment without its texts and data
+_CHUNK_BYTES = 40  # size of a chunk without its records and the name of their compression
+_ATTACHMENT_BYTES = 36  # size of an attachment without its texts and data
 _ZSTD = "zstd"
 
 
@@ -234,7 +234,7 @@ def _decompress_chunk(data: bytes, size: int) -> bytes:
     if stated != zstandard.CONTENTSIZE_UNKNOWN:
         raise ValueError(f"a chunk of {size} bytes holds a zstd frame of {stated} bytes")
     with zstandard.ZstdDecompressor().stream_reader(data) as reader:
-        content: bytes = reader.read(size + 1)  # one more than it says is too much already
+        content: bytes = reader.read(size + 1)  # one byte more than stated shows that the size is wrong
     return content
 
 
@@ -266,7 +266,7 @@ def _is_whole_record(view: mmap.mmap, begin: int) -> bool:
         case Opcode.ATTACHMENT:
             parse_attachment(content)
             return True
-        case Opcode.METADATA:  # it has no checksum: known by its name
+        case Opcode.METADATA:  # it has no checksum, so its name must do
             name: str = parse_metadata(content).name
             return name.startswith("minihuman.")
         case Opcode.DATA_END:

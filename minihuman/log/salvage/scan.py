@@ -46,8 +46,8 @@ from minihuman.log.salvage.records import (
 from minihuman.log.topics import PLAN
 
 _CRC = struct.Struct("<I")
-_FOOTER = struct.Struct("<QQI")  # where the summary starts, where its offsets start, its checksum
-_FEW = 64  # numbers; more are compared sooner as an array
+_FOOTER = struct.Struct("<QQI")  # position of the summary, position of its offsets, its checksum
+_FEW = 64  # more numbers than this are compared faster as an array
 _CUT_OFF = "its record"
 
 
@@ -90,19 +90,19 @@ class LogScanner:
         self.path = path
         self.schemas: dict[int, Schema] = {}
         self.channels: dict[int, Channel] = {}
-        self.finished = False  # it has its summary and its end, and nothing before is damaged
+        self.finished = False  # whether the summary and the file's end are intact
         self.gaps: list[DamagedRange] = []
-        self.missing: list[MissingMessages] = []  # as their neighbours' numbers say
+        self.missing: list[MissingMessages] = []  # according to the numbers of adjacent messages
         self.declared: set[MissingMessages] = set()  # declared missing when the file was rewritten
         self.stop_reason = ""  # why the scan ended before the end of the file; "" if it did not
-        self.crc = 0  # of all that was read, up to the end of the data
-        self.position = 0  # where the record begins that was read last
-        self._behind = 0  # where it ends, with the index behind it; counted, as each ``tell`` is a system call
+        self.crc = 0  # of all bytes read, up to the end of the data
+        self.position = 0  # where the last record that was read begins
+        self._behind = 0  # where it ends, including its index; counted, since ``tell`` is a system call
         self._segment = 0
-        self._sequence = 0  # of our last message; others' logs may not count, ours count from 1 in each segment
-        self._between: list[int] = []  # of unknown topics since then: a newer version's, if our next one counts them
+        self._sequence = 0  # number of our last message, which count from 1 in each segment
+        self._between: list[int] = []  # consecutive numbers on unknown topics since then
         self._latest_metadata: dict[str, Metadata] = {}  # the latest of each name
-        self._copy: SegmentHead | None = None  # of the start of the segment that is being read
+        self._copy: SegmentHead | None = None  # of the segment that is being read
 
     @property
     def damage(self) -> str:
@@ -119,7 +119,7 @@ class LogScanner:
         """Return a description of what a finished log lacks; "" if it is intact."""
         if self.damage or self.finished:
             return self.damage
-        size = self.path.stat().st_size  # it ends where a record does, and reading met nothing wrong
+        size = self.path.stat().st_size  # it ends after a record, and everything was read
         return f"cut off at byte {size}" if size else "empty"
 
     def __iter__(self) -> Iterator[LogMessage | Metadata | Attachment]:
@@ -162,7 +162,7 @@ class LogScanner:
             next_begin = find_next_record(view, at + 1)
             size = len(view)
             if next_begin is None:
-                torn = _CUT_OFF in reason or not view[at:].strip(b"\0")  # a power cut may leave a write's size alone
+                torn = _CUT_OFF in reason or not view[at:].strip(b"\0")  # a power cut may preserve a write's size only
                 if torn:
                     self.stop_reason = f"cut off at byte {at}"
                 else:
@@ -190,7 +190,7 @@ class LogScanner:
         """Yield the records of a segment's start that only its copy still has, before the records that follow it."""
         match record:
             case Attachment() if record.name == integrity.SEGMENT_HEAD_NAME:
-                yield from self._restore_start(None)  # of a segment before, of which nothing else was left
+                yield from self._restore_start(None)  # of an earlier segment, which has no other records left
                 with suppress(ValueError):
                     self._copy = SegmentHead.of(record.data)
                     for declared in self._copy.records.other_records:
@@ -351,22 +351,22 @@ class LogScanner:
         next_ones = range(self._sequence + 1, self._sequence + 1 + len(sequences))
         is_short_run = len(sequences) < _FEW and sequences.tolist() == list(next_ones)
         if is_short_run or np.array_equal(sequences, np.array(next_ones)):
-            self._sequence += len(sequences)  # as almost always
+            self._sequence += len(sequences)  # the common case
             return []
         numbers = sequences[sequences > 0].astype(np.int64)  # previews have 0
         if not len(numbers):
             return []
         before = np.concatenate([[self._sequence], numbers[:-1]])
-        ahead = np.where(numbers == 1, 1, numbers - before)  # 1: the next segment
-        if (ahead < 1).any():
-            wrong = int(np.argmin(ahead))
+        differences = np.where(numbers == 1, 1, numbers - before)  # number 1 begins the next segment
+        if (differences < 1).any():
+            wrong = int(np.argmin(differences))
             raise ValueError(
                 f"message {numbers[wrong]} follows message {before[wrong]}; messages are missing or out of order"
             )
         self._sequence = int(numbers[-1])
         return [
             MissingMessages(self._segment, int(before[place]) + 1, int(numbers[place]) - 1)
-            for place in np.flatnonzero(ahead > 1).tolist()
+            for place in np.flatnonzero(differences > 1).tolist()
         ]
 
     def _declare_record(self, opcode: int, content: bytes) -> None:
@@ -379,7 +379,7 @@ class LogScanner:
             self.schemas[schema.id] = schema
 
 
-@lru_cache(maxsize=64)  # every log declares the same few
+@lru_cache(maxsize=64)  # most logs declare the same channels
 def _channel(content: bytes) -> Channel:
     channel: Channel = Channel.read(as_data_stream(content))
     return channel

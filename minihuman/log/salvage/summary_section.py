@@ -1,4 +1,4 @@
-"""Reads a log's first and last kilobytes, which tell whose log it is and what it contains; no message is read.
+"""Reads a log's first and last kilobytes, which identify its session and summarize its content; no message is read.
 
 The summary section of a finished log is trusted only if its checksum is correct. The rest of the file is not read:
 readers of messages check it, and ``verify`` checks the whole file. The module imports neither protobuf nor NumPy, so
@@ -21,21 +21,21 @@ from minihuman.log.names import END_METADATA, FACTS_METADATA, SEGMENT_METADATA
 from minihuman.log.paths import MAGIC, open_regular_file
 from minihuman.operating_system import read_at
 
-_HEAD = struct.Struct("<BQ")  # of a record: its kind, how many bytes follow
-_FOOTER = struct.Struct("<QQI")  # where the summary begins, where its offsets do, its checksum
+_HEAD = struct.Struct("<BQ")  # of a record: its kind and length
+_FOOTER = struct.Struct("<QQI")  # position of the summary, position of its offsets, its checksum
 _CRC = struct.Struct("<I")
 _LENGTH = struct.Struct("<I")
 _length = _LENGTH.unpack_from
-_CHANNEL = struct.Struct("<HHI")  # its number, its schema's, how long its topic is
-_PLACE = struct.Struct("<QQ")  # of a record that an index names: where it begins, how many bytes it has
-_COUNT = struct.Struct("<HQ")  # a channel, its messages
-_STATISTICS_BYTES = 46  # before the counts
+_CHANNEL = struct.Struct("<HHI")  # its number, its schema's number, length of its topic
+_PLACE = struct.Struct("<QQ")  # of a record in an index: its position and length
+_COUNT = struct.Struct("<HQ")  # a channel's number and its count of messages
+_STATISTICS_BYTES = 46  # of a statistics record before the counts
 _FIRST_BYTES = 4096
-_LAST_BYTES = 48 * 1024  # a summary is most often shorter: it repeats the schemas
+_LAST_BYTES = 48 * 1024  # most summaries are shorter
 _INDEXED_METADATA = (SEGMENT_METADATA, FACTS_METADATA, END_METADATA)
 _METADATA = frozenset({int(Opcode.METADATA)})
-_SUMMARY_OPCODES = frozenset(map(int, (Opcode.CHANNEL, Opcode.STATISTICS, Opcode.METADATA_INDEX)))  # in a summary
-_NAMES = {_LENGTH.pack(len(name)) + name.encode(): name for name in _INDEXED_METADATA}  # as an index states them
+_SUMMARY_OPCODES = frozenset(map(int, (Opcode.CHANNEL, Opcode.STATISTICS, Opcode.METADATA_INDEX)))  # to read
+_NAMES = {_LENGTH.pack(len(name)) + name.encode(): name for name in _INDEXED_METADATA}  # by their encoding in an index
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +43,7 @@ class LogSummary:
     """A finished log's summary, whose checksum is correct, and the metadata that it refers to."""
 
     starts: tuple[dict[str, str], ...]  # per segment, in order
-    facts: tuple[dict[str, str], ...]  # of the station, per segment
+    facts: tuple[dict[str, str], ...]  # facts about the station, per segment
     ends: tuple[dict[str, str], ...]  # how each finished segment ended
     counts: Counter[str]  # messages per topic
 
@@ -61,7 +61,7 @@ def read_first_metadata(path: Path) -> dict[str, str]:
     except (OSError, LogError):
         return {}
     if start.startswith(MAGIC):
-        with suppress(struct.error, ValueError):  # damaged: metadata has no checksum
+        with suppress(struct.error, ValueError):  # it may be damaged, since metadata has no checksum
             for _, content in _list_records(start, len(MAGIC), among=_METADATA):
                 name, facts = _parse_metadata(content)
                 if name == SEGMENT_METADATA:
@@ -79,7 +79,7 @@ def read_summary(path: Path) -> LogSummary | None:
             begin = _summary_begin(data, size)
             if begin is None:
                 return None
-            ahead = _HEAD.size + _CRC.size  # of the record that ends the data
+            ahead = _HEAD.size + _CRC.size  # size of the record that ends the data
             if (needed := size - begin + ahead) > len(data):
                 data = read_at(fd, needed, begin - ahead)
             return _parse_summary(fd, data[len(data) - (size - begin) - ahead :])
@@ -144,7 +144,7 @@ def _parse_metadata(content: bytes) -> tuple[str, dict[str, str]]:
     at += _LENGTH.size
     end = at + _length(content, at - _LENGTH.size)[0]
     texts = list[str]()
-    while at < end:  # a key and its value in turn, as ``_text`` reads them
+    while at < end:  # keys and values alternate; ``_text`` is inlined for speed
         begin = at + 4
         at = begin + _length(content, at)[0]
         texts.append(content[begin:at].decode())

@@ -28,8 +28,8 @@ class DeviceSample:
     """A device's measurement at one time."""
 
     t_ns: int  # when it was taken, on the session's clock
-    values: tuple[float, ...] = ()  # per channel; NaN where it has none
-    text: str = ""  # what it says in words
+    values: tuple[float, ...] = ()  # one per channel; NaN for a channel without a measurement
+    text: str = ""  # a measurement that is a text
 
 
 class Device(abc.ABC):
@@ -62,7 +62,7 @@ def make_device(source: str) -> Device:
 
 
 POLL_INTERVAL_S = 0.02  # how often devices are polled
-MAX_SAMPLE_DELAY_S = 0.5  # samples wait so long for an event to go along with, before they are written by themselves
+MAX_SAMPLE_DELAY_S = 0.5  # for which samples wait to be written together with an event
 
 
 @contextmanager
@@ -105,11 +105,11 @@ class DeviceRecorder(WrappedRecorder):
         super().__init__(recorder)
         self._devices = devices
         self._from_ns = from_ns
-        self._lock = threading.Lock()  # of the recorder and of what waits: the session's thread and the devices' write
+        self._lock = threading.Lock()  # for the recorder and the waiting samples, which two threads write
         self._waiting: list[Sampled] = []
-        self._since_s = 0.0  # when the first of those came
-        self._last_ns: dict[str, int] = {}  # of each device
-        self._running = False  # the session has begun and has not ended
+        self._since_s = 0.0  # arrival of the first waiting sample
+        self._last_ns: dict[str, int] = {}  # time of the last sample, by device
+        self._running = False  # whether the session has begun and has not ended
         self._failure: Exception | None = None
         self._stopped = threading.Event()
         self._thread = threading.Thread(target=self._record_samples, name="minihuman-devices", daemon=True)
@@ -159,7 +159,7 @@ class DeviceRecorder(WrappedRecorder):
                     self._waiting += fresh
                     is_late = now_s - self._since_s > MAX_SAMPLE_DELAY_S
                     if self._running and self._waiting and is_late:
-                        # settle() is the session's: it waits for its own events
+                        # without settle(), which only the session's thread calls
                         self._recorder.begin(self._take_waiting())
             except Exception as error:  # of a device's own code: raised at the next write, where the session can stop
                 self._failure = error
@@ -171,5 +171,5 @@ class DeviceRecorder(WrappedRecorder):
             last_ns = self._last_ns.get(name, 0)
             if sample.t_ns < self._from_ns:
                 continue  # before the session, or before its consent
-            self._last_ns[name] = max(last_ns, sample.t_ns)  # a device's time never goes back
+            self._last_ns[name] = max(last_ns, sample.t_ns)
             yield Sampled(self._last_ns[name], name, tuple(map(float, sample.values)), sample.text)

@@ -34,7 +34,7 @@ from minihuman.log.record.recorder import Recorder, WrappedRecorder
 from minihuman.runtime.devices.device import Device, DeviceSample
 
 STREAM_TIMEOUT_S = 5.0  # for a stream, before it counts as missing
-_MOST = 4096  # samples a call
+_MAX_SAMPLES = 4096  # per call
 
 
 class LslDevice(Device):
@@ -71,7 +71,7 @@ class LslDevice(Device):
 
     def read(self) -> Sequence[DeviceSample]:
         """Return the samples that have arrived."""
-        rows, stamps = self._inlet.pull_chunk(timeout=0.0, max_samples=_MOST)
+        rows, stamps = self._inlet.pull_chunk(timeout=0.0, max_samples=_MAX_SAMPLES)
         return [self._convert_sample(row, stamp_s) for row, stamp_s in zip(rows or (), stamps or (), strict=True)]
 
     def close(self) -> None:

@@ -1,8 +1,8 @@
-"""Sound at the desk: what a session wants to be heard goes to the sound device, which says when each sound began.
+"""Sound at the desk: plays a session's sounds on the sound device, and reports when each sound began.
 
 The running part of a session names its sounds and their times (`Activity.sound_cues`). The device has a clock of its
-own; a line is fitted to it all the time, by the session's clock, so that neither jitter nor a step of the wall clock
-moves an onset.
+own, to which a line is fitted by the session's clock, so that neither jitter nor a step of the wall clock moves an
+onset.
 """
 
 import abc
@@ -31,19 +31,19 @@ RATE_HZ = 48_000
 INSTALL_PORTAUDIO = "apt-get install libportaudio2"
 _WINDOW = 512  # callbacks to which the device's clock is fitted, some 5 to 20 s
 _LEAST_WINDOW = 16
-_RECENT = 64  # the latest of them
-_LAST = 9  # the very latest of them
-_FADE_S = 0.005  # in which a sound that is stopped ends
-_STEP_S = 0.002  # by so much does the median of the latest times differ after an interruption
-_LEAST_UNCERTAINTY_S = 0.001  # device and server count in periods, which a fit does not see
-_SPREAD_TO_UNCERTAINTY = 3.0  # of the robust standard deviation of the times to which the line is fitted
+_RECENT = 64  # callbacks that show an interruption
+_LAST = 9  # callbacks that show that there may have been an interruption
+_FADE_S = 0.005  # in which a stopped sound fades out
+_STEP_S = 0.002  # a larger difference of the recent callbacks' median shows an interruption
+_LEAST_UNCERTAINTY_S = 0.001  # the periods in which device and sound server count, which a fit does not show
+_SPREAD_TO_UNCERTAINTY = 3.0  # robust standard deviations of the fitted times
 _NS_PER_S = 1_000_000_000
 _LONGEST_START_NS = 5 * _NS_PER_S
 _START_CHECK_S = 0.02
 
 
 class SoundOutput(abc.ABC):
-    """Plays a session's sounds, and says when each began."""
+    """Plays a session's sounds, and reports when each began."""
 
     @abc.abstractmethod
     def follow(self, cues: Sequence[SoundCue]) -> None:
@@ -55,10 +55,10 @@ class SoundOutput(abc.ABC):
 
     @property
     def next_report_ns(self) -> int | None:
-        """When `read` has something to return, if that is known; None otherwise."""
+        """Return the time from which `read` has a sound to return, if that is known; None otherwise."""
         return None
 
-    def close(self) -> None:  # noqa: B027 - most hold nothing
+    def close(self) -> None:  # noqa: B027 - not every output has something to release
         """Release the device."""
 
 
@@ -75,7 +75,7 @@ class SimulatedOutput(SoundOutput):
         self._begun: set[int] = set()
 
     def follow(self, cues: Sequence[SoundCue]) -> None:
-        """Note when these sounds begin."""
+        """Schedule these sounds, except those that have begun, and forget every other."""
         self._begun &= {cue.number for cue in cues}
         self._waiting = {cue.number: cue for cue in cues if cue.number not in self._begun}
 
@@ -90,25 +90,25 @@ class SimulatedOutput(SoundOutput):
 
     @property
     def next_report_ns(self) -> int | None:
-        """When the next sound is due."""
+        """Return the time at which the next sound is due; None if no sound is waiting."""
         return min((cue.due_ns for cue in self._waiting.values()), default=None)
 
 
 class ClockFit:
-    """Tells the session's time at which a frame of the stream is heard.
+    """Estimates the session's time at which a frame of the stream is heard.
 
-    The device says with each buffer when its first frame will be heard. These times jitter; frames follow each other
-    evenly. The line through them has the rate's slope, and the median of the latest ones as its offset.
+    The device reports with each buffer when its first frame will be heard. These times jitter, though frames follow
+    each other evenly. The line through them has the rate's slope; its offset is the latest buffers' median offset.
     """
 
     def __init__(self, rate_hz: float) -> None:
         self._rate_hz = rate_hz
-        self._offsets_s: deque[float] = deque(maxlen=_WINDOW)  # of frame 0, by each buffer
+        self._offsets_s: deque[float] = deque(maxlen=_WINDOW)  # the time of frame 0 by each of the latest buffers
 
     def add(self, frame: int, heard_s: float) -> None:
-        """Add a buffer: its first frame, and when that will be heard.
+        """Add the number of a buffer's first frame, and the session's time in seconds at which it will be heard.
 
-        Where the latest times differ from those before, the stream was interrupted: the line begins anew with them.
+        If the latest times differ from the earlier ones, the stream was interrupted, and the earlier ones are dropped.
         """
         self._offsets_s.append(heard_s - frame / self._rate_hz)
         latest = [*self._offsets_s][-_RECENT:]
@@ -117,7 +117,7 @@ class ClockFit:
 
     @property
     def is_ready(self) -> bool:
-        """Whether there are enough buffers."""
+        """Return whether there are enough buffers for an estimate."""
         return len(self._offsets_s) >= _LEAST_WINDOW
 
     @property
@@ -127,10 +127,9 @@ class ClockFit:
 
     @property
     def uncertainty_s(self) -> float:
-        """Return below which 99 % of the errors are, but for a constant delay.
+        """Return the bound below which 99 % of the errors lie, apart from a constant delay.
 
-        Where the very latest times differ from the line, nobody knows yet whether the stream was interrupted or the
-        device's clock stepped: then it is at least by how much they differ.
+        It is at least twice the latest times' difference from the line, as the stream may have been interrupted.
         """
         offsets_s = np.array(self._offsets_s)
         offset_s = float(np.median(offsets_s))
@@ -139,11 +138,11 @@ class ClockFit:
         return max(_LEAST_UNCERTAINTY_S, _SPREAD_TO_UNCERTAINTY * spread_s, 2 * step_s)
 
     def find_time_s(self, frame: float) -> float:
-        """Return when a frame is heard."""
+        """Return the session's time in seconds at which a frame is heard."""
         return self.offset_s + frame / self._rate_hz
 
     def find_frame(self, time_s: float) -> int:
-        """Return the frame that is heard at a time."""
+        """Return the frame that is heard at a session time in seconds."""
         return round((time_s - self.offset_s) * self._rate_hz)
 
 
@@ -154,13 +153,13 @@ class _Voice:
     samples: NDArray[np.float32]
     due_ns: int
     next_sample: int = 0
-    first_frame: int | None = None  # once it has begun
+    first_frame: int | None = None  # the stream's frame at which it began; None before
     is_wanted: bool = True
     is_cut: bool = False
 
     @property
     def is_over(self) -> bool:
-        """Whether all of it was played."""
+        """Return whether all of the sound was played."""
         return self.first_frame is not None and self.next_sample >= len(self.samples)
 
 
@@ -183,7 +182,7 @@ class PortAudioOutput(SoundOutput):
         self._lock = threading.Lock()
         self._voices: dict[int, _Voice] = {}
         self._reports: list[SoundStarted] = []
-        self._frame = 0  # the first of the next buffer
+        self._frame = 0  # number of the next buffer's first frame
         self._interruptions = 0
         self._stream = _open_stream(self._fill)
         self._rate_hz = float(self._stream.samplerate)
@@ -211,7 +210,7 @@ class PortAudioOutput(SoundOutput):
 
     @property
     def uncertainty_ms(self) -> float | None:
-        """Return below which 99 % of the errors of onsets are, but for a constant delay; None if that is not known."""
+        """Return the bound below which 99 % of the onsets' errors lie, apart from a constant delay; None if unknown."""
         if not self._fit.is_ready:
             return None
         return 1000 * self._fit.uncertainty_s
@@ -241,7 +240,7 @@ class PortAudioOutput(SoundOutput):
 
     @property
     def next_report_ns(self) -> int | None:
-        """When the next sound that the device has taken is heard."""
+        """Return the time at which the next sound that the device has taken is heard; None if there is none."""
         with self._lock:
             return min((report.onset_ns for report in self._reports), default=None)
 
@@ -250,7 +249,7 @@ class PortAudioOutput(SoundOutput):
         self._stream.close()
 
     def _await_clock(self) -> None:
-        """Wait until the device's clock is known, without which no sound begins.
+        """Wait until the device's clock is known, without which no sound begins; close the stream if that fails.
 
         Raises:
             DeviceError: if the device plays nothing.
@@ -277,7 +276,7 @@ class PortAudioOutput(SoundOutput):
     # In the device's own thread
 
     def _fill(self, buffer: NDArray[np.float32], count: int, times: Any, status: Any) -> None:
-        """Fill a buffer that the device is about to play."""
+        """Fill a buffer that the device is about to play, float32[count, 2], and add its time to the fit."""
         now_s = self._clock() / _NS_PER_S
         self._fit.add(self._frame, now_s + times.outputBufferDacTime - times.currentTime)
         self._interruptions += bool(status.output_underflow)
@@ -290,7 +289,7 @@ class PortAudioOutput(SoundOutput):
         self._frame += count
 
     def _mix(self, number: int, voice: _Voice, buffer: NDArray[np.float32]) -> None:
-        """Add a sound to a buffer, if it has begun or begins in it."""
+        """Add a sound to a buffer if it has begun or begins there; report its onset, and fade it if it is unwanted."""
         place = 0
         if voice.first_frame is None:
             if not voice.is_wanted or not self._fit.is_ready:
@@ -309,11 +308,11 @@ class PortAudioOutput(SoundOutput):
 
     @staticmethod
     def _is_kept(voice: _Voice) -> bool:
-        """Tell whether a sound plays, will play, or must not be played again as the session still names it."""
+        """Return whether a sound plays, or is to be kept as the session names it, so that it is not played twice."""
         return voice.is_wanted or (voice.first_frame is not None and not voice.is_over)
 
     def _cut(self, voice: _Voice) -> NDArray[np.float32]:
-        """Return the samples of a sound that ends softly now."""
+        """Return a sound's samples up to now, followed by a short fade-out."""
         ahead = voice.samples[voice.next_sample : voice.next_sample + round(_FADE_S * self._rate_hz)]
         fade = np.linspace(1.0, 0.0, len(ahead), dtype=np.float32)[:, None]
         return np.concatenate([voice.samples[: voice.next_sample], ahead * fade])
@@ -326,7 +325,7 @@ class PortAudioOutput(SoundOutput):
 
 
 def list_sound_cues(session: SessionMachine) -> tuple[SoundCue, ...]:
-    """Return the sounds of a session that are to be heard, now or soon; one that is no longer among them stops."""
+    """Return the sounds that a session plays now or schedules; the output stops any sound that is not among them."""
     part = session.part
     if session.over or session.phase is not part.phase:  # a pause or a question covers the part
         return ()
@@ -351,10 +350,10 @@ def open_sound(plan: SessionPlan, clock: Clock) -> Iterator[tuple[PortAudioOutpu
 
 
 def require_sound_device(protocol: Protocol) -> None:
-    """Refuse a protocol with sounds where no sound device opens.
+    """Refuse a protocol with sounds if no sound device opens.
 
     Raises:
-        DeviceError: then.
+        DeviceError: if the protocol has sounds, and PortAudio or a device is missing.
     """
     if list_protocol_sounds(protocol):
         _open_stream(lambda *_: None).close()

@@ -28,7 +28,7 @@ from minihuman.runtime.watch.running_sessions import LowPriorityWorker, RunningS
 from minihuman.storage.system import now_text
 
 ADDRESS = "127.0.0.1"
-_LONGEST = 10_000  # bytes of a request
+_MAX_BODY_BYTES = 10_000
 _KINDS = {"": "text/html", "css": "text/css", "js": "text/javascript"}
 _HEADERS = {
     "Cache-Control": "no-store",
@@ -57,7 +57,7 @@ class DashboardServer:
         self._study_dir = study_dir
         self._sessions = RunningSessions(study_dir)
         self._recruits = Recruitment(study_dir)
-        self._status = ThrottledCall(self._lines)
+        self._status = ThrottledCall(self._format_status)
         self._one_at_a_time = Lock()
         self._low_priority = LowPriorityWorker()  # the participants come first
         word = secrets.token_urlsafe(16)
@@ -77,7 +77,13 @@ class DashboardServer:
         self._server.server_close()
 
     def _answer(self, path: str, query: dict[str, list[str]], body: bytes | None) -> tuple[str, bytes] | None:
-        """Return the content type and the content for a path; None if there is nothing at the path."""
+        """Carry out a request; return the content type and the content of the answer.
+
+        A request with a body sends a command to a session, or opens or closes recruitment.
+
+        Returns:
+            None if there is nothing at the path, or no such session.
+        """
         name = query.get("session", [""])[0]
         with self._one_at_a_time:
             match path, body:
@@ -100,7 +106,7 @@ class DashboardServer:
                     return "application/json", b"{}"
         return None
 
-    def _lines(self) -> list[str]:
+    def _format_status(self) -> list[str]:
         try:
             return list(format_status(self._study_dir))
         except LogError as error:
@@ -138,7 +144,7 @@ def _make_handler(prefix: str, answer: AnswerRequest) -> type[GuardedHandler]:
 
         def do_POST(self) -> None:  # noqa: N802 - the library's name
             """Answer a request that changes something, if it comes from the dashboard's own page."""
-            length = read_length(self.headers.get("Content-Length", ""), _LONGEST)
+            length = read_length(self.headers.get("Content-Length", ""), _MAX_BODY_BYTES)
             is_json = self.headers.get_content_type() == "application/json"
             if length is None or not is_json or not is_own_request({k.lower(): v for k, v in self.headers.items()}):
                 self.close_connection = True  # a body may follow that is not read

@@ -85,12 +85,12 @@ class LiveSession:
 
     plan: SessionPlan | None = None
     phase: str = "start"
-    paused: str = ""  # why, while play is suspended
-    t_ns: int = 0  # of the latest event
+    paused: str = ""  # why play is suspended; "" while it is not
+    t_ns: int = 0  # time of the latest event
     episode: events.EpisodeStarted | None = None
-    outcome: str = ""  # of that episode
-    actions: list[int] = field(default_factory=list)  # of that episode
-    return_: float = 0.0
+    outcome: str = ""  # the latest episode's; "" while it is running
+    actions: list[int] = field(default_factory=list)  # taken in the latest episode
+    return_: float = 0.0  # of the latest episode so far
     completed: int = 0
     presses: int = 0
     acted_ns: int = 0  # when the participant last did something
@@ -224,7 +224,7 @@ class ScreenPreview:
 
     def __init__(self) -> None:
         self._world: tuple[tuple[str, dict[str, Any]], World] | None = None
-        self._at: tuple[int, int] = (-1, 0)  # episode, steps taken
+        self._at: tuple[int, int] = (-1, 0)  # the world's episode, and the steps taken in it
         self._png = b""
 
     def png(self, live: LiveSession) -> bytes:
@@ -233,7 +233,7 @@ class ScreenPreview:
             return b""
         try:
             return self._draw_picture(live, live.episode.plan.episode)
-        except Exception:  # of a lab's own world: the session logs it itself
+        except Exception:  # any error of a laboratory's own world, which its session logs
             LOG.debug("no picture of a session's world", exc_info=True)
             self.close()
             return b""
@@ -271,17 +271,19 @@ class ScreenPreview:
         return self._png
 
 
-_READ_SHARE = 0.05  # of a core, that reading all of them may take
+_READ_SHARE = 0.05  # of a core, for reading all running sessions
 
 
 @dataclass(slots=True)
 class _Watched:
+    """A running session with its preview, and when its log was and will be read."""
+
     live: LiveSession = field(default_factory=LiveSession)
     picture: ScreenPreview = field(default_factory=ScreenPreview)
     size: int = -1
-    written_s: float = 0.0  # the wall clock when it was written last
-    again_s: float = 0.0
-    problem: str = ""
+    written_s: float = 0.0  # the wall clock at the log's last write
+    again_s: float = 0.0  # the monotonic time from which the log is read again
+    problem: str = ""  # why the log cannot be read
 
 
 class RunningSessions:
@@ -305,7 +307,7 @@ class RunningSessions:
         return {name: self._collect_facts(name, part) for name, part in names.items()}
 
     def picture(self, name: str) -> bytes:
-        """Return what the participant of a running session sees now, as PNG; b"" if no such session is running."""
+        """Return the preview of a running session's screen as PNG; b"" if there is no such session or no picture."""
         watched = self._watched.get(name)
         if watched:
             return watched.picture.png(watched.live)

@@ -210,7 +210,7 @@ class _Page:
                     await self._send_numbered(socket, t="key", key=key, down=down, stamp=self._now_ns())
 
     def _read_messages(self, data: str | bytes) -> Iterator[dict[str, Any]]:
-        """Yield the messages in the received data; note only the numbers of pictures."""
+        """Yield the messages in the received data, without pictures, whose numbers count as received."""
         if isinstance(data, str):
             yield json.loads(data)
             return
@@ -227,7 +227,7 @@ class _Page:
                 yield json.loads(part)
 
     async def _handle_message(self, message: dict[str, Any], socket: ClientConnection, host: str) -> None:
-        """Follow one message of the server, and answer it if it needs an answer."""
+        """Update the page's state with a message of the server, and answer it if it needs an answer."""
         if "n" in message and "m" in message:
             self._heard = message["n"]
             message = message["m"]
@@ -275,15 +275,16 @@ class _Page:
 def check_deployment(
     data: Path, participants: int, *, servers: int = 2, on_progress: Callable[[str], None] = print
 ) -> CheckResult:
-    """Serve a short study, restart each server in turn, kill one, and count what was lost or duplicated.
+    """Serve a short study, restart each server in turn, kill the first, and count what was lost or duplicated.
 
     Args:
         data: the folder with register.url and logs.url, which name the database and the store.
-        servers: the number of servers, at least two.
+        participants: the number of simulated participants.
+        servers: the number of servers; two are started if it is less.
+        on_progress: receives lines of text about the check's progress.
 
     Raises:
-        DeploymentCheckError: if there is no database or store, a server does not start, every participant is refused,
-            or the participants have not finished within half an hour.
+        DeploymentCheckError: if no database or store is named, a server does not start, or too few finish in time.
     """
     for name in (URL_FILE_NAME, STORE_URL_FILE_NAME):
         if not (data / name).is_file():
@@ -365,7 +366,7 @@ def _count_presses(log: Path) -> Counter[tuple[str, int]]:
 def _count_losses(
     gathered: Path, folders: list[Path], pages: list[_Page], codes: dict[str, str | None], interrupted: int
 ) -> CheckResult:
-    """Compare the key presses acknowledged to the pages with the logs in the store."""
+    """Count what the store's logs lack of the key presses acknowledged to the pages, and compose the check's result."""
     logs = {log.name.partition("_")[0]: log for log in gathered.rglob("*.mcap")}
     n_lost = 0
     for page in pages:

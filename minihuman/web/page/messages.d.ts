@@ -332,7 +332,7 @@ export interface StateCorrection {
   inputs: HeldInputs | null;
 }
 
-/** What the session knows to be held. */
+/** The keys and axes that the session takes for held. */
 export interface HeldInputs {
   down: string[];
   pressed: string[];

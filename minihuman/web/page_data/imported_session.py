@@ -108,11 +108,11 @@ class RecordedKeys(Window):
         self._session = session
         self._clock = clock
         self._episodes = episodes
-        self._play: RunningEpisode | None = None  # whose keys are coming
-        self._coming: list[Input] = []  # in order of time
+        self._play: RunningEpisode | None = None  # the episode of the next inputs
+        self._coming: list[Input] = []  # the next inputs, in order of time
 
     def show(self, screen: Screen) -> ScreenShown:
-        """Report a screen as shown at once."""
+        """Report a screen as shown at once; with an episode's first picture, schedule the episode's recorded keys."""
         now_ns = self._clock()
         play = self._session.play
         if play is not None and play is not self._play and play.started:
@@ -121,7 +121,10 @@ class RecordedKeys(Window):
         return ScreenShown(t_ns=now_ns, submit_ns=now_ns, flip_ns=now_ns)
 
     def wait(self, until_ns: int | None) -> list[Input]:
-        """Move the clock to the next key, or to ``until_ns``; if neither is due, press Enter to continue."""
+        """Move the clock to the next input, or to ``until_ns``, and return the inputs of that time.
+
+        If neither is due, return a press of Enter to continue, or the end of an episode that the page left unfinished.
+        """
         is_due = bool(self._coming) and (until_ns is None or self._coming[0].t_ns <= until_ns)
         if is_due:
             happened = self._coming.pop(0)
@@ -191,6 +194,7 @@ def write_protocol(episodes: Sequence[PageEpisode], study: str, participants: in
 
 
 def _describe_condition(episode: PageEpisode) -> tuple[Any, ...]:
+    """Return the settings that all episodes of a block share."""
     limit_ms = 0.0
     if episode.end == "time_limit":
         limit_ms = episode.time_limit_ms

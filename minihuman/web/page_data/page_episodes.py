@@ -63,9 +63,9 @@ class PageEpisode(msgspec.Struct, frozen=True):
     rt_ms: tuple[float, ...]  # after the first picture
     held_ms: tuple[float | None, ...]
     rewards: tuple[float, ...]
-    digests: str  # 16 digits a step
-    buttons: tuple[int, ...]  # steps that a button on the screen made
-    untrusted: tuple[int, ...]  # steps that a program's event made, as the page says
+    digests: str  # 16 hexadecimal digits per step
+    buttons: tuple[int, ...]  # steps made by a button on the screen
+    untrusted: tuple[int, ...]  # steps made by a program's event, as the page reports
     end: EpisodeEnd
     time_limit_ms: float
     playing_ms: float
@@ -244,7 +244,7 @@ def verify_episode(episode: PageEpisode, *, checks_world: bool = True) -> Action
         )
     except PageDataError:
         raise
-    except (MinihumanError, ValueError) as error:  # of a world that the options do not make
+    except (MinihumanError, ValueError) as error:  # such as options of which no world can be made
         raise PageDataError(f"{episode.name}: {error}") from error
 
 
@@ -299,14 +299,14 @@ def _list_wrong_numbers(episode: PageEpisode) -> Iterator[str]:
     if not all(map(math.isfinite, (*of_steps, *of_episode))):
         yield "a number is not finite"
     if any(later < earlier for earlier, later in pairwise((0.0, *episode.rt_ms))):
-        yield "rt_ms does not rise from key to key"
+        yield "rt_ms falls from one key to the next"
     if any(hold_ms < 0 for hold_ms in hold_times_ms):
         yield "held_ms is below 0"
     if episode.started_unix_ms < 0 or episode.playing_ms < max(episode.rt_ms, default=0.0):
         yield "playing_ms is less than the last key's rt_ms, or the episode began before 1970"
     for name in ("buttons", "untrusted"):
         if not all(0 <= step < len(episode.actions) for step in getattr(episode, name)):
-            yield f"{name} names a step that there is not"
+            yield f"{name} names a step that the episode does not have"
 
 
 def _list_differences(episode: PageEpisode, verification: ActionsVerification) -> Iterator[str]:
@@ -324,7 +324,7 @@ def _list_differences(episode: PageEpisode, verification: ActionsVerification) -
         yield f"reward is {episode.reward!r}, played again {verification.reward!r}"
     has_succeeded = verification.terminated and episode.rewards[-1] > 0
     if episode.success != has_succeeded:
-        yield f"success is {episode.success}, played again it is not"
+        yield f"success is {episode.success}, played again it is {has_succeeded}"
 
 
 def _list_wrong_actions(episode: PageEpisode, action_names: Sequence[str]) -> Iterator[str]:
@@ -343,7 +343,8 @@ def _find_end(verification: ActionsVerification, otherwise: str) -> str:
 
     Args:
         verification: the verification of the replayed steps.
-        otherwise: the ending that the page reports; it counts only if the world did not end the episode.
+        otherwise: the ending to return if the world did not end the episode; "left" is returned for an ending that
+            only the world can make.
     """
     if verification.terminated:
         return "terminated"

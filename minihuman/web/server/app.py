@@ -53,12 +53,12 @@ from minihuman.worlds.isolation.isolated_world import IsolatedWorlds
 from minihuman.worlds.source_digest import kernels_digest
 
 LOG = logging.getLogger("minihuman")
-KEEP_FINISHED_S = 600.0  # a session that is over, for pages that come again
+KEEP_FINISHED_S = 600.0  # for which a session that is over is kept, for pages that reconnect
 CHECK_INTERVAL_S = 1.0
 LEARNER_POLL_INTERVAL_S = 0.1
-COPY_INTERVAL_S = 0.05  # between copies of what leased sessions record
-LOOK_AHEAD_SLICE_S = 0.01  # of one connection, before its page gets what was found and others have a turn
-MAX_LOOP_BLOCK_S = 0.002  # before messages have a turn
+COPY_INTERVAL_S = 0.05  # between copies of leased sessions' logs to the database
+LOOK_AHEAD_SLICE_S = 0.01  # of one connection; its page then gets what was found, and others have a turn
+MAX_LOOP_BLOCK_S = 0.002  # of looking ahead before messages are handled
 # Codes of a closed socket after which the page does not come again by itself.
 ANOTHER = 4001
 REFUSED = 4003
@@ -117,10 +117,10 @@ class WebServer:
         self._arrivals = arrivals
         self._web = arrivals.protocol.web
         self._factory = ConnectionFactory(arrivals, data, self.connections, worlds=worlds)
-        self._tasks: set[asyncio.Task[None]] = set()  # of sessions whose worlds may keep them waiting
+        self._tasks: set[asyncio.Task[None]] = set()  # for sessions that run in threads
         self._routes = routes
-        self._silent: dict[PageTransport, None] = {}  # without a hello, the oldest first
-        self._connecting = 0  # sockets with a hello, without an answer
+        self._silent: dict[PageTransport, None] = {}  # pages that have sent no hello yet, the oldest first
+        self._connecting = 0  # pages whose hello is not answered yet
         self._counts = PageCounts()
         self._polling = PollingEntrance(self._converse, self._is_busy, max_lines=self._web.max_concurrent_sessions)
         self._growing: deque[Connection] = deque()
@@ -208,7 +208,7 @@ class WebServer:
     async def _receive_hello(
         self, page: PageTransport, address: str
     ) -> tuple[messages.Hello, Connection | messages.Refusal]:
-        """Wait for a page's hello; return it with the page's connection or refusal."""
+        """Return a page's hello, with its connection or refusal; raise MessageError for another message or none."""
         self._silent[page] = None
         try:
             hello = decode_page_message(await asyncio.wait_for(page.receive(), HELLO_TIMEOUT_S))
@@ -274,18 +274,18 @@ class WebServer:
             await connection.changed.wait()
             connection.changed.clear()
             if protocol.is_superseded or not connection.presence.is_newest(number):
-                connection.changed.set()  # for the newest
+                connection.changed.set()  # wakes the newest socket's task
                 await page.close(connection.presence.dismissal_code or ANOTHER)
                 return
             if connection in self._growing and not connection.is_busy and protocol.can_wait:
-                continue  # it goes with what is found ahead, in a moment
+                continue  # ``_grow_one`` soon wakes this task, to send the messages with the scenes found ahead
             for batch in await connection.take_batches(protocol):
                 await page.send(batch)
 
     # Ends
 
     async def _finish_if_over(self, connection: Connection) -> None:
-        """Finish the log of a session that is over, then inform the page; retry if the enrolment log is unavailable."""
+        """Finish the log of a session that is over and inform the page; ``_look_after`` retries after OSError."""
         recording = connection.recording
         if not connection.host.over or recording.is_finishing:
             return
@@ -328,12 +328,12 @@ class WebServer:
                 await self._run_for(connection, self._look_after_safely(connection))
 
     async def _run_for(self, connection: Connection, work: Coroutine[Any, Any, None]) -> None:
-        """Run a coroutine for a connection, in a task of its own if the connection's worlds may keep it waiting."""
+        """Run a coroutine for a connection, in its own task if its worlds may be slow; drop it if one is running."""
         if not connection.has_threads:
             await work
         elif connection.is_busy:
-            work.close()  # it comes again
-            connection.changed.set()  # what waited to go with it goes now
+            work.close()  # the caller tries again later
+            connection.changed.set()  # the writer no longer waits for what the work would have added
         else:
             task = asyncio.create_task(work)
             self._tasks.add(task)
@@ -342,7 +342,7 @@ class WebServer:
     async def _look_after_safely(self, connection: Connection) -> None:
         try:
             await self._look_after_one(connection)
-        except Exception:  # of one connection; the others go on
+        except Exception:  # a bug of ours: the other connections go on
             LOG.exception("a connection could not be looked after")
 
     async def _look_after_one(self, connection: Connection) -> None:
@@ -420,7 +420,7 @@ class WebServer:
                 connection.changed.set()  # there is something to acknowledge
                 try:
                     await self._give_up_if_wanted(connection)
-                except Exception:  # of one connection; the others go on
+                except Exception:  # a bug of ours: the other connections go on
                     LOG.exception("a session could not be left to another server")
 
     def _take_leased(self, *, is_due: bool) -> list[Connection]:

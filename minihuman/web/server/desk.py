@@ -52,7 +52,7 @@ T = TypeVar("T")
 REPORTS_FOLDER = "reports"  # beside the data folder
 _NAME = re.compile(r"[a-z0-9_-]+")
 _LINK = re.compile(r"https?://\S+")
-_LONGEST_BYTES = 10_000  # of a form
+_MAX_FORM_BYTES = 10_000
 _SHOWN_BYTES = 20_000  # of what a command printed
 _VERDICTS = {None: "running", 0: "done", 1: "failed", 2: "refused"}  # by exit status; any other: "ended"
 _POLICY = "default-src 'self'; object-src 'none'; base-uri 'none'; form-action 'self'; frame-ancestors 'none'"
@@ -82,7 +82,7 @@ class StudyEntry:
         return ()
 
     def running(self) -> set[str]:
-        """Return the participants whose sessions are being recorded now."""
+        """Return the codes of the participants whose sessions are being recorded now."""
         if not self.folder.is_dir():
             return set()
         parts = self.folder.rglob(f"*{PART_SUFFIX}")
@@ -97,7 +97,7 @@ class StudyEntry:
         """Return the arguments of the command that a button starts.
 
         Raises:
-            KeyError: if there is no such button.
+            KeyError: if there is no such button, or it needs a protocol and the study has none.
         """
         folder = str(self.folder)
         protocol = str(self.protocol)
@@ -131,7 +131,10 @@ class StudyEntry:
 
 
 def describe_state(row: SessionRow, running: set[str]) -> str:
-    """Return one word for the state of a session."""
+    """Return one word for a session's state: unreadable, ended, running or unfinished.
+
+    ``running`` has the codes of the participants whose sessions are being recorded now.
+    """
     summary = row.summary
     if summary is None:
         return "unreadable"
@@ -153,7 +156,7 @@ def find_studies(folder: Path, data: Path) -> list[StudyEntry]:
             with path.open("rb") as file:
                 name = tomllib.load(file)["study"]["name"]
         except (KeyError, TypeError):
-            continue  # another program's
+            continue  # a file of another program
         except (OSError, ValueError) as error:
             problem = f"{path.name} cannot be read: {error}"
         if not isinstance(name, str) or not _NAME.fullmatch(name):
@@ -200,13 +203,13 @@ class CommandProcess:
             return file.read().decode(errors="replace")
 
     def links(self) -> list[str]:
-        """Return the addresses that the command printed."""
+        """Return the addresses that a command which serves pages printed; empty for any other command."""
         if self.words[0] in ("watch", "serve"):
             return _LINK.findall(self.output())
         return []
 
     def last_line(self) -> str:
-        """Return the last line that the command printed."""
+        """Return the last complete line that the command printed; "" if there is none."""
         return next(reversed(self.output().split("\n")[:-1]), "")
 
     def stop(self) -> None:
@@ -403,7 +406,7 @@ def _require_own_form(request: Request) -> None:
     """
     if not is_own_request(request.headers):
         raise HTTPException(403, "this form is of another page")
-    if read_length(request.headers.get("content-length", "0"), _LONGEST_BYTES) is None:
+    if read_length(request.headers.get("content-length", "0"), _MAX_FORM_BYTES) is None:
         raise HTTPException(413, "this form is too long")
     kind = request.headers.get("content-type", "application/x-www-form-urlencoded")
     if kind.partition(";")[0].strip() != "application/x-www-form-urlencoded":

@@ -32,7 +32,7 @@ class HeaderMiddleware:
         self._headers = [(name.encode(), value.encode()) for name, value in headers.items()]
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer a request, or refuse one that no page of ours sends."""
+        """Answer a request with the headers; refuse a method or a length of the target that no page of ours sends."""
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
@@ -89,9 +89,10 @@ def _route(address: str, path: Path) -> Route:
     return _serve(address, path.read_bytes(), _TYPES[path.suffix])
 
 
-def _serve(address: str, content: bytes, kind: str) -> Route:
+def _serve(address: str, content: bytes, media_type: str) -> Route:
+    """Build a route that answers with the same content every time."""
 
     async def answer(_: Request) -> Response:
-        return Response(content, media_type=kind)
+        return Response(content, media_type=media_type)
 
     return Route(address, answer)

@@ -22,25 +22,25 @@ from minihuman.web.messages import TransportName
 from minihuman.web.server.page_transport import PageTransport, SocketClosedError
 from minihuman.web.traffic_limits import MAX_WAITING
 
-HOLD_S = 20.0  # a request waits at most so long for something to send: proxies give up after 30 s and more
-MAX_GAP_S = 10.0  # without a request that waits, the page is gone
-LINGER_S = 30.0  # an ended line is remembered, for its page to learn why and for requests that come late
+HOLD_S = 20.0  # the longest wait of a request for something to send; proxies give up after 30 s or more
+MAX_GAP_S = 10.0  # without a waiting request, after which the page counts as gone
+LINGER_S = 30.0  # for which an ended line is remembered, to tell its page why it ended
 MAX_BODY_BYTES = 8 * MAX_MESSAGE_BYTES
 MAX_TEXTS = 500  # of a request
-MAX_BUFFER_BYTES = 1 << 20  # sent, and not fetched; more waits, as it does in a socket
-_MAX_PARALLEL = 4  # requests of one kind on one line: one, and its repetitions
-_BROKEN = 1006  # as a browser says of a socket that ended without a code
+MAX_BUFFER_BYTES = 1 << 20  # sent but not fetched; further messages wait, as they do in a socket
+_MAX_PARALLEL = 4  # requests of one kind on one line: a request and its repetitions
+_BROKEN = 1006  # a browser's code for a socket that ended without a code
 
 
 class PollRequest(msgspec.Struct, forbid_unknown_fields=True):
     """The body of a page's request."""
 
-    line: Annotated[str, Meta(pattern="^[0-9a-f]{32}$")]  # the page draws it, and nobody else knows it
-    n: Annotated[int, Meta(ge=1, le=2**31)]  # of the line's requests of this kind, consecutively
+    line: Annotated[str, Meta(pattern="^[0-9a-f]{32}$")]  # a secret that the page has drawn at random
+    n: Annotated[int, Meta(ge=1, le=2**31)]  # counts the line's requests of this kind
     texts: (
         Annotated[list[Annotated[str, Meta(max_length=MAX_MESSAGE_BYTES)]], Meta(min_length=1, max_length=MAX_TEXTS)]
         | None
-    ) = None  # None: the request waits for what the server sends
+    ) = None  # None if the request waits for what the server sends
 
 
 class LineEnd(msgspec.Struct, frozen=True):
@@ -74,15 +74,15 @@ class PollingLine(PageTransport):
         self._loop = asyncio.get_running_loop()
         self._changed = asyncio.Event()
         self._end: LineEnd | None = None
-        self._texts: deque[str] = deque()  # brought, and not received
-        self._n_brought = 0  # the latest request that brought texts
-        self._n_bringing = 0  # requests that bring texts and are not answered
-        self._batches: list[bytes] = []  # sent, and not fetched
-        self._buffer_bytes = 0
-        self._n_fetched = 0  # the latest request that fetches
-        self._n_fetching = 0  # requests that wait
-        self._answer: bytes | None = None  # to the latest request that fetches, for when it is repeated
-        self._gap = self._loop.call_later(MAX_GAP_S, self._vanish)
+        self._texts: deque[str] = deque()  # brought by requests, but not received by the server yet
+        self._n_brought = 0  # number of the latest request with texts
+        self._n_bringing = 0  # count of requests with texts that are not answered yet
+        self._batches: list[bytes] = []  # sent by the server, but not fetched yet
+        self._buffer_bytes = 0  # size of these batches
+        self._n_fetched = 0  # number of the latest request for messages
+        self._n_fetching = 0  # count of requests for messages that are not answered yet
+        self._answer: bytes | None = None  # to the latest request for messages, kept for its repetitions
+        self._gap = self._loop.call_later(MAX_GAP_S, self._end_abandoned)
 
     # The server's side
 
@@ -136,7 +136,7 @@ class PollingLine(PageTransport):
         self._n_brought = number
         self._n_bringing += 1
         try:
-            await self._until_received()  # what a request brought whose repetition was answered
+            await self._until_received()  # the texts of earlier requests
             self._texts.extend(texts)
             self._say_changed()
             await self._until_received()
@@ -151,7 +151,7 @@ class PollingLine(PageTransport):
         Raises:
             LineEndedError: if the line has ended and everything was fetched. A request out of turn ends it.
         """
-        if number == self._n_fetched + 1:  # the answer before arrived
+        if number == self._n_fetched + 1:  # the page has the previous answer, as it sends the next request
             self._n_fetched = number
             self._answer = None
         elif number != self._n_fetched or self._n_fetching >= _MAX_PARALLEL:
@@ -168,18 +168,19 @@ class PollingLine(PageTransport):
         finally:
             self._n_fetching -= 1
             if not self._n_fetching and self._end is None:
-                self._gap = self._loop.call_later(MAX_GAP_S, self._vanish)
+                self._gap = self._loop.call_later(MAX_GAP_S, self._end_abandoned)
 
     def _require_line(self) -> None:
         if self._end is not None:
             raise LineEndedError(self._end)
 
     def _refuse_request(self) -> None:
+        """End the line because of a request out of turn, and raise ``LineEndedError``."""
         end = LineEnd(_BROKEN)
         self.end(end)
         raise LineEndedError(end)
 
-    def _vanish(self) -> None:
+    def _end_abandoned(self) -> None:
         self.end(LineEnd(_BROKEN))
 
     def _take_batches(self) -> bytes:
@@ -199,7 +200,7 @@ class PollingLine(PageTransport):
         while not self._batches and self._answer is None and self._end is None:
             await self._next_change()
 
-    # Everyone who waits looks again
+    # Changes, after each of which all waiting coroutines check their conditions again
 
     def _say_changed(self) -> None:
         self._changed.set()
@@ -246,7 +247,7 @@ class PollingEntrance:
         line = self._lines.get(poll.line)
         if line is None:
             if poll.texts is None or poll.n != 1:
-                return _answer_end(LineEnd(_BROKEN))  # a line of a server that was here before
+                return _answer_end(LineEnd(_BROKEN))  # a line that ended, or was opened on an earlier server
             if self._is_busy() or len(self._lines) >= self._max_lines:
                 return Response(status_code=503)
             line = self._open(poll.line, request)
@@ -315,7 +316,7 @@ async def _fetch_while_connected(line: PollingLine, number: int, request: Reques
         await asyncio.wait((fetching, leaving), return_when=asyncio.FIRST_COMPLETED)
         if fetching.done():
             return fetching.result()
-        return b""  # nobody reads it
+        return b""  # the client has disconnected
     finally:
         for task in (fetching, leaving):
             task.cancel()

@@ -32,7 +32,7 @@ from minihuman.worlds.isolation.isolated_world import IsolatedWorlds
 from minihuman.worlds.isolation.process_pool import WorldLimits
 
 HOST = "127.0.0.1"
-_WAITING = 1024  # connections that the system keeps until they are looked at
+_WAITING = 1024  # connections that the system keeps until they are accepted
 
 
 class ServeError(MinihumanError, OSError):
@@ -155,8 +155,8 @@ def _say_links(arrivals: Arrivals, count: int, address: str, say: Callable[[str]
         say(f"for {platform}: {build_platform_link(platform, address)}")
 
 
-_PATIENCE_S = 30.0  # so long a worker may take to bring its logs to the disk
-_AGAIN_S = 1.0  # before one that died is started again
+_STOP_TIMEOUT_S = 30.0  # for a worker to make its logs durable
+_RESTART_DELAY_S = 1.0  # before a process that died is started again
 
 
 def list_process_commands(
@@ -171,7 +171,11 @@ def list_process_commands(
 ) -> Iterator[tuple[str, ...]]:
     """Yield the arguments of each process that runs besides the first worker: the dashboard and the further workers.
 
-    Each worker has a port of its own; the ports are consecutive. ``options`` are further options of each worker.
+    Each worker has a port of its own; the ports are consecutive. ``options`` are further options of each worker. With
+    ``watch``, the study's folder is created if necessary.
+
+    Raises:
+        LogError: if there are several workers and ``port`` is 0.
     """
     if watch:
         make_private_folder(study_dir)
@@ -217,30 +221,32 @@ def keep_processes_running(commands: Iterable[Sequence[str]]) -> Iterator[None]:
 
 
 class _KeptProcess:
+    """A process that a thread restarts whenever it ends, until it is stopped."""
+
     def __init__(self, words: Sequence[str]) -> None:
         self._command = [sys.executable, "-m", "minihuman", *words]
         self._stopped = threading.Event()
-        self._starting = threading.Lock()  # held while it is restarted, which never happens after ``stop``
-        self._process = self._started()
+        self._starting = threading.Lock()  # held while the process is restarted or stopped
+        self._process = self._start()
         self._thread = threading.Thread(target=self._keep, name=f"minihuman-{words[0]}", daemon=True)
         self._thread.start()
 
-    def _started(self) -> subprocess.Popen[bytes]:
+    def _start(self) -> subprocess.Popen[bytes]:
         return subprocess.Popen(self._command, stdin=subprocess.DEVNULL)
 
     def _keep(self) -> None:
         while not self._stopped.is_set():
             self._process.wait()
-            self._stopped.wait(_AGAIN_S)
+            self._stopped.wait(_RESTART_DELAY_S)
             with self._starting:
                 if not self._stopped.is_set():
-                    self._process = self._started()
+                    self._process = self._start()
 
     def stop(self) -> None:
         with self._starting:
             self._stopped.set()
         self._process.terminate()
         with suppress(subprocess.TimeoutExpired):
-            self._process.wait(_PATIENCE_S)
+            self._process.wait(_STOP_TIMEOUT_S)
         self._process.kill()
         self._thread.join()

@@ -36,7 +36,7 @@ class TimedHttpProtocol(H11Protocol):
 
     _open: ClassVar[dict["TimedHttpProtocol", str]] = {}  # connections of this process and their networks, oldest first
     _deadline: asyncio.TimerHandle | None = None
-    _has_sent = False  # the client has, but perhaps not all of a request
+    _has_sent = False  # whether the client has sent anything
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         """Start the time limit for the first request; close another connection if too many wait."""

@@ -72,7 +72,7 @@ def test_a_resumed_session_ends_as_one_log_with_both_segments(tmp_path: Path) ->
 def test_a_segment_that_is_in_the_log_is_not_recorded_again(tmp_path: Path) -> None:
     _record(tmp_path, FIRST, _first_events())
     log = _record(tmp_path, SECOND, session_events(SECOND, steps=8), started_ns=STARTED_NS + HOUR_NS)
-    with pytest.raises(LogError, match="holds segment 2; choose another number with --session, or move the log"):
+    with pytest.raises(LogError, match="has segment 2; choose another number with --session, or move the log"):
         McapRecorder(tmp_path, SECOND, started_ns=STARTED_NS + 2 * HOUR_NS)
     assert [path.name for path in log.parent.iterdir()] == [log.name]
 
@@ -133,7 +133,7 @@ def test_two_runs_of_one_segment_are_never_merged_over_each_other(tmp_path: Path
     log = _record(tmp_path, FIRST, session_events(FIRST), started_ns=STARTED_NS + HOUR_NS)
     before = log.read_bytes()
     copy.rename(part)
-    with pytest.raises(LogError, match="already holds a different segment 1; move that log away, then recover again"):
+    with pytest.raises(LogError, match="already has a different segment 1; move that log away, then recover again"):
         recover_log(part)
     assert log.read_bytes() == before
     assert part.exists()

@@ -118,7 +118,7 @@ def test_a_finished_session_is_never_recorded_over(tmp_path: Path) -> None:
     assert log is not None
     before = log.read_bytes()
     with pytest.raises(
-        LogError, match="already exists and holds segment 1; choose another number with --session, or move the log"
+        LogError, match="already exists and has segment 1; choose another number with --session, or move the log"
     ):
         McapRecorder(tmp_path, PLAN, started_ns=STARTED_NS)
     assert log.read_bytes() == before

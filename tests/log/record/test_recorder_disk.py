@@ -174,7 +174,8 @@ def test_a_live_file_that_is_taken_away_is_put_back(
     recorder.write(EVENTS[20:21])
     recorder.drain()
     assert list(read_events(recorder.segment_path.part)) == EVENTS[:21], "noticed at the next flush"
-    assert f"{recorder.segment_path.part} was taken away while it was being written; it is back" in caplog.text
+    part = recorder.segment_path.part
+    assert f"{part} was deleted or moved while it was being written; it was restored" in caplog.text
     with pytest.raises(LogError, match="still being written by a running session"):
         recover_log(recorder.segment_path.part)
     recorder.write(EVENTS[21:])

@@ -149,7 +149,7 @@ def test_a_bug_in_one_file_is_no_other_file_s_trouble(caplog, monkeypatch):
         while other.settled <= turn:
             time.sleep(0.001)
     assert other.wrong == []
-    assert "a round failed for a file" in caplog.text
+    assert "committing a log's live file failed" in caplog.text
 
 
 def test_a_write_waits_for_others_of_its_file_and_the_hurried_does_not(monkeypatch):

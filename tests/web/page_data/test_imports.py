@@ -215,7 +215,7 @@ def test_what_cannot_be_proved_is_named(played: Played) -> None:
         ("seed", -1, "a seed is 0 or more"),
         ("rt_ms", [], "rt_ms has 0 entries"),
         ("playing_ms", 1.0, "playing_ms"),
-        ("buttons", [4_000], "names a step that there is not"),
+        ("buttons", [4_000], "names a step that the episode does not have"),
         ("reward", float("inf"), "not finite"),
         ("view", "sideways", "view"),
         ("actions", [99] * 10_000, "entries for 10000 actions"),
