@@ -163,7 +163,7 @@ class AngleMean(InfoAtEnd):
 
 
 class AngleConcentration(AngleMean):
-    """``angle_concentration:KEY`` is the mean resultant length of a block's angles: 1 if all are equal, 0 if uniform."""
+    """``angle_concentration:KEY`` is the mean resultant length of a block's angles: 1 if all are equal."""
 
     def __init__(self, argument: str) -> None:
         super().__init__(argument)
