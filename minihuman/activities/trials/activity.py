@@ -211,7 +211,7 @@ class TrialsActivity(PlayActivity):
         )
 
     def _record_sound(self, started: SoundStarted) -> None:
-        """Record and log that a sound of the running trial or its feedback began; one of an earlier trial is ignored."""
+        """Record and log that a sound of the running trial or its feedback began; an earlier trial's is ignored."""
         if self._feedback_sound is not None and started.cue == self._feedback_cue:
             self._emit_sound(started, FEEDBACK, self._finished_ns)
             return
