@@ -113,10 +113,7 @@ class ExclusionRule:
         return self.exclusion.measure in COLUMNS_NEEDING_WORLD
 
     def broken_by(self, row: Mapping[str, Any]) -> bool:
-        """Return whether an episode's or a participant's row breaks the rule.
-
-        A row with other labels than the rule names does not break it, nor does one whose measure is unknown.
-        """
+        """Return whether a row breaks the rule; one with other labels or an unknown measure does not."""
         rule = self.exclusion
         if rule.question:
             return any(breaks_answer_rule(answer, rule) for answer in row.get(rule.measure, ()))

@@ -156,10 +156,9 @@ def _make_worlds(job: TrainingJob) -> TrainingWorlds:
 
 
 def _describe_worlds(job: TrainingJob) -> _Subject:
-    """Describe the first world's observations and actions; `make_worlds` has checked that those of others are equal.
+    """Describe the first world's observations and actions; raise LearnError for actions that PPO cannot learn.
 
-    Raises:
-        LearnError: if PPO cannot learn the actions, or people's episodes cannot be cloned with them.
+    `make_worlds` has checked that the other worlds have the same ones.
     """
     settings = job.settings
     worlds = [World(choice.id, choice.options, trusted=True) for choice in job.worlds]

@@ -453,8 +453,7 @@ def _fit_reml(design: Values, at: Values, begins: NDArray[np.int64], free: int) 
 
     def profile(entries: Values | Sequence[float]) -> tuple[float, Values, Values]:
         first, shared, slope_variance = (*entries, 0.0, 0.0, 0.0)[:3]
-        # The variance is optimised, not the SD, because the likelihood has a saddle point at an SD of 0.
-        factor = np.array([[first, 0.0], [shared, math.sqrt(slope_variance)]])
+        factor = np.array([[first, 0.0], [shared, math.sqrt(slope_variance)]])  # an SD would have a saddle point at 0
         inner = np.eye(2) + factor.T @ among @ factor
         left = total - np.einsum("kij,kijab->ab", factor @ np.linalg.solve(inner, factor.T[None]), products)
         terms = left[:-1, :-1]
