@@ -15,7 +15,7 @@ from minihuman.worlds.first_person.heights.sectors import WallOpening
 from minihuman.worlds.first_person.rooms import Point
 
 _POINTS = (0.0, 0.25, 0.5, 0.75, 1.0)  # shares of an opening, between the places at which the body just fits
-_ASIDE = 1e-6  # metres that a route gains for an opening's width aside, so that of equal routes the middle one is found
+_ASIDE = 1e-6  # metres added per share of an opening away from its middle, by which equal routes take the middle
 
 
 class Route(NamedTuple):
