@@ -16,11 +16,11 @@ class ClipRequest(ActivityRequest):
     part: int
     source: str  # the block whose episodes are compared
     pair: int  # 0 for the first
-    place: int  # 0, then 1
+    place: int  # 0 for the pair's first clip, 1 for its second
     steps: int
-    again: EpisodeClip | None  # what the first of the pair is
+    again: EpisodeClip | None  # the pair's first clip; None if it is the one that is requested
     pairing: PairingPolicy = "random"
-    wait_s: float = 0.0  # how long a pair that is disagreed on may be waited for
+    wait_s: float = 0.0  # the longest wait for a pair by disagreement; then any pair is taken
 
 
 @dataclass(frozen=True, slots=True)

@@ -30,7 +30,7 @@ class EpisodeClip:
     world: str
     options: str  # JSON
     seed: int
-    actions: tuple[int, ...]  # the world's, from the reset to the stretch's last step
+    actions: tuple[int, ...]  # the world's, from the reset to the clip's last step
 
     @property
     def last(self) -> int:

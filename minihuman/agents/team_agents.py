@@ -27,7 +27,7 @@ STEPS = ((0, -1), (0, 1), (1, 0), (-1, 0))  # of a kitchen's actions: up, down, 
 _QUARTER_TURNS_OF_STEPS = (3, 1, 0, 2)  # to the right from east, by the index of the step
 _QUARTER_TURN_RAD = np.pi / 2
 _FIELDS_PER_COOK = 4  # x, y, direction and what is held
-SIDESTEP = 0.3  # how probable it is that a cook whose way is blocked or contested stays or goes anywhere
+SIDESTEP = 0.3  # probability that a cook whose way another one blocks or may enter waits or moves at random
 
 
 def beside(cell: Cell) -> set[Cell]:
@@ -156,15 +156,15 @@ class KitchenView:
         brought = self.held_by_others.count(fields.DISH)
         if not self._reaches(active):
             brought += len(dishes)
-        wishes = [[cell for cell in pots if self._is_complete(cell)], self._counters(fields.SOUP)]
+        tasks = [[cell for cell in pots if self._is_complete(cell)], self._counters(fields.SOUP)]
         if len(active) > brought:
-            wishes.append(dishes + self._find_cells(fields.DISHES))
+            tasks.append(dishes + self._find_cells(fields.DISHES))
         for kind, source in ((fields.ONION, fields.ONIONS), (fields.TOMATO, fields.TOMATOES)):
             if any(self._needs_ingredient(cell, kind) for cell in pots):
                 if self._reaches(pots):
-                    wishes.append(self._counters(kind))
-                wishes.append(self._find_cells(source))
-        return wishes
+                    tasks.append(self._counters(kind))
+                tasks.append(self._find_cells(source))
+        return tasks
 
     def _find_cells(self, terrain: int) -> list[Cell]:
         return [cell for cell, cell_terrain in self.terrain.items() if cell_terrain == terrain]
@@ -237,8 +237,8 @@ class KitchenView:
         station = next(cell for cell in stations if cell in beside(self.place))
         if self.facing != towards(self.place, station):
             return towards(self.place, station), False
-        cooks = self.terrain[station] == fields.POT and kind_of(self.held_thing) == fields.DISH
-        if cooks and not self._is_ready(station):
+        is_fetching_soup = self.terrain[station] == fields.POT and kind_of(self.held_thing) == fields.DISH
+        if is_fetching_soup and not self._is_ready(station):
             return fields.STAY, False
         return fields.INTERACT, False
 
@@ -276,7 +276,7 @@ class CorridorAgent(BaseAgent):
         other_cells = {(int(other.x), int(other.z)) for other in map(team.pose, range(team.bodies))} - {place}
         is_own = (state.kinds == GOAL) & (state.colours == BODY_COLOURS[seat])
         own = {(x, y) for x, y in np.argwhere(is_own).tolist()}
-        bay = {cell for cell in free if cell[1] == 1}
+        bay = {cell for cell in free if cell[1] == 1}  # the only free cell of the row above the corridor
         way = find_way(place, own.__contains__, free - other_cells)
         if way is None and self.argument == "insist":
             way = find_way(place, own.__contains__, free)

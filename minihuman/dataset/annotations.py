@@ -45,6 +45,9 @@ def annotations_path(log: Path) -> Path:
     """Return the path of a log's annotation file.
 
     The path is the same for a live, a truncated and a finished log, and for a session's folder.
+
+    Raises:
+        LogError: if a folder holds no session log, or the logs of several sessions.
     """
     if not log.is_dir():
         return log.with_name(_LOG_ENDING.sub("", log.name) + ANNOTATIONS_SUFFIX)

@@ -10,7 +10,10 @@ from minihuman.log.model.session_log import SessionLog
 
 
 def breaks_answer_rule(answer: Any, rule: ExclusionSpec) -> bool:
-    """Return whether a rule excludes an answer, given as it is in the log."""
+    """Return whether a rule excludes an answer as the log has it: a number, a text, a list of codes, or None.
+
+    None is an unanswered question. Of several chosen codes, one that the rule lists is enough.
+    """
     if answer is None:
         return rule.is_missing
     codes = answer if isinstance(answer, list) else [answer]

@@ -25,6 +25,7 @@ class CachedSession(msgspec.Struct, frozen=True):
     blocks: int = 0  # blocks with an included episode
     outline: PlanOutline | None = None  # of the session's plan; None, like the quality, for a session not selected
     quality: RecordingQuality | None = None
+    # included sessions; included episodes; (study, version, sessions); (reason, excluded episodes)
     account: tuple[int, int, tuple[tuple[str, str, int], ...], tuple[tuple[str, int], ...]] = (0, 0, (), ())
     practice: tuple[str, ...] = ()  # the blocks that the session's protocol does not analyse
     excluded: tuple[tuple[str, str, str], ...] = ()  # reason, study and code if a rule excludes the participant

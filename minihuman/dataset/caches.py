@@ -18,7 +18,7 @@ from minihuman.operating_system import keep_private
 
 try:
     import duckdb as duckdb
-except ModuleNotFoundError:  # a station does without a cache, and reads its logs
+except ModuleNotFoundError:  # an installation without DuckDB has no cache and reads its logs
     duckdb = None  # type: ignore[assignment]
 
 TABLE_CACHE = "tables.duckdb"  # every table's rows, and the session index
@@ -119,7 +119,7 @@ def _drop_change_time(line: str) -> str:
 def read_checked(file: Path) -> frozenset[str]:
     """Return the names of the cache's tables that were compared with their digests.
 
-    None if the cache has changed since then.
+    Return an empty set if there is no such record, or if the cache has changed since it was written.
     """
     try:
         described, names = file.with_name(f"{file.name}{_CHECKED}").read_text(encoding="utf-8").split("\n")
@@ -136,9 +136,9 @@ def write_checked(file: Path, names: Iterable[str]) -> None:
     If the record cannot be written, the next command compares the tables again.
     """
     with suppress(OSError):
-        noted = f"{describe_cache(file)}\n{' '.join(sorted(names))}"
+        record = f"{describe_cache(file)}\n{' '.join(sorted(names))}"
         path = file.with_name(f"{file.name}{_CHECKED}")
-        path.write_text(noted, encoding="utf-8", newline="\n")
+        path.write_text(record, encoding="utf-8", newline="\n")
         keep_private(path)
 
 

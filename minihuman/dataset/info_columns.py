@@ -22,7 +22,7 @@ class JsonColumn:
     """A JSON column whose keys become columns of a table's files."""
 
     name: str
-    meaning: str  # of one of them, with the key in it
+    meaning: str  # of a key's column; {!r} stands for the key
 
 
 INFO = JsonColumn("info", "The world's info[{!r}] after the step; empty where it did not say.")
@@ -56,6 +56,7 @@ def list_info_columns(connection: duckdb.DuckDBPyConnection, table: str) -> dict
 
 
 def _find_kind(types: Sequence[str]) -> TableColumnType:
+    """Return the type of a key's column, given DuckDB's types of its values; "text" if mixed or all missing."""
     known_types = {name for name in types if name != "NULL"}
     return next((kind for names, kind in _KINDS.items() if known_types and known_types <= names), "text")
 

@@ -145,7 +145,7 @@ def _withdrawal_finder() -> Callable[[Path], frozenset[str]]:
     def find(log: Path) -> frozenset[str]:
         folder = os.path.dirname(log)
         up = _UP
-        if os.path.basename(folder).startswith("ses-"):  # no session or participant has an enrolment log
+        if os.path.basename(folder).startswith("ses-"):  # only the folders above the participant's have enrolment logs
             folder = os.path.dirname(os.path.dirname(folder))
             up = _UP - 2
         if not os.path.isabs(folder):
@@ -164,9 +164,7 @@ def list_participant_logs(source: Path, participant: str) -> list[Path]:
     participants = {
         path: read_first_metadata(firsts[path]).get("participant", "") for path in list_readable_logs(source)[0]
     }
-    return [
-        path for path, code in participants.items() if code in (participant, "")
-    ]  # a damaged log may not name its participant
+    return [path for path, code in participants.items() if code in (participant, "")]
 
 
 def list_other_sessions(log: SessionLog) -> list[Path]:
@@ -292,18 +290,18 @@ def _map_with_workers(paths: list[Path], work: Callable[[Path], T], n_workers: i
 
 
 def _map_with_ray(paths: list[Path], work_on_batch: Callable[[list[Path]], list[T]]) -> Iterator[T]:
-    """Work in the cluster that RAY_ADDRESS names, or in a local one with this machine's cores.
+    """Yield the results of batches in order, working in a Ray cluster whose nodes share their files.
 
-    All nodes share their files.
+    The cluster is the one that RAY_ADDRESS names, or a local one with this machine's cores.
     """
     ray: Any = import_module("ray")  # an extra
     with ray.init(log_to_driver=False, logging_level=30):  # warnings
         work = ray.remote(num_cpus=1)(_work_in_folder)
-        each_there = ray.put(work_on_batch)
+        shared_function = ray.put(work_on_batch)  # sent to each node once
         ahead = 2 * int(ray.cluster_resources()["CPU"])
         waiting = deque[Any]()
         for first in range(0, len(paths), _RAY_BATCH):
-            waiting.append(work.remote(each_there, paths[first : first + _RAY_BATCH], Path.cwd()))
+            waiting.append(work.remote(shared_function, paths[first : first + _RAY_BATCH], Path.cwd()))
             if len(waiting) > ahead:
                 yield from ray.get(waiting.popleft())
         while waiting:

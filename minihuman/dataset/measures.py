@@ -76,10 +76,10 @@ def response_ms(episode: EpisodeLog) -> NDArray[np.float64]:
 def mean_and_median(times_ms: NDArray[np.float64]) -> tuple[float | None, float | None]:
     """Return the mean and the median of the times that are not NaN; None for both if there are none."""
     known = times_ms[~np.isnan(times_ms)]
-    middle = np.sort(known)[(known.size - 1) // 2 : known.size // 2 + 1]  # one, or two
-    if known.size:
-        return (float(known.mean()), float(middle.mean()))
-    return (None, None)
+    if not known.size:
+        return (None, None)
+    middle = np.sort(known)[(known.size - 1) // 2 : known.size // 2 + 1]  # two times if their number is even
+    return (float(known.mean()), float(middle.mean()))
 
 
 TURN_DTYPE = np.dtype([("row", np.int64), ("turned_rad", np.float64), ("steps", np.int64)])
@@ -103,7 +103,7 @@ def measure_paths(episodes: Sequence[EpisodeLog]) -> list[PathMeasures]:
     for episode in episodes:
         parts += [episode.poses, _APART]
     poses = np.concatenate(parts)
-    begins = np.cumsum([1, *(len(episode.poses) + 1 for episode in episodes)])  # 1: the pose that stands apart
+    begins = np.cumsum([1, *(len(episode.poses) + 1 for episode in episodes)])  # row 0 is the first separator
     strides = _measure_strides(poses)
     _, turn_ends, _ = _find_turns(poses)
     turn_episodes = np.searchsorted(begins, turn_ends, side="right") - 1
@@ -112,7 +112,7 @@ def measure_paths(episodes: Sequence[EpisodeLog]) -> list[PathMeasures]:
     for episode, begin, turns in zip(episodes, begins[:-1].tolist(), n_turns.tolist(), strict=True):
         n_strides = len(episode.poses) - 1
         length = float(strides[begin : begin + n_strides].sum())
-        if math.isnan(episode.poses[0, 0]):  # without a step there is no stride that says so
+        if math.isnan(episode.poses[0, 0]):  # an episode without steps has no stride that is NaN
             length = math.nan
         if length > _STILL:
             efficiency = net_displacement(episode) / length
@@ -236,7 +236,7 @@ def slope_per_episode(values: Sequence[float], *, first: int = FIRST_EPISODES) -
         return math.nan
     centred = np.flatnonzero(is_known) - np.flatnonzero(is_known).mean()
     values_there = early[is_known]
-    rises = values_there - values_there[0]  # all 0 for equal values: a spread of rounding errors is no spread
+    rises = values_there - values_there[0]  # exactly 0 for equal values, so that rounding makes no slope
     return float((centred * rises).sum() / (centred**2).sum())
 
 

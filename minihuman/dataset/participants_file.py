@@ -156,7 +156,7 @@ def _check_heads(path: Path, heads: Sequence[str], columns: Sequence[str]) -> No
 
 
 def _parse_cell(column: ParticipantColumnSpec, cell: str, place: str, delimiter: str) -> PersonValue:
-    """Convert a cell to its column's type; a text is missing only if it is empty.
+    """Convert a cell to its column's type; return None if it is missing, which a free text is only if it is empty.
 
     Raises:
         ParticipantsFileError: if the protocol does not allow the value.

@@ -98,7 +98,7 @@ def fetch_tables(source: str, folder: Path, *, say: Callable[[str], None] = lamb
         say: called with a line about each damaged file.
 
     Raises:
-        RemoteStoreError: if the store cannot be reached.
+        RemoteStoreError: if the store cannot be reached, or has no tables.
     """
     local_store = FolderStore(folder)
     store = _open_tables(Path(source))

@@ -17,7 +17,7 @@ from minihuman.dataset.table_catalogue import TABLES
 from minihuman.dataset.table_database import LOG_COLUMNS, PLANNED_TABLES, TableDatabase
 from minihuman.errors import LogError
 
-SESSIONS_PER_COMMIT = 384  # what is left of a piece of the file is written once more then
+SESSIONS_PER_COMMIT = 384  # each commit rewrites the last, incomplete part of the file
 _SESSIONS_PER_UPDATE = 1_000
 _ROW_DIGESTS = pa.schema([("log", pa.int32()), ("row_digests", pa.list_(pa.uint64()))])
 _INCLUDED_SESSIONS = """
@@ -60,9 +60,9 @@ class RowWriter:
             self._tables.connection.execute("DELETE FROM kept.logs WHERE log IN (SELECT unnest(?))", (numbers,))
 
     def plan_paths(self, unplanned: Mapping[str, int]) -> dict[str, int]:
-        """Fill in the measures that require the worlds, for sessions that lack only these.
+        """Fill in the measures that require the worlds, for included sessions that lack only these.
 
-        Return the sessions filled in.
+        ``unplanned`` has the sessions' numbers by key. Return those of the sessions that were filled in.
         """
         filled: dict[str, int] = {}
         waiting = iter(unplanned.values())
@@ -154,7 +154,11 @@ class RowWriter:
         )
 
     def _describe(self, session: SessionRows | SkippedLog) -> tuple[CachedSession, bytes | None]:
-        """Return a session's cache entry and its encoded episode facts; the facts are None for an unreadable log."""
+        """Return a session's cache entry and its encoded episode facts; the facts are None for an unreadable log.
+
+        Raises:
+            LogError: if the log cannot be read and is the only source.
+        """
         if not isinstance(session, SkippedLog):
             return build_cached_session(session), msgspec.msgpack.encode(session.facts)
         source = self._sessions.source

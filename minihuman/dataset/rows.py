@@ -123,7 +123,7 @@ def _arrow_column(kind: TableColumnType, values: Any) -> pa.Array:
     return _encode_numbers(values, _ARROW[kind])
 
 
-# from their bytes, as pa.array would import pandas, half a second, to see that it was given nothing of that
+# The next functions build arrays from buffers: pa.array would import pandas, which takes half a second.
 
 
 def _encode_texts(values: CategoricalTexts | list[str | None], name: Callable[[str], str]) -> pa.DictionaryArray:

@@ -62,10 +62,10 @@ _COLUMNS = {"episode": EPISODES, "participant": PARTICIPANTS}
 
 
 def check_exclusion_measures(exclusions: Sequence[ExclusionSpec], source: str) -> None:
-    """Check that every exclusion rule uses an existing measure; ``source`` names the protocol in the error.
+    """Check that every exclusion rule uses an existing measure, and labels only at the level of episodes.
 
     Raises:
-        ReportError: in one line, with the source, the path of the rule and the existing measures.
+        ReportError: if one does not; the message begins with ``source``, the protocol's name, and the rule's path.
     """
     for number, rule in enumerate(exclusions):
         place = f"{source}: $.exclusions[{number}]"
@@ -113,7 +113,7 @@ class ExclusionRule:
         return self.exclusion.measure in COLUMNS_NEEDING_WORLD
 
     def broken_by(self, row: Mapping[str, Any]) -> bool:
-        """Return whether a row's measure lies outside the range that the rule allows; an unknown measure does not."""
+        """Return whether a row breaks the rule; one with other labels or an unknown measure does not."""
         rule = self.exclusion
         if rule.question:
             return any(breaks_answer_rule(answer, rule) for answer in row.get(rule.measure, ()))
@@ -393,13 +393,13 @@ class Selection:
             for reason, row in zip(reasons, measured.rows, strict=True)
         ]
         practice = find_practice_blocks(log.plan)
-        counting = [
+        included = [
             place
             for place, (reason, row) in enumerate(zip(reasons, measured.rows, strict=True))
             if not reason and row["block"] not in practice
         ]
         compared = [rule.exclusion.measure for rule in rules if rule.exclusion.question]
-        row = measured.aggregate(counting) | summarize_session(log) | list_compared_answers(log, compared)
+        row = measured.aggregate(included) | summarize_session(log) | list_compared_answers(log, compared)
         return reasons, find_broken_rule(rules, "participant", row)
 
     def _find_participant_reason(self, log: SessionLog, own: str) -> str:

@@ -160,7 +160,7 @@ def find_place_unit(episode: EpisodeLog) -> str:
 
 
 def encode_map(floor: Map | None) -> str:
-    """Return a map as JSON, "" for none; a flat world's says nothing of floors."""
+    """Encode a map as JSON, "" for None; a map of a single floor omits the fields about floors."""
     if floor is None:
         return ""
     fields = msgspec.to_builtins(floor)

@@ -57,7 +57,7 @@ def _parquet(path: Path, columns: pa.Schema) -> pa.parquet.ParquetWriter:
 
 
 class _TimedParquet:
-    """A Parquet writer of tables whose times of the wall clock are times, with their zone, instead of texts."""
+    """A Parquet writer that stores columns of UTC texts as timestamps with a time zone."""
 
     def __init__(self, path: Path, columns: pa.Schema) -> None:
         self._times = [field.name for field in columns if (field.metadata or {}).get(b"unit") == b"UTC"]

@@ -49,7 +49,7 @@ def needs_shortest_paths(sql: str) -> bool:
     names = find_queried_tables(sql)
     if not any(has_world_columns(name) for name in names):
         return False
-    if "query" in sql.lower():  # a text that is a query
+    if "query" in sql.lower():  # query() runs SQL that is given as a text
         return True
     try:
         with duckdb.connect(config=dict(QUERY_SETTINGS)) as parser:

@@ -102,8 +102,9 @@ def measure_width_px(text: str, faces: TypefaceSet, size_px: int) -> float:
 
 
 def _shape_run(codepoints: list[int], run: _Run, size_px: int, language: str) -> harfbuzz.Buffer:
+    """Return HarfBuzz's buffer with a run's glyphs; letters join with those around the run in ``codepoints``."""
     buffer = harfbuzz.Buffer()
-    buffer.add_codepoints(codepoints, run.start, run.stop - run.start)  # with what stands around it: letters join
+    buffer.add_codepoints(codepoints, run.start, run.stop - run.start)
     buffer.direction = "ltr"
     if run.level % 2:
         buffer.direction = "rtl"
@@ -123,6 +124,7 @@ def _load_font(face: Typeface, size_px: int) -> harfbuzz.Font:
 
 
 def _split_runs(text: str, faces: TypefaceSet, *, rtl: bool) -> Iterator[_Run]:
+    """Yield the runs of a text in the order of its characters."""
     attributes = zip(select_faces(text, faces), _resolve_scripts(text), _find_levels(text, rtl=rtl), strict=True)
     start = 0
     for (face, script, level), members in groupby(attributes):

@@ -67,6 +67,7 @@ def split_tokens(paragraph: str) -> Iterator[str]:
 
 
 def _may_break(before: str, after: str) -> bool:
+    """Return whether a line can be broken between two characters: at blanks, and around Chinese and Japanese."""
     if before.isspace():
         return not after.isspace()
     if after.isspace() or after in _NO_LINE_START or before in _NO_LINE_END:
@@ -105,6 +106,7 @@ def _break_lines(text: str, measure: Callable[[str], float], wide_px: float) -> 
 
 
 def _split_long(token: str, measure: Callable[[str], float], wide_px: float) -> Iterator[str]:
+    """Yield the pieces of a token, of which none but a single character is longer than a line."""
     while len(token) > 1 and measure(token.rstrip()) > wide_px:
         cut = next(n for n in range(len(token) - 1, 0, -1) if n == 1 or measure(token[:n]) <= wide_px)
         yield token[:cut]
@@ -112,7 +114,7 @@ def _split_long(token: str, measure: Callable[[str], float], wide_px: float) -> 
     yield token
 
 
-PAGINATION_RULES = 1  # of how a text is divided into pages; a plan says by which it was
+PAGINATION_RULES = 1  # the version of the rules that divide a text into pages, which a plan records
 PAGE_REFERENCE_PX = 900  # the height at which lines are broken
 PAGE_TYPE_SIZE = 1 / 30  # of the height; nothing that must be read is smaller than 1/40
 PAGE_LINE_HEIGHT = 1.45  # of the type size
@@ -179,10 +181,6 @@ def measure_reference_px(text: str) -> float:
         else:
             width_64 += sum(map(_advance_of_other, piece))
     return width_64 / SUBPIXELS
-
-
-def _is_shipped(character: str) -> bool:
-    return character.isspace() or ord(character) in list_characters(shipped_typeface())
 
 
 def _measure_shipped(text: str) -> int:

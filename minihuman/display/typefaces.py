@@ -14,7 +14,7 @@ from pathlib import Path
 
 import uharfbuzz as harfbuzz
 
-# Noto faces by the scripts they are for, in the order in which they are asked; then what systems bring themselves.
+# Noto faces by script, in the order in which they are searched; then faces that come with operating systems.
 _CJK_COLLECTION = "NotoSansCJK-Regular.ttc"
 _NOTO = (
     _CJK_COLLECTION,

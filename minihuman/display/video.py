@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from minihuman.operating_system import keep_scheduling
 
-logging.getLogger("libav").setLevel(logging.ERROR)  # encoders tell their settings as warnings
-os.environ.setdefault("SVT_LOG", "1")  # and this one to the terminal
+logging.getLogger("libav").setLevel(logging.ERROR)  # encoders report their settings as warnings
+os.environ.setdefault("SVT_LOG", "1")  # else the encoder of AV1 prints its settings to the terminal
 
 
 class VideoEncoding(NamedTuple):

@@ -137,6 +137,7 @@ def _write_whole(out: Path) -> Iterator[Path]:
 
 
 def _is_current_folder(path: Path) -> bool:
+    """Return whether a path is the working directory, or has no name of its own."""
     if not path.exists():
         return not path.name
     return path.resolve().samefile(".")

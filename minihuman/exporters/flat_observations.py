@@ -321,11 +321,11 @@ class Resimulator:
                 log holds no observations, or observations that do not match their hashes.
         """
         world = self._open_world(chosen.episode, chosen)
-        observed = self._picture_px is None or is_picture(world.observation_space)
+        is_observed = is_picture(world.observation_space)
         pictures: list[NDArray[np.uint8]] = []
 
         def draw() -> None:
-            if not observed and self._picture_px is not None:
+            if self._picture_px is not None and not is_observed:
                 plan = chosen.episode.plan
                 pictures.append(world.frame(plan.view, self._picture_px, plan.palette))
 
@@ -334,7 +334,7 @@ class Resimulator:
         else:
             observations = _replay_observations(chosen, world, draw)
         shown_pictures = tuple(pictures)
-        if self._picture_px is not None and observed:
+        if self._picture_px is not None and is_observed:
             shown_pictures = observations
         return ReplayedEpisode(
             chosen.episode, observations, world.observation_space, world.action_space, shown_pictures

@@ -117,7 +117,7 @@ def export(chosen: IncludedEpisodes, out: Path) -> ExportResult:
     Raises:
         ExportError: if an episode does not replay.
     """
-    datasets.disable_progress_bars()  # our own command says how far it is
+    datasets.disable_progress_bars()  # the command reports its own progress
     replayed = ReplayedStudy(chosen, "has no step, and a trajectory needs one")
     writers = _Writers(out)
     fragments = FragmentWriter()
@@ -148,9 +148,10 @@ class _Writers:
         self.write(f"{name}-preferences", preference_features(self._open[name][1]), row)
 
     def close(self) -> tuple[Path, ...]:
+        """Close all files, turn each into a dataset's folder, and return the folders."""
         for name, (writer, features) in self._open.items():
             writer.finalize()
-            _settle(self._out / f"{name}.arrow", self._out / name, features)
+            _make_dataset_folder(self._out / f"{name}.arrow", self._out / name, features)
         return tuple(self._out / name for name in self._open)
 
 
@@ -164,7 +165,7 @@ def _build_trajectory(item: IncludedEpisode, demonstration: ReplayedEpisode) -> 
         )
     infos = []
     for index, key in enumerate(episode.step_keys):
-        facts = item.facts if index == 0 else {}  # the episode's facts are said once
+        facts = item.facts if index == 0 else {}  # the first step alone has the episode's facts
         info = {**facts, "t_ns": int(episode.t_ns[index + 1]), "key": key}
         infos.append(json.dumps(info | get_step_steering(episode, index)))
     return {
@@ -211,7 +212,7 @@ def _nest(number: str, depth: int) -> Any:
     return feature
 
 
-def _settle(arrow_file: Path, path: Path, features: datasets.Features) -> None:
+def _make_dataset_folder(arrow_file: Path, path: Path, features: datasets.Features) -> None:
     """Turn an Arrow file into a dataset folder with the layout of ``save_to_disk``, without reading it into memory."""
     path.mkdir()
     data = path / "data-00000-of-00001.arrow"

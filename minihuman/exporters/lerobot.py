@@ -51,7 +51,7 @@ LARGEST_REWARD = float(np.sqrt(np.finfo(np.float64).max))
 
 PICTURE = "observation.image"
 STATE = "observation.state"
-INFO = "info."  # before a kept key of the world's info
+INFO = "info."  # prefix of a recorded key of the world's info
 
 
 def build_features(item: IncludedEpisode, first: ReplayedEpisode) -> dict[str, dict[str, Any]]:
@@ -388,7 +388,7 @@ class _Dataset:
         filled = [name for name in self.rows[0] if any(row[name] is not None for row in self.rows)]
         table = pa.Table.from_pylist([{name: row[name] for name in filled} for row in self.rows])
         pq.write_table(table, episodes / "file-000.parquet", compression="snappy")
-        # the task is the unnamed index of a pandas frame: readers look for the column that makes
+        # The task is the unnamed index of a pandas frame; readers look for the column that pandas makes of it.
         pd.DataFrame({"task_index": list(self._tasks.values())}, index=list(self._tasks)).to_parquet(
             meta / "tasks.parquet"
         )

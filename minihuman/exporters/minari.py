@@ -150,6 +150,11 @@ def _require_room(out: Path, needed_bytes: int) -> None:
 
 
 def _begin_dataset(out: Path, name: str, item: IncludedEpisode, demonstration: ReplayedEpisode) -> MinariStorage:
+    """Create a dataset's folder, namespaces and metadata, described by its first episode.
+
+    Raises:
+        ExportError: if the observation has a key that HDF5 cannot name.
+    """
     study_facts = read_study_facts(item.log.path, item.log.plan.protocol_toml)
     study = item.log.plan.study
     _make_namespace(out / NAMESPACE, "exported by minihuman")

@@ -89,14 +89,14 @@ class Publication:
         if self.archive == "openneuro":
             files[".bidsignore"] = "datacite.json\n"
             files["CHANGES"] = f"{version} {date}\n  - First release.\n"
-        else:  # of BIDS, dataset_description.json is the citation; beside CITATION.cff it may not name the authors
+        else:  # BIDS names the authors in dataset_description.json, which may not do so beside CITATION.cff
             files["CITATION.cff"] = build_citation_file(self.facts, version, date)
         for name, text in files.items():
             (out / name).write_text(text, encoding="utf-8", newline="\n")
         return replace(export, paths=(*export.paths, *(out / name for name in files)))
 
     def _write_card(self, out: Path, year: str) -> None:
-        """Put the card before what the export's README says of the files, and after what it says to programs."""
+        """Insert the card into the export's README, between its YAML front matter and its text about the files."""
         path = out / "README.md"
         front_matter, files = _split_front_matter(path.read_text(encoding="utf-8"))
         data_dictionary: dict[str, Any] = {}

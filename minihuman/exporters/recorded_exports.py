@@ -15,7 +15,7 @@ Writer = Callable[..., tuple[ExportResult, ExportCard]]  # ``export_study`` for 
 def write_recorded_export(
     write: Writer, kind: str, study: Path, out: Path, selection: Selection, *, progress: Callable[[Path], None]
 ) -> tuple[ExportResult, tuple[str, ...]]:
-    """Write an export, and return it with the lines that say what it holds.
+    """Obey withdrawals, write an export, and record where it lies; return it with the lines that say what it holds.
 
     Args:
         write: the function that writes it.

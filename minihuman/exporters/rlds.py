@@ -47,8 +47,8 @@ def export(chosen: IncludedEpisodes, out: Path) -> ExportResult:
     """
     replayed = ReplayedStudy(chosen, "has no step", picture_px=PICTURE_PX)
     datasets: dict[str, _Dataset] = {}
-    for marked, item, demonstration in replayed:
-        name = marked.replace("-", "_")
+    for dataset_name, item, demonstration in replayed:
+        name = dataset_name.replace("-", "_")
         if name not in datasets:
             datasets[name] = _Dataset(
                 out / name / DATASET_VERSION,

@@ -257,7 +257,7 @@ People = dict[str, dict[str, Any]]  # by seat ("body_0"): the participant's code
 def _team_episodes(
     chosen: IncludedEpisodes, left_out: list[str]
 ) -> Iterator[tuple[IncludedEpisode, TeamRecord, People]]:
-    """Yield every team's episode once; add a line to ``left_out`` for each episode of a single body.
+    """Yield every team's episode that has a step, once; add a line to ``left_out`` for each episode of a single body.
 
     The people of an episode are complete when all episodes have been read, as each member has a log.
     """

@@ -61,7 +61,7 @@ def draw_study(logs: Sequence[SessionLog], out: Path) -> Iterator[Path]:
         means = episodes.groupby(["group", "participant"])["reward"].mean()
         by_group = {str(group): group_means.to_numpy(float) for group, group_means in means.groupby("group")}
         if len(by_group) > 1:
-            # here, as what it brings takes half a second that no figure of one session needs
+            # imported here, because it takes half a second, which figures of a single session need not spend
             from minihuman.figures.estimation import compare_every_pair, estimation_figure
 
             figure = estimation_figure(by_group, compare_every_pair(by_group), measure="mean reward", title=title)

@@ -15,8 +15,8 @@ from minihuman.figures.style import SERIES, figure_style, new_figure
 from minihuman.statistics.scores import wilson_interval
 
 _DASHES = ("-", "--", ":", "-.")
-_LONG_NAME = 14  # characters of a group, beside which there is no place for a second one
-_FEW = 12  # participants of a group: so many have a thin line each beside the mean
+_LONG_NAME = 14  # characters; with a longer group name, the legend has one column
+_FEW = 12  # participants of a group up to which each has a thin line, too
 _MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 
 

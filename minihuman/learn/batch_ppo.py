@@ -24,7 +24,7 @@ from minihuman.learn.policy.network import Policy
 from minihuman.learn.training_settings import TrainingSettings
 from minihuman.learn.training_worlds import Batch, BatchEncoder, TrainingLevel, TrainingWorlds
 
-RECENT = 100  # episodes that a point of the curve is over
+RECENT = 100  # the latest episodes, over which a point of the curve is a mean
 _OBSERVATION_PREFIX = "seen "  # of the fields of a rollout that are observations
 
 
@@ -64,7 +64,7 @@ class Losses:
 
 @dataclass(frozen=True, slots=True)
 class EpisodeSoFar:
-    """What a world's current episode consists of: enough to play it again."""
+    """A world's current episode: its level and the actions so far, from which it can be replayed."""
 
     level: TrainingLevel
     actions: list[Any]  # numbers, or lists of components
@@ -139,7 +139,7 @@ class BatchPpo:
         return CurvePoint(self.steps, self.episodes, returns, success, length, *losses, self._cpu_s)
 
     def _set_learning_rate(self) -> None:
-        """Set the learning rate of an update; a linear schedule falls to nothing."""
+        """Set the learning rate of an update; with a linear schedule, it falls to 0 over the run."""
         rate = self._settings.learning_rate
         if self._settings.schedule == "linear":
             rate *= self._share_left()
@@ -147,6 +147,7 @@ class BatchPpo:
             group["lr"] = rate
 
     def _share_left(self) -> float:
+        """Return the share of the run's steps that are still to be made, from 1 to 0."""
         return max(0.0, 1 - self.steps / self._settings.steps)
 
     def _collect(self) -> Batch:
@@ -216,7 +217,7 @@ class BatchPpo:
         return torch.from_numpy(rewards)
 
     def _end_episodes(self, ended: NDArray[np.int64], has_succeeded: NDArray[np.bool_]) -> None:
-        """Take note of the episodes that ended."""
+        """Count the episodes that ended, and tell the curriculum whether they succeeded."""
         self.episodes += len(ended)
         for i in ended.tolist():
             self._recent.append((float(self._returns[i]), bool(has_succeeded[i]), int(self._lengths[i])))
@@ -312,6 +313,7 @@ class BatchPpo:
     def _note_losses(
         self, policy: torch.Tensor, value: torch.Tensor, entropy: torch.Tensor, log_ratio: torch.Tensor
     ) -> None:
+        """Add a minibatch's losses and entropy, and the divergence that ``log_ratio`` implies, to the update's sums."""
         losses = self._losses
         losses.policy += policy.item()
         losses.value += value.item()

@@ -34,7 +34,7 @@ from minihuman.statistics.units import find_units
 from minihuman.storage.durable_files import write_atomically
 from minihuman.worlds.adapters.world import World
 
-ChooseAction = Callable[[Observation], int]  # an action from what is seen
+ChooseAction = Callable[[Observation], int]  # returns the number of the action for an observation
 
 
 @dataclass(frozen=True, slots=True)

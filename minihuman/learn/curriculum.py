@@ -17,7 +17,7 @@ from minihuman.worlds.hashing import hash64
 
 
 class Curriculum(abc.ABC):
-    """What chooses the levels of a training run, with random numbers of its own."""
+    """A rule that chooses the levels of a training run, with a random generator of its own."""
 
     needs_scores: ClassVar[bool] = False  # whether `score` must be called
 
@@ -32,10 +32,10 @@ class Curriculum(abc.ABC):
         """Return the level of the next episode."""
 
     def finish(self, level: TrainingLevel, has_succeeded: bool) -> None:  # noqa: B027  # most have nothing to do
-        """Take note that an episode of a level ended."""
+        """Record that an episode of a level ended, and whether it succeeded."""
 
     def score(self, level: TrainingLevel, score: float) -> None:  # noqa: B027
-        """Take note of a level's score, the mean size of the advantages in an episode or in the part of a rollout."""
+        """Record a level's score, the mean absolute advantage over an episode, or over its part in one rollout."""
 
     def save(self) -> dict[str, Any]:
         """Return the state in plain values."""
@@ -46,7 +46,7 @@ class Curriculum(abc.ABC):
         self._rng.bit_generator.state = saved["rng"]
 
     def describe(self) -> str:
-        """Return what the curriculum is at, in a few words; "" if there is nothing to say."""
+        """Describe the curriculum's progress in a few words; "" if it has none."""
         return ""
 
     def _draw_new(self, world: int) -> TrainingLevel:
@@ -107,7 +107,7 @@ class PrioritizedLevelReplay(Curriculum):
     """Play levels again by the rank of their scores and by how long ago they were played.
 
     A score is the mean size of the generalised advantage estimates of the level's latest episode, the paper's L1 value
-    loss. Without a limit of ``levels``, a new level is drawn with the chance that none is played again.
+    loss. A level is played again with the probability ``replay``; else one is drawn as in the uniform curriculum.
     """
 
     needs_scores = True
@@ -156,6 +156,7 @@ class PrioritizedLevelReplay(Curriculum):
         return f"{len(self._scores)} levels to replay"
 
     def _draw_scored(self) -> TrainingLevel:
+        """Draw a remembered level, with a probability that mixes the rank of its score and its age."""
         levels = list(self._scores)
         ranks = np.argsort(np.argsort([-self._scores[level] for level in levels], kind="stable"), kind="stable") + 1
         by_score = (1.0 / ranks) ** (1 / self._settings.temperature)

@@ -56,7 +56,9 @@ class Demonstrations:
 
     def by(self, participants: Sequence[str]) -> "Demonstrations":
         """Return only the demonstrations of the given participants."""
-        return replace(self, episodes=tuple(e for e in self.episodes if e.participant in participants))
+        return replace(
+            self, episodes=tuple(episode for episode in self.episodes if episode.participant in participants)
+        )
 
     def first(self, count: int) -> "Demonstrations":
         """Return the first ``count`` demonstrations, taking one of each participant in turn."""

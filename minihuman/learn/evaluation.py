@@ -20,12 +20,12 @@ from minihuman.learn.training_worlds import BatchEncoder, TrainingLevel, Trainin
 from minihuman.worlds.adapters.world import World
 
 MAX_STEPS = 100_000  # of an episode, in a world without a step limit
-TOGETHER = 16  # worlds
+TOGETHER = 16  # worlds that are stepped side by side
 
 
 @dataclass(frozen=True, slots=True)
 class EpisodeScore:
-    """What came of an episode."""
+    """The return, length and success of an episode."""
 
     episode_return: float
     steps: int

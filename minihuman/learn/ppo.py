@@ -118,7 +118,10 @@ class Rollout:
         self.advantages = np.empty(n, np.float32)
 
     def judge(self, last_value: float, ended: bool, *, gamma: float, gae_lambda: float) -> None:
-        """Compute the generalised advantage estimates of all steps (Schulman et al., 2016)."""
+        """Compute the generalised advantage estimates of all steps (Schulman et al., 2016).
+
+        ``last_value`` is the value of the state after the last step; ``ended`` is whether that step ended an episode.
+        """
         following = np.float32(last_value)
         goes_on = np.float32(not ended)
         running = np.float32(0)
@@ -162,7 +165,7 @@ class LeanPpo(PPO):
             began_with_step = starts
             starts = terminated or truncated
             self._update_info_buffer([info], np.array([starts]))
-            if truncated and not terminated:  # what would have come is expected, not lost
+            if truncated and not terminated:  # the return beyond a step limit is estimated by the state's value
                 reward += self.gamma * choose.value(observation)
             rollout.actions[step] = action
             rollout.rewards[step] = reward

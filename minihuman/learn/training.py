@@ -40,7 +40,7 @@ DEFAULT_SELECTION = Selection(outcome=("goal",))
 
 @dataclass(frozen=True, slots=True)
 class TrainingReport:
-    """What came of a training run."""
+    """The learning curve and the evaluations of a training run."""
 
     points: list[CurvePoint]
     evaluations: list[Evaluation]  # on fresh levels of each world; empty if there was none
@@ -49,7 +49,7 @@ class TrainingReport:
 
 @dataclass(frozen=True, slots=True)
 class _Subject:
-    """What a policy is trained for: spaces, encoders and names of actions, which all worlds of a job share."""
+    """The spaces, encoders and action names that all worlds of a job share."""
 
     space: spaces.Dict
     action_names: tuple[str, ...]
@@ -125,7 +125,7 @@ def _is_checkpoint(run: BatchPpo, worlds: TrainingWorlds, settings: TrainingSett
 
 
 def _prepare_torch(settings: TrainingSettings) -> None:
-    """Seed torch, and check that the device is here."""
+    """Seed torch and limit it to one thread; raise LearnError if the device is not available."""
     torch.manual_seed(settings.seed)
     torch.set_num_threads(1)  # small networks: more threads only wait for each other
     device = settings.device
@@ -134,7 +134,7 @@ def _prepare_torch(settings: TrainingSettings) -> None:
 
 
 def _require_files(out: Path, checkpoint: Path, *, resume: bool) -> None:
-    """Refuse to write over what is there, but for what a resumed run continues."""
+    """Raise LearnError if a file would be overwritten, except by a run that resumes from the checkpoint."""
     if resume and checkpoint.exists():
         return
     if checkpoint.exists():
@@ -156,14 +156,17 @@ def _make_worlds(job: TrainingJob) -> TrainingWorlds:
 
 
 def _describe_worlds(job: TrainingJob) -> _Subject:
-    """Return what the first world shows and does; `make_worlds` has checked that the others are like it."""
+    """Describe the first world's observations and actions; raise LearnError for actions that PPO cannot learn.
+
+    `make_worlds` has checked that the other worlds have the same ones.
+    """
     settings = job.settings
     worlds = [World(choice.id, choice.options, trusted=True) for choice in job.worlds]
     first: Any = worlds[0].unwrapped
     image_shape = get_image_shape(ObservationEncoder(settings.missions).space(first))
     channels, height, _ = image_shape
     is_grid = channels == 3 and 1 < height <= LARGEST_VIEW
-    # spread, the codes of these would be larger than a byte
+    # The codes of kinds of a world's own, and of team worlds, would exceed a byte if they were spread.
     is_wide = any(getattr(world.unwrapped, "kinds", ()) for world in worlds) or isinstance(
         getattr(first, "team", None), TeamWorld
     )
@@ -275,7 +278,7 @@ def _make_checkpoint(job: TrainingJob, run: BatchPpo, points: list[CurvePoint], 
 
 
 def _read_saved(job: TrainingJob, checkpoint: Path) -> dict[str, Any]:
-    """Read a checkpoint; refuse that of another job, and name what differs."""
+    """Read a checkpoint; raise LearnError, naming the difference, if it is of another job."""
     saved = read_checkpoint(checkpoint)
     wanted = msgspec.to_builtins(job)
     before = saved.get("job", {})

@@ -26,6 +26,7 @@ class WorldChoice:
 def _setting(
     default: Any, help: str, panel: str = "Training", least: float | None = None, most: float | None = None
 ) -> Any:
+    """Declare a setting with its option's help and panel, and the least and the most that it can be; None: no limit."""
     return field(default=default, metadata={"help": help, "panel": panel, "least": least, "most": most})
 
 

@@ -34,7 +34,7 @@ class TrainingLevel(NamedTuple):
 
 
 class BatchStep(NamedTuple):
-    """What a step of all worlds returned."""
+    """The rewards and the ends of one step of all worlds, each of shape (n,)."""
 
     rewards: NDArray[np.float64]
     terminated: NDArray[np.bool_]
@@ -166,11 +166,11 @@ class WorldsInTurn(TrainingWorlds):
     def begin(self, numbers: Sequence[int], levels: Sequence[TrainingLevel]) -> None:
         """Begin an episode of a level in each of the numbered worlds."""
         for number, level in zip(numbers, levels, strict=True):
-            made = self._worlds[number]
-            if level.world not in made:
+            own_worlds = self._worlds[number]
+            if level.world not in own_worlds:
                 choice = self._choices[level.world]
-                made[level.world] = World(choice.id, choice.options, trusted=True).env
-            self._current[number] = made[level.world]
+                own_worlds[level.world] = World(choice.id, choice.options, trusted=True).env
+            self._current[number] = own_worlds[level.world]
             self._observations[number], _ = self._current[number].reset(seed=level.seed)
         self._show()
 
@@ -184,8 +184,7 @@ class WorldsInTurn(TrainingWorlds):
                 taken: Any = int(env.action_space.start) + int(action)
             else:
                 taken = clip_actions(env.action_space, action)
-            answer = env.step(taken)
-            self._observations[number], rewards[number], terminated[number], truncated[number], _ = answer
+            self._observations[number], rewards[number], terminated[number], truncated[number], _ = env.step(taken)
         self._show()
         return BatchStep(rewards, terminated, truncated)
 
@@ -217,7 +216,7 @@ class SeatWorlds(TrainingWorlds):
         self.missions = [""] * self.num_envs
 
     def begin(self, numbers: Sequence[int], levels: Sequence[TrainingLevel]) -> None:
-        """Begin the first episodes of all worlds, whose seeds are drawn from the first level's."""
+        """Begin the first episodes of all worlds, whose seeds are drawn from the first level's; the rest is ignored."""
         self._batch.reset(levels[0].seed)
         self._show()
 

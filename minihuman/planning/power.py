@@ -53,7 +53,7 @@ class HeadlessEpisode:
     limit: int
 
 
-_PRESSES_PER_STEP = 20  # of the limit: who needs more will never find the keys
+_PRESSES_PER_STEP = 20  # key presses per step of the limit, after which an episode is given up
 
 
 def can_run_headless(protocol: Protocol) -> bool:
@@ -85,7 +85,11 @@ def play_headless(
 
 
 def _play(plan: EpisodePlan, pool: tuple[str, ...], player: SimulatedParticipant, world: World) -> HeadlessEpisode:
-    """Play one episode until it ends, or until more keys are pressed than any patient player needs."""
+    """Play one episode until it ends, or until so many keys are pressed that the player will never find the right ones.
+
+    Raises:
+        PlayerFailedError: if the participant gives no answer.
+    """
     world.reset(plan.seed)
     shortest = world.path_length_bounds().feasible
     player.begin(plan, pool, world)
@@ -231,7 +235,7 @@ def parse_group_sizes(text: str) -> tuple[int, ...]:
 ALPHA = 0.05
 _POOLS = 20
 _Z = 1.96
-TWO_PARTS = "reward_two_parts"  # how often there is any, and how much where there is
+TWO_PARTS = "reward_two_parts"  # the share of episodes with a reward, and its amount in these
 
 
 @dataclass(frozen=True, slots=True)
@@ -391,6 +395,7 @@ def _power_at(measure: str, treated: Values, untreated: Values, size: int, *, st
 
 
 def _group_p(a: Values, b: Values) -> float:
+    """Return the p of the report's test of two groups; NaN if one has fewer than two participants."""
     (test,) = permutation_tests([(a, b)])
     if test is None:
         return math.nan

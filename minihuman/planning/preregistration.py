@@ -20,7 +20,7 @@ from minihuman.experiment.protocol.study_design import derive_design
 from minihuman.reporting.block_measures import FORMULAS, MEASURES as MEANINGS, ONLY_IF_NAMED, label_measure
 from minihuman.storage.durable_files import write_atomically
 
-_POWER = {  # what the block table calls a measure, and what power does
+_POWER = {  # a measure's name in the table of blocks -> its name in a power analysis
     "log_excess_steps_mean": "log_excess_steps", "log_steps_ratio_mean": "log_steps_ratio", "spl_mean": "spl",
     "success": "success", "reward_mean": "reward", "steps_at_limit_mean": "steps_at_limit",
 }  # fmt: skip

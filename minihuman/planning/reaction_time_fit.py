@@ -34,12 +34,12 @@ _PRIOR_SDS = (
     1.0,
     1.0,
     2.0,
-)  # on that line around the start: weak, practice is hard to tell
+)  # around the start, on the unbounded scale of ``_to_unbounded``; weak, for practice that few times determine
 _PAUSE_MS = 3000.0  # mean of the pauses' exponential
-_CHANCES = ("practice", "pause")  # whose line is the log odds, not the logarithm
+_CHANCES = ("practice", "pause")  # their unbounded scale is log odds; that of the others is the logarithm
 _FATIGUE = 0.04  # slower by this share in 1,000 presses: too little to be told from practice, so it is taken as given
 _MAX_LAG = 0.9  # of the lag-1 correlation by which intervals are widened
-_STEP = 2e-2  # of a parameter on that line, for the curvature
+_STEP = 2e-2  # of a parameter on the unbounded scale, for the curvature
 
 
 @dataclass(frozen=True, slots=True, eq=False)

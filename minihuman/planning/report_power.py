@@ -261,7 +261,7 @@ def _draw_participants(pool: ReportPool, effect: pd.DataFrame, size: int, rng: n
 
 
 def _drop_out(rows: pd.DataFrame, chance: float, rng: np.random.Generator) -> pd.DataFrame:
-    """Return the rows without those of each person's sessions after the person dropped out."""
+    """Return the rows without the session in which a person drops out, with probability ``chance``, and later ones."""
     sessions = sorted({*rows["session"]})
     left = {
         person: next((session for session in sessions if rng.random() < chance), math.inf)

@@ -45,9 +45,10 @@ class BlockSurvival:
     """The survival times of one block by group; empty if no event could occur."""
 
     keys: Mapping[str, SurvivalTimes]  # playing seconds until every key was found, one per participant
-    goal: Mapping[str, SurvivalTimes]  # steps until the goal, one per episode: a participant's are not independent;
-    # empty if no episode ended at a goal though rewards were earned: the world has none
-    compared: tuple[tuple[str, str, SurvivalComparison], ...]  # of keys: which groups, and how
+    # Steps until the goal, one per episode, so that a participant's are not independent. Empty if no episode ended at a
+    # goal although rewards were earned, because such a world has none.
+    goal: Mapping[str, SurvivalTimes]
+    compared: tuple[tuple[str, str, SurvivalComparison], ...]  # two groups and the comparison of their ``keys``
 
     @property
     def without_goal(self) -> list[str]:
@@ -185,12 +186,12 @@ class BlockResults:
     comparisons: tuple[GroupComparison, ...]  # the primary measure first, then the secondary ones
     roles: Mapping[str, Role]  # of each measure that is compared
     adjusted: tuple[GroupComparison, ...]  # of the primary measure, for the covariates that the protocol names
-    set_aside: Mapping[str, str]  # measures that are not compared since they omit those who failed, and why
+    set_aside: Mapping[str, str]  # why a measure is not compared, by measure: it omits participants who failed
     alike: tuple[EquivalenceResult, ...]  # of the primary measure, where the protocol gives a margin
     waits: BlockSurvival  # until every key was found, and until the goal
     parts: tuple[TwoPartComparison, ...]  # of the reward, where it has mass at 0
     growth: GrowthComparison | None  # of the excess steps, or of the reward, over the block's episodes
-    reliabilities: tuple[Reliability, ...]  # of the measures that an episode has a value of; none of teams
+    reliabilities: tuple[Reliability, ...]  # of measures that single episodes have; empty for blocks of teams
     powers: tuple[PowerAnalysis, ...]  # one for each pair of groups, in the order of the headline
     teams: int = 0  # of several people, each of which is one unit of the statistics; 0: participants are
     team_units: Mapping[str, str] = field(default_factory=dict)  # by group: "teams", or "teams and participants"
@@ -424,6 +425,7 @@ def _estimate_changes(
 def _estimate_change(
     changes: Values, measure: str, group: str, sessions: tuple[int, int], *, is_log: bool
 ) -> SessionChange:
+    """Estimate a group's mean change; the interval and p are NaN if the changes are too few or do not vary."""
     test = paired_test(changes)
     interval = (math.nan, math.nan)
     p = math.nan

@@ -39,17 +39,15 @@ MEASURES = {  # words, and the range of the histogram; what lies outside counts 
     "overlap": ("share of keys pressed before the last one was released", -0.05, 1.0),
 }
 BINS = 20
-# the fewest intervals of a session, and of each side of a ratio
-N_INTERVALS = 20
-N_OTHERS = 5
+N_INTERVALS = 20  # the fewest intervals of a session that are measured
+N_OTHERS = 5  # the fewest on each side of a ratio or correlation
 BOUND = 3.0  # a ratio beyond 1000 is not claimed from some hundred simulated people
 FLAG = -2.0  # log10 of the ratio at which a session is flagged
 NOT_CALIBRATED = "not calibrated on people: fitted to simulated people and programs"
 _N_REASONS = 3  # measures that a session's verdict names
 _NS_PER_MS = 1e6
-# so many times in a row, each as near as this, in another session
-_SAME_RUN = 5
-_SAME_MS = 2.0
+_SAME_RUN = 5  # successive times that another session must share to be a copy
+_SAME_MS = 2.0  # the largest difference of shared times
 _VARIED_MS = 50 * _SAME_MS  # a steadier run, as of a held key, can be the same in two sessions by chance
 _MIN_MS = 0.1  # shorter times count as this, so that each has a logarithm
 _MIN_RATIO = 1e-3  # added to a spread for the same reason
@@ -130,7 +128,8 @@ def measure_key_times(times: PressTimes) -> dict[str, float]:
     logs = np.log10(intervals)
     same_key_logs = logs[known & times.same]
     other_key_logs = logs[known & ~times.same]
-    if min(len(same_key_logs), len(other_key_logs)) >= N_OTHERS:  # a run of the same key is no correlation
+    # Repeated keys come faster and in runs, which alone would correlate successive times.
+    if min(len(same_key_logs), len(other_key_logs)) >= N_OTHERS:
         logs = logs - np.where(times.same, np.median(same_key_logs), np.median(other_key_logs))
     pairs = known[1:] & known[:-1]
     low, middle, high = np.quantile(intervals[known], (0.25, 0.5, 0.75))
@@ -345,5 +344,5 @@ def find_same_times(times: list[PressTimes]) -> dict[int, int]:
     apart = session_pairs[session_pairs[:, 0] != session_pairs[:, 1]]
     copies: dict[int, int] = {}
     for pairs in (apart, apart[:, ::-1]):
-        copies |= {int(session): int(other) for session, other in pairs[::-1]}  # the first pair of a session counts
+        copies |= {int(session): int(other) for session, other in pairs[::-1]}  # reversed: a session's first pair stays
     return copies

@@ -167,7 +167,7 @@ def _add_interaction(
     analysed: tuple[pd.DataFrame, pd.DataFrame],
     results: Results,
 ) -> PageContent:
-    """Add the interaction of groups and conditions, and choose the block whose comparison answers the question.
+    """Add the interaction, the block whose comparison answers the question, and the answers without exclusion rules.
 
     ``analysed`` is episodes and blocks without practice.
     """
@@ -384,7 +384,7 @@ def _count_by_block(episodes: pd.DataFrame) -> dict[str, int]:
 
 
 def _fit_mixed(episodes: pd.DataFrame, block: BlockResults) -> MixedModel | None:
-    """Fit the mixed model of a block's growth; None for teams, whose members share their episodes."""
+    """Fit the mixed model of a block's growth; None without growth, or for teams, whose members share episodes."""
     if block.growth is None or block.teams:
         return None
     rows = episodes[(episodes["block"] == block.block) & episodes["exclusion_reason"].isna()]
@@ -408,11 +408,9 @@ def _score_models(plays: Sequence[PlayerRows], out: Path) -> tuple[list[ReportFi
 
 
 def find_stale_figures(out: Path, report_files: Collection[Path]) -> tuple[str, ...]:
-    """Return a line about figures in a report's folder that the report did not write.
+    """Return a warning if a report's folder has figures that the report did not write; an empty tuple if it has none.
 
-    None if there are no such figures.
-
-    They are of another study or of excluded participants.
+    Such figures are of another study or of excluded participants.
     """
     stems = {path.stem for path in report_files}
     left = sorted(path.name for path in (out / "figures").glob("*.p[nd][gf]") if path.stem not in stems)
@@ -475,7 +473,11 @@ def _is_practice(rows: pd.DataFrame, practice: Collection[tuple[str, str]]) -> "
 
 
 def _find_study(tables: Tables) -> str:
-    """Return the name of the single study to which all sessions belong."""
+    """Return the name of the single study to which all sessions belong.
+
+    Raises:
+        ReportError: if no log can be read, no session is selected, or the logs are of different studies.
+    """
     readable = [session for session in tables.sessions if session.study]
     if not readable:
         skipped = len(tables.account.skipped)

@@ -49,7 +49,7 @@ def name_allocated(protocols: Sequence[Protocol], *, has_groups: bool, has_keys:
 
 
 def describe_team(spec: BlockSpec | None) -> str:
-    """State how many people and which agents play a block together; "" unless it is a team's."""
+    """State how many people and which agents play a block together; "" unless there are at least two players."""
     if spec is None or spec.team is None or len(spec.team.seats) < 2:
         return ""
     n_people = len(spec.team.persons)

@@ -13,7 +13,7 @@ from minihuman.reporting.template import (
 from minihuman.statistics.scores import wilson_interval
 
 VERBS = {"GoTo": "go to", "Open": "open", "Pickup": "pick up", "PutNext": "put next to"}  # by a clause's type
-ATTEMPT_COLUMNS = ["participant", "session", "segment", "episode"]  # one of an episode: a segment has one at most
+ATTEMPT_COLUMNS = ["participant", "session", "segment", "episode"]  # a segment has at most one attempt at an episode
 
 
 def count_clauses(episodes: pd.DataFrame, starts: pd.DataFrame, completed: pd.DataFrame) -> pd.DataFrame:
@@ -26,13 +26,12 @@ def count_clauses(episodes: pd.DataFrame, starts: pd.DataFrame, completed: pd.Da
 
     Returns:
         A table with the columns block, verb, group, asked, done and median_step (of completed clauses); blocks in which
-        no
-        clause was ever completed are absent.
+        no clause was ever completed are absent.
     """
     included = episodes.loc[episodes["exclusion_reason"].isna(), [*ATTEMPT_COLUMNS, "block", "group"]]
     included = included.merge(starts[[*ATTEMPT_COLUMNS, "mission"]], on=ATTEMPT_COLUMNS)
     attempts = completed[ATTEMPT_COLUMNS].drop_duplicates()
-    blocks = included.merge(attempts, on=ATTEMPT_COLUMNS)["block"]  # with instructions, as far as any was done
+    blocks = included.merge(attempts, on=ATTEMPT_COLUMNS)["block"]  # blocks in which a clause was completed
     included = included[included["block"].isin(blocks)]
     if included.empty:
         return pd.DataFrame(columns=["block", "verb", "group", "asked", "done", "median_step"])

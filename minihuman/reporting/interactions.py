@@ -195,6 +195,7 @@ def _compare_scores(
     is_log: bool,
     intervals: bool,
 ) -> GroupComparison:
+    """Compare two groups on their participants' scores of a contrast: weighted sums of the values in its conditions."""
     weights = dict(contrast.weights)
     first, second = (
         _select_group(table, group).reindex(columns=list(weights)).dropna().to_numpy(float)

@@ -278,7 +278,7 @@ def _describe_block(name: str, described: Sequence[tuple[PlanOutline, str]], kno
             qualifier = f", {' and '.join(labels)}"
         exception = ""
         if _TO_FIND in description:
-            sessions = {(plan.group, plan.session) for plan, had in described if had == description}
+            sessions = {(plan.group, plan.session) for plan, plan_text in described if plan_text == description}
             cells = {cell: is_known for cell, is_known in known.items() if cell[:2] in sessions}
             exception = _describe_known_keys(cells)
         sentences.append(f"Block {name}{qualifier}: {description}{exception}.")

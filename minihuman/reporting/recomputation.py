@@ -14,7 +14,9 @@ from minihuman.reporting.build import build_report
 
 
 def verify_tables(study: Path, outputs: Iterable[Path]) -> Iterator[tuple[str, bool]]:
-    """Recompute a study's tables from its logs; yield each difference of its caches and outputs as a line with False.
+    """Recompute a study's tables from its logs, and yield how its caches and outputs differ.
+
+    Each difference is a line with False; if there is none, a single line with True says how much was compared.
 
     Args:
         study: the study's folder.

@@ -213,10 +213,10 @@ def _summarize_answers(answers: pd.DataFrame) -> pd.DataFrame:
             summary = f"{group_answers['number'].mean():.2f}"
         return f"{summary} (n = {len(group_answers)})"
 
+    if not len(answers):
+        return pd.DataFrame()
     last = answers.drop_duplicates(["run", *_QUESTION], keep="last").groupby([*_QUESTION, "player"])
-    if len(answers):
-        return last[_ANSWER[4:]].apply(summarize).unstack(fill_value="")
-    return pd.DataFrame()
+    return last[["kind", "number", "said"]].apply(summarize).unstack(fill_value="")
 
 
 def read_player_rows(tables: Tables) -> PlayerRows:
@@ -286,7 +286,9 @@ def _list_unfinished(logs: Iterable[SessionLog]) -> Iterator[dict[str, object]]:
     for log in logs:
         if log.player.startswith(_MODELS) and log.end_reason != "declined":
             left = find_remaining_episodes(log)
-            for plan in (plan for plan in log.plan.episodes if plan.episode in left):
+            for plan in log.plan.episodes:
+                if plan.episode not in left:
+                    continue
                 yield {
                     "participant": log.plan.participant.id,
                     "session": log.plan.session,
@@ -355,9 +357,12 @@ def _tabulate_runs(rows: pd.DataFrame, levels: pd.MultiIndex) -> Runs:
     return Runs(*(means[name].unstack(_LEVEL).reindex(columns=levels).to_numpy(float) for name in means))
 
 
-def _list_notes(lines: Sequence[ScoredPlayer], reference: str, named: str, players: set[str]) -> Iterator[str]:
-    """Yield the notes that are needed to interpret the scores."""
-    yield f"reference: {named}"
+def _list_notes(lines: Sequence[ScoredPlayer], reference: str, label: str, players: set[str]) -> Iterator[str]:
+    """Yield the notes that are needed to interpret the scores.
+
+    ``label`` describes the ``reference`` player; ``players`` also has those who share no level with the reference.
+    """
+    yield f"reference: {label}"
     if "random" not in players:
         yield "no random player: the human-normalised score's 0 is an efficiency of 0"
     for line in lines:

@@ -19,9 +19,9 @@ from minihuman.reporting.template import (
     to_records,
 )
 
-_MOST_ANSWERS = 8  # of a question, that are listed one by one
-_GIVEN_ONCE = ["participant", "session", "part", "questions", "item", "attempt"]  # who goes back answers anew
-_TIMED_COLUMNS = slice(3, 9)  # of the table of quality, those that need a display and a keyboard
+_MOST_ANSWERS = 8  # distinct answers to a question that are listed one by one
+_GIVEN_ONCE = ["participant", "session", "part", "questions", "item", "attempt"]  # a participant can answer again
+_TIMED_COLUMNS = slice(3, 9)  # the columns of the table of quality that need a display and a keyboard
 
 
 def answers_table(answers: pd.DataFrame) -> Table | None:

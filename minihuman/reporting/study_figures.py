@@ -83,11 +83,9 @@ def draw_estimates(blocks: pd.DataFrame, results: Results, out: Path) -> Iterato
             title=name_measure(label, block.block, width=110),
             limits=_find_limits(measure, rows[measure]),
         )
-        of_means = (
-            "the difference of the means, with the interval"
-            if len(differences) == 1
-            else ("differences of the means, with the intervals")
-        )
+        of_means = "differences of the means, with the intervals"
+        if len(differences) == 1:
+            of_means = "the difference of the means, with the interval"
         caption = (
             f"{_begin_sentence(label)} in block {block.block}. A: a dot per participant, beside them the group's mean "
             f"with its 95 % interval. B: {of_means} of the comparison."
@@ -287,9 +285,13 @@ def draw_waiting_times(results: Results, out: Path) -> Iterator[ReportFigure]:
                 is_independent = name == "keys"  # a time per participant; episodes of one are not independent
                 title = name_measure(f"share of {waiting}", block.block)
                 stem = out / f"{block.block}_waiting_{name}"
-                axis = {"label": label, "title": title}
                 png, _ = draw_figure_files(
-                    stem, "survival_curves.survival_figure", groups, independent=is_independent, **axis
+                    stem,
+                    "survival_curves.survival_figure",
+                    groups,
+                    independent=is_independent,
+                    label=label,
+                    title=title,
                 )
                 band = ""
                 if is_independent:

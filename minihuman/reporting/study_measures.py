@@ -122,9 +122,9 @@ class BlockValue(StudyMeasure):
 
 
 class InfoAtEnd(StudyMeasure):
-    """``info:KEY`` is what the world's ``info`` says under a recorded key after an episode's last step: a block's mean.
+    """``info:KEY`` is the number under a recorded key of the world's ``info`` after an episode's last step.
 
-    ``KEY.PART`` is a part of a dictionary. A boolean counts as 0 or 1.
+    A block has the mean over its episodes. ``KEY.PART`` is a part of a dictionary. A boolean counts as 0 or 1.
     """
 
     def __init__(self, argument: str) -> None:
@@ -134,7 +134,7 @@ class InfoAtEnd(StudyMeasure):
         self.label = f"{argument} at the end of an episode"
 
     def compute(self, tables: Tables) -> pd.DataFrame:
-        """Return the value of each episode whose world said a number."""
+        """Return a row for each episode after which the key held a number."""
         episodes = tables["episodes"]
         values = episodes["info_at_end"].map(self._read, na_action="ignore")
         rows = episodes.assign(value=pd.to_numeric(values, errors="coerce"))
@@ -147,7 +147,7 @@ class InfoAtEnd(StudyMeasure):
 
 
 class AngleMean(InfoAtEnd):
-    """``angle_mean:KEY`` is the mean direction of a block's angles in degrees, which `info:KEY` names, -180 to 180."""
+    """``angle_mean:KEY`` is the circular mean, -180 to 180 degrees, of the angles that a block has as ``info:KEY``."""
 
     def __init__(self, argument: str) -> None:
         super().__init__(argument)
@@ -163,7 +163,7 @@ class AngleMean(InfoAtEnd):
 
 
 class AngleConcentration(AngleMean):
-    """``angle_concentration:KEY`` is how alike a block's angles are: 1 for all equal, 0 for none preferred."""
+    """``angle_concentration:KEY`` is the mean resultant length of a block's angles: 1 if all are equal."""
 
     def __init__(self, argument: str) -> None:
         super().__init__(argument)

@@ -28,8 +28,8 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-_MOST_ROWS = 60  # that stand open on the page
-_MOST_SHOWN = 2_000  # that are on it at all; browsers take seconds for more, and the tables have them
+_MOST_ROWS = 60  # a longer table is collapsed
+_MOST_SHOWN = 2_000  # rows on the page: browsers take seconds for more; the table files have all
 
 
 class AnswerCounts(NamedTuple):

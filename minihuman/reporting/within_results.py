@@ -162,7 +162,10 @@ def select_measures(analysis: AnalysisSpec, rows: pd.DataFrame) -> AnalysisSpec:
 
 
 def measure_levels(episodes: pd.DataFrame, label: str, trial_levels: pd.DataFrame | None = None) -> pd.DataFrame:
-    """Compute each participant's measures at each level of a label; the level is in the column ``block``."""
+    """Compute each participant's measures at each level of a label; the level is in the column ``block``.
+
+    With ``trial_levels``, the measures of trials by level, these are added as columns ``trials:NAME``.
+    """
     levels = read_label(episodes, label)
     rows = episodes.assign(block=levels)[levels != ""]
     keys = ["group", "participant", "session", "block"]

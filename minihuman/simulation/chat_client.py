@@ -29,10 +29,10 @@ API_KEY = "OPENAI_API_KEY"
 DEFAULT_URL = "https://api.openai.com/v1"
 MAX_ANSWER_BYTES = 8_000_000
 MAX_ERROR = 300  # characters of what a provider says of an error
-MAX_TOKENS = 1_000_000_000  # that a call can have taken
+MAX_TOKENS = 1_000_000_000  # larger token counts of a server are cut to this
 _TEMPORARY_STATUSES = (HTTPStatus.REQUEST_TIMEOUT, HTTPStatus.CONFLICT, HTTPStatus.TOO_MANY_REQUESTS)
-MIN_SECRET = 8  # characters: what is shorter is a dummy, and may be part of an answer
-# what a provider's error may hold beside its reason: addresses, keys cut short, ids of requests and accounts, paths
+MIN_SECRET = 8  # characters; a shorter key is a dummy, and may be part of an answer
+# Private parts of a provider's error, which are removed: addresses, shortened keys, ids of requests and accounts, paths
 _PRIVATE = re.compile(
     r"https?://\S+|\b\d{1,3}(?:\.\d{1,3}){3}(?::\d+)?|\b(?:sk|req|org|proj|user|acct|chatcmpl)[-_][^\s,;'\")]+"
     r"|\b[0-9a-f]{8}(?:-[0-9a-f]{4}){3}-[0-9a-f]{12}\b|(?:[/\\][\w.~-]+){2,}"

@@ -188,7 +188,7 @@ class HumanLikeParticipant(SimulatedParticipant):
 
     def __init__(self, argument: str, rng: np.random.Generator) -> None:
         population = ParticipantPopulation.parse(argument)
-        (trial_rng,) = rng.spawn(1)  # so that what they do in other worlds stays as it was
+        (trial_rng,) = rng.spawn(1)  # trials have a generator of their own, so that draws in other worlds do not change
         self._responder = TrialResponder(trial_rng, spread=population.spread)
         self.person = population.draw(rng)
         self._rng = rng
@@ -202,8 +202,8 @@ class HumanLikeParticipant(SimulatedParticipant):
         self._detour: list[str] = []
         self._last: tuple[str, int] | None = None  # the last key, and what was seen when it was pressed
         self._passed_ms = 0.0  # since it was pressed
-        self._state = np.zeros(2)  # what the next time shares with the last
-        self._no_effect = False  # nothing came of it
+        self._state = np.zeros(2)  # of the autocorrelated reaction times
+        self._no_effect = False  # whether the last press had no visible effect
 
     def begin(self, plan: EpisodePlan, pool: tuple[str, ...], world: World) -> None:
         """Start an episode; known keys are kept if the key map is the same."""

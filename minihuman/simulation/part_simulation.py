@@ -24,7 +24,7 @@ class SimulatedPerson(abc.ABC):
         participant: the participant who decides; a `SimulatedTeacher` can do more than press keys in a world.
     """
 
-    wrong_in_ten = 1  # of answers to questions that have a right one, how many in ten are any answer
+    wrong_in_ten = 1  # how many of ten answers to questions that have a right one are given at random
 
     def __init__(self, participant: SimulatedParticipant) -> None:
         self.participant = participant

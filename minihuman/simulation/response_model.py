@@ -69,8 +69,8 @@ class TrialResponder:
         self._rng = rng
         self.parameters = draw_parameters(rng, spread)
         self._values: dict[tuple[int, str], float] = {}  # of a response at a choice
-        self._may_withhold = False  # to withhold a response is one, too, in a task where it has been right
-        self._last: tuple[Stimulus, int, str] | None = None  # which world, at which choice, what was done
+        self._may_withhold = False  # whether withholding has been correct in this task, and so is a response, too
+        self._last: tuple[Stimulus, int, str] | None = None  # the last trial, its choice and the response to it
 
     def begin(self) -> None:
         """Learn from the reward of the previous trial."""
@@ -78,8 +78,9 @@ class TrialResponder:
             return
         stimulus, choice, response = self._last
         self._last = None
-        value = self._values.get((choice, response), 0.5)
-        self._values[choice, response] = value + self.parameters.learning_rate * (stimulus.last_reward - value)
+        learnt_value = self._values.get((choice, response), _INITIAL_VALUE)
+        error = stimulus.last_reward - learnt_value
+        self._values[choice, response] = learnt_value + self.parameters.learning_rate * error
 
     def respond(self, stimulus: Stimulus, responses: Sequence[str], deadline_ms: float) -> TrialResponse:
         """Return the response to a stimulus.

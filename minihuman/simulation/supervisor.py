@@ -49,21 +49,21 @@ class Supervisor:
     back and forth costs a step each.
     """
 
-    def __init__(self, supervising: SupervisorParameters, rng: np.random.Generator) -> None:
-        self._is = supervising
+    def __init__(self, parameters: SupervisorParameters, rng: np.random.Generator) -> None:
+        self._parameters = parameters
         self._rng = rng
         self._searcher: GridExplorer | None = None
         self._path: list[str] = []
-        self._left = 0  # steps of the way when counting began
+        self._left = 0  # length of the path when counting began
         self._n_counted = 0  # steps made since
         self._is_counting = False  # whether counting has begun in this episode
         self._due_ms: float | None = None  # when the key will go down
-        self._steered = 0
+        self._steered = 0  # own steps since taking over
 
     def begin(self, world: World) -> None:
         """Start an episode in which the agent is in control."""
         self._searcher = None
-        if not self._is.full_knowledge:
+        if not self._parameters.full_knowledge:
             self._searcher = GridExplorer(world)
         self._path = []
         self._is_counting = False
@@ -87,7 +87,7 @@ class Supervisor:
     @property
     def patience_steps(self) -> int:
         """The number of excess steps at which the supervisor takes over."""
-        return self._is.patience_steps
+        return self._parameters.patience_steps
 
     @property
     def excess_steps(self) -> int:
@@ -97,13 +97,13 @@ class Supervisor:
     @property
     def exceeds_patience(self) -> bool:
         """Whether the agent's excess steps warrant a takeover and the supervisor has a plan."""
-        return bool(self._path) and self.excess_steps >= self._is.patience_steps
+        return bool(self._path) and self.excess_steps >= self._parameters.patience_steps
 
     def takes_over(self, t_ms: float) -> bool:
         """Return whether the supervisor has pressed a key by a given time; call this while the agent is in control."""
         if self._due_ms is None and self.exceeds_patience:
-            normal = self._rng.normal(self._is.mu_ms, self._is.sigma_ms)
-            self._due_ms = t_ms + max(0.0, float(normal + self._rng.exponential(self._is.tau_ms)))
+            normal = self._rng.normal(self._parameters.mu_ms, self._parameters.sigma_ms)
+            self._due_ms = t_ms + max(0.0, float(normal + self._rng.exponential(self._parameters.tau_ms)))
         if self._due_ms is None or t_ms < self._due_ms:
             return False
         self._due_ms = None
@@ -113,12 +113,13 @@ class Supervisor:
     def hands_back(self) -> bool:
         """Return whether the supervisor returns control; call this after each of its own steps and ``plan``."""
         self._steered += 1
-        if self._steered < self._is.min_control_steps:
+        if self._steered < self._parameters.min_control_steps:
             return False
         self._count_anew()
         return True
 
     def _count_anew(self) -> None:
+        """Begin to count excess steps from the present state."""
         self._left = len(self._path)
         self._n_counted = 0
         self._is_counting = True
@@ -156,8 +157,8 @@ class CriticParameters:
 class Critic:
     """A critic who rates steps by how much they shortened the path."""
 
-    def __init__(self, criticising: CriticParameters, rng: np.random.Generator) -> None:
-        self._is = criticising
+    def __init__(self, parameters: CriticParameters, rng: np.random.Generator) -> None:
+        self._parameters = parameters
         self._rng = rng
 
     def press(self, gained_steps: float, shown_ms: float) -> tuple[float, float] | None:
@@ -167,15 +168,16 @@ class Critic:
             gained_steps: the number of steps by which the action shortened the path.
             shown_ms: the time at which the picture of the action's outcome was shown.
         """
-        if self._rng.random() >= self._is.response_rate:
+        if self._rng.random() >= self._parameters.response_rate:
             return None
         value = -1.0
         if gained_steps > 0:
             value = 1.0
-        if self._rng.random() < self._is.error_rate:
+        if self._rng.random() < self._parameters.error_rate:
             value = -value
-        delay = self._rng.normal(self._is.mu_ms, self._is.sigma_ms) + self._rng.exponential(self._is.tau_ms)
-        return shown_ms + max(100.0, float(delay)), value
+        normal_ms = self._rng.normal(self._parameters.mu_ms, self._parameters.sigma_ms)
+        delay_ms = normal_ms + self._rng.exponential(self._parameters.tau_ms)
+        return shown_ms + max(100.0, float(delay_ms)), value
 
 
 @dataclass(frozen=True, slots=True)
@@ -202,19 +204,19 @@ class RaterParameters:
 class Rater:
     """A rater who compares pairs of returns."""
 
-    def __init__(self, judging: RaterParameters, rng: np.random.Generator) -> None:
-        self._judging = judging
+    def __init__(self, parameters: RaterParameters, rng: np.random.Generator) -> None:
+        self._parameters = parameters
         self._rng = rng
 
     def answer(self, left: float, right: float) -> Literal["left", "right", "equal"]:
         """Return which of two true returns the rater judges to be better, subject to noise."""
         difference = right - left
-        if self._rng.random() < self._judging.lapse:
+        if self._rng.random() < self._parameters.lapse:
             right_probability = 0.5
-        elif abs(difference) <= self._judging.indifference:
+        elif abs(difference) <= self._parameters.indifference:
             return "equal"
         else:
-            log_odds = max(-_MAX_LOG_ODDS, min(_MAX_LOG_ODDS, self._judging.beta * difference))
+            log_odds = max(-_MAX_LOG_ODDS, min(_MAX_LOG_ODDS, self._parameters.beta * difference))
             right_probability = 1 / (1 + math.exp(-log_odds))
         if self._rng.random() < right_probability:
             return "right"
@@ -248,13 +250,14 @@ class SupervisorParticipant(SimulatedTeacher):
         self._critic = Critic(CriticParameters(**settings["critic_"]), rng)
         self._rater = Rater(RaterParameters(**settings["rater_"]), rng)
         self._key_of: dict[str, str] = {}
+        self._steered_to: int | None = None  # the step that its own key led to
         self._judged: tuple[int, int | None] | None = None  # the step it looked at last as a critic; steps left then
 
     def begin(self, plan: EpisodePlan, pool: tuple[str, ...], world: World) -> None:
         """Start an episode."""
         self._key_of = {action: key for key, action in reversed(plan.key_map.keys.items())}
         self._supervisor.begin(world)
-        self._steered_to: int | None = None  # the step that its own key led to
+        self._steered_to = None
         self._judged = None
 
     def press(self, world: World) -> KeyPress:
@@ -336,20 +339,21 @@ class SupervisorParticipant(SimulatedTeacher):
 
 
 def _count_steps_left(world: World) -> int | None:
+    """Return the length of the shortest path; None in a world without a planner."""
     path = world.shortest_path()
     if path is None:
         return None
     return len(path)
 
 
-def _count_gained_steps(stretch: EpisodeClip) -> int | None:
+def _count_gained_steps(clip: EpisodeClip) -> int | None:
     """Return the number of steps by which a clip shortened the path; None in a world without a planner."""
-    with closing(World(stretch.world, json.loads(stretch.options))) as world:
-        world.reset(stretch.seed)
+    with closing(World(clip.world, json.loads(clip.options))) as world:
+        world.reset(clip.seed)
         before = None
         reached = False
-        for step, action in enumerate(stretch.actions):
-            if step == stretch.first:
+        for step, action in enumerate(clip.actions):
+            if step == clip.first:
                 before = _count_steps_left(world)
             change = world.step(action)
             reached = change.terminated and change.reward > 0

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 
 def find_mean_direction_deg(angles_deg: ArrayLike) -> float:
-    """Return the direction of the sum of unit vectors, in degrees from -180 to 180; NaN without angles or direction."""
+    """Return the direction of the sum of unit vectors, in degrees from -180 to 180; NaN if the sum is 0 or empty."""
     mean_vector = _average_vectors(angles_deg)
     if not abs(mean_vector) > 1e-12:
         return float("nan")
@@ -16,7 +16,7 @@ def find_mean_direction_deg(angles_deg: ArrayLike) -> float:
 
 
 def find_resultant_length(angles_deg: ArrayLike) -> float:
-    """Return the length of the mean of unit vectors: 1 of equal angles, 0 if none is preferred, NaN of no angles."""
+    """Return the length of the mean of unit vectors: 1 for equal angles, 0 if they cancel, NaN without angles."""
     return float(abs(_average_vectors(angles_deg)))
 
 

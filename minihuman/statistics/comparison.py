@@ -40,14 +40,14 @@ class GroupComparison:
     measure: str
     first: str
     second: str
-    n: tuple[int, int]  # participants that tell the measure
+    n: tuple[int, int]  # participants with a value
     means: tuple[float, float]
     difference: float
     interval: tuple[float, float]  # 95 %, of the differences that the permutation test does not reject
     p: float  # permutation test of |Welch's t|, two-sided
     p_holm: float  # corrected for all the comparisons made together
-    smallest_p: float  # that groups of these sizes could have come to
-    g: float  # of the average SD; NaN below five a group
+    smallest_p: float  # the smallest p that groups of these sizes can reach
+    g: float  # Hedges' g by the average SD; NaN below LEAST_PER_GROUP participants in a group
     g_interval: tuple[float, float]
     reason: str = ""  # why the two were not compared, or not in every way; "" where they were
     is_log: bool = False  # the difference is one of natural logarithms, and the means are geometric
@@ -142,7 +142,7 @@ def _describe_skew(comparison: GroupComparison, a: Values, b: Values) -> str:
 
     No test of means holds for every pair of distributions (Bahadur and Savage, 1956). Of log-normal values of 12
     participants (SD of logarithms 1.2) against normal ones of 40, a true null hypothesis is rejected in 9 to 22 % of
-    studies; it is said of 30 to 67 % of these.
+    studies; 30 to 67 % of these have the phrase.
     """
     if min(comparison.n) < LEAST_ESTIMATED:
         return ""

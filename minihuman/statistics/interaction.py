@@ -23,9 +23,9 @@ from minihuman.statistics.regroupings import RESAMPLES, SEED
 from minihuman.statistics.t_tests import Values
 
 _AT_ONCE = 400_000  # scores permuted at a time
-_SINGULAR = 1e-10  # of the largest eigenvalue of all scores' covariance, a share that rounding leaves of none
+_SINGULAR = 1e-10  # an eigenvalue below this share of the largest one of all scores counts as 0
 _TIES = 1e-9
-LEAST_TESTED = 8  # participants per group: of 5 and 25 with SDs 3 to 1 a true null falls in 7 % of studies
+LEAST_TESTED = 8  # per group: with 5 and 25 participants and SDs of 3 and 1, a true null is rejected in 7 % of studies
 
 
 @dataclass(frozen=True, slots=True)

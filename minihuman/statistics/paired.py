@@ -453,7 +453,7 @@ def _fit_reml(design: Values, at: Values, begins: NDArray[np.int64], free: int) 
 
     def profile(entries: Values | Sequence[float]) -> tuple[float, Values, Values]:
         first, shared, slope_variance = (*entries, 0.0, 0.0, 0.0)[:3]
-        factor = np.array([[first, 0.0], [shared, math.sqrt(slope_variance)]])  # a square root: rest = 0 is no saddle
+        factor = np.array([[first, 0.0], [shared, math.sqrt(slope_variance)]])  # an SD would have a saddle point at 0
         inner = np.eye(2) + factor.T @ among @ factor
         left = total - np.einsum("kij,kijab->ab", factor @ np.linalg.solve(inner, factor.T[None]), products)
         terms = left[:-1, :-1]

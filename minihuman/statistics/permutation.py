@@ -12,11 +12,11 @@ from minihuman.statistics.regroupings import RESAMPLES, SEED, count_regroupings,
 from minihuman.statistics.t_tests import Values, compare_means
 
 ALPHA = 0.05
-LEAST_ESTIMATED = 4  # below whom a difference has no interval: of 2 against 18 it would hold the truth in 0.994
+LEAST_ESTIMATED = 4  # per group, for an interval: with 2 and 18 participants, one would hold the truth in 99.4 %
 LEAST_FREEDOM = 5  # residual degrees of freedom, below which nothing is adjusted for covariates
-_SMALL = 10  # participants in the smaller of unequal groups, below whom t floors p
-_TIES = 1e-9  # by so much, relative, may two squared t that are equal come out apart
-_NO_SPREAD = 1e-13  # of the squared deviations, a share that rounding leaves where there are none
+_SMALL = 10  # with fewer participants in the smaller of unequal groups, p is at least that of t
+_TIES = 1e-9  # relative rounding error of equal squared t
+_NO_SPREAD = 1e-13  # squares below this share of the squared deviations are rounding errors
 _NOTHING = (math.nan, math.nan)
 _LARGEST_T = 1e18  # squared
 
@@ -114,8 +114,8 @@ class AdjustedTest:
     difference: float
     error: float  # HC3
     freedom: float  # Welch's, of the values at equal covariates, less a degree per covariate
-    shifts: Values  # (permutations,) what each permutation estimates of the residuals
-    own_shifts: Values  # (permutations,) and of the groups less what covariates predict of them
+    shifts: Values  # (permutations,) difference between the groups in the permuted residuals
+    own_shifts: Values  # (permutations,) the same in permuted group membership, from which covariates are regressed out
     squares: Values  # (3, permutations) squared error: of a shift of 0, and its first and second power's coefficients
 
     def p(self, shift: float = 0.0) -> float:
@@ -155,7 +155,7 @@ def adjust_groups(a: tuple[Values, Values], b: tuple[Values, Values]) -> tuple[V
     centred = covariates - covariates.mean(axis=0)
     basis = np.linalg.qr(np.column_stack([np.ones(n + m), centred]))[0]
     groups = (np.arange(n + m) < n).astype(float)
-    x, e = (column - basis @ (basis.T @ column) for column in (groups, values))
+    x, e = (column - basis @ (basis.T @ column) for column in (groups, values))  # covariates are regressed out of both
     scale = float(x @ x)
     if scale <= _NO_SPREAD * (n + m) or e @ e <= _NO_SPREAD * float(values @ values):
         return None
@@ -208,7 +208,7 @@ def _search_bound(is_rejected: Callable[[float], bool], estimate: float, step: f
     """Return the last value that is not rejected, searching from the estimate in the direction of ``step``."""
     inside = estimate
     outside = math.nan
-    if -estimate * step > 0:  # 0 lies on this side, and what p says of it stands
+    if -estimate * step > 0:  # test 0 itself, so that the interval contains 0 exactly where p does not reject it
         if is_rejected(0.0):
             outside = 0.0
         else:
@@ -321,5 +321,5 @@ def smallest_p(n: tuple[int, int]) -> float:
     regroupings = count_regroupings(*n)
     if regroupings > RESAMPLES:
         return 1 / (RESAMPLES + 1)
-    extremes = 2 if n[0] == n[1] else 1  # equal groups swapped are as far apart
+    extremes = 2 if n[0] == n[1] else 1  # swapping groups of equal size gives the same |t|
     return extremes / regroupings

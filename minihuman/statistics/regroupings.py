@@ -14,7 +14,7 @@ RESAMPLES = 9_999
 _AT_ONCE = 200_000  # values permuted at a time
 LARGEST_REGROUPED = 5_000  # values; of more, in large groups, the limit of the regroupings is drawn instead of them
 LEAST_LARGE = 500  # participants in the smaller group, from whom on that limit holds for skewed values, too
-_ALWAYS_DRAWN = 30  # participants; more in groups above three have more regroupings than RESAMPLES
+_ALWAYS_DRAWN = 30  # with more participants, groups of four or more have more regroupings than RESAMPLES
 _CACHED_SIZE = 200  # participants, up to whom regroupings are cached for the next measure: 16 MB
 SEED = 20_230_613  # of the permutations, so that the same data give the same p
 
@@ -73,10 +73,12 @@ def draw_regroupings(n: int, m: int) -> Iterable[Values]:
 
 @lru_cache(maxsize=8)
 def _cache_regroupings(n: int, m: int, resamples: int) -> tuple[Values, ...]:
+    """Return all batches of ``_make_regroupings``, cached."""
     return tuple(_make_regroupings(n, m, resamples))
 
 
 def _make_regroupings(n: int, m: int, resamples: int) -> Iterator[Values]:
+    """Yield batches of all regroupings if there are at most ``resamples``, else of that many random ones."""
     total = n + m
     at_once = max(1, _AT_ONCE // (n + m))
     if count_regroupings(n, m) <= resamples:

@@ -16,8 +16,8 @@ from minihuman.statistics.permutation import LEAST_ESTIMATED
 from minihuman.statistics.t_tests import Values
 
 _NOTHING = (math.nan, math.nan)
-_MOST = 1 - 1e-12  # a correlation, of which Fisher's z is taken
-_NO_SPREAD = 1e-12  # of the mean square, a share that rounding leaves where there is none
+_MOST = 1 - 1e-12  # the largest correlation for which Fisher's z is computed
+_NO_SPREAD = 1e-12  # squares below this share of the mean square are rounding errors
 _LEAST_SPARE = 3  # participants more than groups
 _SKEWED = 2.58  # standard errors of a group's skewness, above which intervals are said to be doubtful
 Indices = NDArray[np.int_]
@@ -73,9 +73,9 @@ class _Participants:
 
     @property
     def inflation(self) -> Values:
-        """Return by how much each participant's squared deviation counts in the sum of squares of the group.
+        """Return n / (n - 1) for each participant, n being the group's size; 0 for a group of one.
 
-        It is what the sum loses without the participant, n / (n - 1) times the squared deviation; 0 for a group of one.
+        Without the participant, the group's sum of squares is smaller by the squared deviation times this factor.
         """
         members = self.members[self.groups]
         return np.where(members > 1, members / np.maximum(members - 1, 1), 0.0)
@@ -248,7 +248,8 @@ def _centre_groups(values: Values, groups: Indices) -> Values:
 def _describe_skew(people: _Participants) -> str:
     """Return a phrase that says that intervals may be too narrow, if participants' means are clearly skewed.
 
-    Of 30 participants with exponential values, intervals hold the truth in 0.9 of studies; it is said of half of these.
+    Of 30 participants with exponential values, intervals hold the truth in 90 % of studies; half of these have the
+    phrase.
     """
     for group, members in enumerate(people.members):
         means = people.means[people.groups == group]

@@ -53,13 +53,13 @@ class SurvivalComparison:
     """The comparison of two groups' waiting times; differences are the first group minus the second."""
 
     n: tuple[int, int]
-    censored: tuple[int, int]  # without the event until the watching stopped
-    until: float  # restricted means look at the time up to here: as far as both groups' curves are known
+    censored: tuple[int, int]  # without the event until the end of observation
+    until: float  # the horizon of the restricted means: the last time at which both groups' curves are known
     means: tuple[float, float]  # restricted means
     difference: float
     interval: tuple[float, float]  # NaN below LEAST_EVENTS events in a group
-    p: float  # of the difference: permutation, as the interval
-    logrank_p: float  # permutation
+    p: float  # of the difference, by permutation, as is the interval
+    logrank_p: float  # by permutation
 
 
 def kaplan_meier(survival_times: SurvivalTimes) -> SurvivalCurve:
@@ -86,7 +86,7 @@ def compare_survival(first: SurvivalTimes, second: SurvivalTimes) -> SurvivalCom
     pooled = _pool(first, second)
     own = _compare_means(pooled, _mark_first(n))
     means = (float(own.means[0][0]), float(own.means[1][0]))
-    interval, p = _test(pooled, n, own)
+    interval, p = _test_difference(pooled, n, own)
     censored = (int((~first.observed).sum()), int((~second.observed).sum()))
     return SurvivalComparison(
         n, censored, float(own.until[0]), means, means[0] - means[1], interval, p, logrank_p(first, second)
@@ -102,8 +102,10 @@ def _mark_first(n: tuple[int, int]) -> Values:
     return (np.arange(sum(n)) < n[0])[None].astype(np.float64)
 
 
-def _test(pooled: SurvivalTimes, n: tuple[int, int], own: "_RestrictedMeans") -> tuple[tuple[float, float], float]:
-    """Return the interval and p of the difference of restricted means.
+def _test_difference(
+    pooled: SurvivalTimes, n: tuple[int, int], own: "_RestrictedMeans"
+) -> tuple[tuple[float, float], float]:
+    """Return the interval and p of the difference of restricted means; ``own`` has the means of the observed groups.
 
     They are NaN if a group has fewer than LEAST_EVENTS events, or if no difference could reach p < 0.05.
     """
@@ -141,7 +143,7 @@ def _draw_differences(pooled: SurvivalTimes, n: tuple[int, int]) -> Values:
         for members in draw_regroupings(*n)
         for part in np.array_split(members, members.size // _AT_ONCE + 1)
     ]
-    # a regrouping with too few events would be refused, as a study, so it is not compared with this one
+    # A study with too few events in a group is not tested, so such regroupings are left out.
     enough = np.concatenate([batch.enough for batch in batches])
     apart: Values = np.concatenate([batch.apart for batch in batches])[enough]
     return apart
@@ -194,12 +196,13 @@ def _compare_means(pooled: SurvivalTimes, members: Values) -> _RestrictedMeans:
 class _Group:
     """One group's survival curves at the times of both groups; arrays have the shape (times, regroupings)."""
 
-    came: Values
-    at_risk: Values
-    share: Values  # just after
+    came: Values  # events
+    at_risk: Values  # just before
+    share: Values  # without the event, just after
 
     @classmethod
     def follow(cls, left: Values, came: Values) -> "_Group":
+        """Compute the curves from the members whose time ends (``left``) and those who have the event (``came``)."""
         at_risk = np.cumsum(left[::-1], axis=0)[::-1]
         return cls(came, at_risk, np.cumprod(1 - came / np.maximum(at_risk, 1), axis=0).astype(np.float64))
 

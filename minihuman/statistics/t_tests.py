@@ -101,7 +101,7 @@ def t_test_power(d: float, n: tuple[int, int], *, level: float = LEVEL) -> float
     shift = d * math.sqrt(n[0] * n[1] / sum(n))
     critical = float(scipy.special.stdtrit(freedom, (1 + level) / 2))
     above = 1.0 - float(scipy.special.nctdtr(freedom, shift, critical))
-    # the other tail is nothing by then, and SciPy's is NaN
+    # The other tail is negligible for a large shift, for which SciPy returns NaN.
     if shift < _ONE_SIDED:
         below = float(scipy.special.nctdtr(freedom, shift, -critical))
     else:

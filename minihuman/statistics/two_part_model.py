@@ -26,7 +26,7 @@ LEAST = LEAST_ESTIMATED  # people per group, below whom there is neither an esti
 _NOTHING = (math.nan, math.nan)
 _AT_ONCE = 500_000
 _ROUNDS = 30
-_LEAST_CORRELATION = -0.9  # over the most episodes of a person: what a correlation between so many cannot be below
+_LEAST_CORRELATION = -0.9  # divided by n; the correlation between n episodes of a person cannot be below -1 / (n - 1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,11 +102,14 @@ def compare_two_parts(
     return TwoPartComparison(a, b, (len(episodes[a]), len(episodes[b])), shares, any_part, amount_part, p)
 
 
-def _state_too_few(groups: Sequence[str], unit_names: Mapping[str, str], joint: str, end: str = "") -> str:
-    """State that the first of the groups that are too small has too few units; "" if there are no such groups."""
+def _state_too_few(groups: Sequence[str], unit_names: Mapping[str, str], preposition: str, end: str = "") -> str:
+    """State that the first of the groups that are too small has too few units; "" if there are no such groups.
+
+    ``preposition`` joins the units and the group, and ``end`` is appended.
+    """
     if not groups:
         return ""
-    return f"fewer than {LEAST} {unit_names.get(groups[0], 'participants')} {joint} {groups[0]}{end}"
+    return f"fewer than {LEAST} {unit_names.get(groups[0], 'participants')} {preposition} {groups[0]}{end}"
 
 
 def _keep_above_zero(people: Sequence[Values]) -> list[Values]:
@@ -235,8 +238,7 @@ def two_parts_p(a: Values, b: Values) -> float:
         return max(p, lower_limit)
     rng = np.random.default_rng(SEED)
     at_once = max(1, _AT_ONCE // total)
-    # the grouping that was observed is one of those that chance could have made
-    as_far = 1
+    as_far = 1  # the observed grouping counts as one of the random ones
     left = RESAMPLES
     while left:
         now = min(left, at_once)
@@ -269,8 +271,8 @@ def _limit_p(together: Values, n: int, observed: float) -> float:
     known = ~np.isnan(together)
     filled = np.where(known, together - np.nanmean(together, axis=0), 0.0)
     columns = np.concatenate([known, filled, filled**2], axis=1)
-    ours = draw_totals(columns, n)
-    sides = (ours.reshape(-1, 3, 2), (columns.sum(axis=0) - ours).reshape(-1, 3, 2))
+    first_totals = draw_totals(columns, n)
+    sides = (first_totals.reshape(-1, 3, 2), (columns.sum(axis=0) - first_totals).reshape(-1, 3, 2))
     means = [side[:, 1] / side[:, 0] for side in sides]
     errors = [(side[:, 2] / side[:, 0] - mean**2) / (side[:, 0] - 1) for side, mean in zip(sides, means, strict=True)]
     t_squared = ((means[0] - means[1]) ** 2 / np.maximum(sum(errors), 1e-12)).sum(axis=1)

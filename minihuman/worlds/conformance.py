@@ -24,7 +24,7 @@ from minihuman.worlds.contract import Palette, View
 from minihuman.worlds.hashing import hash64
 from minihuman.worlds.observation_spaces import find_outside
 
-EPISODE_STEPS = 100  # that are played of an episode, at most
+EPISODE_STEPS = 100  # the most steps that are played of an episode
 SLOW_START_S = 1.0
 N_STEPS_BEFORE_SAVE = 5
 N_STEPS_AFTER_SAVE = 20
@@ -112,7 +112,7 @@ def examine_world(rehearsal: Rehearsal, replay_elsewhere: "SecondProcess | None"
     return report
 
 
-SecondProcess = Callable[[Rehearsal], Sequence[Moment] | str]  # what it gave, or why it gave nothing
+SecondProcess = Callable[[Rehearsal], Sequence[Moment] | str]  # returns the moments, or why there are none
 
 
 def _examine(rehearsal: Rehearsal, replay_elsewhere: SecondProcess | None, report: ConformanceReport) -> None:
@@ -215,9 +215,9 @@ class _ValueWatch:
     def __init__(self, world: World, report: ConformanceReport) -> None:
         self._world = world
         self._report = report
-        self._type = ""  # of the first picture that is not of uint8
-        self._outside = ""
-        self._shapes: dict[tuple[int, ...], str] = {}  # of pictures, with the place of the first
+        self._type = ""  # the type of the first picture that is not of uint8
+        self._outside = ""  # what was first outside the observation space
+        self._shapes: dict[tuple[int, ...], str] = {}  # by a picture's shape, where it first occurred
 
     def look(self, moment: Moment, shape: tuple[int, ...] | None) -> None:
         """Check the values that the world has just returned."""
@@ -233,6 +233,7 @@ class _ValueWatch:
             self._type = self._type or self._find_type(moment)
 
     def _find_outside(self) -> str:
+        """Return what of the observation is outside its space; "" if nothing is."""
         world = self._world
         with contain_errors(world.id, "its observation_space"):
             return find_outside(world.observation, world.observation_space)
@@ -305,7 +306,7 @@ def _examine_copy(world: World, rehearsal: Rehearsal, report: ConformanceReport)
         if not any(_is_over(world, rehearsal, number) for number in range(before)):
             break
     else:
-        return  # over with its first step
+        return  # episodes end with their first step, so there is no middle to save
     try:
         saved = world.save()
     except WorldError:
@@ -326,6 +327,7 @@ _COPY_ADVICE = "keep all that changes in attributes of the environment, or let c
 
 
 def _is_over(world: World, rehearsal: Rehearsal, number: int) -> bool:
+    """Make a step with the rehearsal's action of a number; return whether it ended the episode."""
     transition = world.step(rehearsal.actions[number % len(rehearsal.actions)])
     return transition.terminated or transition.truncated
 
@@ -371,4 +373,5 @@ def _compare_processes(moments: Sequence[Moment], replay: Sequence[Moment] | str
 
 
 def _is_same(value: Any, other: Any) -> bool:
+    """Return whether two values are equal, or both NaN."""
     return bool(value == other) or (value != value and other != other)

@@ -17,13 +17,13 @@ from minihuman.errors import ProtocolError
 
 EpisodeOutcome = Literal["goal", "timeout", "failure", "ended"]
 
-OUTCOME_RULES = 1  # of a session's plan: an end means what a rule says; 0: every world's, what its last reward says
+OUTCOME_RULES = 1  # the version in a session's plan: 1 if a rule decides, 0 if the last reward decides in every world
 
-LAST_REWARD = ""  # the rule of our own worlds, and of every world in plans from before there were others
+LAST_REWARD = ""  # the rule of our own worlds, and of every world in plans that are older than the other rules
 WORLD_RULE = "world"
 NO_RULE = "none"
 INFO_PREFIX = "info:"
-WORLD_KEYS = ("is_success", "success")  # of a world's ``info``, in this order
+WORLD_KEYS = ("is_success", "success")  # the usual keys of a world's ``info``, the first of which counts
 _LAST_REWARD_TEXT = "terminated and reward > 0"
 _AT_ANY_STEP = " at any step"
 _COMPARISON = re.compile(r"(return|reward) *(>=|<=|>|<|==) *(-?\d+(?:\.\d+)?(?:e-?\d+)?)")
@@ -135,6 +135,7 @@ class OutcomeJudge:
         return self._name_outcome(otherwise="timeout")
 
     def _name_outcome(self, otherwise: EpisodeOutcome) -> EpisodeOutcome:
+        """Return the outcome after success, or without known success; ``otherwise`` if there was none."""
         if self._was_reached or self._success:
             return "goal"
         if self._success is None:
@@ -192,6 +193,7 @@ def add_any_step(rule: str) -> str:
 
 
 def _normalize_condition(text: str) -> str:
+    """Return a comparison with single spaces and a plain number; any other condition unchanged."""
     match = _COMPARISON.fullmatch(text)
     if match is None:
         return text
@@ -199,6 +201,7 @@ def _normalize_condition(text: str) -> str:
 
 
 def _parse_condition(text: str) -> Condition:
+    """Return a condition as a function of a step; raise a ProtocolError for an unknown one."""
     if text == "terminated":
         return _is_terminated
     if text == WORLD_RULE or (text.startswith(INFO_PREFIX) and re.fullmatch(r"[^\s.]+(\.[^\s.]+)*", text[5:])):

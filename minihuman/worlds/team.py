@@ -28,11 +28,11 @@ NO_INFO: Mapping[str, Any] = MappingProxyType({})
 class TeamStep(NamedTuple):  # three times as quick to make as a frozen dataclass
     """The values that a joint step returned."""
 
-    rewards: tuple[float, ...]  # by body; all the same where the world shares its reward
+    rewards: tuple[float, ...]  # by body; all equal if the world shares its reward
     terminated: bool  # the task is over, for all bodies at once
     truncated: bool  # the step limit is reached
     info: Mapping[str, Any] = NO_INFO  # the same for all bodies
-    infos: tuple[Mapping[str, Any], ...] = ()  # by body, beside ``info``; empty where all have the same
+    infos: tuple[Mapping[str, Any], ...] = ()  # by body, in addition to ``info``; empty if no body has its own
 
 
 class PictureTiles(NamedTuple):
@@ -47,8 +47,8 @@ class PictureTiles(NamedTuple):
         """Return the whole picture, uint8[H, W, 3]."""
         shape = len(self.keys) // self.columns, self.tile_px, self.columns, self.tile_px, 3
         out = np.empty(shape, np.uint8)  # a tenth of the time of np.stack and its copy
-        for at, key in enumerate(self.keys):
-            out[at // self.columns, :, at % self.columns] = self.draw(*key)
+        for place, key in enumerate(self.keys):
+            out[place // self.columns, :, place % self.columns] = self.draw(*key)
         return out.reshape(-1, self.columns * self.tile_px, 3)
 
 
@@ -211,6 +211,7 @@ class TeamBatch:
             )
 
     def _look(self, number: int) -> None:
+        """Update the observations of all bodies in one world."""
         for body in range(self.world.bodies):
             self.observations[number, body] = self._worlds[number].observation(body)
 
@@ -242,7 +243,7 @@ def make_team(world_id: str, **options: Any) -> TeamWorld:
     try:
         make = find_team(world_id)
         if make is None:
-            gymnasium.spec(world_id.rpartition(":")[2])  # what it says of an id that there is not
+            gymnasium.spec(world_id.rpartition(":")[2])  # raises Gymnasium's own error for an unknown id
             raise WorldError(f"{world_id} is not a team world; make it with gymnasium.make, or name a team world")
         return make(**options)
     except (ModuleNotFoundError, gymnasium.error.Error) as error:

@@ -40,17 +40,17 @@ class AgentPlayActivity(PlayActivity):
 
     can_copy = False
     agent_plays = True
-    acts_without_policy = False  # as the person cannot act
+    acts_without_policy = False  # whether the agent acts before it has a policy, because the person cannot act
     takes_over = False  # whether a key that has an action takes over from it
 
     def __init__(self, number: int, part: PlannedPart, context: SessionContext) -> None:
         super().__init__(number, part, context)
         self.plan: AgentPlayPlan = part.plan
-        self.controller: Controller = "agent"  # steers
-        self.policy = ""  # in force
-        self.advised: Advised | None = None  # of the present state
-        self._has_first_policy = False  # the first policy, or that there is none
-        self._failed = False  # no policy could be had, and why was said
+        self.controller: Controller = "agent"  # who is in control
+        self.policy = ""  # that plays the present episode
+        self.advised: Advised | None = None  # the latest advice; None before the present state has any
+        self._has_first_policy = False  # whether the first policy was given, or failed
+        self._failed = False  # whether there is no policy because a learner or an agent failed
         self._next_policy = ""
         self._learning = False
         self._asked_at = 0  # the first episode that the learner cannot know of
@@ -78,6 +78,7 @@ class AgentPlayActivity(PlayActivity):
 
     @property
     def _names_failures(self) -> bool:
+        """Return whether an agent's failure is logged as ``agent_failed``, as in sessions of the present rules."""
         return self.context.facts.get("agent_rules", "1") == AGENT_RULES
 
     # From outside
@@ -122,7 +123,11 @@ class AgentPlayActivity(PlayActivity):
         return None
 
     def _take_policy(self, new: NewPolicy) -> None:
-        """Accept a new policy, or the failure of a learner or agent, and log it; hand control over if need be."""
+        """Accept and log a new policy, or the failure of a learner or agent.
+
+        Then leave the screen that waits for a learner; or, if the playing agent failed, end the episode or give control
+        to the person.
+        """
         if not new.failure:
             self._next_policy = new.policy
         if self.playing:  # the agent that plays has failed
@@ -146,7 +151,7 @@ class AgentPlayActivity(PlayActivity):
         play = self._current
         now_ns = self.context.now_ns
         if advice.step != play.steps:
-            return  # of a state that is gone
+            return
         action = self._draw_action(advice)
         if action is None:
             failure = "the policy gives no chance to any action that has a key"

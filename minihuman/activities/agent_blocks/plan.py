@@ -22,7 +22,7 @@ class AgentPlan(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     budget_s: float = 60.0  # after which a learner is given up
     wait_s: float = 10.0  # how long the next episode waits for it at most
     hand_back: str = "space"  # takeover: the key by which the person gives the agent its control back
-    good: str = "j"  # rating
+    good: str = "j"  # rating: the keys for a good and a bad step
     bad: str = "f"
 
 

@@ -152,6 +152,7 @@ class CorrectionActivity(Activity):
         self._move(Phase.LOOKING)
 
     def _world_of(self, episode: EpisodeClip) -> "World":
+        """Return a world with the id and the options of an episode's."""
         with catch_world_errors():
             options = json.loads(episode.options)
         return self.context.world(episode.world, options)
@@ -269,6 +270,7 @@ class CorrectionActivity(Activity):
                 self._end_correction(play.outcome)
 
     def _end_correction(self, outcome: CorrectionOutcome) -> None:
+        """Log how the running correction ended, and return to the review."""
         assert self.play is not None
         self.context.emit(
             CorrectionEnded(self.context.now_ns, self.number, self._corrections, self.play.plan.episode, outcome)

@@ -67,7 +67,7 @@ PHASE_CONDITIONS: "Mapping[Phase, Callable[[PlayActivity], bool]]" = {
 }
 
 
-POINTER = "pointer"  # a step's key where a click made it
+POINTER = "pointer"  # logged as the key of a step that a click made
 
 
 class PlayActivity(Activity):
@@ -80,8 +80,8 @@ class PlayActivity(Activity):
     sequence: EpisodeSequence
     play: RunningEpisode | None = None
     learning_s = 0.0  # how long the next episode may wait for an agent that learns
-    shows_progress = True  # which episode of how many it is
-    has_begun = False  # an episode of the block, in this segment
+    shows_progress = True  # whether a line shows which episode of how many it is
+    has_begun = False  # whether an episode of the block has begun in this segment
 
     def __init__(self, number: int, part: PlannedPart, context: SessionContext) -> None:
         super().__init__(number, part, context)
@@ -143,10 +143,9 @@ class PlayActivity(Activity):
 
     def receive(self, happened: Input) -> None:
         """Process everything that was due before an input, and then handle the input."""
-        match happened:
-            case ScreenShown():
-                self._shown(happened)
-                return
+        if isinstance(happened, ScreenShown):
+            self._shown(happened)
+            return
         self._let_time_pass()
         if self.ended:
             if isinstance(happened, KeyDown):
@@ -251,7 +250,7 @@ class PlayActivity(Activity):
             self.context.emit(self._current.record_shown(screen_shown))
             if screen_shown.step is not None and screen_shown.step < self._current.steps:
                 return
-        elif screen_shown.step is not None:  # late word of a picture: the episode is over by now
+        elif screen_shown.step is not None:  # a picture that is reported after its episode has ended
             if self._play is not None and self._play.started:
                 self.context.emit(self._play.record_shown(screen_shown))
             return
@@ -361,6 +360,7 @@ class PlayActivity(Activity):
         )
 
     def _start_episode(self) -> None:
+        """Start the prepared episode and its time limits, and log it, with the key map if it is another."""
         play = self._current
         now_ns = self.context.now_ns
         self.play = play
@@ -388,6 +388,7 @@ class PlayActivity(Activity):
             self._episode_ended("")
 
     def _episode_ended(self, cause: EndCause) -> None:
+        """Log and count the episode's end, decide whether another follows, and enter the next phase."""
         play = self._current
         context = self.context
         self.play = None

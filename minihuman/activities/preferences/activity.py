@@ -121,29 +121,29 @@ class PreferencesActivity(Activity):
 
     # Pairs
 
-    def _assign_clip(self, stretch: EpisodeClip | None) -> None:
+    def _assign_clip(self, clip: EpisodeClip | None) -> None:
         """Assign an offered clip to the next side and log it; end the part if there is no clip."""
         now_ns = self.context.now_ns
-        if stretch is None:
+        if clip is None:
             self.context.emit(NothingToCompare(now_ns, self.number, self._pair))
             self.ended = PartEnding("failed")
             return
         side = self._find_next_side()
-        film = self._films[side] = self._film_of(stretch)
-        self._offered.append(stretch)
+        film = self._films[side] = self._film_of(clip)
+        self._offered.append(clip)
         self.context.emit(
             StretchShown(
                 t_ns=now_ns,
                 part=self.number,
                 pair=self._pair,
                 side=side,
-                episode=stretch.episode,
-                attempt=stretch.attempt,
-                first=stretch.first,
-                world=stretch.world,
-                options=stretch.options,
-                seed=stretch.seed,
-                actions=stretch.actions,
+                episode=clip.episode,
+                attempt=clip.attempt,
+                first=clip.first,
+                world=clip.world,
+                options=clip.options,
+                seed=clip.seed,
+                actions=clip.actions,
                 first_hash=film.first_hash,
                 last_hash=film.last_hash,
             )
@@ -153,24 +153,25 @@ class PreferencesActivity(Activity):
             self.context.emit(Noted(now_ns, "phase", self.phase))
 
     def _find_next_side(self) -> Side:
+        """Return the side of the next clip, by the order that was drawn for the pairs."""
         is_second_clip = bool(self._offered)
         if self._first_is_right[self._pair] == is_second_clip:
             return "left"
         return "right"
 
-    def _film_of(self, stretch: EpisodeClip) -> EpisodeFilm:
+    def _film_of(self, clip: EpisodeClip) -> EpisodeFilm:
         """Return the film of a clip's pictures."""
         with catch_world_errors():
-            options: dict[str, Any] = json.loads(stretch.options)
+            options: dict[str, Any] = json.loads(clip.options)
         plan = self._plan
         return EpisodeFilm(
-            self.context.world(stretch.world, options),
-            stretch.seed,
-            stretch.actions,
+            self.context.world(clip.world, options),
+            clip.seed,
+            clip.actions,
             view=plan.view,
             palette=plan.palette,
             picture_px=self.context.picture_px,
-            first=stretch.first,
+            first=clip.first,
         )
 
     @property

@@ -16,7 +16,7 @@ class PreferencesPlan(PartPlan, frozen=True, forbid_unknown_fields=True):
     host: ClassVar[str] = AGENT_HOST
     source: str  # the block of this session whose episodes are compared
     pairs: int = 20
-    steps: int = 12  # of a stretch
+    steps: int = 12  # of a clip
     step_ms: float = 200.0  # each picture is seen so long
     pairing: PairingPolicy = "random"
     wait_s: float = 15.0  # for a pair that is disagreed on; then any pair comes

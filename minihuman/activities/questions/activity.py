@@ -44,15 +44,15 @@ class QuestionsActivity(Activity):
         """Ask the first question."""
         self._plan: QuestionsPlan = self.part.plan
         self._tries = self.context.tries.get(self.part.name, 0)
-        self._wrong = False  # the screen that says so is shown
+        self._wrong = False  # whether the screen that announces wrong answers is shown
         self.context.emit(Noted(self.context.now_ns, "phase", self.phase))
         self._start_over()
 
     def _start_over(self) -> None:
         """Discard all answers and show the first question."""
         words = self.context.words
-        today = self.context.facts.get("number_rules", "1") == NUMBER_RULES
-        language = words.language if today else None
+        has_current_rules = self.context.facts.get("number_rules", "1") == NUMBER_RULES
+        language = words.language if has_current_rules else None
         limit_note = ""
         if self.context.facts.get("text_rules", "1") == TEXT_RULES:
             limit_note = words["note.too_long"]
@@ -87,7 +87,7 @@ class QuestionsActivity(Activity):
             case TextEdited() if not self._wrong:
                 self._edit_text(happened)
             case PointerPressed(target="go_on"):
-                self._give()
+                self._give_answer()
             case PointerPressed(target="back"):
                 self._step_back()
             case PointerPressed() | PointerMoved() if not self._wrong:
@@ -120,7 +120,7 @@ class QuestionsActivity(Activity):
             self.context.emit_key(press, "repeat", self.phase)
         elif press.key in (*ENTER_KEYS, "tab"):
             self.context.emit_key(press, "accepted", self.phase)
-            self._give()
+            self._give_answer()
         elif press.key == "page_up" and self._number > self._asked_numbers[0]:
             self.context.emit_key(press, "accepted", self.phase)
             self._step_back()
@@ -148,7 +148,7 @@ class QuestionsActivity(Activity):
         if before:
             self._show_question(before[-1])
 
-    def _give(self) -> None:
+    def _give_answer(self) -> None:
         """Log the answer and continue, or show a note if the answer is missing or not valid."""
         draft = self.draft
         now_ns = self.context.now_ns

@@ -32,7 +32,7 @@ def describe_slider(draft: SliderDraft) -> AnswerField:
 
 
 def _typing(text: str) -> Callable[[int], Input]:
-    """Return what makes the input of a text; after another text, as one that stays the same changes no note."""
+    """Return a function that makes the input of a text, given its time."""
     return lambda t_ns: TextEdited(t_ns, text)
 
 

@@ -28,9 +28,9 @@ class RatingActivity(AgentPlayActivity):
 
     def __init__(self, number: int, part: PlannedPart, context: SessionContext) -> None:
         super().__init__(number, part, context)
-        self._flash = 0.0  # the value of the press that is seen
+        self._flash = 0.0  # the rating that is flashed on the screen; 0 for none
         self._flash_until_ns: int | None = None
-        self._last_ns: int | None = None  # of the last press that counted
+        self._last_ns: int | None = None  # when the last press that counted was made
 
     def receive(self, happened: Input) -> None:
         """Handle an input, including rating keys."""
@@ -44,6 +44,7 @@ class RatingActivity(AgentPlayActivity):
 
     @property
     def _values(self) -> dict[str, float]:
+        """Return the rating that each key stands for."""
         return {self.agent.good: 1.0, self.agent.bad: -1.0}
 
     def _rate(self, press: KeyDown) -> None:

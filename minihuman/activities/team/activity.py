@@ -84,7 +84,7 @@ class TeamPlayActivity(PlayActivity):
         self.formed: Team | None = None
         self._holders: tuple[SeatHolder, ...] = ()
         self._states: tuple[SeatState, ...] = ()  # of the seats, as they were seen last
-        self._lobby_ns = 0  # when it was entered
+        self._lobby_ns = 0  # when the lobby was entered
         self._messages = TeamMessages(self.plan.team, context)
 
     @property
@@ -142,6 +142,7 @@ class TeamPlayActivity(PlayActivity):
         return None
 
     def _request_joint_step(self, play: TeamEpisode, mine: Submission | None) -> JointRequest:
+        """Request the next joint step; without an input of this seat, the request only waits for the others."""
         assert self.formed is not None
         action = None
         is_key = False
@@ -232,10 +233,12 @@ class TeamPlayActivity(PlayActivity):
         self._move(TransitionCause.DONE)
 
     def _note_partners(self) -> None:
+        """Record for the session which kinds of partner, person or agent, the participant has had."""
         assert self.formed is not None
         self.context.partners |= {holder for seat, holder in enumerate(self._holders) if seat != self.formed.seat}
 
     def _count_waiting(self) -> None:
+        """Add the time in the lobby to the session's waiting time."""
         self.context.waited_ns += self.context.now_ns - self._lobby_ns
 
     def _move(self, cause: TransitionCause) -> None:
@@ -297,6 +300,7 @@ class TeamPlayActivity(PlayActivity):
         self._holders = tuple(holders)
 
     def _note_sighting(self, sighted: SeatSighted) -> None:
+        """Record and log whether another seat's person is seen to be there."""
         self._states = (*self._states[: sighted.seat], sighted.state, *self._states[sighted.seat + 1 :])
         play = self.team_episode
         self.context.emit(
@@ -343,6 +347,7 @@ class TeamPlayActivity(PlayActivity):
 
     @property
     def _waits(self) -> bool:
+        """Return whether this seat's input is submitted and the others' are awaited."""
         return isinstance(self._play, TeamEpisode) and not self._play.real_time and self._play.submitted is not None
 
     def _screen(self) -> Screen:
@@ -357,6 +362,7 @@ class TeamPlayActivity(PlayActivity):
         return super()._screen()
 
     def _ready_screen(self) -> TextScreen:
+        """Build the ready screen, with the participant's role and, if that is disclosed, the kinds of the partners."""
         ready = self._view.ready(self._current)
         lines = list(self._describe_role())
         if self.plan.team.partner_disclosure == "always":
@@ -376,12 +382,14 @@ class TeamPlayActivity(PlayActivity):
         return any(self._holders[seat] == "agent" for seat in partner_seats)
 
     def _describe_role(self) -> tuple[str, ...]:
+        """Return the line that names the participant's role; none without roles or a team."""
         roles = self.plan.team.roles
         if roles and self.formed:
             return (self.context.words.fill("team.role", role=roles[self.formed.seat]),)
         return ()
 
     def _describe_partners(self) -> tuple[str, ...]:
+        """Return a line for each kind of partner, person before agent."""
         assert self.formed is not None
         partners = [holder for seat, holder in enumerate(self._holders) if seat != self.formed.seat]
         return tuple(

@@ -31,7 +31,7 @@ from minihuman.activities.team.tick_schedule import TickSchedule
 class ReadyBarrier:
     """The seats that are ready for an episode."""
 
-    since_s: float  # when the first one was
+    since_s: float  # when the first seat was ready
     seats: set[int] = field(default_factory=set)
 
 
@@ -54,13 +54,13 @@ class JointPlay:
 
     def __init__(self, kinds: tuple[str, ...], rules: TeamPlan) -> None:
         self._rules = rules
-        self._steps: dict[int, list[JointAction]] = {}  # that are closed, by episode
+        self._steps: dict[int, list[JointAction]] = {}  # the closed steps, by episode
         self._barriers: dict[int, ReadyBarrier] = {}  # by episode
         self._open_step = OpenStep(len(kinds))
         self._clock = StepClock(rules.late_ms, rules.thinking_limit_s)
         self._schedules: dict[int, TickSchedule] = {}  # by episode
-        self._concerned: set[int] = set()  # seats whose next answer may be another than their last
-        self._has_declined = False  # somebody left before the first step
+        self._concerned: set[int] = set()  # seats whose next answer may differ from their last
+        self._has_declined = False  # a person of a newly paired team left before the first step
         self.presence = TeamPresence(kinds, rules)
         self.messages = MessageExchange()
 
@@ -215,6 +215,10 @@ class JointPlay:
     # How a step closes
 
     def _judge_open_step(self, want: JointRequest, now_s: float, *, is_real_time: bool) -> StepDue | TeamLost | None:
+        """Return the open step if it can close, or the loss of the team; None while inputs are awaited.
+
+        In real time, a step closes without late inputs. In turns, the stand-in gets the seats of overdue people.
+        """
         if not self._open_step.has_input:
             return None
         missing = self.presence.present - self._open_step.seats
@@ -251,6 +255,7 @@ class JointPlay:
         return False
 
     def _concern_others(self, seat: int) -> None:
+        """Note that the next answers of all people but one may have changed."""
         self._concerned |= self.presence.persons - {seat}
 
 

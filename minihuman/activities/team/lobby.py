@@ -26,9 +26,9 @@ class LobbyEntry(Generic[Member]):
     member: Member
     participant: Participant
     rules: TeamPlan
-    earlier_teams: tuple[str, ...]  # that the session was in, the latest last
+    earlier_teams: tuple[str, ...]  # the session's teams in earlier blocks, the latest last
     since_s: float
-    asked_s: float  # when it asked last: who is gone is not paired
+    asked_s: float  # the time of its last request; a session that stopped asking is not paired
     team: Team | None = None
 
     @property

@@ -11,11 +11,11 @@ class MessageShown(ActivityEvent):
     """A message, the person's own or another's, appeared on the screen: words or a mark."""
 
     episode: int
-    step: int  # the latest then
+    step: int  # the latest step at that time
     seat: int  # the author's
-    text: str  # "" of another's in a log: it is in the author's alone
+    text: str  # in a log, "" for another seat's message: its words are in its author's log alone
     cell: tuple[float, ...]  # x and z of the marked cell; empty for words
-    digest: str  # salted; another for each message, even with the same words
+    digest: str  # salted; differs between messages, even with the same words
 
     @property
     def words_to_others(self) -> str:
@@ -40,9 +40,9 @@ class MessageEdited(ActivityEvent):
     """The text in the field for a message settled after changes: the whole text, code point for code point."""
 
     text: str
-    changes: tuple[str, ...] = ()  # how, as `TextChange` of the inputs has it
-    keys: int = 0  # pressed in the field for it; which ones is not recorded
-    waited_ns: int = 0  # the changes began so long before t_ns
+    changes: tuple[str, ...] = ()  # how the text changed, as `TextChange` values
+    keys: int = 0  # how many keys were pressed in the field; which ones is not recorded
+    waited_ns: int = 0  # from the first of the changes to t_ns
 
     @property
     def words_to_others(self) -> str:

@@ -22,9 +22,9 @@ from minihuman.experiment.machine.running_episode import RunningEpisode
 from minihuman.experiment.machine.screens import TextField
 from minihuman.experiment.machine.transitions import Phase
 
-MESSAGE_LETTERS = 200  # at most, in a message
-N_LINES = 4  # that are seen
-INTERVAL_NS = 2_000_000_000  # from one message of a person to the next, and how long a mark is seen
+MESSAGE_LETTERS = 200  # the longest message
+N_LINES = 4  # visible messages
+INTERVAL_NS = 2_000_000_000  # the shortest time between a person's messages, and how long a mark is visible
 
 
 @dataclass(slots=True)
@@ -36,7 +36,7 @@ class TeamMessages:
     seat: int = -1
     salt: str = ""  # of the digests of this seat's messages
     sent: tuple[MessageShown, ...] = ()
-    messages: dict[str, MessageShown] = field(default_factory=dict)  # by digest, in the order in which they came
+    messages: dict[str, MessageShown] = field(default_factory=dict)  # shown here, by digest, in order of arrival
     draft: TextDraft | None = None  # what is being typed
     _reported: str = ""  # the digest of the words that were reported last
 
@@ -124,6 +124,7 @@ class TeamMessages:
             self.draft = None
 
     def _mark_cell_ahead(self, play: RunningEpisode) -> None:
+        """Send a mark of the cell in front of the participant's body, if the world tells its pose."""
         pose = play.world.pose()
         if pose is not None:
             self._send(play, "", (round(pose.x + math.cos(pose.yaw_rad)), round(pose.z - math.sin(pose.yaw_rad))))
@@ -178,6 +179,7 @@ class TeamMessages:
 
     @property
     def _new_entry(self) -> TextField | None:
+        """Return the empty field of the next message; None if the block has no chat."""
         if not self.rules.chat:
             return None
         return self._make_draft().widget()

@@ -7,10 +7,10 @@ import msgspec
 from minihuman.activities.play.plan import PlayPlan
 
 PERSON = "person"
-SIMULATED = "simulated"  # a seat that a simulated participant has, by the keys that it presses
-REPORT_KEY = "f2"  # where people write to each other: reports the latest words of another
-PINGS_PER_WAIT = 3  # a page lets the server hear of it at least so often in `partner_wait_s`
-THINKING_WAIT_S = 120.0  # where a protocol says nothing, unless it waits longer for who is gone
+SIMULATED = "simulated"  # the kind of a seat in which a simulated participant acts by pressing keys
+REPORT_KEY = "f2"  # with chat: reports the latest words of another person
+PINGS_PER_WAIT = 3  # the least number of signs of life that an open page sends in `partner_wait_s`
+THINKING_WAIT_S = 120.0  # the default of `thinking_wait_s`, unless `partner_wait_s` is longer
 SEAT_GRAMMAR = "'person', 'policy:FILE', 'scripted:NAME', 'simulated:NAME' or 'planner'"
 
 
@@ -23,7 +23,7 @@ class TeamPlan(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     seat_keys: tuple[dict[str, str], ...] | msgspec.UnsetType = msgspec.UNSET  # key -> action, at one machine
     late_ms: float = 100.0  # real_time: how long a tick waits for a seat's input
     lobby_s: float = 300.0  # the longest wait for partners
-    partner_wait_s: float = 60.0  # without a sign of life of a partner, before partner_leaves
+    partner_wait_s: float = 60.0  # how long a partner may give no sign of life before partner_leaves applies
     partner_leaves: Literal["agent", "end"] = "agent"  # an agent takes the seat, or the block ends
     stand_in: str = "scripted:random"  # the agent that takes a seat
     partner_return: Literal["seat", "watch", "end"] | msgspec.UnsetType = msgspec.UNSET  # unset: "seat", at once

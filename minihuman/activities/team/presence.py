@@ -15,14 +15,14 @@ from minihuman.activities.team.plan import PERSON, PINGS_PER_WAIT, TeamPlan
 from minihuman.experiment.machine.life_signs import LifeSigns, SeatState
 
 PRESENCE_RULES = "2"  # the fact "presence_rules": a wait counts from the last sign of life; before, from each step anew
-_SILENT_SHARE = 2 / PINGS_PER_WAIT  # of that time without a word, in which a ping at least is missing
+_SILENT_SHARE = 2 / PINGS_PER_WAIT  # of partner_wait_s; a page without a sign for so long has missed at least one
 
 
 class SeatSighting(NamedTuple):
     """The visible state of a person's seat."""
 
     state: SeatState
-    since_s: float  # the sign of life that it is counted from
+    since_s: float  # the time of the sign of life from which the state counts
 
 
 class SeatNews(NamedTuple):
@@ -30,7 +30,7 @@ class SeatNews(NamedTuple):
 
     seat: int
     state: SeatState
-    for_s: float  # how long it has been so; of one that is here again, since its last sign of life
+    for_s: float  # how long the state has lasted; for "here", the time since the last sign of life
 
 
 @dataclass(slots=True)
@@ -38,9 +38,9 @@ class SeatPresence:
     """The presence of the person in one seat."""
 
     signs: LifeSigns = field(default_factory=LifeSigns)
-    holder: SeatHolder = "person"  # who acts in it
-    replaced_s: float = -math.inf  # when an agent took it last
-    waited_since_s: float | None = None  # what came before is no silence: they could not act, or nobody looked
+    holder: SeatHolder = "person"  # who acts in the seat
+    replaced_s: float = -math.inf  # when an agent last took the seat
+    waited_since_s: float | None = None  # when the wait for the person began; earlier silence does not count
 
     def find_page_sign_s(self) -> float:
         """Return the time of the page's last sign of life, or the time at which the wait for it began."""

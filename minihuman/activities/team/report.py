@@ -15,7 +15,7 @@ _CAPTION = (
     "come, and the body stood still. Agent: a program had the seat of a person who was away. Absent: share of joint "
     "steps in which a person's seat idled or an agent had it."
 )
-_ABSENT_ENOUGH = 0.1  # of the joint steps: such an episode is counted by itself
+_ABSENT_ENOUGH = 0.1  # the share of joint steps above which an episode counts in the last column
 
 
 def build_section(source: SectionSource) -> ReportSection | None:
@@ -32,6 +32,7 @@ def build_section(source: SectionSource) -> ReportSection | None:
 
 
 def _describe_block(block: object, episodes: pd.DataFrame) -> tuple[str, ...] | None:
+    """Return a block's row of the table; None if its episodes have no steps in people's seats."""
     team_episodes = episodes.drop_duplicates(["team", "session", "episode", "digest"])
     steps: Counter[str] = Counter()
     for kinds, played_by in zip(team_episodes["seats"], team_episodes["played_by"], strict=True):

@@ -4,7 +4,7 @@ from typing import Literal
 
 MS_PER_S = 1_000
 
-# late: the tick closes without it; overdue: who is here has thought for too long
+# late: a tick of the clock closes without the input; overdue: a present person has thought for too long
 Delay = Literal["in_time", "late", "overdue"]
 
 

@@ -12,7 +12,7 @@ from minihuman.activities.play.activity import PlayActivity
 from minihuman.activities.trials.block_check import check_timeline
 from minihuman.activities.trials.events import ResponseTaken, SoundPlayed, StimuliShown, TrialResolved
 from minihuman.activities.trials.plan import TimelineSpec, TrialsPlan
-from minihuman.activities.trials.schedule import MOST_STIMULI, NS_PER_MS, resolve_trial
+from minihuman.activities.trials.schedule import DRAWS_PER_STIMULUS, MOST_STIMULI, NS_PER_MS, resolve_trial
 from minihuman.activities.trials.screens import TrialScreen, build_trial_screen
 from minihuman.activities.trials.trial_run import ResponseRecord, TrialRun
 from minihuman.experiment.machine.activity import ActivityKind, SessionContext
@@ -37,10 +37,10 @@ class TrialsActivity(PlayActivity):
     def __init__(self, number: int, part: PlannedPart, context: SessionContext) -> None:
         super().__init__(number, part, context)
         self.run: TrialRun | None = None  # the trial with a time course that is played
-        self._is_pause_logged = False  # and that it is over is not
+        self._is_pause_logged = False  # whether the log has a pause whose end it does not have yet
         self._n_runs = 0  # trials with a time course that began, in this segment
-        self._feedback_sounds: dict[str, SoundContent] = {}  # of the latest one, by outcome
-        self._finished_ns = 0  # when that ended
+        self._feedback_sounds: dict[str, SoundContent] = {}  # of the latest such trial, by outcome
+        self._finished_ns = 0  # when the latest such trial ended
         self.can_copy = not self.plan.timeline
         self._rhythm_start: tuple[int, int] | None = None  # a trial's place in the block, and its first flip
         self._latest_trial_screen: tuple[object, TrialScreen] | None = None
@@ -149,16 +149,22 @@ class TrialsActivity(PlayActivity):
     def _start_episode(self) -> None:
         super()._start_episode()
         if self.plan.timeline:
-            self.play = None  # its pictures are the timeline's
+            self.play = None  # the pictures come from the timeline, not from the trial's world
             self._start_trial(self.plan.timeline)
 
     def _start_trial(self, timeline: TimelineSpec) -> None:
+        """Resolve the schedule of the trial that begins, and log it.
+
+        In a block with a rhythm, the trial's first picture is due a whole number of periods after the first flip of the
+        trial with which the rhythm began.
+        """
         plan = self._current.plan
         cells: dict[str, Any] = plan.labels | plan.options
         session = self.context.plan
         purpose = f"timeline-{self.part.name}-session-{session.session}-{plan.episode_in_block}"
         index = session.participant.index
-        words = draw_words(2 * len(timeline.stimuli), seed=session.study_seed, purpose=purpose, index=index)
+        n_draws = DRAWS_PER_STIMULUS * len(timeline.stimuli)
+        words = draw_words(n_draws, seed=session.study_seed, purpose=purpose, index=index)
         with catch_world_errors():
             schedule = resolve_trial(
                 timeline, cells, plan.response_deadline_ms, lambda place: float(words[place]) / 2.0**64
@@ -182,6 +188,7 @@ class TrialsActivity(PlayActivity):
         )
 
     def _record_flip(self, run: TrialRun, shown: ScreenShown) -> None:
+        """Record and log a picture's flip; the empty picture is logged only if early sounds wait for it."""
         due_ns = run.record_flip(shown.flip_ns, shown.step)
         if run.frame < 0 and not run.has_lead:
             return
@@ -204,7 +211,7 @@ class TrialsActivity(PlayActivity):
         )
 
     def _record_sound(self, started: SoundStarted) -> None:
-        """Record that a sound of the running trial began; one of an earlier trial is ignored."""
+        """Record and log that a sound of the running trial or its feedback began; an earlier trial's is ignored."""
         if self._feedback_sound is not None and started.cue == self._feedback_cue:
             self._emit_sound(started, FEEDBACK, self._finished_ns)
             return
@@ -261,6 +268,7 @@ class TrialsActivity(PlayActivity):
             self._take_response(run, ResponseRecord(press.key, action, press.t_ns))
 
     def _take_response(self, run: TrialRun, response: ResponseRecord) -> None:
+        """Record and log a response, and finish the trial if it was the last one."""
         run.responses.append(response)
         assert run.target_onset_ns is not None  # responses are taken from then on
         self.context.emit(

@@ -23,22 +23,22 @@ from minihuman.errors import WorldError
 from minihuman.experiment.machine.screens import TextLocale
 from minihuman.experiment.stimuli import BACKGROUND, SHAPES, read_colour
 
-_MOST_KEPT = 64  # pictures, of some megabytes each
+_MOST_KEPT = 64  # drawn pictures in the cache, some megabytes each
 _RING_RADIUS = 0.34  # of the picture's height
-_WIDEST = 0.9  # of the picture's width: how wide an image is at most
+_WIDEST = 0.9  # the greatest width of an image, as a share of the picture's width
 
 
 @dataclass(frozen=True, slots=True)
 class DrawnSheet:
-    """A sheet that has been drawn before, uint8[H, W, 3], so that it takes a copy alone to show it."""
+    """A sheet that has been drawn before, uint8[H, W, 3]; showing it takes only a copy."""
 
     page: NDArray[np.uint8]
 
 
 def draw_trial(screen: TrialScreen, size_px: Size) -> DrawnSheet:
-    """Draw what is visible in a window, with the keys below where they are shown.
+    """Draw what is visible in a window, with the keys below if the trial shows them.
 
-    The trial's other pictures are drawn, too, and kept: before its first picture there is time for that.
+    The trial's other pictures are drawn, too, and cached, because there is time for that before the first picture.
     """
     files = _Files(screen.files)
     for contents in screen.pictures[: _MOST_KEPT // 2]:
@@ -70,7 +70,7 @@ def draw_stimuli(
 
 
 class _Files:
-    """A protocol's files as part of a cache's key: equal where they are the same object."""
+    """A protocol's files as part of a cache's key; two are equal if they wrap the same object."""
 
     def __init__(self, files: Mapping[str, bytes]) -> None:
         self.files = files
@@ -90,21 +90,22 @@ def _draw(contents: tuple[StimulusContent, ...], size_px: Size, files: _Files, l
 
 
 def _draw_content(picture: Image.Image, content: StimulusContent, files: _Files, language: str) -> None:
+    """Draw a stimulus: its image, then its shape, then its text on one line or word by word around a ring."""
     width, height = picture.size
     draw = ImageDraw.Draw(picture)
     ink = read_colour(content.colour)
-    at = (content.x * width, content.y * height)
+    centre = (content.x * width, content.y * height)
     if content.image:
         _paste_image(picture, content, files)
     if content.shape:
-        _draw_shape(draw, content, at, content.size * height / 2, ink)
+        _draw_shape(draw, content, centre, content.size * height / 2, ink)
     if not content.text:
         return
     size_px = max(4, round(content.size * height))
     words = content.text.split() if content.layout == "ring" else [content.text]
-    places = [at]
+    places = [centre]
     if content.layout == "ring":
-        places = _find_ring(at, len(words), _RING_RADIUS * height)
+        places = _find_ring(centre, len(words), _RING_RADIUS * height)
     for word, place in zip(words, places, strict=True):
         draw_line(
             draw,
@@ -125,9 +126,9 @@ def _find_ring(centre: tuple[float, float], count: int, radius: float) -> list[t
 
 
 def _draw_shape(
-    draw: ImageDraw.ImageDraw, content: StimulusContent, at: tuple[float, float], reach: float, ink: Any
+    draw: ImageDraw.ImageDraw, content: StimulusContent, centre: tuple[float, float], reach: float, ink: Any
 ) -> None:
-    x, y = at
+    x, y = centre
     box = (x - reach, y - reach, x + reach, y + reach)
     match content.shape:
         case "circle":

@@ -54,7 +54,7 @@ class TrialRecord:
 
     @property
     def feedback(self) -> SoundContent | None:
-        """Return what was to be heard with the trial's feedback; None for nothing."""
+        """Return the sound that the trial's outcome gave as feedback; None if the schedule has none for it."""
         return (self.schedule.feedback or {}).get(str(self.episode.outcome))
 
     def find_content(self, sound: str) -> SoundContent | None:
@@ -82,7 +82,8 @@ def read_trials(log: SessionLog) -> list[TrialRecord]:
             match event:
                 case TrialResolved():
                     record = _begin_record(event, segment, log)
-                    records += [record] if record is not None else []
+                    if record is not None:
+                        records.append(record)
                 case StimuliShown() if record is not None:
                     record.pictures.append(event)
                 case SoundPlayed() if record is not None:
@@ -135,6 +136,6 @@ def list_presentations(log: SessionLog) -> Iterator[Presentation]:
             if content is None:
                 continue
             duration_ms = content.lasts_ms or None
-            if duration_ms is not None and sound.sound != FEEDBACK:  # what still plays as the trial ends, stops
+            if duration_ms is not None and sound.sound != FEEDBACK:  # a sound of the trial stops at its end
                 duration_ms = min(duration_ms, (record.end_ns - sound.onset_ns) / NS_PER_MS)
             yield Presentation("sound", record.episode, sound.onset_ns, (sound.sound,), content.file, duration_ms)

@@ -102,12 +102,14 @@ def _name_level(label: str, level: str) -> str:
 
 
 def _iterate_levels(people: pd.DataFrame) -> Iterator[tuple[str, str, str, str, pd.DataFrame]]:
+    """Yield block, group, label and level, each with its rows of participants."""
     for (block, group, label), of_label in people.groupby(["block", "group", "label"], sort=False):
         for level, rows in of_label.groupby("level", sort=True):
             yield str(block), str(group), str(label), str(level), rows
 
 
 def _format_over_people(rows: pd.DataFrame, measure: str) -> str:
+    """Format a measure's mean and standard deviation over participants, leaving out those without it."""
     values = rows[measure].dropna()
     if len(values):
         return format_mean_sd(float(values.mean()), float(values.std()))
@@ -115,6 +117,7 @@ def _format_over_people(rows: pd.DataFrame, measure: str) -> str:
 
 
 def _tabulate(people: pd.DataFrame, measures: Sequence[str], caption: str) -> list[CaptionedTable]:
+    """Build a table of those measures that a participant has, by block, group and level; none if nobody has any."""
     present_measures = [measure for measure in measures if people[measure].notna().any()]
     if not present_measures:
         return []
@@ -154,10 +157,10 @@ def _tabulate_detection(people: pd.DataFrame) -> list[CaptionedTable]:
 
 
 def _tabulate_stop_signals(trials: pd.DataFrame) -> list[CaptionedTable]:
-    """Build the table of stop-signal reaction times, and one of what speaks against them; none without stop signals."""
+    """Build the table of stop-signal reaction times and that of their remarks; no tables without stop signals."""
     estimates = list(estimate_people(trials))
     places = {of_group: place for place, of_group in enumerate(dict.fromkeys(estimate[:2] for estimate in estimates))}
-    estimates.sort(key=lambda estimate: places[estimate[:2]])  # participants come as allocated, groups in turn
+    estimates.sort(key=lambda estimate: places[estimate[:2]])  # makes each block's group contiguous
     rows: list[tuple[str, ...]] = []
     for place, (block, group, participant, estimate) in enumerate(estimates):
         rows.append((block, group, participant, *_format_stop_estimate(estimate)))
@@ -189,11 +192,14 @@ def _format_stop_estimate(estimate: StopSignalEstimate) -> tuple[str, ...]:
 
 
 def _summarise_stop_signals(block: str, group: str, estimates: list[StopSignalEstimate]) -> tuple[str, ...]:
+    """Return a group's last row: the mean SSRT in the last column, and empty cells before it."""
     times = pd.Series([estimate.ssrt_ms for estimate in estimates]).dropna()
     summary = "n/a"
     if len(times):
         summary = format_mean_sd(float(times.mean()), float(times.std()))
-    return (block, group, f"all with an SSRT: {len(times)} of {len(estimates)}", *[""] * 8, summary)
+    filled = (block, group, f"all with an SSRT: {len(times)} of {len(estimates)}")
+    empty = [""] * (len(_STOP_HEADS) - len(filled) - 1)
+    return (*filled, *empty, summary)
 
 
 def _format_known(value: float, digits: int) -> str:
@@ -337,6 +343,7 @@ def _draw_conditions(people: pd.DataFrame, source: SectionSource) -> Iterator[Re
 
 
 def _collect_values(part: pd.DataFrame, measure: str, levels: Sequence[str]) -> list[tuple[str, NDArray[np.float64]]]:
+    """Return each group's values as float64[participants, levels], without the groups that have none."""
     return [
         (
             str(group),

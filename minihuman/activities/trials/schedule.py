@@ -16,12 +16,14 @@ from minihuman.experiment.sounds import EARS, LOWEST_LEVEL_DB, NOISE, TONE, Soun
 
 NS_PER_MS = 1_000_000
 LONGEST_MS = 3_600_000.0
-PREPARATION_MS = 100.0  # of a block with a rhythm: the next trial is prepared in it
-MOST_STIMULI = 500  # of a trial
-SOUND_LEAD_MS = 150.0  # a device gets a sound so long before it is due: 9 frames at 60 Hz, 18 at 120 Hz
+PREPARATION_MS = 100.0  # in a block with a rhythm, the time in which the next trial is prepared
+MOST_STIMULI = 500  # in a trial
+DRAWS_PER_STIMULUS = 2  # random shares: one for its onset, one for its duration
+SOUND_LEAD_MS = 150.0  # how long before it is due a device gets a sound: 9 frames at 60 Hz, 18 at 120 Hz
 SOUND_LEAD_NS = round(SOUND_LEAD_MS * NS_PER_MS)
 _REFERENCE = re.compile(r"\{([^{}]+)\}")
 _PLACES = {"left": 0.25, "centre": 0.5, "right": 0.75}
+_TIME_DRAWS = {"onset_ms": 0, "duration_ms": 1, "each_ms": 1}  # which of a stimulus's random shares each field uses
 
 Cells = Mapping[str, Any]  # of a trial's row, by column
 DrawShare = Callable[[int], float]  # the random share, 0 to 1, for a place in the timeline
@@ -62,7 +64,7 @@ class ScheduledSound(msgspec.Struct, frozen=True):
 
     @property
     def is_early(self) -> bool:
-        """Whether a device has to get it before the first picture, and when that is there is not known yet."""
+        """Whether a device has to get the sound before the first picture, whose time is not known by then."""
         return self.onset_ns < SOUND_LEAD_NS
 
 
@@ -87,7 +89,7 @@ class TrialSchedule(msgspec.Struct, frozen=True):
 
     @property
     def sound_contents(self) -> tuple[SoundContent, ...]:
-        """Return what all sounds consist of, those of the feedback included."""
+        """Return the contents of all sounds, those of the feedback included."""
         return (*(sound.content for sound in self.sound_list), *(self.feedback or {}).values())
 
     @property
@@ -200,15 +202,15 @@ class _Spans:
             return
         content = self._read_content(spec)
         words = [content] if content is not None else []
-        onset_ns = self._find_begin_ns(spec) + round(self._read_time(spec, "onset_ms", 0) * NS_PER_MS)
+        onset_ns = self._find_begin_ns(spec) + round(self._read_time(spec, "onset_ms") * NS_PER_MS)
         end_ns: int | None = None
         each_ns = 0
         if spec.each_ms is not None:
             words = [msgspec.structs.replace(content, text=word) for word in content.text.split()] if content else []
-            each_ns = round(self._read_time(spec, "each_ms", 1) * NS_PER_MS)
+            each_ns = round(self._read_time(spec, "each_ms") * NS_PER_MS)
             end_ns = onset_ns + each_ns * len(words)
         elif spec.duration_ms is not None:
-            end_ns = onset_ns + round(self._read_time(spec, "duration_ms", 1) * NS_PER_MS)
+            end_ns = onset_ns + round(self._read_time(spec, "duration_ms") * NS_PER_MS)
         self.onsets_ns[spec.name] = onset_ns
         self.ends_ns[spec.name] = self._last_end_ns = end_ns
         if sound := self._read_sound(spec, 0 if end_ns is None else end_ns - onset_ns):
@@ -239,23 +241,18 @@ class _Spans:
             )
         return begin_ns
 
-    def _read_time(
-        self, spec: TimelineStimulus, field: Literal["onset_ms", "duration_ms", "each_ms"], kind: int
-    ) -> float:
-        """Return a stimulus's time in ms: as written, from the table, or drawn between two bounds.
-
-        ``kind`` is 0 for onsets and 1 for durations: each of the two has a random number of its own per stimulus.
-        """
+    def _read_time(self, spec: TimelineStimulus, field: Literal["onset_ms", "duration_ms", "each_ms"]) -> float:
+        """Return a stimulus's time in ms: as written, from the table, or drawn between two bounds; 0 if not given."""
         written: TimeSpec | None = getattr(spec, field)
         if written is None:
             return 0.0
         if isinstance(written, tuple):
-            draws_per_stimulus = 2
-            share = self._draw(draws_per_stimulus * self._places[spec.name] + kind)
+            share = self._draw(DRAWS_PER_STIMULUS * self._places[spec.name] + _TIME_DRAWS[field])
             return float(round(written[0] + share * (written[1] - written[0])))
         return self._read_number(spec, field, written, low=0.0, high=LONGEST_MS)
 
     def _read_number(self, spec: TimelineStimulus, field: str, written: PlaceSpec, *, low: float, high: float) -> float:
+        """Return a field's number, as written or from the table; raise `WorldError` unless it is within the bounds."""
         cell: Any = written
         if isinstance(written, str):
             cell = fill_references(written, self._cells)
@@ -272,13 +269,13 @@ class _Spans:
 
     def _resolve_feedback(self, spec: TimelineStimulus) -> None:
         """Resolve a sound that follows the trial."""
-        lasts_ns = round(self._read_time(spec, "duration_ms", 1) * NS_PER_MS)
+        lasts_ns = round(self._read_time(spec, "duration_ms") * NS_PER_MS)
         content = self._read_sound(spec, lasts_ns)
         if spec.feedback and content is not None:
             self.feedback[spec.feedback] = content
 
     def _read_sound(self, spec: TimelineStimulus, lasts_ns: int) -> SoundContent | None:
-        """Return what a stimulus lets hear; None if that is nothing in this trial."""
+        """Return the sound of a stimulus; None if it has none in this trial."""
         source = str(fill_references(spec.sound or "", self._cells)).strip()
         if not source:
             return None

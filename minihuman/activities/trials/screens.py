@@ -36,13 +36,13 @@ class TrialScreen(FilmsScreen):
     step: int  # the place of the present picture
     episode: tuple[int, int]  # the part and the episode
     start_ns: int | None  # when the first picture is due; None: at once
-    first_flip_ns: int | None  # when it was there
+    first_flip_ns: int | None  # when the first picture reached the display; None: not yet
     response_keys: tuple[str, ...]
     target_step: int  # the place of the picture from which on responses are taken
     sounds: tuple[tuple[int, ScheduledSound], ...]  # each with its number in the session
-    sound_contents: tuple[SoundContent, ...]  # of these, and of those that may follow the trial
-    lead_ns: int | None  # from the empty picture to the first, if that waits for sounds
-    foresees_responses: bool  # whether every press from then on is a response, so that the page need not ask
+    sound_contents: tuple[SoundContent, ...]  # of these sounds, and of those that may follow the trial
+    lead_ns: int | None  # from the empty picture to the first one, if the first waits for sounds
+    foresees_responses: bool  # whether every press from the target on is a response, so that the page need not ask
 
     @property
     def due_ns(self) -> int | None:
@@ -51,7 +51,7 @@ class TrialScreen(FilmsScreen):
 
     @property
     def films(self) -> tuple[Sequence[NDArray[np.uint8]], ...]:
-        """None that come later: a page has all pictures before the first is shown."""
+        """No films, because a page has all pictures before the first one is shown."""
         return ()
 
     @property
@@ -61,7 +61,7 @@ class TrialScreen(FilmsScreen):
 
     @property
     def identity(self) -> tuple[object, ...]:
-        """The trial: two of its screens differ in the shown picture alone."""
+        """The episode and the time of the first picture; screens of the same trial share them."""
         return (self.episode, self.start_ns)
 
 
@@ -89,7 +89,7 @@ def build_trial_screen(context: SessionContext, play: RunningEpisode, run: Trial
         flip_ns=None if run.is_seen else run.find_due_ns(run.frame),
         pictures=tuple(pictures),
         dues_ns=(0, *run.changes_ns),
-        step=run.frame + 1 + len(frames) * run.has_response,
+        step=run.frame + 1 + len(frames) * run.has_response,  # the place in `pictures`
         episode=(play.plan.block, play.plan.episode),
         start_ns=run.rhythm_start_ns,
         first_flip_ns=run.first_flip_ns,

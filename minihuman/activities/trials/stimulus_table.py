@@ -20,12 +20,11 @@ from minihuman.activities.trials.plan import StimuliSpec
 from minihuman.errors import ProtocolError
 from minihuman.worlds.catalogue import TRIAL_WORLDS
 
-# columns with a meaning of their own: a PNG beside the protocol, how often a row comes
-IMAGE = "image"
-COUNT = "times"
+IMAGE = "image"  # the column of image files beside the protocol
+COUNT = "times"  # the column of how often a row is presented
 _SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs"}
 _DECIMAL_COMMA = re.compile(r"-?\d+,\d+")
-_TEXT_OPTIONS = frozenset({"text", "left", "right"})  # "3,5" is shown there as it is written
+_TEXT_OPTIONS = frozenset({"text", "left", "right"})  # columns in which "3,5" is a text, not a number
 
 Row = dict[str, Any]
 
@@ -100,15 +99,14 @@ def clean_label(cell: Any) -> Any:
 def _read_csv(content: bytes, name: str) -> Iterator[TableRow]:
     text = _decode(content, name)
     first_line, _, remaining_text = text.partition("\n")
-    states_separator = re.fullmatch(r"sep=(.)\r?", first_line, re.IGNORECASE)  # by which Excel is told it
-    skipped = 0
-    if states_separator:
+    stated_separator = re.fullmatch(r"sep=(.)\r?", first_line, re.IGNORECASE)  # the line that tells Excel
+    if stated_separator:
+        separator = stated_separator[1]
         text = remaining_text
         skipped = 1
-    if states_separator:
-        separator = states_separator[1]
     else:
         separator = _find_separator(text, name)
+        skipped = 0
     reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator, strict=True)
     try:
         header = next(reader, [])

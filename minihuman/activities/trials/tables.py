@@ -43,7 +43,7 @@ def _build_trial_row(episode: EpisodeLog) -> TableRow | None:
 
 
 def _count_attempts(event: StimuliShown | ResponseTaken, log: SessionLog) -> int:
-    """Return how often the event's episode had begun by then: a void trial's rows are told from its repetition's."""
+    """Return the number of the event's attempt: how often its episode had begun by then, void trials included."""
     return sum(episode.plan.episode == event.episode and episode.start.t_ns <= event.t_ns for episode in log.episodes)
 
 

@@ -10,7 +10,7 @@ from minihuman.activities.trials.schedule import (
     TrialSchedule,
 )
 
-PREPARATION_NS = 40 * NS_PER_MS  # a picture is handed over so long before it is due, to be drawn
+PREPARATION_NS = 40 * NS_PER_MS  # how long before it is due a picture is handed over to be drawn
 _BEFORE_FIRST = -1  # the screen is empty until the first picture is due
 
 
@@ -114,7 +114,15 @@ class TrialRun:
         return self.end_ns is not None and now_ns >= self.end_ns
 
     def record_flip(self, flip_ns: int, frame: int | None = None) -> int | None:
-        """Record that a picture reached the display, None for the present one; return when it was due, if it was."""
+        """Record that a picture reached the display, and the target's onset if the picture shows it.
+
+        Args:
+            flip_ns: when it reached the display.
+            frame: the picture's number; None means the present picture.
+
+        Returns:
+            When the picture was due; None if it was due at once, was seen before, or is the empty one.
+        """
         if frame is not None and self.frame < frame < len(self.changes_ns):
             self.frame = frame
         if self.frame < 0:
@@ -152,7 +160,10 @@ class TrialRun:
         return due_sounds
 
     def record_sound(self, place: int, onset_ns: int) -> tuple[ScheduledSound, int] | None:
-        """Record that a sound began; return it with the time that the schedule intended, None if there is no such."""
+        """Record that a sound began; return it with its scheduled time; None if the trial has no such sound.
+
+        The target's sound sets the onset from which response times count.
+        """
         if not 0 <= place < len(self.schedule.sound_list):
             return None
         sound = self.schedule.sound_list[place]

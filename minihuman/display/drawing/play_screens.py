@@ -47,7 +47,7 @@ _CAP_GAP = 0.6  # between a key and its word, of the type size
 _MIN_LEGEND_TYPE_PX = 8
 
 
-_WORTH_ENLARGING = 1.2  # by less a picture stays as it is, sharp
+_WORTH_ENLARGING = 1.2  # a picture that would grow by less keeps its size, and so stays sharp
 
 
 _MARKS = {"good": theme.GOOD, "bad": theme.BAD, "neutral": theme.MUTED_INK}

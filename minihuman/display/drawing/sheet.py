@@ -16,8 +16,8 @@ from minihuman.experiment.machine.screens import Button, TextLocale
 
 Colour = tuple[int, int, int]
 
-# Contrast against BACKGROUND (WCAG): INK 14.4, QUIET 6.6, ACCENT 8.5. LIT and ACCENT stay apart in every kind of colour
-# vision (Okabe and Ito 2008: sky blue and orange).
+# Contrast against BACKGROUND (WCAG): INK 14.4, MUTED_INK 6.6, ACCENT 8.5. HIGHLIGHT and ACCENT stay apart in every kind
+# of colour vision (Okabe and Ito 2008: sky blue and orange).
 BACKGROUND: Colour = (22, 25, 30)
 SURFACE: Colour = (38, 43, 51)
 EDGE: Colour = (84, 93, 105)
@@ -27,7 +27,7 @@ ACCENT: Colour = (240, 176, 72)
 HIGHLIGHT: Colour = (86, 180, 233)
 GOOD: Colour = (0, 190, 140)
 BAD: Colour = (232, 110, 60)
-# What each is in the light theme: all that words are written in has a contrast of 4.5 or more, both ways round.
+# Each colour in the light theme. Text has a contrast of 4.5 or more, also where ink and ground are exchanged.
 LIGHT: Mapping[Colour, Colour] = {
     BACKGROUND: (247, 246, 243),
     SURFACE: (255, 255, 255),
@@ -67,6 +67,8 @@ class LightDraw(ImageDraw.ImageDraw):
 
 
 def _draw_light(draw: Callable[..., None]) -> Callable[..., None]:
+    """Return a drawing method that replaces its fill and outline by the light theme's colours."""
+
     def draw_in_light(self: LightDraw, *args: Any, **named: Any) -> None:
         light = {name: find_colour(value, "light") for name, value in named.items() if name in ("fill", "outline")}
         draw(self, *args, **{**named, **light})
@@ -335,10 +337,10 @@ def arrange_keycaps(keys: Sequence[str]) -> tuple[list[Keycap], float, float]:
     left = min((cap.x for cap in known), default=0.0)
     rows = sorted({cap.y for cap in known})
     caps = [Keycap(cap.key, cap.x - left, float(rows.index(cap.y)), cap.width) for cap in known]
-    strangers = [key for key in keys if key not in _CAPS]
-    caps += [Keycap(key, 2.0 * place, float(len(rows)), 2.0) for place, key in enumerate(strangers)]
+    other_keys = [key for key in keys if key not in _CAPS]
+    caps += [Keycap(key, 2.0 * place, float(len(rows)), 2.0) for place, key in enumerate(other_keys)]
     width = max((cap.x + cap.width for cap in caps), default=0.0)
-    return caps, width, float(len(rows) + bool(strangers))
+    return caps, width, float(len(rows) + bool(other_keys))
 
 
 def _fit_type(words: str, faces: TypefaceSet, size_px: int, least_px: int, wide: float) -> int:

@@ -125,7 +125,7 @@ class KeyRepeater:
 
 DEFAULT_SIZE_PX: Size = (1280, 720)
 TITLE = "minihuman"
-_FLIPS = 9  # by which the next one is estimated
+_FLIPS = 9  # the latest flips, from which the duration of the next one is estimated
 _FRAME_NS = 16_666_667  # at 60 Hz: a view that moves is drawn for the next frame
 
 
@@ -145,13 +145,13 @@ class BlockingWindow(Window):
         self._accepts = (False, False)  # text, pointer
         self._mouse_axes: tuple[str, ...] = ()  # for which the mouse is captured
         self._mouse_motion = MouseMotion()
-        self._moving: PlayScreen | None = None  # whose view is still on its way
+        self._moving: PlayScreen | None = None  # the screen whose view is still moving
         self._moves_from_ns = 0
         self._pointer_at = (0.0, 0.0)  # where it was last while the button was down
         self._pressed_in: str | None = None  # the spot in which a mouse button is down
-        self._flip_times_ns: deque[int] = deque(maxlen=_FLIPS)  # how long the latest flips of a kind's screens took
-        self._awaits_flip = False  # of a frame that is drawn and not due yet
-        self._early_inputs: list[Input] = []  # that arrived meanwhile
+        self._flip_times_ns: deque[int] = deque(maxlen=_FLIPS)  # durations of flips of activities' own screens
+        self._awaits_flip = False  # whether a frame is drawn but not due yet
+        self._early_inputs: list[Input] = []  # inputs that arrived before it was due
         self._field = DeskField(self._open_clipboard())
 
     @property
@@ -229,7 +229,10 @@ class BlockingWindow(Window):
         return moving
 
     def _put(self, screen: Screen, await_log: Callable[[], None]) -> ScreenShown:
-        """Draw a screen, wait until its events are in the log, and display it; return its times."""
+        """Draw a screen, wait until its events are in the log, and display it; return its times.
+
+        Before that, accept the kinds of input that the screen takes, and capture the mouse or give it back.
+        """
         width, height = self.size_px
         if self._frame.shape[:2] != (height, width):
             self._screen = None

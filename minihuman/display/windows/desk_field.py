@@ -29,8 +29,8 @@ from minihuman.experiment.machine.screens import QuestionScreen, Screen, TextFie
 
 SETTLE_NS = 500_000_000  # from the last change to the report
 _DOUBLE_CLICK_NS = 400_000_000
-_SESSION_KEYS = ("tab", "escape", "f8", "f9", "f12")
-_SESSION_KEYS_OF_A_LINE = ("enter", "kp_enter", "page_up")
+_SESSION_KEYS = ("tab", "escape", "f8", "f9", "f12")  # keys that never go into a field
+_SESSION_KEYS_OF_A_LINE = ("enter", "kp_enter", "page_up")  # nor do these into a field of one line
 _SHIFT_KEYS = ("left_shift", "right_shift")
 _COMMAND_KEYS = ("left_ctrl", "right_ctrl", "left_meta", "right_meta")
 
@@ -87,12 +87,12 @@ class DeskField:
         self._press_count = 0
         self._began_ns: int | None = None  # of the changes that were not reported
         self._due_ns = 0
-        self._modifiers: set[str] = set()  # that are down
-        self._own_keys: set[str] = set()  # that are down and went into the field
+        self._modifiers: set[str] = set()  # modifier keys that are down
+        self._own_keys: set[str] = set()  # keys that are down and went into the field
         self._waiting: list[Input] = []
         self._is_dragging = False
         self._pressed_ns = -(1 << 62)
-        self._was_composed = False  # the letters that come next
+        self._was_composed = False  # whether the next letters come from an input method
 
     @property
     def is_active(self) -> bool:

@@ -137,9 +137,10 @@ def read_key_positions(xlib: Any, display: Any) -> dict[int, str]:
         display: a pointer to the open ``Display``
     """
     opaque = ctypes.cast(display, ctypes.c_void_p)
-    get_map = _function(xlib.XkbGetMap, ctypes.POINTER(_Description), ctypes.c_void_p, ctypes.c_uint, ctypes.c_uint)
-    get_names = _function(xlib.XkbGetNames, ctypes.c_int, ctypes.c_void_p, ctypes.c_uint, ctypes.POINTER(_Description))
-    free = _function(xlib.XkbFreeKeyboard, None, ctypes.POINTER(_Description), ctypes.c_uint, ctypes.c_int)
+    description = ctypes.POINTER(_Description)
+    get_map = _declare_types(xlib.XkbGetMap, description, ctypes.c_void_p, ctypes.c_uint, ctypes.c_uint)
+    get_names = _declare_types(xlib.XkbGetNames, ctypes.c_int, ctypes.c_void_p, ctypes.c_uint, description)
+    free = _declare_types(xlib.XkbFreeKeyboard, None, description, ctypes.c_uint, ctypes.c_int)
     described = get_map(opaque, 0, _USE_CORE_KEYBOARD)
     if not described:
         return {}
@@ -154,7 +155,8 @@ def read_key_positions(xlib: Any, display: Any) -> dict[int, str]:
         free(described, 0, 1)
 
 
-def _function(function: Any, returns: Any, *takes: Any) -> Any:
+def _declare_types(function: Any, returns: Any, *takes: Any) -> Any:
+    """Declare the types that a C function returns and takes, and return the function."""
     function.restype = returns
     function.argtypes = takes
     return function

@@ -6,12 +6,12 @@ PERIOD_NS = 15_000_000  # between inputs of an axis, as in the page: a mouse may
 
 
 class MouseMotion:
-    """Adds up the motion of the mouse, and hands it on some 60 times a second."""
+    """Adds up the motion of the mouse, and reports it some 60 times a second."""
 
     def __init__(self) -> None:
-        self._moved_px: dict[str, int] = {}  # by axis, not handed on yet
-        self._moved_ns = 0  # the latest motion
-        self._reported_ns: int | None = None  # motion that was handed on last
+        self._moved_px: dict[str, int] = {}  # by axis, not reported yet
+        self._moved_ns = 0  # when the mouse moved last
+        self._reported_ns: int | None = None  # when motion was reported last
 
     def add(self, motion_px: dict[str, int], t_ns: int) -> list[Input]:
         """Add a motion by axis; return the inputs that are due with it."""
@@ -24,17 +24,17 @@ class MouseMotion:
 
     @property
     def due_ns(self) -> int | None:
-        """When the motion that waits is due; None if none waits."""
+        """The time at which motion that was not reported yet is due; None if there is none."""
         if self._reported_ns is None or not any(self._moved_px.values()):
             return None
         return self._reported_ns + PERIOD_NS
 
     def report(self, now_ns: int, *, is_needed: bool = False) -> list[Input]:
-        """Return the inputs of the motion so far, at the time of the latest; [] if some was handed on just before.
+        """Return the inputs of the motion so far, with the latest motion's time; [] if some was reported just before.
 
         Args:
             now_ns: the present time.
-            is_needed: whether motion is handed on in any case, since a step is made now.
+            is_needed: whether motion is reported in any case, since a step is made now.
         """
         has_waited = self._reported_ns is None or now_ns - self._reported_ns >= PERIOD_NS
         moved_px = {axis: pixels for axis, pixels in self._moved_px.items() if pixels}
@@ -45,5 +45,5 @@ class MouseMotion:
         return [AxisChanged(self._moved_ns, axis, float(pixels)) for axis, pixels in moved_px.items()]
 
     def forget(self) -> None:
-        """Forget motion that was not handed on: of another screen, or of before the focus went."""
+        """Discard motion that was not reported, since the screen or the focus has changed."""
         self._moved_px.clear()

@@ -22,7 +22,7 @@ GAMEPAD_EVENTS = (
         pygame.JOYBUTTONDOWN,
         pygame.JOYBUTTONUP,
         pygame.JOYHATMOTION,
-    ),  # SDL makes its own of these
+    ),  # SDL derives its controller events from these
     *(pygame.CONTROLLERAXISMOTION, pygame.CONTROLLERBUTTONDOWN, pygame.CONTROLLERBUTTONUP),
     *(pygame.CONTROLLERDEVICEADDED, pygame.CONTROLLERDEVICEREMOVED),
 )
@@ -38,7 +38,7 @@ class Gamepad:
     def __init__(self) -> None:
         controller.init()
         self._axes = PadAxes()
-        self._held_axes: set[str] = set()  # that were moved as the focus went: at rest, until they have been
+        self._held_axes: set[str] = set()  # axes not at rest when the focus was lost, and not since
         self._pad = self._open()
         if self._pad is None:
             controller.quit()
@@ -63,7 +63,10 @@ class Gamepad:
         }
 
     def read(self, event: pygame.event.Event) -> Iterator[tuple[str, bool | float]]:
-        """Yield by name the buttons that an event presses (True) or releases (False), and the new value of an axis."""
+        """Yield by name the buttons that an event presses (True) or releases (False), and the new value of an axis.
+
+        If the event says that a gamepad was connected or disconnected, open the first one that is connected now.
+        """
         match event.type:
             case pygame.CONTROLLERBUTTONDOWN | pygame.CONTROLLERBUTTONUP:
                 if event.button < len(_BUTTONS) and _BUTTONS[event.button]:

@@ -120,7 +120,7 @@ class PygameWindow(BlockingWindow):
         self._fullscreen = fullscreen
         self._closed = False
         self._gamepad: Gamepad | None = None
-        self._down_at_focus: list[str] = []  # and still are
+        self._down_at_focus: list[str] = []  # keys that were down when the window got the focus, and still are
         self._down_in_sdl: set[str] = set()  # keys whose press SDL saw
         self._record: X11InputRecord | None = None
         if driver == "x11":
@@ -243,7 +243,7 @@ class PygameWindow(BlockingWindow):
         """
         cause = self._find_cause(event, move)
         key = key_from_scancode(event.scancode)
-        pressed_ns = now_ns  # no press of this window has the time of one that was held before
+        pressed_ns = now_ns  # also of a key that was pressed before the window had the focus
         released: list[Input] = []
         if cause != "held_before_focus" and move.t_ns is not None:
             pressed_ns = move.t_ns
@@ -335,7 +335,7 @@ class PygameWindow(BlockingWindow):
     def _capture_mouse(self, captured: bool) -> None:
         pygame.mouse.set_relative_mode(captured)
         if captured:
-            pygame.event.get(pygame.MOUSEMOTION)  # of before
+            pygame.event.get(pygame.MOUSEMOTION)  # discard earlier motion
             pygame.event.set_allowed(pygame.MOUSEMOTION)
         elif not self._accepts[1]:
             pygame.event.set_blocked(pygame.MOUSEMOTION)

@@ -9,7 +9,7 @@ from typing import Any
 
 Place = tuple[int, int]
 
-_FAR = 4  # the pointer is put back once it is further from the middle than this part of the window's size
+_FAR = 4  # the pointer is put back once it is further from the middle than 1 / _FAR of the window's size
 
 
 class MouseTracker:
@@ -44,7 +44,7 @@ class MouseTracker:
         self._warp_serial = self._warp(*self._middle)
 
     def follow(self, place: Place, serial: int) -> Place:
-        """Return by how much a hand moved the mouse to the right and down, given the place that an event tells.
+        """Return by how many pixels the mouse was moved to the right and down, given the place that an event reports.
 
         Args:
             place: the pointer's place in the window, from its top left corner.
@@ -52,7 +52,7 @@ class MouseTracker:
         """
         is_put_back = self._warp_serial is not None and serial >= self._warp_serial
         if self._place is None and not is_put_back:
-            return 0, 0  # of before
+            return 0, 0  # an event from before tracking began
         before = self._place
         if is_put_back and (before is None or place == self._middle):
             before = self._middle

@@ -72,7 +72,7 @@ class PygletNativeWindow(pyglet.window.Window):  # type: ignore[misc]  # pyglet 
     def __init__(self, title: str, size_px: Size | None) -> None:
         """Open a window of a size, at most as large as the screen; None opens a full screen."""
         self._positions: dict[int, str] = {}
-        self._tracker: MouseTracker | None = None  # elsewhere pyglet's own events tell motion
+        self._tracker: MouseTracker | None = None  # None where pyglet's own events report motion
         self.accepts_text = False
         self._key_reported = False  # of the key event that pyglet looks at now
         self.button_ms: int | None = None  # the server's time of the last event of a mouse button
@@ -215,7 +215,7 @@ class PygletNativeWindow(pyglet.window.Window):  # type: ignore[misc]  # pyglet 
     def _make_frame(self, width: int, height: int) -> None:
         """Make a texture for frames of a size, and bind it for reading."""
         for delete, name in ((gl.glDeleteFramebuffers, self._framebuffer), (gl.glDeleteTextures, self._texture)):
-            delete(1, ctypes.byref(name))  # 0, which there is before the first, is passed over
+            delete(1, ctypes.byref(name))  # OpenGL ignores the name 0, which both have at first
         texture, framebuffer = self._texture, self._framebuffer = gl.GLuint(), gl.GLuint()
         gl.glGenTextures(1, ctypes.byref(texture))
         gl.glBindTexture(gl.GL_TEXTURE_2D, texture)

@@ -21,7 +21,7 @@ ON_RECEIPT = "on receipt: late by as long as a picture takes to draw"
 
 _NS_PER_MS = 1_000_000
 _TICKS = 1 << 32  # the server's milliseconds start again there, every 50 days
-_OLDEST_MS = 60_000
+_OLDEST_MS = 60_000  # an older stamp cannot be correct
 _EVENT_TIMEOUT_S = 0.002  # the server tells us and the toolkit at once
 _MAX_KEY_TIMES = 4096
 _MAX_PRESSES = 64  # of one key
@@ -33,10 +33,9 @@ _PROPERTY_NOTIFY = 28
 _MAPPING_NOTIFY = 34
 _GENERIC_EVENT = 35
 _ALT_GRAPH_KEYSYMS = (0xFE03, 0xFF7E)  # ISO_Level3_Shift, Mode_switch
-_FOCUS_DETAILS_OF_OTHERS = (2, 5, 6, 7)  # inside the window, by the pointer, of the root: the window's own stays
+_FOCUS_DETAILS_OF_OTHERS = (2, 5, 6, 7)  # Inferior, Pointer, PointerRoot, DetailNone: the window's focus stays
 _FOCUS_CHANGE_MASK = 1 << 21
-# of a key, of a button
-_RAW_PRESSES = (13, 15)
+_RAW_PRESSES = (13, 15)  # of a key, of a button
 _RAW_RELEASES = (14, 16)
 MAIN_BUTTON = "main_button"  # the mouse's, among the keys whose times are recorded
 _ALL_MASTER_DEVICES = 1

@@ -160,15 +160,13 @@ def _list_key_events(segment: Segment, episodes: Sequence[EpisodeLog]) -> Iterat
                 yield row
             continue
         if press.key in pressed:
-            yield pressed.pop(press.key)  # it came up elsewhere
+            yield pressed.pop(press.key)  # its release was not recorded
         place = {}
         action = ""
-        at = int(np.searchsorted(begins, press.t_ns, side="left")) - 1  # what begins an episode is no key of it
+        at = int(np.searchsorted(begins, press.t_ns, side="left")) - 1  # the press that begins an episode is outside it
         if at >= 0 and press.t_ns <= episodes[at].t_ns[-1]:
             place = _place(episodes[at])
-            if press.action is None:
-                action = ""
-            else:
+            if press.action is not None:
                 action = episodes[at].start.action_names[press.action]
         pressed[press.key] = _build_event_row(
             "key", press.t_ns, segment, key=table_key_name(press.key), action=action, verdict=press.verdict, **place

@@ -277,10 +277,12 @@ class Phenotype:
                 continue
             times[part.name] += 1
             self._describe(part.name, part.plan, times[part.name])
-            answers = {item: _value(event) for (of_part, item), event in last_answers.items() if of_part == number}
+            answers = {
+                item: _decode_answer(event) for (of_part, item), event in last_answers.items() if of_part == number
+            }
             if answers:
                 row = rows.setdefault(part.name, dict(zip(_IDS, (subject, session), strict=True)))
-                row |= {_column(item, times[part.name]): value for item, value in answers.items()}
+                row |= {_name_column(item, times[part.name]): answer for item, answer in answers.items()}
         for name, row in rows.items():
             self._rows.setdefault(name, []).append(row)
 
@@ -316,12 +318,15 @@ class Phenotype:
                 described["Levels"] = dict(zip(map(str, item.all_codes), item.options, strict=False))
             if item.unit:
                 described["Units"] = item.unit
-            for name, text in item.asked.items():
-                meaning.setdefault(_column(name, time), {"Description": f"{text}{again}", **described})
+            for asked_item, text in item.asked.items():
+                meaning.setdefault(_name_column(asked_item, time), {"Description": f"{text}{again}", **described})
 
 
-def _column(item: str, time: int) -> str:
-    """Return the name of an item's column, which differs from the columns that BIDS requires."""
+def _name_column(item: str, time: int) -> str:
+    """Return the name of an item's column, which differs from the columns that BIDS requires.
+
+    ``time`` is how often the item had been asked in the session, 1 for the first time.
+    """
     name = item
     if item in _IDS:
         name = f"item_{item}"
@@ -330,7 +335,7 @@ def _column(item: str, time: int) -> str:
     return name
 
 
-def _value(event: Answered) -> Any:
+def _decode_answer(event: Answered) -> Any:
     """Return an answer as the option's code, the number or the text; several codes are a JSON list."""
     value: Any = json.loads(event.value)
     if isinstance(value, list | Mapping):

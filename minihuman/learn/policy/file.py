@@ -162,7 +162,7 @@ def read_policy_file(path: Path) -> dict[str, Any]:
     try:
         _require_small_archive(path)
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of a pickle that is none of ours, which is refused
+            warnings.simplefilter("ignore")  # torch warns of a foreign pickle before it raises
             # weights_only: a policy file from elsewhere must not be able to run code
             content = torch.load(path, map_location="cpu", weights_only=True)
     except Exception as error:

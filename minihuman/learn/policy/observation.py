@@ -54,9 +54,9 @@ class ObservationEncoder:
     """The settings by which a world's observations are encoded for a policy."""
 
     missions: bool  # whether the mission differs between episodes and is observed
-    scaling: Scaling = "spread"  # what becomes of grid codes; pictures are left as they are
-    # The world's own observation; or the whole grid from above, turned the agent's way up; or, of that, what was in
-    # view at any step of the episode so far and is near
+    scaling: Scaling = "spread"  # of grid codes; pictures are left as they are
+    # "view": the world's own observation. "whole": the whole grid from above, turned so that the agent faces up.
+    # "remembered": the same, but only cells within REACH of the agent that have been in view in this episode.
     sight: ViewMode = "view"
 
     def space(self, world: Any) -> spaces.Dict:

@@ -110,7 +110,7 @@ class PolicyAgent(BaseAgent):
 
 
 def _require_world(path: Path, card: PolicyCard, plan: EpisodePlan, world: World) -> None:
-    """Refuse a policy of another world or of continuous actions, or with options that give other observations."""
+    """Raise LearnError for a policy of another world, of continuous actions or of other observations."""
     if card.is_continuous:
         raise LearnError(
             f"{path} has continuous actions; agents and simulated participants of a study choose numbered actions: "

@@ -36,7 +36,7 @@ class Lesson:
     rewards: NDArray[np.float64]  # (n,) the world's own
     policy_probabilities: NDArray[np.float32] | None = None  # (n, actions); None where no policy was asked
     policy: str = ""  # SHA-256 of the policy's file; "" where there was none
-    corrects: tuple[str, int] | None = None  # the lesson and the step from which this one shows it better
+    corrects: tuple[str, int] | None = None  # the corrected lesson, and the step from which this one replaces it
 
     def __post_init__(self) -> None:
         """Check that all arrays have one row per step.
@@ -199,7 +199,7 @@ class Dataset:
     def sha256(self) -> str:
         """Return a SHA-256 digest of all data that a learner can use; equal data have equal digests."""
         digest = hashlib.sha256()
-        # words that policy files carry the digest of: a format, whatever the classes are called
+        # These texts are the digest's format, which policy files rely on; they have the classes' earlier names.
         sees = self.eyesight
         eyesight = f"Eyesight(missions={sees.missions!r}, scaling={sees.scaling!r}, sight={sees.sight!r})"
         head = (self.world, self.options, self.action_names, self.most_steps, eyesight, repr(self.space))
@@ -229,6 +229,7 @@ class Dataset:
 
 
 def _comparison_words(comparison: Comparison) -> str:
+    """Return a comparison as text for the dataset's digest."""
     left, right = (
         f"Stretch(lesson={side.lesson!r}, first={side.first!r}, last={side.last!r})"
         for side in (comparison.left, comparison.right)
@@ -236,9 +237,9 @@ def _comparison_words(comparison: Comparison) -> str:
     return f"Comparison(left={left}, right={right}, answer={comparison.answer!r})"
 
 
-def _tuple_words(items: Iterable[str]) -> str:
+def _tuple_words(elements: Iterable[str]) -> str:
     """Return texts in the notation of a Python tuple, in which a comma follows a single element."""
-    words = list(items)
+    words = list(elements)
     if len(words) == 1:
         return f"({words[0]},)"
     return f"({', '.join(words)})"

@@ -32,12 +32,12 @@ def main() -> None:
         for line in sys.stdin:
             try:
                 request = json.loads(line)
-                if request["pairs"]:
+                if request["pairs"]:  # a request with pairs asks which of them to compare, any other for a policy
                     answer = str(_choose_pair(request))
                 else:
                     answer = str(_learn_policy(request, Path(folder) / "policy.pt"))
                 reply = {"file": answer, "failure": ""}
-            except Exception as error:  # whatever a learner raises, memory that is not there included, is an answer
+            except Exception as error:  # any failure of a learner, a MemoryError included, is reported as an answer
                 traceback.print_exc()
                 reply = {"file": "", "failure": describe_failure(error)}
             answers.write(json.dumps(reply) + "\n")
@@ -58,6 +58,7 @@ def _learn_policy(request: dict[str, Any], out: Path) -> Path:
 
 
 def _choose_pair(request: dict[str, Any]) -> int:
+    """Return the index of the request's pair of clips that is to be compared next."""
     from minihuman.learn.teaching.preference_learner import choose_disputed_pair
 
     pairs = [

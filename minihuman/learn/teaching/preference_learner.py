@@ -31,7 +31,7 @@ from minihuman.learn.teaching.learner import (
 from minihuman.learn.teaching.log_dataset import make_fragment, make_lesson_name, read_session_dataset
 from minihuman.learn.teaching.rating_learners import ActionValues
 
-SHARES = {"left": 0.0, "right": 1.0, "equal": 0.5}  # how much of "right" an answer says
+SHARES = {"left": 0.0, "right": 1.0, "equal": 0.5}  # the share of an answer that prefers the right fragment
 LAPSES = 0.1  # of answers that are taken to be pressed without looking: Christiano and others' share
 SPREAD = 0.1  # standard deviation of a step's reward
 MAX_CACHED = 4096  # rewards of single steps that are kept, for small worlds show the same again and again
@@ -209,14 +209,14 @@ def get_first_rows(dataset: Dataset) -> dict[str, int]:
 
 
 def _index_rows(
-    stretches: Sequence[LessonFragment], first: dict[str, int], longest: int
+    fragments: Sequence[LessonFragment], first: dict[str, int], longest: int
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """Return the rows of each fragment's steps int64[n, longest], and a mask float32[n, longest] of the rows in use."""
-    rows = torch.zeros(len(stretches), longest, dtype=torch.int64)
-    inside = torch.zeros(len(stretches), longest)
-    for place, side in enumerate(stretches):
-        length = side.last - side.first + 1
-        start = first[side.lesson] + side.first
+    rows = torch.zeros(len(fragments), longest, dtype=torch.int64)
+    inside = torch.zeros(len(fragments), longest)
+    for place, fragment in enumerate(fragments):
+        length = fragment.last - fragment.first + 1
+        start = first[fragment.lesson] + fragment.first
         rows[place, :length] = torch.arange(start, start + length)
         inside[place, :length] = 1
     return rows, inside
@@ -249,6 +249,7 @@ def _find_equal_steps(steps: LabelledSteps) -> torch.Tensor:
 
 
 def _mean_inside(step_rewards: torch.Tensor, inside: torch.Tensor) -> torch.Tensor:
+    """Return the mean reward of each fragment, float32[n], over the steps that the mask ``inside`` marks."""
     return torch.div((step_rewards * inside).sum(dim=1), inside.sum(dim=1))
 
 
@@ -389,17 +390,17 @@ class PreferenceLearner(Learner):
 
 def optimise_policy(
     dataset: Dataset,
-    worth: RewardFunction,
+    reward_function: RewardFunction,
     settings: PreferenceSettings,
     *,
     seed: int,
     start: Policy | None = None,
 ) -> Policy:
-    """Return a policy trained with PPO on the rewards of ``worth``, from ``start`` or else from fresh weights."""
-    world = RewardModelEnv(dataset, worth, seed=seed)
+    """Return a policy trained with PPO on a function's rewards, from ``start`` or else from fresh weights."""
+    world = RewardModelEnv(dataset, reward_function, seed=seed)
     ppo = PpoSettings(n_steps=settings.n_steps, n_epochs=settings.n_epochs, learning_rate=settings.learning_rate)
-    state = np.random.get_state()
-    own = torch.get_rng_state()
+    numpy_state = np.random.get_state()
+    torch_state = torch.get_rng_state()
     try:
         agent = make_ppo(world, settings=ppo, eyes=choose_encoder(dataset), seed=seed, device="cpu")
         agent.gamma = settings.gamma
@@ -409,8 +410,8 @@ def optimise_policy(
             agent.policy.load_state_dict(copy_policy(start, dataset).state_dict())
         agent.learn(settings.steps, log_interval=None)  # type: ignore[arg-type]
     finally:
-        np.random.set_state(state)  # Stable-Baselines3 seeds the global streams
-        torch.set_rng_state(own)
+        np.random.set_state(numpy_state)  # Stable-Baselines3 seeds the global streams
+        torch.set_rng_state(torch_state)
     assert isinstance(agent.policy, Policy)
     agent.policy.set_training_mode(False)
     return agent.policy

@@ -93,9 +93,9 @@ def reproduce_policy(path: Path, dataset: Dataset, *, start: Path | None = None)
     differs = _find_differences(policy, again.policy)
     current_code = get_code_versions()
     other = [
-        f"it was made by {name} {had}; here is {current_code[name]}"
-        for name, had in training.get("code", {}).items()
-        if had != current_code[name]
+        f"it was made by {name} {recorded}; here is {current_code[name]}"
+        for name, recorded in training.get("code", {}).items()
+        if recorded != current_code[name]
     ]
     if not differs:
         return []

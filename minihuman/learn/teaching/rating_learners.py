@@ -30,12 +30,12 @@ from minihuman.learn.teaching.learner import (
     minimise_loss,
 )
 
-LONGEST_MS = 2000.0  # that a person takes; more is about something else
+LONGEST_MS = 2000.0  # the longest and the shortest time from a picture to a press that rates it
 SHORTEST_MS = 100.0
 UNKNOWN_DELAY_MS = 500.0  # the middle of TAMER's own 200 to 800 ms, where presses are too few to tell
 MIN_PRESSES = 12  # presses from which a delay can be estimated
-MAX_PRESSES = 600  # presses that are looked at, the last ones
-RIDGE = 0.3
+MAX_PRESSES = 600  # the latest presses, from which a delay is estimated
+RIDGE = 0.3  # penalty of the ridge regression that compares delays
 _NS_PER_MS = 1e6
 
 
@@ -65,7 +65,7 @@ def collect_presses(dataset: Dataset) -> tuple[Presses, LabelledSteps]:
     """Return a dataset's ratings as presses, with the steps to which they refer.
 
     Raises:
-        LearnError: if no rating follows a step's frame.
+        LearnError: if no lesson has a step, or no rating follows a step's frame.
     """
     lessons = [lesson for lesson in dataset.lessons if len(lesson.actions)]
     if not lessons:
@@ -265,7 +265,7 @@ def _sharpen(policy: Policy, factor: float) -> None:
             values.mul_(factor)
 
 
-TRACE_STEPS = 4  # before the step a press is about that have a share in it
+TRACE_STEPS = 4  # steps that share in a press: the one that it rates, and those before
 
 
 @dataclass(frozen=True, slots=True)
@@ -313,6 +313,7 @@ class DeepCoach(Learner):
         since_reset = [np.arange(len(lesson.actions)) for lesson in request.dataset.lessons]
         steps_since_reset = torch.as_tensor(np.concatenate(since_reset))
         past_probabilities = torch.as_tensor(_find_past_probabilities(request.dataset), dtype=torch.float32)
+        shares = settings.decay ** torch.arange(TRACE_STEPS, dtype=torch.float32)
 
         def loss_of(generator: torch.Generator) -> torch.Tensor:
             minibatch = torch.randint(len(pressed_rows), (settings.batch_size,), generator=generator)
@@ -324,7 +325,6 @@ class DeepCoach(Learner):
             gain = ratings[minibatch] * torch.where(ratings[minibatch] > 0, ratio.clamp(max=settings.most_ratio), ratio)
             return -gain.mean() + settings.entropy * (log_probs.exp() * log_probs).sum(dim=1).mean()
 
-        shares = settings.decay ** torch.arange(TRACE_STEPS, dtype=torch.float32)
         trained.set_training_mode(True)
         updates, loss = minimise_loss(
             trained,
@@ -342,6 +342,7 @@ class DeepCoach(Learner):
 
 
 def _copy_or_make_policy(request: LearningRequest) -> Policy:
+    """Return a copy of the previous policy, or one with fresh weights if there is none."""
     if request.policy is None:
         return make_fresh_policy(request.dataset, request.rng)
     return copy_policy(request.policy, request.dataset)

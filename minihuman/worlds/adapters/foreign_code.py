@@ -13,8 +13,8 @@ from types import TracebackType
 
 from minihuman.errors import MinihumanError, WorldError
 
-_MOST_TEXT = 200  # characters of what a world's error says
-_MISSING_ATTRIBUTE = re.compile(r"'([\w.]+)' object has no attribute '(\w+)'")  # an AttributeError's, of Python
+_MOST_TEXT = 200  # characters that are quoted of a world's error
+_MISSING_ATTRIBUTE = re.compile(r"'([\w.]+)' object has no attribute '(\w+)'")  # Python's text of an AttributeError
 
 
 class WorldCodeError(WorldError):

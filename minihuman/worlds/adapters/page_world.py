@@ -22,7 +22,7 @@ from minihuman.worlds.first_person.state_digest import digest_state
 from minihuman.worlds.grid.engine import GridEngine
 from minihuman.worlds.step_digest import digest_step
 
-# in a digest
+# an episode's end, as a digest covers it; 0 while it goes on
 TERMINATED = 1
 TRUNCATED = 2
 _OUTCOME = struct.Struct("<dQ")

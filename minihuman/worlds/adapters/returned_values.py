@@ -98,7 +98,7 @@ def read_reward(reward: Any) -> float:
         try:
             return float(reward)
         except (TypeError, ValueError, OverflowError):
-            pass  # said below in words that name what came
+            pass  # the error below names the value
     raise WorldError(f"the reward must be one number and is {describe_value(reward)}; {_suggest_reward(reward)}")
 
 
@@ -158,6 +158,7 @@ def read_picture(picture: Any) -> NDArray[np.uint8]:
 
 
 def _explain_shape(shape: tuple[int, ...]) -> str:
+    """Return the advice for a picture of another shape; "" for an unusual one."""
     match shape:
         case (_, _):
             return ": a grey picture needs its channel three times, as np.stack([picture] * 3, axis=-1) gives it"

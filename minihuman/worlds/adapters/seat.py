@@ -17,7 +17,7 @@ from minihuman.worlds.contract import NativeWorld, Palette, View
 from minihuman.worlds.pose import Map, Pose
 from minihuman.worlds.team import TeamWorld, find_team
 
-# of the environment, beside the team world's own options
+# options of a seat's environment, besides those of its team world
 SEAT_OPTION = "seat"
 SCRIPT_OPTION = "script"
 
@@ -42,8 +42,8 @@ class SeatEnv(gymnasium.Env[Any, Any], NativeWorld):
         self.team = team
         self.seat = seat
         self.script = script
-        self.joint: Sequence[int] | None = None  # of the next step
-        self.rewards: tuple[float, ...] = ()  # of the last step, by body
+        self.joint: Sequence[int] | None = None  # the joint action of the next step
+        self.rewards: tuple[float, ...] = ()  # the last step's rewards, by body
         self.steps = 0
         self.action_names = team.action_names
         self.mission = team.mission

@@ -24,10 +24,9 @@ from minihuman.errors import WorldError
 ActionVector = tuple[float, ...]  # a value of a space that is not Discrete, flat; () for Discrete
 Action = int | ActionVector  # by number, or a vector
 
-# names of no element and of several
-REST = "rest"
-CHORD = "chord"
-MAX_BOUND_AXES = 4  # of a Box; two for each hand
+REST = "rest"  # the name of the action that moves no component
+CHORD = "chord"  # the name of every action that is not one element
+MAX_BOUND_AXES = 4  # axes of Box spaces that keys move; two for each hand
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,8 +104,8 @@ class VectorActions:
         low: list[float] = []
         high: list[float] = []
         rest_vector: list[float] = []
-        adds: list[bool] = []  # by component: opposite directions cancel each other
-        is_integral: list[bool] = []  # whether it takes whole numbers alone
+        adds: list[bool] = []  # by component, whether opposite directions cancel each other
+        is_integral: list[bool] = []  # by component, whether it takes only whole numbers
         elements: list[ActionElement] = []
         for leaf in _list_leaves(space):
             axes = len({element.component for element in elements if element.name.startswith("axis")})
@@ -406,10 +405,10 @@ def _action_names(env: Any, count: int, first: int) -> tuple[str, ...]:
         numbered = [kind for kind in kinds if isinstance(kind.value, int)]  # type: ignore[var-annotated]
         named = {int(kind.value): str(kind.name) for kind in numbered}
         return tuple(named.get(first + action, str(action)) for action in range(count))
-    by_number = getattr(getattr(env, "action_type", None), "actions", None)  # highway-env's way
+    by_number = getattr(getattr(env, "action_type", None), "actions", None)  # where highway-env keeps the names
     if isinstance(by_number, dict):
         return tuple(str(by_number.get(first + action, action)).lower() for action in range(count))
-    meanings = getattr(env, "get_action_meanings", None)  # the Atari worlds' way
+    meanings = getattr(env, "get_action_meanings", None)  # where Atari worlds keep the names
     if callable(meanings):
         return tuple(str(name).lower() for name in meanings())[:count]
     if type(env).__module__.startswith("gymnasium.envs.") and type(env).__name__ in _load_names():

@@ -27,7 +27,7 @@ class StepResult:
     observation_hash: int
     onset: bool = False  # info["onset"]: the picture after the step shows a stimulus onset
     info: Mapping[str, Any] = field(default_factory=dict)  # the world's own
-    is_own: bool = False  # of a laboratory's own world, whose end with a reward above 0 is success
+    is_own: bool = False  # whether the world is a laboratory's own, in which an end with a reward above 0 is success
 
     def find_success(self, rule: OutcomeRule) -> bool | None:
         """Return whether the world says that the episode succeeded; None if it does not say, or the rule does not ask.

@@ -183,6 +183,7 @@ class MiniworldAdapter(_Adapter):
 
 
 def _state(entity: Any) -> list[Any]:
+    """Return what a hash covers of a Miniworld entity."""
     place = [float(value) for value in entity.pos]
     return [type(entity).__name__, place, float(entity.dir), float(entity.radius), float(entity.height)]
 

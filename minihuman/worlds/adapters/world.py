@@ -54,16 +54,16 @@ class World:
         WorldError: if the world cannot be made, is not trusted, has actions that keys cannot do, or cannot draw itself.
     """
 
-    has_portable_copies: ClassVar[bool] = True  # another world of its id and options can restore its copies
+    has_portable_copies: ClassVar[bool] = True  # whether another world of this id and options can restore its copies
 
     def __init__(self, world_id: str, options: dict[str, Any] | None = None, *, trusted: bool = False) -> None:
         self.id = world_id
         self.options = options or {}
         with contain_errors(world_id, "its code"):
             self._env = make_environment(world_id, self.options if trusted else locate_world(world_id, self.options))
-            self.is_built_in = is_built_in(self._env)  # its class and its wrappers are this package's
+            self.is_built_in = is_built_in(self._env)
             native = self._env.unwrapped
-            self.drawn = isinstance(native, NativeWorld) and native.drawn  # see there
+            self.drawn = isinstance(native, NativeWorld) and native.drawn  # see `NativeWorld.drawn`
             self.reward_means_success = has_own_rule(native)
             require_stated_space(world_id, self._env, "action_space")
             self.actions = build_actions(world_id, self._env)
@@ -72,7 +72,7 @@ class World:
         self.action_names = self.actions.names
         self._known: NativeWorld | None = None
         self._observation: Any = None
-        self._has_advanced = False  # since the observation was made
+        self._has_advanced = False  # whether steps were made after the latest observation
         self._steps = 0
 
     @property
@@ -143,6 +143,7 @@ class World:
         return ResetResult(self._observation_hash(), self._call("mission", self._mission), onset)
 
     def _reset_env(self, seed: int) -> tuple[Any, bool]:
+        """Reset the environment; return the observation, and whether the first picture shows a stimulus onset."""
         observation, info = read_reset(self._env.reset(seed=seed))
         return observation, read_onset(info)
 
@@ -154,7 +155,7 @@ class World:
         """
         value = self._action_value(action)
         info: Mapping[str, Any]
-        if self.is_built_in:  # without what reads foreign values: a fifth of a step of the grid
+        if self.is_built_in:  # its values need no checks, which would take a fifth of a grid's step
             self._observation, reward, terminated, truncated, info = self._env.step(value)
             onset = bool(info.get("onset"))
         else:
@@ -173,6 +174,7 @@ class World:
         )
 
     def _step_env(self, value: Any) -> tuple[Any, float, bool, bool, bool, Mapping[str, Any]]:
+        """Step a foreign environment; return its checked values, with the stimulus onset before the info."""
         observation, reward, terminated, truncated, info = read_step(self._env.step(value))
         return observation, reward, terminated, truncated, read_onset(info), info
 
@@ -256,6 +258,7 @@ class World:
         return self._with_wrappers(self._call("scene_hash()", self._known.scene_hash))
 
     def _random_state(self) -> Any:
+        """Return the state of the environment's random stream; raise a WorldError for another kind of stream."""
         stream = self._env.unwrapped.np_random
         if not isinstance(stream, np.random.Generator):
             raise WorldError(
@@ -282,7 +285,7 @@ class World:
 
     def path_length_bounds(self) -> PathLengthBounds:
         """Return bounds on the number of steps from here to success."""
-        # a first-person world's bounds are of its turns and steps ahead: a step sideways can undercut them
+        # bounds of first-person worlds count turns and steps ahead, and steps sideways can need fewer
         if self._known and getattr(self._known, "control", "discrete") == "discrete":
             return self._call("path_length_bounds()", self._known.path_length_bounds)
         return UNKNOWN_BOUNDS
@@ -386,7 +389,7 @@ class World:
             self._known.restore(inside)
         else:
             attributes = vars(self._env.unwrapped)
-            for name in attributes.keys() - inside.keys():  # they came after the copy
+            for name in attributes.keys() - inside.keys():  # attributes that were added after the copy
                 del attributes[name]
             attributes.update(copy.deepcopy(inside))
 
@@ -400,7 +403,7 @@ class World:
         """Close the environment."""
         try:
             self._call("close()", self._env.close)
-        except WorldCodeError as error:  # its episodes are over, and what was recorded of them counts
+        except WorldCodeError as error:  # no reason to fail: its episodes are over and recorded
             LOG.warning("the world did not close: %s: %s", type(error.__cause__).__name__, error.__cause__)
 
     def _action_value(self, action: Action) -> Any:
@@ -410,15 +413,21 @@ class World:
             raise WorldError(f"{self.id}: {error}") from error
 
     def _with_wrappers(self, hashed: int) -> int:
+        """Return a hash that also covers what wrappers have changed; the given hash if they changed nothing."""
         changes = self._wrappers.changes()
         if changes:
             return hash64([hashed, changes])
         return hashed
 
     def _observation_hash(self) -> int:
+        """Return the hash of the latest observation.
+
+        Raises:
+            WorldError: if a log cannot hash it.
+        """
         try:
             return hash64(self._observation)
-        except (TypeError, ValueError) as error:  # of text with half a character, a ValueError
+        except (TypeError, ValueError) as error:  # a ValueError for text with a lone surrogate
             reason = explain_unhashable(self._observation) or f"the observation cannot be hashed: {error}"
             raise WorldError(f"{self.id}: {reason}") from error
         except RecursionError as error:
@@ -443,6 +452,7 @@ answer_to_old_names(World)
 
 
 def _known(env: Any) -> NativeWorld | None:
+    """Return an environment as a native world, through an adapter if need be; None if its state is unknown."""
     if isinstance(env, NativeWorld):
         return env
     if is_minigrid_like(env):

@@ -32,7 +32,8 @@ _DOOR = 4
 _FONT = Path(__file__).parents[2] / "display" / "fonts" / "DejaVuSans.ttf"
 _PAPER = (16, 16, 16)
 _INK = (232, 232, 232)
-_LINES = 18  # of a picture, unless there are more
+_LINES = 18  # the least number of lines for which a picture has space
+_FONT_SHARE = 0.78  # the size of the font, as a share of the height of a line
 
 
 def describe_observation(observation: Any, kinds: Sequence[ObjectKind] = ()) -> str:
@@ -61,8 +62,8 @@ def draw_text(text: str, size_px: tuple[int, int]) -> NDArray[np.uint8]:
     width, height = size_px
     font = ImageFont.truetype(str(_FONT), 100, layout_engine=ImageFont.Layout.BASIC)
     longest = max(font.getlength(line) for line in lines) / 100  # in em
-    line_px = min(height / max(_LINES, len(rows) + len(lines) + 3), 0.88 * width / longest / 0.78)
-    font = font.font_variant(size=max(6, int(0.78 * line_px)))
+    line_px = min(height / max(_LINES, len(rows) + len(lines) + 3), 0.88 * width / longest / _FONT_SHARE)
+    font = font.font_variant(size=max(6, int(_FONT_SHARE * line_px)))
     image = Image.new("RGB", (width, height), _PAPER)
     draw = ImageDraw.Draw(image)
     left = 0.06 * width

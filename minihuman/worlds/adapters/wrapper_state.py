@@ -15,7 +15,7 @@ _HOUSEKEEPING = (
     *(wrappers.OrderEnforcing, wrappers.PassiveEnvChecker, wrappers.TimeLimit, wrappers.RecordEpisodeStatistics),
     *(wrappers.RecordVideo, wrappers.HumanRendering, wrappers.RenderCollection),
 )
-# what Gymnasium keeps on every wrapper
+# attributes that Gymnasium sets on every wrapper
 _NOT_STATE = frozenset(
     {"env", "_action_space", "_observation_space", "_metadata", "_cached_spec", "_saved_kwargs", "spec"}
     | {"action_space", "observation_space", "metadata"}
@@ -39,7 +39,8 @@ class WrapperState:
             env = env.env
         self.any = bool(self._wrappers)
         self.redraw = any(type(wrapper).render is not gymnasium.Wrapper.render for wrapper in self._wrappers)
-        self._initial = [dict(_attributes(wrapper)) for wrapper in self._wrappers]  # by reference, to know them again
+        # references to the objects themselves, by which `changes` recognises those that cannot be hashed
+        self._initial = [dict(_attributes(wrapper)) for wrapper in self._wrappers]
         self._digests = [{name: _digest(value) for name, value in attributes.items()} for attributes in self._initial]
         self._copies = self.save()
 
@@ -86,6 +87,7 @@ class WrapperState:
 
 
 def _attributes(wrapper: Any) -> list[tuple[str, Any]]:
+    """Return a wrapper's own attributes, sorted by name."""
     return sorted((name, value) for name, value in vars(wrapper).items() if name not in _NOT_STATE)
 
 

@@ -104,7 +104,7 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
         self.single_observation_space = first.observation_space
         self.action_space = batch_space(first.action_space, num_envs)
         self.observation_space = batch_space(first.observation_space, num_envs)
-        self._over = np.zeros(num_envs, np.bool_)  # in the step before
+        self._over = np.zeros(num_envs, np.bool_)  # whether each world's episode ended in the last step
         self._threads = threads or os.cpu_count() or 1
         self._render_pool = RenderPool(num_envs, self._threads)
         kind = type(first)
@@ -164,8 +164,8 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
             joint.step(action_array, renewed, rewards, statuses)
         stepped = statuses >= 0
         ends = [stepped & (statuses & part != 0) for part in (TERMINATED, TRUNCATED)]
-        other = np.flatnonzero(statuses & ~MOVED).tolist()  # than a move: those that Python has to do something about
-        final: dict[int, tuple[Any, dict[str, Any]]] = {}  # of worlds that begin anew in this step
+        other = np.flatnonzero(statuses & ~MOVED).tolist()  # worlds that did other than move, which Python handles
+        final: dict[int, tuple[Any, dict[str, Any]]] = {}  # last observations and infos of worlds that begin anew
         for i in other:
             world = self.worlds[i]
             if renewed[i]:
@@ -306,7 +306,7 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
 
     def _apart(self) -> Any:
         """Return the observations of worlds that define their own kind of observation."""
-        # each thread takes neighbours, so that it is asked once and not for every world
+        # each thread gets a run of neighbouring worlds in a single call
         ends = [self.num_envs * nth // self._threads for nth in range(self._threads + 1)]
         shares = [self.worlds[first:last] for first, last in pairwise(ends) if first < last]
         observations = helper_threads(os.getpid()).map(lambda share: [world.observe() for world in share], shares)
@@ -345,7 +345,7 @@ class JointStep:
         self._worlds = worlds
         self._all = np.arange(count)
         self._latest = -1
-        self._counts = self._count()  # change of any thing that rows and views tell of
+        self._counts = self._count()  # the counts when the views were aimed
         nothing: list[Any] = [None] * count
         self._flats, self._arrays, self._targets, self._agents = (nothing.copy() for _ in range(4))
         self._trigs = [0] * count
@@ -368,7 +368,7 @@ class JointStep:
         statuses: NDArray[np.int64],
     ) -> None:
         """Step every world that is not skipped; write each world's reward, and its status as in `rules.act` or -1."""
-        self._latest = -1  # until all are aimed
+        self._latest = -1  # until all views are aimed
         own = self._own
         scored = bool(self._flats[0].score)
         for flat, world in zip(self._flats, self._worlds, strict=True) if scored else ():
@@ -421,6 +421,7 @@ class JointStep:
         return self._targets
 
     def _count(self) -> tuple[list[int], int]:
+        """Return the steps of each world and the entities of all, which change when worlds are used by themselves."""
         stages = [world._stage for world in self._worlds]
         return [world.step_count for world in self._worlds], sum(len(stage.entities) for stage in stages if stage)
 
@@ -449,8 +450,8 @@ def _turns_by_hand(world: FirstPersonEnv) -> bool:
     return any(name in ("turn_left", "turn_right") for name in names)
 
 
-_MORE = ~(MOVED | TERMINATED | TRUNCATED)  # of what came of a step
-_MOVED_LAYOUTS = {  # as data sets that were exported earlier name them
+_MORE = ~(MOVED | TERMINATED | TRUNCATED)  # the parts of a step's status that change more than the body's place
+_MOVED_LAYOUTS = {  # by their names in data sets that were exported earlier
     "transfer:GoToObj": "layouts.go_to_obj:GoToObj",
     "layouts.sidewalk:Sidewalk": "layouts.connected_rooms:Sidewalk",
 }
@@ -472,4 +473,4 @@ def make_batch(layout: str, **options: Any) -> FirstPersonBatch:
     return FirstPersonBatch(lambda: make_world(layout, **options), **settings)
 
 
-vars(make_world)["metadata"] = FirstPersonEnv.metadata  # where Gymnasium looks which render modes it has to add
+vars(make_world)["metadata"] = FirstPersonEnv.metadata  # Gymnasium reads there which render modes it has to add

@@ -60,7 +60,7 @@ def texture_variants(texture: str) -> int:
     return _SEVERAL.get(texture, 1)
 
 
-LATEST_CHANGE = [0]  # of any thing's attributes: whoever keeps a copy of them sees by it that they may be others
+LATEST_CHANGE = [0]  # the number of the latest change of any entity; copies of attributes from before may be outdated
 _changes = itertools.count(1)
 
 
@@ -90,7 +90,7 @@ class Entity:
     name: str = "thing"
     radius: Length = 0.0
     height: float = 0.0
-    looks: ClassVar[tuple[str, ...]] = ()  # the attributes, beside these, that tell two of a kind apart
+    looks: ClassVar[tuple[str, ...]] = ()  # further attributes that distinguish entities of one kind
     trig: int = 0  # whose sine and cosine turn it: 0 the host's, 1 our own, which are the same on every machine
 
     def __init__(self) -> None:

@@ -95,7 +95,7 @@ class FirstPersonEnv(ShowsItself, gymnasium.Env[Any, Any], MiniworldCompat, Free
     drawn = True
     assets: ClassVar[str | Path | None] = None  # a world's own textures and meshes
     room_tables: ClassVar[RoomTables] = staticmethod(room_tables)  # turns the plan into what the renderer draws
-    motions: ClassVar[Mapping[str, str]] = {}  # which of rules.ACTIONS an action does, where its name does not say
+    motions: ClassVar[Mapping[str, str]] = {}  # by action, the one of rules.ACTIONS that it does under another name
 
     def __init__(
         self,
@@ -476,7 +476,7 @@ class FirstPersonEnv(ShowsItself, gymnasium.Env[Any, Any], MiniworldCompat, Free
 
     def save(self) -> FirstPersonSnapshot:
         """Return an exact copy of the state, which can be pickled and restored into any world of the same class."""
-        _ = self.stage  # or there is nothing to save
+        _ = self.stage  # raises an error before the first reset
         return save_state(type(self).__name__, self._over, self._state())
 
     def restore(self, saved: Any) -> None:

@@ -17,8 +17,8 @@ from minihuman.worlds.first_person.rules import ACT, ACTIONS
 from minihuman.worlds.first_person.state import FlatState, WorldState, move_body
 from minihuman.worlds.options import check_number, check_one_of
 
-_FARTHEST = 1e5  # metres or radians, of one move of an author's
-_FASTEST_CHANGE = 2.0  # from full speed back to full speed ahead
+_FARTHEST = 1e5  # the longest way and the widest turn of `move`, in metres and radians
+_FASTEST_CHANGE = 2.0  # the greatest acceleration, from full speed back to full speed ahead
 
 
 class FreeMotion(abc.ABC):
@@ -26,10 +26,10 @@ class FreeMotion(abc.ABC):
 
     action_names: tuple[str, ...]
     action_space: gymnasium.Space[Any]
-    kernel_actions: tuple[str, ...]  # those of the eight that the world has
+    kernel_actions: tuple[str, ...]  # those of `rules.ACTIONS` that the world has
     control: str
     acceleration: float
-    velocity: tuple[float, float]  # with acceleration: ahead and to the right, of the largest
+    velocity: tuple[float, float]  # with acceleration: ahead and to the right, as shares of the largest
     action_element_names: tuple[str, ...]  # of continuous actions
     action_resolution: int
     _continuous: ContinuousControl | None
@@ -94,11 +94,11 @@ class FreeMotion(abc.ABC):
             vars(self)["velocity"] = (0.0, 0.0)
 
     def _is_free(self, number: int) -> bool:
-        """Return whether an action is none that kernels do."""
+        """Return whether `_act_freely` does an action, in place of the kernels."""
         return self._continuous is not None or number >= len(self.kernel_actions)
 
     def _act_freely(self, action: Any, name: str) -> str:
-        """Do what kernels do not: a step sideways, or a continuous action; return the name by which it is judged."""
+        """Do a step sideways or a continuous action; return the name by which it is judged."""
         if self._continuous is None:
             command = Command(0.0, 0.0, -1.0 if name == STRAFES[0] else 1.0)
         else:

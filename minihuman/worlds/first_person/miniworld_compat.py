@@ -59,6 +59,7 @@ def _actions(names: tuple[str, ...]) -> type[IntEnum]:
 
 
 def _colour_or_place(name: str, value: ArrayLike, low: float, high: float) -> tuple[float, float, float]:
+    """Return three numbers as floats; raise a WorldError if one is outside the bounds."""
     first, second, third = np.asarray(value, np.float64).tolist()
     for number in (first, second, third):
         check_number(name, number, low, high)
@@ -68,10 +69,10 @@ def _colour_or_place(name: str, value: ArrayLike, low: float, high: float) -> tu
 class MiniworldCompat:
     """A mixin of every first-person world that adds Miniworld's names."""
 
-    reward_range: tuple[float, float] = (-math.inf, math.inf)  # as Miniworld gives it: nothing reads it
-    obs_disp_width = 256  # of the small picture in Miniworld's window: nothing reads it
+    reward_range: tuple[float, float] = (-math.inf, math.inf)  # as in Miniworld; nothing here reads it
+    obs_disp_width = 256  # the width of the small picture in Miniworld's window
 
-    _is_made = False  # `make` is done with it: from then on only build() adds attributes
+    _is_made = False  # whether `make_world` has finished the world, so that only build() may add attributes
     _stage: Any
     _flat: Any
     _window: Any
@@ -333,6 +334,7 @@ class MiniworldCompat:
         return float(self.success_reward())
 
     def _take_parameters(self: Any, parameters: Parameters) -> None:
+        """Replace the world's parameters and those of the present episode."""
         self.parameters = parameters
         if self._stage is not None:
             self._stage.parameters = parameters

@@ -38,9 +38,10 @@ class PageLook(NamedTuple):
     """The parts that no step changes: the entities of the scene, and the numbers of camera and shadows."""
 
     entities: Sequence[Entity]
-    numbers: F64  # at `_OF_LOOK`
+    numbers: F64  # in the order of `_OF_LOOK`
 
 
+# the indices, in the numbers of `rules.step`, of those that no step changes
 _OF_LOOK = [rules.CAMERA_AHEAD, rules.COS_PITCH, rules.SIN_PITCH, rules.TAN_FOV, rules.SHADOWS]
 
 
@@ -113,7 +114,7 @@ def cut_scene(layout: SceneTables, view: F64) -> PageScene:
         row[FIRST] = places[first, last]
         row[LAST] = row[FIRST] + last - first
     count = int(room_wholes[1])
-    of_rooms = room_wholes[3 + count : 3 + 2 * count]  # a view: the rooms' tables follow
+    of_rooms = room_wholes[3 + count : 3 + 2 * count]  # a view, so that new numbers are written to the rooms' table
     texture_rows = [int(row) for row in np.unique(np.concatenate([of_rooms, faces.texture])) if row >= 0]
     numbers = {row: number for number, row in enumerate(texture_rows)}
     for textures in (of_rooms, faces.texture):

@@ -154,10 +154,10 @@ def look(thing: Entity, palette: Palette, library: Library) -> Look:
             raise WorldError(f"{thing!r} is a {type(thing).__name__}, which cannot be drawn; use a box, mesh or frame")
 
 
-_MOST_EASELS = 8  # palettes and sizes; a window that is drawn larger passes many sizes
+_MOST_EASELS = 8  # pairs of palette and size in the cache; resizing a window passes through many sizes
 
 
-RoomTables = Callable[..., tuple[FaceTable, RoomTable]]  # of a plan, a library, and whether it is for a display
+RoomTables = Callable[..., tuple[FaceTable, RoomTable]]  # takes a plan, a library, and whether they are for a display
 
 
 class WorldRenderer:
@@ -172,13 +172,13 @@ class WorldRenderer:
         display: bool = False,
         tables: RoomTables = room_tables,
     ) -> None:
-        self.tables = tables  # what turns a plan into the tables of its rooms
+        self.tables = tables  # turns a plan into the tables of its rooms
         self.display = display  # whether pictures have the look of a display
-        self.shadows = shadows and not display  # whether things have them, on the ground
-        self.size_px = size_px  # of an observation: width, height
-        self.assets = assets  # folder of textures and meshes beside our own; None: only those
+        self.shadows = shadows and not display  # whether things cast shadows on the ground
+        self.size_px = size_px  # width and height of an observation
+        self.assets = assets  # a folder of textures and meshes in addition to our own; None: only our own
         self._floor: FloorPlan | None = None
-        self._rooms: tuple[FaceTable, RoomTable]  # the floor's
+        self._rooms: tuple[FaceTable, RoomTable]  # the tables of that floor
         self._staged: dict[Palette, tuple[WorldState, list[Entity], Scene]] = {}
         self._easels: dict[tuple[Palette, tuple[int, int]], _Observed] = {}  # where what the agent sees is drawn
 
@@ -214,7 +214,7 @@ class WorldRenderer:
         key = palette, size_px or self.size_px
         observed = self._easels.get(key)
         if observed is None or observed.stage is not stage or observed.entities != stage.entities:
-            camera(stage)  # or it says what is wrong with it
+            camera(stage)  # raises an error if the camera is invalid
             target = RenderTarget(self.scene(stage, palette), *key[1], trig=stage.agent.trig)
             if len(self._easels) == _MOST_EASELS:
                 self._easels.clear()
@@ -240,7 +240,7 @@ class WorldRenderer:
         *,
         shows_agent: bool,
     ) -> NDArray[np.uint8]:
-        """Return a part of the world from above: the rooms of the tables, some entities,and perhaps the agent."""
+        """Return a part of the world from above: the rooms of the tables, some entities, and perhaps the agent."""
         library = asset_library(self.assets)
         with library_lock:
             scene = add_things(
@@ -320,7 +320,7 @@ class _Observed:
         self.stage = stage
         self.entities = list(stage.entities)
         self._easel = target
-        self._shadows = len(things) if shadows else 0  # where they begin
+        self._shadows = len(things) if shadows else 0  # the number of the first shadow; 0 without shadows
         self._things = [(number, thing) for number, thing in enumerate(things) if thing in self.entities]
         self._at = [(thing.pos, thing.dir) for _, thing in self._things]
 

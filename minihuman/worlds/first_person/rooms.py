@@ -21,7 +21,7 @@ from minihuman.worlds.first_person.room_names import RoomNames
 from minihuman.worlds.first_person.walls import wall_pieces
 from minihuman.worlds.hashing import hash64
 
-KEPT = 4096  # shapes that are remembered: worlds are built anew at every reset, mostly of the same ones
+KEPT = 4096  # shapes in the cache: worlds are built anew at every reset, mostly of the same shapes
 
 Point = tuple[float, float]  # x, z
 
@@ -74,7 +74,7 @@ def outline_of(corners: tuple[Point, ...]) -> RoomOutline:
     """
     if len(corners) < 3:
         raise WorldError(f"the outline {list(corners)} has fewer than 3 corners; a room needs 3 or more")
-    # + 0.0: of two zeros only one is kept, for shapes are remembered by their corners, in which the two are equal
+    # + 0.0 turns -0.0 into 0.0: shapes are cached by their corners, in which the two zeros are equal
     corners = tuple((float(x) + 0.0, float(z) + 0.0) for x, z in corners)
     edges = tuple(_make_edge(start, end) for start, end in zip(corners, corners[1:] + corners[:1], strict=True))
     across, down = zip(*corners, strict=True)
@@ -231,10 +231,10 @@ class Room(RoomNames):
                     f"the portal from {start:g} to {end:g} m along the wall {side.start} to {side.end} "
                     f"overlaps the one from {other.start:g} to {other.end:g} m; leave a gap"
                 )
-        self.portals.append(Portal(edge, float(start) + 0.0, float(end), float(top), into))  # one kind of zero only
+        self.portals.append(Portal(edge, float(start) + 0.0, float(end), float(top), into))  # + 0.0 avoids -0.0
 
 
-_TOUCHING = 0.001  # metres: walls so close have no gap between them
+_TOUCHING = 0.001  # metres; walls that are closer touch, without a passage between them
 _OVERLAPPING = 0.05  # metres that rooms may reach into each other: Miniworld's own do, by 4 mm
 
 
@@ -339,7 +339,7 @@ def _stretch(edge: OutlineEdge, limits: OpeningLimits) -> tuple[float, float]:
         raise WorldError(
             f"the wall {edge.start} to {edge.end} has a single {'xz'[axis]}; give limits in {'zx'[axis]} instead"
         )
-    ends = (low - origin) / slope + 0.0, (high - origin) / slope + 0.0  # + 0.0: of two zeros only one
+    ends = (low - origin) / slope + 0.0, (high - origin) / slope + 0.0  # + 0.0 avoids -0.0
     if not 0 <= min(ends) < max(ends) <= edge.length:
         raise WorldError(
             f"an opening from {'xz'[axis]} = {low:g} to {high:g} does not fit in the wall "
@@ -363,7 +363,7 @@ class RoomPlan(NamedTuple):
     wall: str  # names of textures
     floor: str
     ceiling: str | None
-    pictures: tuple[int, int, int]  # which picture of each of its textures it has, wall, floor, ceiling; the first is 0
+    pictures: tuple[int, int, int]  # the numbers of the pictures of its textures, from 0: wall, floor, ceiling
     portals: tuple[Portal, ...]  # by edge, and from start to end of each
 
 
@@ -427,7 +427,7 @@ def _check_overlap(rooms: list[Room]) -> None:
     )
     across = np.minimum(high_x[:, None], high_x) - np.maximum(low_x[:, None], low_x)
     down = np.minimum(high_z[:, None], high_z) - np.maximum(low_z[:, None], low_z)
-    near = np.triu((across > _OVERLAPPING) & (down > _OVERLAPPING), 1)  # what contains each overlaps
+    near = np.triu((across > _OVERLAPPING) & (down > _OVERLAPPING), 1)  # rooms whose bounding rectangles overlap
     for first, second in np.argwhere(near).tolist():
         a = rooms[first]
         b = rooms[second]

@@ -27,10 +27,10 @@ class FirstPersonSnapshot(NamedTuple):
 
     world: str
     over: bool
-    stage: WorldState  # the one it was saved from, to be known again: what it held then is on the shelf
-    own: _Held
-    shelf: tuple[tuple[Any, _Held], ...]  # the stage and each thing
-    streams: tuple[tuple[np.random.Generator, Any], ...]
+    stage: WorldState  # the original, by which `restore` recognises its world; its saved attributes are on the shelf
+    own: _Held  # the world's attributes
+    shelf: tuple[tuple[Any, _Held], ...]  # the stage and each entity, with their saved attributes
+    streams: tuple[tuple[np.random.Generator, Any], ...]  # each with its saved state
 
 
 def save_state(world: str, over: bool, state: dict[str, Any]) -> FirstPersonSnapshot:

@@ -31,7 +31,7 @@ from minihuman.worlds.hashing import hash64
 from minihuman.worlds.pose import Map, Thing
 from minihuman.worlds.trigonometry import cosine, sine
 
-_MOST_TRIES = 100_000  # a world that needs more to place one thing has no room for it
+_MOST_TRIES = 100_000  # draws of a place for one thing, after which the world counts as too full
 
 WALL = "wall"
 
@@ -137,7 +137,7 @@ class WorldState:
         else:
             entity.dir = dir
         entity.pos = pos
-        if entity not in self.entities:  # placed again, it is moved
+        if entity not in self.entities:  # one that was placed before is only moved
             self.entities.append(entity)
 
     def blocker(self, entity: Entity, x: float, z: float, radius: Length) -> Entity | str | None:
@@ -216,7 +216,7 @@ def move_body(stage: WorldState, dx: float, dz: float, dyaw: float) -> bool:
 def describe_thing(thing: Entity) -> tuple[float, ...]:
     """Return an entity as a row of the kernels' arrays."""
     is_single = isinstance(thing.radius, np.float32)
-    return *thing.pos, thing.dir, float(thing.radius), thing.height, thing.static, is_single, -1.0  # has no looks
+    return *thing.pos, thing.dir, float(thing.radius), thing.height, thing.static, is_single, -1.0  # -1: without looks
 
 
 def state_hash(kind: str, state: dict[str, Any]) -> int:
@@ -295,7 +295,7 @@ def floor_map(stage: WorldState) -> Map:
 
 
 MOTION_PARAMETERS = ("forward_step", "forward_drift", "turn_step")
-_CHANGED = ~(rules.TERMINATED | rules.TRUNCATED)
+_CHANGED = ~(rules.TERMINATED | rules.TRUNCATED)  # the parts of a status that mean a change of entities
 
 
 class TerminationRule(NamedTuple):
@@ -304,7 +304,7 @@ class TerminationRule(NamedTuple):
     kind: int = rules.NEVER
     things: tuple[Entity, ...] = ()
     numbers: tuple[float, ...] = ()
-    score: str = ""  # the world's attribute that it counts in
+    score: str = ""  # the world's attribute in which the rule counts; "" for none
 
 
 class SteppedWorld(Protocol):
@@ -338,7 +338,7 @@ class FlatState:
         stage = self.stage = world.stage
         ranges = [stage.parameters[name] for name in MOTION_PARAMETERS]
         self.reward = 0.0  # of the last step
-        self.latest_change = 0  # the latest change that is in the arrays
+        self.latest_change = 0  # the number of the latest change of entities that is in the arrays
         self.walls = stage.floor.walls
         self._varies = ranges if stage.randomised else None
         self.motions = [rules.ACTIONS.index(world.motions.get(name, name)) for name in world.kernel_actions]
@@ -398,7 +398,7 @@ class FlatState:
         self.numbers[rules.AGENT] = rows[id(stage.agent)]
         self.numbers[rules.RULE : rules.RULE_NUMBERS + 1] = rule.kind, len(rule.things), len(rule.numbers)
         self.numbers[rules.DRAWS] = stage.randomised or rule.kind == rules.HEALTH
-        # quicker by item
+        # views from which single numbers are read faster than from arrays
         self._numbers, self._facts = (
             memoryview(array).cast("B").cast("d")  # type: ignore[arg-type]
             for array in (self.numbers, self.things)
@@ -489,7 +489,7 @@ class FlatState:
             self._gone = self.listed[int(numbers[rules.GONE_ROW])]
             self.stage.entities.remove(self._gone)
             self._copy_place(self._gone, int(numbers[rules.COUNT]))
-            self._entities = []  # lay out anew, even if it is placed where it was in the list
+            self._entities = []  # `refresh` makes new arrays, even if the list is the same after it is placed again
 
     def _copy_place(self, thing: Entity, row: int) -> None:
         """Copy an entity's position and heading from the arrays, without recording a change."""

@@ -93,7 +93,7 @@ class KitchenLayout:
         return 20
 
 
-_SHARED = (21, 13, 15, 7)  # of the layouts with tomatoes
+_SHARED = (21, 13, 15, 7)  # `per_ingredient` of several layouts with tomatoes
 
 KITCHENS: Mapping[str, KitchenLayout] = MappingProxyType(
     {
@@ -311,7 +311,7 @@ class Kitchen(TeamWorld):
         if len(actions) != self.bodies:
             self.check_actions(actions)
         own = self._actions
-        for body, action in enumerate(actions):  # a third of the time that a slice takes
+        for body, action in enumerate(actions):  # takes a third of the time of an assignment to a slice
             own[body] = action
         status = step_kitchen(self.row, self._actions, self._outcomes, self._flat_images)
         if status < 0:
@@ -350,14 +350,14 @@ class Kitchen(TeamWorld):
 
     def pose(self, body: int) -> Pose:
         """Return a cook's cell (column, 0, row) and direction."""
-        at = fields.COOK + 4 * check_whole("body", body, 0, self.bodies - 1)
-        x, y, direction = self.row[at : at + 3].tolist()
+        first = fields.COOK + _COOK_NUMBERS * check_whole("body", body, 0, self.bodies - 1)
+        x, y, direction = self.row[first : first + 3].tolist()
         return Pose(float(x), 0.0, float(y), YAWS_RAD[direction])
 
     def map(self) -> Map:
         """Return the floor plan: the cells where cooks cannot stand, and every station by name."""
         width, height = self.row[:2].tolist()
-        terrain = self.row[fields.COOK + 4 * self.bodies :][: width * height].reshape(width, height)
+        terrain = self.row[fields.COOK + _COOK_NUMBERS * self.bodies :][: width * height].reshape(width, height)
         things = tuple(
             Thing(THING_NAMES[terrain[x, y]], float(x), float(y), 0.5, THING_COLOURS[terrain[x, y]])
             for x, y in np.argwhere((terrain != fields.FLOOR) & (terrain != fields.COUNTER)).tolist()

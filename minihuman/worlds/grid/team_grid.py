@@ -71,7 +71,7 @@ class TeamGrid(OwnRules, TeamWorld, abc.ABC):
     kinds: ClassVar[tuple[ObjectKind, ...]] = ()  # things of its own, at most five kinds
     kept: ClassVar[tuple[str, ...]] = ()  # own attributes that change in an episode: saved and hashed with the state
     shared_reward: ClassVar[bool] = True  # each body earns what all earn together; otherwise its own
-    own_fields: ClassVar[tuple[OwnField, ...]] = ()  # that the class and its bases declare
+    own_fields: ClassVar[tuple[OwnField, ...]] = ()  # the declared fields of the class and its bases
     is_translated: ClassVar[bool] = True  # False: run `layout` and `reward_and_done` as plain Python
     action_names = TEAM_ACTION_NAMES
     idle_action = STAY
@@ -192,14 +192,15 @@ class TeamGrid(OwnRules, TeamWorld, abc.ABC):
         self.mission = grid.mission
 
     def _look(self) -> None:
+        """Update the view of every body."""
         for body in range(self.bodies):
             see_body(self._row, body, self._images[body])
 
     def _body(self, body: int) -> list[int]:
         """Return a body's column, row, direction and the code of the object that it carries."""
         check_whole("body", body, 0, self.bodies - 1)
-        at = body_index(self._row, body)
-        numbers: list[int] = self._row[at : at + 4].tolist()
+        first = body_index(self._row, body)
+        numbers: list[int] = self._row[first : first + 4].tolist()
         return numbers
 
     def held_by(self, body: int) -> int | None:

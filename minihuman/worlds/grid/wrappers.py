@@ -403,7 +403,7 @@ def _observed(env: Any) -> Any:
     return inner
 
 
-MAX_TOKEN_KINDS = 16  # what a cell's number has room for
+MAX_TOKEN_KINDS = 16  # the number of kinds for which a cell's code has space
 PADDING = 0  # the token after a mission's last word
 
 

@@ -18,7 +18,7 @@ from minihuman.worlds.grid.batch_names import GridBatchSnapshot
 from minihuman.worlds.grid.engine import GridEngine
 from minihuman.worlds.options import check_one_of, check_whole
 
-Draw = Callable[[GridEngine, int], NDArray[np.uint8]]  # a world as it is now, by its place in the batch
+Draw = Callable[[GridEngine, int], NDArray[np.uint8]]  # draws a world in its present state; the int is its place
 
 
 class PictureBatch(VectorObservationWrapper):
@@ -104,6 +104,7 @@ def make_grid_batch(
 
 
 def _first_person_batch(family: str, options: dict[str, Any]) -> PictureBatch:
+    """Make a batch whose pictures are the agents' views from inside."""
     from minihuman.worlds.inside.env import GridFromInside  # here, as the renderer takes a second to load
 
     size = {name: options.pop(name) for name in ("obs_width", "obs_height") if name in options}

@@ -45,5 +45,5 @@ def make_with_view(grid: Callable[..., GridEngine], *, view: str = "grid", **opt
 
 
 for _make in (make_go_to_obj_world, make_drawn_level):
-    vars(_make)["metadata"] = GridEngine.metadata  # where Gymnasium looks which render modes it has to add
+    vars(_make)["metadata"] = GridEngine.metadata  # Gymnasium reads there which render modes it has to add
 vars(make_grid_world)["metadata"] = GridEnvOnScreen.metadata

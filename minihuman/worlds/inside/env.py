@@ -37,12 +37,12 @@ from minihuman.worlds.options import MAX_PIXELS, check_whole
 from minihuman.worlds.pose import Pose
 
 WALL_HEIGHT_M = 1.1
-_DOOR_M = 0.08  # how thick a door is
-_KNOB_M = 0.36  # from the middle of a door
-_TILE_M = 0.02  # how thick what lies flat on the floor is
-_ZOOM = 1.6  # of bricks: they are made for walls of full height
-_CARRIED_AHEAD_M = 0.3  # of the agent's eye
-_CARRIED_LOW_M = 0.18
+_DOOR_M = 0.08  # the thickness of a door
+_KNOB_M = 0.36  # the distance of a knob from the middle of its door
+_TILE_M = 0.02  # the thickness of goals, lava and coloured floor
+_ZOOM = 1.6  # of the brick texture, which is made for walls of full height
+_CARRIED_AHEAD_M = 0.3  # how far ahead of the agent's eye a carried object is
+_CARRIED_LOW_M = 0.18  # how far below the eye it is
 
 Place = tuple[float, float, float, float]  # x, y, z, yaw_rad
 
@@ -207,7 +207,7 @@ def _upright(start: tuple[float, float], end: tuple[float, float]) -> Surface:
 
 
 _EYE_M = 0.6  # above the floor
-_BACK_M = 0.4  # the eye stands so far behind the middle of its cell, so that a wall ahead is not a blur
+_BACK_M = 0.4  # how far the eye is behind the middle of its cell, so that a wall ahead is not a blur
 _FOV_Y_DEG = 60.0
 
 
@@ -305,6 +305,7 @@ class GridFromInside(ShowsItself, gymnasium.Env[dict[str, Any], int], NativeWorl
         return vars(self) | {"_renderer": _SceneRenderer(self.grid.kinds)}
 
     def _seen(self, observation: dict[str, Any]) -> dict[str, Any]:
+        """Return the grid's observation with the view from inside as its image."""
         return observation | {"image": self._draw(self.grid.pose(), self.size_px, "classic")}
 
     def _draw(self, pose: Pose, size_px: tuple[int, int], palette: Palette) -> NDArray[np.uint8]:

@@ -42,7 +42,7 @@ def run_child(connection: Connection, memory_bytes: int) -> None:
     """Answer requests until the connection is closed."""
     lead_own_group()
     end_with_parent()
-    outlive_termination()  # a service manager sends it to all; the host leaves sessions first
+    outlive_termination()  # a service manager sends SIGTERM to all processes, but the host ends its sessions first
     threading.Thread(target=_end_after_parent, daemon=True).start()
     limit_memory_bytes(memory_bytes)
     server = WorldServer()
@@ -51,7 +51,7 @@ def run_child(connection: Connection, memory_bytes: int) -> None:
     while True:
         try:
             request = decoder.decode(connection.recv_bytes())
-        except EOFError:  # the host has gone, or has no use for it any more
+        except EOFError:  # the host has ended, or has closed the connection
             break
         connection.send_bytes(encode(server.reply(request)))
     sys.stdout.flush()
@@ -85,8 +85,6 @@ class WorldServer:
             error_text = str(error)
             if isinstance(error, WorldCodeError):
                 cause = error.log_text
-            else:
-                cause = ""
         cpu_s, peak_bytes = measure_own_use()
         return messages.Reply(answer, error_text, cause, cpu_s, peak_bytes)
 

@@ -105,7 +105,7 @@ class IsolatedWorld(World):
         WorldError: in the same cases as `World`.
     """
 
-    has_portable_copies = False  # they stay in its process
+    has_portable_copies = False  # copies stay in the world's process
 
     def __init__(
         self, world_id: str, options: Mapping[str, Any], own_options: dict[str, Any], pool: WorldProcessPool
@@ -145,10 +145,12 @@ class IsolatedWorld(World):
         return self._process.ask(request, answer, world_id=self.id, call=call, limit_s=limit_s)
 
     def _query(self, name: str, answer: type[T]) -> T:
+        """Return an attribute of the world, or the result of calling it."""
         return self._ask(messages.Query(name), answer, f"{name}()")
 
     @property
     def _present(self) -> messages.StateReport:
+        """Return the latest report of the world's state."""
         assert self._moment is not None, "reset() comes first"
         return self._moment
 
@@ -289,7 +291,7 @@ class IsolatedWorld(World):
         palette: Palette = "classic",
     ) -> NDArray[np.uint8]:
         """Return the picture that a person sees, as `World.frame`."""
-        for _ in range(2):  # the second time with memory enough
+        for _ in range(2):  # the second time with enough memory
             memory = self._process.memory
             name = "" if memory is None else memory.name
             draw = messages.Draw(view, size_px, palette, name)
@@ -333,7 +335,7 @@ class IsolatedWorld(World):
                 process.ask(
                     messages.Close(), object, world_id=self.id, call="close()", limit_s=self._pool.limits.step_s
                 )
-            except RemoteCodeError as error:  # its episodes are over, and what was recorded of them counts
+            except RemoteCodeError as error:  # no reason to fail: its episodes are over and recorded
                 LOG.warning("the world did not close: %s", error)
         self._pool.give_back(process)
 
@@ -342,6 +344,7 @@ answer_to_old_names(IsolatedWorld)
 
 
 def _build_actions(description: messages.Description) -> ActionInterface:
+    """Return the actions of a world from its description."""
     space = decode_space(description.action_space)
     if isinstance(space, gymnasium.spaces.Discrete):
         chords = {frozenset(keys): action for keys, action in description.chords}

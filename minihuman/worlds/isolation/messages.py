@@ -16,9 +16,9 @@ class Construct(Request, frozen=True):
     """A request to make the world, which the host has found to be trusted."""
 
     world_id: str
-    options: bytes  # by `value_codec`, with the files that they refer to
+    options: bytes  # encoded by `value_codec`, with the contents of the files that they refer to
     search_path: list[str]  # where Python looks for modules
-    module: str  # where the host's registry has it from, for an id that names none; "" if that does not know it
+    module: str  # the module that registered the world in the host, or that its id names; "" if unknown
 
 
 class Reset(Request, frozen=True):
@@ -96,12 +96,12 @@ AnyRequest = (
 class Description(msgspec.Struct, frozen=True, array_like=True):
     """The constant properties of a world."""
 
-    can_isolate: bool  # else it is made where its session is: a page computes it, or it has several bodies
+    can_isolate: bool  # False if a page computes the world or it has several bodies: its session's process makes it
     action_names: tuple[str, ...]
-    first_action: int  # of a Discrete space: the space's own number
-    action_resolution: int  # of vectors, to which they are rounded; 0: they are not
+    first_action: int  # of a Discrete space, its own number of the first action
+    action_resolution: int  # into how many parts of 1 vectors are rounded; 0: they are not
     chords: list[tuple[list[int], int]]
-    action_space: bytes  # by `space_codec`
+    action_space: bytes  # encoded by `space_codec`
     observation_space: bytes
     drawn: bool
     reward_means_success: bool
@@ -141,7 +141,7 @@ class Reply(msgspec.Struct, frozen=True, array_like=True):
     """The reply to a request: the answer, or the reason why it failed."""
 
     answer: bytes  # of the type that belongs to the request
-    error: str = ""  # what the world's failure is called
-    cause: str = ""  # what its code raised, as a log has it; "" where it raised nothing
-    cpu_s: float = 0.0  # that the process has used
-    peak_bytes: int = 0  # the most memory that it had
+    error: str = ""  # the error's message; "" if the request succeeded
+    cause: str = ""  # the error's text for a log; "" unless the world's code raised it
+    cpu_s: float = 0.0  # CPU time that the process has used
+    peak_bytes: int = 0  # the most memory that it has used

@@ -23,7 +23,7 @@ from minihuman.worlds.isolation.child import run_child
 
 T = TypeVar("T")
 MIB: Final = 2**20
-_END_S = 5.0  # that a process may take to be gone
+_END_S = 5.0  # the longest wait for a process to end
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +44,7 @@ class WorldUse:
 
     worlds: int = 0
     cpu_s: float = 0.0
-    peak_bytes: int = 0  # the most that one of them had
+    peak_bytes: int = 0  # the most memory that one of them used
 
     def add(self, cpu_s: float, peak_bytes: int) -> None:
         """Add the resources of a world that has been closed."""
@@ -70,13 +70,13 @@ class WorldProcess:
 
     def __init__(self, limits: WorldLimits) -> None:
         self.limits = limits
-        self.ran = ""  # the world that it ran last; "" for none
-        self.is_running = False  # a world is open
-        self.cpu_before_s = 0.0  # what it had used when the world was opened
+        self.ran = ""  # the id of the world that it ran last; "" for none
+        self.is_running = False  # whether a world is open
+        self.cpu_before_s = 0.0  # CPU time that it had used when the world was opened
         self.is_healthy = True
-        self.reply = messages.Reply(b"")  # the latest
+        self.reply = messages.Reply(b"")  # the latest reply
         self.memory: SharedMemory | None = None  # for pictures
-        self._lock = threading.RLock()  # held while an answer is waited for; the pool may end the process meanwhile
+        self._lock = threading.RLock()  # held during a request, while another thread may end the process
         context = _get_context()
         self._connection, other_end = context.Pipe()
         # Not a daemon: worlds may start processes themselves. The pool ends it.
@@ -125,6 +125,7 @@ class WorldProcess:
         return msgspec.msgpack.decode(self.reply.answer, type=answer)
 
     def _describe_end(self, call: str) -> str:
+        """End what is left of a process that a call has ended; return how it ended, for an error."""
         self.is_healthy = False
         self._process.join(_END_S)
         status = self._process.exitcode
@@ -170,7 +171,7 @@ class WorldProcessPool:
         self._idle: deque[WorldProcess] = deque()
         self._all: set[WorldProcess] = set()
         self._lock = threading.Lock()  # sessions run in several threads
-        atexit.register(self.close)  # before multiprocessing would wait for them
+        atexit.register(self.close)  # runs before multiprocessing waits for the processes
 
     def take(self, world_id: str) -> WorldProcess:
         """Return a process for a world: one that ran the world before, or a new one."""
@@ -198,7 +199,7 @@ class WorldProcessPool:
                 self._idle.append(process)
                 if len(self._idle) <= self._most_idle:
                     return
-                surplus = self._idle.popleft()  # the longest idle
+                surplus = self._idle.popleft()  # the one that is idle for longest
             self._all.discard(surplus)
         surplus.end()
 

@@ -19,8 +19,8 @@ from minihuman.worlds.first_person.rules import (
 )
 from minihuman.worlds.first_person.state import MOTION_PARAMETERS
 
-_AHEAD_RADII = 1.5  # how far ahead hands reach, and how far around, in radii of the body
-_AROUND_RADII = 1.2
+_AHEAD_RADII = 1.5  # how far ahead of the body's middle hands reach, in radii of the body
+_AROUND_RADII = 1.2  # how far around that point they reach, likewise
 
 
 def act(stage: BuildingState, motion: int) -> None:

@@ -135,10 +135,10 @@ class BuildingEnv(FirstPersonEnv):
         """Add stairs in a rectangle, from the height ``floor_y`` up to ``top_y``.
 
         Args:
-            min_x: of the rectangle.
-            max_x: of the rectangle.
-            min_z: of the rectangle.
-            max_z: of the rectangle.
+            min_x: the rectangle's least x.
+            max_x: the rectangle's greatest x.
+            min_z: the rectangle's least z.
+            max_z: the rectangle's greatest z.
             up: the direction in which they rise: "east" (along x), "west", "south" (along z) or "north".
             floor_y: the height at their foot.
             top_y: the height at their head.
@@ -175,6 +175,7 @@ class BuildingEnv(FirstPersonEnv):
         return self._add_flight((ramp,))
 
     def _add_flight(self, sectors: tuple[Sector, ...]) -> Flight:
+        """Add sectors to the plan, each connected to the next one above it."""
         for sector in sectors:
             self.stage.add_room(sector)
         for below, above in pairwise(sectors):
@@ -280,6 +281,7 @@ class BuildingEnv(FirstPersonEnv):
         )
 
     def _is_free(self, number: int) -> bool:
+        """Return True: no kernel does an action over heights, so `_act_freely` does all of them."""
         return True
 
     def _act_freely(self, action: Any, name: str) -> str:
@@ -321,6 +323,7 @@ def _sectors_of(a: Sector | Flight, b: Sector | Flight) -> tuple[Sector, Sector]
 
 
 def _level_of(room: Room | Flight) -> float:
+    """Return the height of a room's floor, or of the foot of stairs or a ramp."""
     if isinstance(room, Flight):
         return room.bottom.levels[0]
     assert isinstance(room, Sector)

@@ -10,8 +10,8 @@ from minihuman.worlds.first_person.rooms import WALL_HEIGHT, rectangle
 
 Rectangle = tuple[float, float, float, float]  # min_x, max_x, min_z, max_z
 
-STEP_M = 0.18  # the highest step where none is asked for
-_STEEPEST = 1.0  # of a ramp: a metre up for a metre ahead
+STEP_M = 0.18  # the highest step of stairs whose number of steps is not given
+_STEEPEST = 1.0  # the steepest ramp: a metre up for a metre ahead
 _DIRECTIONS = {"east": (0, 1), "west": (0, -1), "south": (1, 1), "north": (1, -1)}  # axis x (0) or z (1), and sign
 
 
@@ -111,6 +111,7 @@ def build_ramp(sides: Rectangle, up: str, heights: tuple[float, float], *, looks
 
 
 def _check_rise(heights: tuple[float, float], what: str) -> tuple[float, float]:
+    """Return heights as floats; raise a WorldError unless they are finite and rise."""
     low, high = (float(height) + 0.0 for height in heights)
     if not (math.isfinite(low) and math.isfinite(high) and low < high):
         raise WorldError(f"{what} from floor_y = {low:g} to top_y = {high:g} m do not rise; give a higher top_y")
@@ -118,6 +119,7 @@ def _check_rise(heights: tuple[float, float], what: str) -> tuple[float, float]:
 
 
 def _find_direction(up: str) -> tuple[int, int]:
+    """Return the axis and sign of a direction; raise a WorldError for an unknown one."""
     if up not in _DIRECTIONS:
         raise WorldError(f"up is {up!r}; use {', '.join(map(repr, _DIRECTIONS))}")
     return _DIRECTIONS[up]
@@ -127,7 +129,7 @@ def _slope(sides: Rectangle, up: str, heights: tuple[float, float]) -> Plane:
     """Return the plane that rises in a direction, from one height to another within a rectangle."""
     axis, sign = _find_direction(up)
     start, end = sides[2 * axis : 2 * axis + 2]
-    rectangle(*sides)  # or it says what is wrong with them
+    rectangle(*sides)  # raises an error if the sides make no rectangle
     if sign > 0:
         return slope_between(axis, start, end, *heights)
     return slope_between(axis, end, start, *heights)

@@ -84,7 +84,7 @@ def _find_reached(plan: SectorPlan, start: int, body: Walker) -> set[int]:
     """Return the sectors to which a body can go from a sector."""
     reached = {start}
     waiting = [start]
-    for number in waiting:  # which grows meanwhile
+    for number in waiting:  # the loop appends to it
         sector = plan.rooms[number]
         following = [
             opening.into

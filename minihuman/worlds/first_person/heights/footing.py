@@ -17,7 +17,7 @@ from minihuman.worlds.first_person.rooms import OutlineEdge
 Segment = tuple[float, float, float, float]  # x0, z0, x1, z1
 
 _ROUNDING_M = 1e-9
-_MOST_CROSSINGS = 256  # of openings, in one move
+_MOST_CROSSINGS = 256  # openings that a body may pass in one move
 
 
 class Walker(NamedTuple):
@@ -151,10 +151,10 @@ def _find_opening(plan: SectorPlan, room: int, edge: int, along: float, body: Wa
 
 
 def solids(plan: SectorPlan, room: int, x: float, z: float, body: Walker) -> Iterator[Segment]:
-    """Yield the walls, and the edges over which it does not go, that a body overlaps which stands in a sector."""
+    """Yield what a body that stands in a sector overlaps: walls, and edges over which it does not go."""
     waiting = [room]
     known = {room}
-    for number in waiting:  # which grows meanwhile
+    for number in waiting:  # the loop appends to it
         sector = plan.rooms[number]
         for edge_number, edge in enumerate(sector.outline.edges):
             inside = edge.normal[0] * (x - edge.start[0]) + edge.normal[1] * (z - edge.start[1])
@@ -219,7 +219,7 @@ def floats_at(plan: SectorPlan, x: float, z: float, bottom: float, top: float, r
         return False
     waiting = [room]
     known = {room}
-    for number in waiting:  # which grows meanwhile
+    for number in waiting:  # the loop appends to it
         sector = plan.rooms[number]
         for edge_number, edge in enumerate(sector.outline.edges):
             along = (x - edge.start[0]) * edge.direction[0] + (z - edge.start[1]) * edge.direction[1]

@@ -17,7 +17,7 @@ from minihuman.worlds.first_person.render.kernel_tables import F64, I32, OCCLUDE
 Segment = tuple[float, float, float, float, float]  # x, y, direction x, y, length
 
 _LOW_M = 0.8  # pieces of wall that are lower have no joints
-_SAME_M = 1e-6  # heights less apart are one
+_SAME_M = 1e-6  # heights that differ by less count as equal
 _NOWHERE: Segment = (1e6, 1e6, 1.0, 0.0, 0.0)  # too far from a face to darken it
 
 

@@ -24,8 +24,8 @@ from minihuman.worlds.hashing import hash64
 from minihuman.worlds.pose import floor_at
 
 _PLANS_KEPT = 16
-_OVERLAP_M = 0.01  # that two rooms may share in height
-_LEAST_STOREY_M = 2.0  # floors less apart are one: a podium belongs to the floor around it
+_OVERLAP_M = 0.01  # how far two rooms may overlap in height
+_LEAST_STOREY_M = 2.0  # levels less apart count as one floor: a podium belongs to the floor around it
 
 
 class WallPiece(NamedTuple):
@@ -47,7 +47,7 @@ class PlannedSector(NamedTuple):
     wall: str  # names of textures
     floor: str
     ceiling: str | None
-    pictures: tuple[int, int, int]  # which picture of each of its textures it has: wall, floor, ceiling
+    pictures: tuple[int, int, int]  # the numbers of the pictures of its textures: wall, floor, ceiling
     levels: tuple[float, float]
     must_be_reached: bool
     openings: tuple[WallOpening, ...]

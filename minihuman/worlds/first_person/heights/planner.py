@@ -34,8 +34,8 @@ from minihuman.worlds.first_person.pathfinding.search import (
 if TYPE_CHECKING:
     from minihuman.worlds.first_person.env import FirstPersonEnv
 
-_MARGIN_M = 1e-7  # kept from walls and things beyond the rules', so that rounding never decides a move
-_LOOK_AHEAD_M = 1.2  # a leg ends so far before the end of its sectors, whose last opening is a wall to the search
+_MARGIN_M = 1e-7  # added to the distances that the rules keep from walls and things, so that rounding decides no move
+_LOOK_AHEAD_M = 1.2  # how far a leg ends before the end of its sectors, whose last opening is a wall to the search
 _AT_ENTRY_M = 0.35  # how near to the middle of an opening a leg ends
 _BEHIND_M = 1.5  # how much of the route so far belongs to a leg: the body still overlaps it
 _MOST_LEGS = 200
@@ -176,7 +176,7 @@ def _choose_region(floor: SectorPlan, route: Route, walker: Walker, avoid: froze
             break
         region.append(number)
         n_route += 1
-    for number in region:  # which grows meanwhile
+    for number in region:  # the loop appends to it
         sector = floor.rooms[number]
         for opening in sector.openings:
             middle = (opening.start + opening.end) / 2

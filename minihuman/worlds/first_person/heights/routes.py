@@ -14,8 +14,8 @@ from minihuman.worlds.first_person.heights.plan import SectorPlan
 from minihuman.worlds.first_person.heights.sectors import WallOpening
 from minihuman.worlds.first_person.rooms import Point
 
-_POINTS = (0.0, 0.25, 0.5, 0.75, 1.0)  # of an opening, between the places at which the body just fits
-_ASIDE = 1e-6  # of a route's length, per share of an opening away from its middle: of equal routes the middle one
+_POINTS = (0.0, 0.25, 0.5, 0.75, 1.0)  # shares of an opening, between the places at which the body just fits
+_ASIDE = 1e-6  # metres added per share of an opening away from its middle, by which equal routes take the middle
 
 
 class Route(NamedTuple):

@@ -22,8 +22,8 @@ from minihuman.worlds.first_person.rooms import (
     outline_of,
 )
 
-LEAST_OPENING_M = 0.01  # what is lower or narrower is no opening
-_TOUCHING_M = 0.001  # walls so close have no gap between them
+LEAST_OPENING_M = 0.01  # the least width and height of an opening
+_TOUCHING_M = 0.001  # walls that are no farther apart touch, without a passage between them
 _INSIDE_M = 0.05  # a wall that lies farther inside a room does not face it
 _PARALLEL = 0.999  # of walls that face each other: the least of the cosine of their angle
 

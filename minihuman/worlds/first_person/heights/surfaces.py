@@ -23,11 +23,16 @@ from minihuman.worlds.first_person.render.assets import Library, pack
 from minihuman.worlds.first_person.render.kernel_tables import F64, I32, FaceTable, RoomTable
 from minihuman.worlds.first_person.render.scene import Opening, SceneRoom, Surface
 
-_FLAT_M = 1e-9  # a side of a piece of wall that is lower has one corner
-_RISER_M = 0.5  # a piece of wall on stairs that is higher is no riser
-_LINE_M = 0.14  # how wide a plan draws walls
-_WALL_SHADE = 0.12  # of the brightness of the floor beside them
-_DARKEST = 0.6  # of the brightness of a plan, at the upper end of stairs
+_FLAT_M = 1e-9  # a piece of wall has one corner at a side that is lower
+_RISER_M = 0.5  # the highest riser of stairs
+_LINE_M = 0.14  # the width of walls on a plan
+_WALL_SHADE = 0.12  # the brightness of walls on a plan, as a share of that of the floor beside them
+_DARKEST = 0.6  # the share of its brightness that the upper end of stairs loses on a plan
+
+# a sector's textures
+_WALL = 0
+_FLOOR = 1
+_CEILING = 2
 
 
 def building_tables(plan: SectorPlan, library: Library, *, display: bool = False) -> tuple[FaceTable, RoomTable]:
@@ -82,12 +87,12 @@ def _occluded_faces(plan: SectorPlan, library: Library, number: int) -> list[Occ
     room = plan.rooms[number]
     floor = OccludedFace(
         floor_joints(plan, number),
-        library.texture_size_m(_variant(room, 1)),
-        room.floor_plane == Plane(0.0),  # around things, only the ground is darkened: the kernel asks for y = 0
+        library.texture_size_m(_variant(room, _FLOOR)),
+        room.floor_plane == Plane(0.0),  # the kernel darkens the floor around things only at y = 0
     )
     faces = [floor] * len(_areas_around(room.outline.corners, room.floor_holes))
     if room.ceiling is not None:
-        ceiling = OccludedFace(ceiling_joints(plan, number), library.texture_size_m(_variant(room, 2)), False)
+        ceiling = OccludedFace(ceiling_joints(plan, number), library.texture_size_m(_variant(room, _CEILING)), False)
         faces += [ceiling] * len(_areas_around(room.outline.corners, room.ceiling_holes))
     for piece in plan.pieces[number]:
         size_m = library.texture_size_m(_covering(plan, number, piece))
@@ -128,7 +133,7 @@ def _wall_lines(plan: SectorPlan, number: int) -> list[Surface]:
             (x0 - ahead_x - ahead_z, z0 - ahead_z + ahead_x),
             (x1 + ahead_x - ahead_z, z1 + ahead_z + ahead_x),
         )
-        surfaces.append(_level_surface(area, room.floor_plane.raised(_LINE_M), _variant(room, 1), is_floor=True))
+        surfaces.append(_level_surface(area, room.floor_plane.raised(_LINE_M), _variant(room, _FLOOR), is_floor=True))
     return surfaces
 
 
@@ -142,11 +147,12 @@ def _plan_shade(room: PlannedSector) -> float:
 
 
 def _scene_room(plan: SectorPlan, number: int) -> SceneRoom:
+    """Return a sector as a room for the renderer: floors, ceilings, walls, and the openings to other sectors."""
     room = plan.rooms[number]
     surfaces = _floor_surfaces(room)
     if room.ceiling is not None:
         surfaces += [
-            _level_surface(area, room.ceiling_plane, _variant(room, 2), is_floor=False)
+            _level_surface(area, room.ceiling_plane, _variant(room, _CEILING), is_floor=False)
             for area in _areas_around(room.outline.corners, room.ceiling_holes)
         ]
     surfaces += [_wall_surface(room, piece, _covering(plan, number, piece)) for piece in plan.pieces[number]]
@@ -159,14 +165,14 @@ def _scene_room(plan: SectorPlan, number: int) -> SceneRoom:
 
 
 def _variant(room: PlannedSector, part: int) -> str:
-    """Return the picture of a sector's wall (0), floor (1) or ceiling (2)."""
+    """Return the name of a sector's picture of its wall, floor or ceiling."""
     name = (room.wall, room.floor, room.ceiling)[part]
     return f"{name}_{room.pictures[part] + 1}"
 
 
 def _floor_surfaces(room: PlannedSector) -> list[Surface]:
     areas = _areas_around(room.outline.corners, room.floor_holes)
-    return [_level_surface(area, room.floor_plane, _variant(room, 1), is_floor=True) for area in areas]
+    return [_level_surface(area, room.floor_plane, _variant(room, _FLOOR), is_floor=True) for area in areas]
 
 
 def _areas_around(corners: Area, holes: tuple[Hole, ...]) -> list[Area]:
@@ -192,8 +198,8 @@ def _covering(plan: SectorPlan, number: int, piece: WallPiece) -> str:
         is_above = opening.edge == piece.edge and opening.start <= piece.start and piece.end <= opening.end
         behind = plan.rooms[opening.into]
         if is_above and behind.is_flight and opening.heights_at(piece.start)[0] == piece.top[0]:
-            return _variant(behind, 1)
-    return _variant(room, 1 if room.is_flight and _is_riser(room, piece) else 0)
+            return _variant(behind, _FLOOR)
+    return _variant(room, _FLOOR if room.is_flight and _is_riser(room, piece) else _WALL)
 
 
 def _is_riser(room: PlannedSector, piece: WallPiece) -> bool:
@@ -204,6 +210,7 @@ def _is_riser(room: PlannedSector, piece: WallPiece) -> bool:
 
 
 def _wall_surface(room: PlannedSector, piece: WallPiece, texture: str) -> Surface:
+    """Return a piece of wall as a surface of three or four corners."""
     corners = _upright(room, piece)
     along = np.array([piece.start, piece.start, piece.end, piece.end])
     places = np.column_stack((along, corners[:, 1]))

@@ -175,4 +175,5 @@ _YARD = {"wall": "brick_wall", "floor": "asphalt", "ceiling": None}
 
 
 def _any_colour(world: FirstPersonEnv) -> str:
+    """Draw a colour from the world's random stream."""
     return COLOUR_NAMES[world.np_random.integers(len(COLOUR_NAMES))]

@@ -79,6 +79,7 @@ class Sign(FirstPersonEnv):
         return PathLengthBounds(least_steps(self, self._wanted()), len(self.shortest_path() or ()) or None)
 
     def _wanted(self) -> Entity:
+        """Return the thing with the sign's colour and the goal's kind."""
         boxes, keys = self.objects
         return (keys if self.goal else boxes)[self.color_index]
 

@@ -37,7 +37,7 @@ class _SharedRooms(FourRooms):
     def build(self) -> None:
         """Build the rooms, and place the agent and the figures."""
         super().build()
-        self.inside = 0  # which body the agent is
+        self.inside = 0  # the body in whose place the agent is
         self.figures = [Box(colour, (0.56, 1.25, 0.56)) for colour in self.colours]
         self.faces = [Box("grey", (0.2, 0.3, 0.36)) for _ in self.colours]
         for body, (figure, face) in enumerate(zip(self.figures, self.faces, strict=True)):
@@ -150,8 +150,8 @@ class TeamRooms(TeamWorld):
     def pose(self, body: int) -> Pose:
         """Return the position of a body's feet in metres, and its heading."""
         check_whole("body", body, 0, self.bodies - 1)
-        it = self._env.figures[body] if body else self._env.agent
-        return Pose(*it.pos, it.dir)
+        standing = self._env.figures[body] if body else self._env.agent
+        return Pose(*standing.pos, standing.dir)
 
     def map(self) -> Map:
         """Return the floor plan: the walls and the box."""

@@ -33,22 +33,22 @@ if TYPE_CHECKING:
 
 CELL_M = 0.25
 MOST_CELLS = 40_000
-PATCH_M = 1.0  # what is forgotten is forgotten in patches of this size
-_RAYS = 81
+PATCH_M = 1.0  # the side of the patches in which floor is forgotten
+_RAYS = 81  # by which a view is marked as seen
 _ASPECT = 4 / 3  # of the picture that a person is shown, width over height
-_ASIDE = 3
-_FAR_M = 1.0  # a heading towards what is farther off need not be as exact
-_SPARE_M = 0.06  # kept from walls beyond the body's radius
-_STRIDE_M = 1.0  # between places that are thought of as places to look from
+_ASIDE = 3  # steps around an obstacle before heading for the target again
+_FAR_M = 1.0  # towards a point that is farther off, a less exact heading suffices
+_SPARE_M = 0.06  # the distance kept from walls in addition to the body's radius
+_STRIDE_M = 1.0  # the distance between places that are considered for a look
 _WORTH = 2.5  # actions that seeing one more square metre is worth
-_ENOUGH_M2 = 16.0  # more at once is worth no more
-_LEAST_M2 = 0.5  # less is not worth looking for
+_ENOUGH_M2 = 16.0  # a look that shows more is worth no more
+_LEAST_M2 = 0.5  # a look that shows less is worth nothing
 _STILL = 0.4  # a place is given up when less than this share of what it promised is left to see
-_TRIES = 20  # to find something that can be looked at
-_HALF_RAD = math.radians(35.0)  # of a glance, a little less than is shown
+_TRIES = 20  # looks that are considered before the search is given up
+_HALF_RAD = math.radians(35.0)  # half the angle of a look, a little less than a picture shows
 
 Angle = TypeVar("Angle", float, NDArray[np.float64])
-Noise = Callable[[int], NDArray[np.float64]]  # how far off each of so many judgements is, in actions
+Noise = Callable[[int], NDArray[np.float64]]  # returns the errors of so many judgements, in actions
 
 
 class ExploredFloor:
@@ -65,16 +65,16 @@ class ExploredFloor:
         self.cell = max(CELL_M, math.sqrt((x1 - x0) * (z1 - z0) / MOST_CELLS))
         shape = int((x1 - x0) / self.cell) + 1, int((z1 - z0) / self.cell) + 1
         self.seen = np.zeros(shape, np.int8)
-        self.things: list[Entity] = []  # that have been in view, in that order
+        self.things: list[Entity] = []  # the things that have been in view, in the order in which they came into view
         self._in_view = np.zeros(shape, np.bool_)
         self._bumped: set[tuple[float, float, float]] = set()  # poses in which a step ahead led nowhere
         self._tight: set[tuple[int, int]] = set()  # cells of those poses
-        self._evading = ""  # the turn that leads round what is in the way
+        self._evading = ""  # the turn that leads around an obstacle; "" without one
         self._aside = 0  # steps left before heading for the target again
-        self._looking: tuple[tuple[int, int], float, float] | None = None  # from where, along which yaw, for how much
-        self._clear: tuple[int, NDArray[np.bool_]] | None = None  # of how many things, and where a body fits
-        self._distance: NDArray[np.float64] | None = None  # to the target
-        self._going: tuple[int, int] | None = None
+        self._looking: tuple[tuple[int, int], float, float] | None = None  # the next look, as `_best` returns it
+        self._clear: tuple[int, NDArray[np.bool_]] | None = None  # the number of obstacles, and where a body fits
+        self._distance: NDArray[np.float64] | None = None  # of each cell to the target
+        self._going: tuple[int, int] | None = None  # the target's cell
         self.look()
 
     def look(self) -> int:
@@ -148,6 +148,7 @@ class ExploredFloor:
         self._tight.clear()
 
     def _worth_it(self) -> bool:
+        """Return whether enough of what the next look promised is still unseen."""
         assert self._looking is not None
         place, yaw, promised = self._looking
         left = in_sight(unseen_around(self.seen, *place, self.cell), yaw, _HALF_RAD)

@@ -27,8 +27,8 @@ from minihuman.worlds.first_person.state import WorldState
 if TYPE_CHECKING:
     from minihuman.worlds.first_person.env import FirstPersonEnv
 
-_MOST_CELLS = 20_000_000  # that the floor is divided into: some seconds, and 200 MB
-_MARGIN = 1e-7  # metres kept from walls and things beyond the rules', so that rounding never decides a move
+_MOST_CELLS = 20_000_000  # the most cells of a floor, which take some seconds and 200 MB
+_MARGIN = 1e-7  # metres added to the distances that the rules keep from walls and things, so that rounding is harmless
 
 
 def plan(world: "FirstPersonEnv", goal: Entity, *, avoid: Sequence[Entity] = ()) -> tuple[int, ...] | None:
@@ -131,6 +131,7 @@ def _check_flat(stage: WorldState) -> None:
 
 
 def _default(stage: WorldState, name: str) -> float:
+    """Return the default of a parameter that is one number."""
     return stage.parameters.number(name, None)
 
 
@@ -259,7 +260,7 @@ def _continues(a: tuple[float, ...], b: tuple[float, ...]) -> bool:
     return abs(ax * bz - az * bx) <= 1e-9 * math.hypot(ax, az) * math.hypot(bx, bz) and ax * bx + az * bz > 0
 
 
-BACKWARDS = 8  # steps back from a thing in which it is tried to take it: beside a wall it is taken from farther off
+BACKWARDS = 8  # steps back from a thing that are tried to take it: beside a wall, it can only be taken from farther off
 
 
 def plan_take_all(world: "FirstPersonEnv", left: Callable[[], list[Entity]]) -> list[int] | None:

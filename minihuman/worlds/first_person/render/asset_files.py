@@ -22,7 +22,7 @@ from minihuman.worlds.first_person.render.built_in_textures import RECIPES, as_b
 from minihuman.worlds.first_person.render.kernel_tables import F64
 
 _LETTER_PX = 128
-_LETTER_STYLES = 9  # as many looks of a letter as Miniworld draws from
+_LETTER_STYLES = 9  # the number of variants of a letter, as in Miniworld
 
 
 class OwnAssets(Assets):
@@ -105,7 +105,7 @@ def read_obj(path: Path) -> MeshData:
     vertex_index = np.array([[vertex for vertex, _, _ in face] for face in lines.faces])
     normal_index = np.array([[normal for _, _, normal in face] for face in lines.faces])
     corners = vertices[vertex_index].astype(np.float64)
-    # Miniworld takes the smallest of the three corners' largest coordinates here; things stand where its files say
+    # as Miniworld does: the smallest of the three corners' largest coordinates, so that meshes have the same middle
     far = corners.max(axis=0).min(axis=0)
     return MeshData(
         _centred(corners, path, far),
@@ -150,6 +150,11 @@ def read_mtl(path: Path) -> dict[str, Material]:
 
 
 def _read_lines(path: Path) -> _Lines:
+    """Read the lines of an OBJ file that describe triangles.
+
+    Raises:
+        WorldError: if the file cannot be read, or a line is invalid.
+    """
     try:
         text = path.read_text(encoding="utf-8")
     except OSError as error:
@@ -237,7 +242,7 @@ def read_glb(path: Path) -> MeshData:
 
     try:
         parts: list[Any] = [part for part in trimesh.load_scene(path).dump() if len(getattr(part, "faces", ()))]
-    except Exception as error:  # whatever a reader of a foreign format raises
+    except Exception as error:  # the reader may raise any exception
         raise WorldError(f"{path}: cannot be read as a mesh ({error}); export it as GLB again") from error
     if not parts:
         raise WorldError(f"{path}: the file has no triangles; a mesh needs at least one")

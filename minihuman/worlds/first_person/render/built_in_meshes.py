@@ -20,7 +20,7 @@ COLOURS: dict[str, tuple[float, float, float]] = {
     "purple": (0.44, 0.15, 0.76),
     "yellow": (1.0, 1.0, 0.0),
     "grey": (0.39, 0.39, 0.39),
-    "white": (1.0, 1.0, 1.0),  # to be tinted
+    "white": (1.0, 1.0, 1.0),  # for meshes that are tinted when they are drawn
 }
 _COLOURED = ("ball", "key")
 
@@ -48,6 +48,7 @@ def mesh_named(name: str) -> MeshData:
 
 @cache
 def _read_arrays() -> dict[str, F64]:
+    """Read the arrays of all built-in meshes; raise a WorldError for a file of another version."""
     content = MESH_FILE.read_bytes()
     if hashlib.sha256(content).hexdigest() != _SHA256:
         raise WorldError(f"{MESH_FILE.name} is not the one that belongs to this version; install minihuman-lab again")

@@ -16,7 +16,7 @@ from minihuman.worlds.first_person.render.kernel_tables import F64
 
 SIZE = 512
 Grid = NDArray[np.int64]
-_WEIGHTS = np.array([2126, 7152, 722])  # how bright red, green and blue are, by sRGB
+_WEIGHTS = np.array([2126, 7152, 722])  # the parts of red, green and blue in brightness, of 10,000, by sRGB
 
 
 def grid() -> tuple[Grid, Grid]:
@@ -108,7 +108,7 @@ def as_bright(colour: F64, target_mean: float) -> NDArray[np.uint8]:
     The mean is taken of whole numbers, since sums of others differ between machines.
     """
     colour = np.clip(colour, 0.0, 255.0)
-    for _ in range(3):  # what would be brighter than white is cut off, and then a little is missing
+    for _ in range(3):  # repeated, as cutting off what is brighter than white lowers the mean
         mean = int((pixels(colour).astype(np.int64) * _WEIGHTS).sum()) / (SIZE * SIZE * 10_000)
         colour *= target_mean / mean
         np.clip(colour, 0.0, 255.0, out=colour)
@@ -181,7 +181,7 @@ def _checks(seed: int) -> F64:
     veins = smooth(1.0 - np.abs(cloud(3, seed + 2, 5) - 0.5) * 26.0)
     picture = _lit(mix((206, 203, 196), (228, 226, 221), cloud(5, seed)), 1.0 - veins, 0.10)
     black = mix((34, 34, 37), (58, 58, 62), cloud(5, seed + 11) + 0.5 * veins)
-    picture -= black  # in place, for this is when a first picture takes the most memory
+    picture -= black  # in place, since a first picture takes the most memory here
     picture *= light[..., None]
     picture += black
     return _lit(picture, on, 0.45)
@@ -298,9 +298,8 @@ _GREY = ((140, 139, 135), (172, 171, 167))
 _BOX = _panel((186, 148, 100), 8, 1)
 _WATER = _liquid((18, 62, 104), (48, 116, 158), (170, 214, 230), 4)
 
-# How many metres a picture covers, right and up, and how bright it is on average, 0 to 255, by sRGB's weights:
-# those of the picture of that name in Miniworld, so that what streams past and how light a room is
-# are the same.
+# How many metres a picture covers, right and up, and its mean brightness, 0 to 255, by sRGB's weights. They are those
+# of the picture of that name in Miniworld, so that motion and brightness look the same.
 Kind = tuple[float, float, float]
 
 # name: (recipe, its variants)

@@ -34,7 +34,7 @@ from minihuman.worlds.grid.core.search import FAR
 from minihuman.worlds.grid.core.state import Row, State
 from minihuman.worlds.grid.planner import plan
 
-THING_IN_WAY = 6  # about what it takes to put it aside
+THING_IN_WAY = 6  # about the number of actions in which a thing is put aside
 
 
 class Explorer:
@@ -71,9 +71,9 @@ class Explorer:
     def way(self, state: State) -> list[int]:
         """Return the actions planned from the current state; empty if nothing is left to try."""
         new = self.memory.look(state.row)
-        moving = state.row[fields.TASK] == rewards.DODGE  # by chance: what comes after an action cannot be worked out
+        moving = state.row[fields.TASK] == rewards.DODGE  # things move by chance, so no plan knows the next state
         if self._plan and not moving and np.array_equal(_after(self._before, self._plan[0]), state.row):
-            self._plan.pop(0)  # done, as it was to be
+            self._plan.pop(0)  # its first action was taken, with the expected effect
         elif not np.array_equal(self._before, state.row):
             self._plan = []
         if not self._plan or new:
@@ -155,6 +155,7 @@ class Explorer:
         return plans
 
     def _look_for_more(self, known: Row) -> list[int]:
+        """Return actions that lead to a view of unseen cells, or towards one; empty if nothing is left to try."""
         judgement = self._judgement or (DOOR_WEIGHTS if _seeks_doors(known) else EXPERT_WEIGHTS)
         if _strict(known):
             allowed = _doors_left_alone(known)
@@ -197,6 +198,7 @@ class Explorer:
         return actions
 
     def _opening_boxes(self, known: Row) -> list[int]:
+        """Return the shortest plan that opens a box of which the instruction says nothing; empty if there is none."""
         state = State(known)
         boxes = [
             identity

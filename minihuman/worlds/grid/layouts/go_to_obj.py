@@ -80,7 +80,7 @@ class GoToObjGrid(GridWorld):
     def shortest_path(self) -> Sequence[int] | None:
         """Return the turns and steps after which the agent faces the target."""
         if cell_in_front(self._row) == (self._row[TARGET], self._row[TARGET + 1]):
-            return [FORWARD]  # which stays where it is, and is judged
+            return [FORWARD]  # the object blocks the step, which is judged nevertheless
         return walk(self._in_world(), facing(np.array([self._row[TARGET : TARGET + 2]], np.int64))) or ()
 
     def path_length_bounds(self) -> PathLengthBounds:

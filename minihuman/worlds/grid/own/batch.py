@@ -119,6 +119,7 @@ class OwnBatch(gymnasium.vector.VectorEnv[dict[str, Any], NDArray[np.int64], NDA
         self._make_memory(worlds)
 
     def _check_alike(self, worlds: list[Any]) -> None:
+        """Check that all worlds have the sizes, spaces and translated rules of the first one."""
         for world in worlds[1:]:
             alike = world.action_space == self._world.action_space and world._row.shape == self._world._row.shape
             if not alike or world.image_shape != self._world.image_shape:
@@ -127,6 +128,7 @@ class OwnBatch(gymnasium.vector.VectorEnv[dict[str, Any], NDArray[np.int64], NDA
                 raise TranslationError("the worlds of a batch differ in texts or tuples that their rules read")
 
     def _make_memory(self, worlds: list[Any]) -> None:
+        """Allocate the arrays that compiled code reads and writes, a row for each world, and their table."""
         n = self.num_envs
         program = self._program
         self._rows: NDArray[np.int32] = np.ascontiguousarray([world._row for world in worlds])
@@ -257,6 +259,7 @@ class OwnBatch(gymnasium.vector.VectorEnv[dict[str, Any], NDArray[np.int64], NDA
         return WorldError(f"action {int(actions[world])} does not exist in world {world}; actions are 0 to {last}")
 
     def _lay_out(self, worlds: NDArray[np.int64]) -> None:
+        """Lay out new episodes in some worlds, and set their missions."""
         numbers = np.ascontiguousarray(worlds, np.int64)
         self._table[entries.WORLDS] = numbers.ctypes.data
         self._table[entries.COUNT] = len(numbers)

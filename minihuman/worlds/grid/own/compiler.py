@@ -33,7 +33,7 @@ declare i32 @{callee}(ptr, ptr, i64)
 """
 
 
-_LIBRARIES: dict[int, Any] = {}  # of all functions, by id: each is linked once, in the end
+_LIBRARIES: dict[int, Any] = {}  # Numba's libraries of all functions, by id; each is linked once, in the end
 
 
 def _collect(user: Any, library: Any) -> None:
@@ -99,6 +99,7 @@ def _describe_machine() -> Any:
 
 
 def _common_to_internal(code: str) -> str:
+    """Return LLVM code whose common globals are internal, so that linked codes do not share them."""
     return re.sub(r"= common (local_unnamed_addr )?global", "= internal global", code)
 
 

@@ -88,6 +88,7 @@ def set_at(c, place, values, i, element):
     if values.dtype is types.int32:
 
         def write_code(c, place, values, i, element):
+            # of a row, rules may write the agent (2 to 5), the task's target (13 to 18) and the mission (19 to 22)
             where = index_in(c, place, i, len(values))
             if where < 2 or 5 < where < 13 or where > 22 or declared_whole(c, place, element) != np.int32(element):
                 fail(c, place, OVERFLOW, element, 0)

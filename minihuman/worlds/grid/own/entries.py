@@ -29,10 +29,11 @@ from numpy.typing import NDArray
     COUNT,
     SCRATCH,
 ) = range(17)
-FAULT = 20  # kind, place, two numbers, the world
-BLOCK = 28
-TABLE = 40
+FAULT = 20  # the fault's kind, its place, two numbers, and the world
+BLOCK = 28  # the context of the present world, in the order of `context`
+TABLE = 40  # the table's length
 
+# The row's numbers in these texts are those of `minihuman.worlds.grid.core.state`: 8 is the phase, 23 a failed layout.
 _CONTEXT = """
             block[0] = table[{ROWS}] + 4 * n * i
             block[1] = n

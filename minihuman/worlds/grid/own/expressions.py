@@ -29,6 +29,7 @@ _OPERATORS |= {ast.Mod: "mod", ast.Pow: "power", ast.LShift: "lshift", ast.RShif
 _BIT_OPERATORS = {ast.BitAnd: "&", ast.BitOr: "|", ast.BitXor: "^"}
 _COMPARISONS = {ast.Eq: "==", ast.NotEq: "!=", ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">="}
 _COMPARISONS |= {ast.Is: "is", ast.IsNot: "is not"}
+# by attribute, the index in the row of state
 _STATE_NUMBERS = {"direction": 4, "carrying": 5, "step": 6, "max_steps": 7, "width": 0, "height": 1}
 _SELF_NUMBERS = {"width": 0, "height": 1, "agent_dir": 4, "step_count": 6, "max_steps": 7}
 CELLS = "rt.view_2(rt.row(c), 24, rt.row(c)[0], rt.row(c)[1])"
@@ -39,12 +40,12 @@ class Expressions:
     """The translation of one function's expressions. `rule_statements.Statements` adds its statements."""
 
     program: Any  # the `translation.Translation` of which this is a function
-    function: Any  # the author's, of the kind FunctionType
+    function: Any  # the author's function, a FunctionType
     owner: type | None
     source: FunctionSource
     symbols: dict[str, Symbol]  # parameters and local names that stand for `self`, `grid` and such
     variables: set[str]  # names that the function binds
-    lengths: dict[str, int]  # of local lists
+    lengths: dict[str, int]  # the lengths of local lists, by name
 
     def place(self, node: ast.AST) -> int:
         """Return the number of a node's place in the program's table of places."""
@@ -61,9 +62,11 @@ class Expressions:
         raise TranslationError(f"{self.source.path}:{line}: {what} cannot be translated; {instead}")
 
     def _item(self, node: ast.Call, callee: Any) -> str:
+        """Return the translation of a call that makes an item; `LayoutCalls` defines it."""
         raise NotImplementedError
 
     def _layout_call(self, node: ast.Call, name: str) -> str:
+        """Return the translation of a call of a layout's method; `LayoutCalls` defines it."""
         raise NotImplementedError
 
     # --- what names stand for ---
@@ -89,6 +92,7 @@ class Expressions:
         return None
 
     def _name_symbol(self, node: ast.Name) -> Symbol | None:
+        """Return what a name stands for; None for a variable. A name that nothing defines is refused."""
         if node.id in self.symbols:
             return self.symbols[node.id]
         if node.id in self.variables:
@@ -113,6 +117,7 @@ class Expressions:
         return None
 
     def _self_attribute(self, node: ast.Attribute) -> Symbol | None:
+        """Return what an attribute of ``self`` stands for; None for one that is read when the rules run."""
         if node.attr == "state":
             return Symbol("state")
         if node.attr == "np_random":
@@ -256,6 +261,7 @@ class Expressions:
 
     @staticmethod
     def _is_simple(node: ast.AST) -> bool:
+        """Return whether an expression calls nothing, so that evaluating it twice changes nothing."""
         return not any(isinstance(part, ast.Call) for part in ast.walk(node))
 
     def _comparison(self, node: ast.AST, operator: ast.cmpop, left: ast.AST, right: ast.AST) -> str:
@@ -354,6 +360,7 @@ class Expressions:
         return text
 
     def _self_call(self, node: ast.Call, name: str) -> str:
+        """Return the translation of a call of one of the author's methods, or of one that the base classes have."""
         if name == "is_kind" and len(node.args) == 2:
             kind = self.symbol(node.args[1])
             if kind is None or not isinstance(kind.value, ObjectKind):
@@ -385,6 +392,7 @@ class Expressions:
         return self._author_call(node, *self.program.find_method(self, node, name, after=owner))
 
     def _constant_call(self, node: ast.Call, callee: Any) -> str:
+        """Return the translation of a call of a function that is known while the rules are translated."""
         if isinstance(callee, ObjectKind) or callee in ITEM_FUNCTIONS:
             return self._item(node, callee)
         if isinstance(callee, FunctionType) and not str(callee.__module__).startswith("minihuman.worlds."):
@@ -401,6 +409,7 @@ class Expressions:
         self.refuse(node, f"a call of {ast.unparse(node.func)}", self._instead(callee))
 
     def _argument_text(self, node: ast.expr) -> str:
+        """Return an argument's translation, in which the generator is the address of its state."""
         symbol = self.symbol(node)
         if symbol is not None and symbol.kind == "rng":
             return "rt.rng_state(c)"
@@ -414,6 +423,11 @@ class Expressions:
         return "docs/grid-worlds.md lists what rules may call"
 
     def _author_call(self, node: ast.Call, function: FunctionType, owner: type | None) -> str:
+        """Return the translation of a call of an author's function.
+
+        Arguments that stand for ``self``, the grid and the like are fixed in the translated function, which therefore
+        takes only the others.
+        """
         bound: list[Any] = [] if owner is None else [SELF]
         parameters = function.__code__.co_varnames[
             : function.__code__.co_argcount + function.__code__.co_kwonlyargcount

@@ -1,7 +1,8 @@
 """Draws, placements and moves in translated rules, for Numba: what `Layout` and `OwnRules` do, with the same draws.
 
 Each function takes the address of a world's context (see `context`), and most the number of a place in the author's
-source.
+source. Numbers that index a row are those of `minihuman.worlds.grid.core.state`: 0 and 1 are its columns and rows, 2 to
+5 the agent, 11 the number of objects, 23 a failed layout, and 24 the first of the cells.
 """
 # mypy: ignore-errors
 

@@ -8,6 +8,8 @@ from minihuman.worlds.grid.layout import MOST_TRIES, from_text
 from minihuman.worlds.grid.own.expressions import Expressions
 from minihuman.worlds.grid.own.source_names import GRID, Symbol, item_numbers
 
+_NAMED_ONLY = 9  # the position of arguments that are given by name only; no call has so many
+
 
 class LayoutCalls(Expressions):
     """The translation of items and of calls of a layout's methods."""
@@ -44,6 +46,7 @@ class LayoutCalls(Expressions):
         return f"(({numbers[0]}, {colour_text}, {numbers[2]}, {numbers[3]}) + {inside})"
 
     def _colour(self, node: ast.AST) -> str:
+        """Return the translation of a colour's name, looked up in the program's table of colours."""
         self.program.needs_colours = True
         return f"rt.colour_number(c, {self.place(node)}, {self.expression(node)}, COLOURS)"
 
@@ -57,6 +60,7 @@ class LayoutCalls(Expressions):
         return default
 
     def _layout_call(self, node: ast.Call, name: str) -> str:
+        """Return the translation of a call of a layout's method, by the method here that bears its name."""
         method = getattr(self, f"_grid_{name}", None)
         if method is None:
             self.refuse(node, f"grid.{name}(...)", "docs/grid-worlds.md lists what a layout may call")
@@ -96,15 +100,15 @@ class LayoutCalls(Expressions):
 
     def _rectangle(self, node: ast.Call) -> str:
         """Return the translations of a rectangle's top left cell and size; by default it is the whole grid."""
-        size = self._argument(node, 9, "size", "None")
+        size = self._argument(node, _NAMED_ONLY, "size", "None")
         if size == "None":
             size = "(rt.width(c), rt.height(c))"
-        return f"{self._argument(node, 9, 'top', '(0, 0)')}, {size}"
+        return f"{self._argument(node, _NAMED_ONLY, 'top', '(0, 0)')}, {size}"
 
     def _grid_place(self, node: ast.Call, place: int) -> str:
         """Return the translation of a call that places an item in a random cell."""
         item_text = self._argument(node, 0, "item", "0")
-        tries = self._argument(node, 9, "tries", str(MOST_TRIES))
+        tries = self._argument(node, _NAMED_ONLY, "tries", str(MOST_TRIES))
         reject = next((keyword.value for keyword in node.keywords if keyword.arg == "reject"), None)
         symbol = None if reject is None else self.symbol(reject)
         if reject is None or (symbol is not None and symbol.kind == "constant" and symbol.value is None):
@@ -117,13 +121,13 @@ class LayoutCalls(Expressions):
 
     def _grid_put_agent(self, node: ast.Call, place: int) -> str:
         parts = [self._argument(node, nth, name, "0") for nth, name in enumerate(("x", "y", "direction"))]
-        body = self._argument(node, 9, "body", "0")
+        body = self._argument(node, _NAMED_ONLY, "body", "0")
         return f"rt.put_agent(c, {place}, {self.program.bodies}, {', '.join(parts)}, {body})"
 
     def _grid_place_agent(self, node: ast.Call, place: int) -> str:
-        direction = self._argument(node, 9, "direction", "-1")
+        direction = self._argument(node, _NAMED_ONLY, "direction", "-1")
         direction = "-1" if direction == "None" else direction
-        rest = f"{self._rectangle(node)}, {direction}, {self._argument(node, 9, 'body', '0')}"
+        rest = f"{self._rectangle(node)}, {direction}, {self._argument(node, _NAMED_ONLY, 'body', '0')}"
         return self.draw(f"rt.place_agent(c, {place}, {self.program.bodies}, {rest})")
 
     def _grid_integer(self, node: ast.Call, place: int) -> str:

@@ -23,9 +23,9 @@ from minihuman.worlds.grid.own.source_names import TranslationError
 from minihuman.worlds.library_manifest import source_digest
 from minihuman.worlds.source_digest import import_closure
 
-CACHE_VARIABLE = "MINIHUMAN_WORLDS_CACHE"  # names the folder; empty, nothing is kept
+CACHE_VARIABLE = "MINIHUMAN_WORLDS_CACHE"  # names the cache's folder; an empty text switches the cache off
 NO_COMPILER = "Numba, which compiles them, is not installed: pip install 'minihuman-lab[own]'"
-MOST_FILES = 256
+MOST_FILES = 256  # in the cache
 _SOURCES = ("compiler", "runtime")
 _COMPILER = "minihuman.worlds.grid.own.compiler"
 _WRITABLE_BY_OTHERS = stat.S_IWGRP | stat.S_IWOTH
@@ -45,7 +45,7 @@ class RulesLibrary:
         self._engine = _load_engine(code)
         self.layouts = self._function("minihuman_layouts", ctypes.CFUNCTYPE)
         self.steps = self._function("minihuman_steps", ctypes.CFUNCTYPE) if has_steps else None
-        # for one world: so short that giving up the interpreter lock would take longer
+        # one world's rules run for less time than releasing the interpreter lock takes
         self.layout_of_one = self._function("minihuman_layouts", ctypes.PYFUNCTYPE)
         self.step_of_one = self._function("minihuman_steps", ctypes.PYFUNCTYPE) if has_steps else None
 
@@ -130,6 +130,7 @@ def _name_entry(text: str) -> str:
 
 @cache
 def _sources_digest() -> str:
+    """Return the digests of all modules that the compiler and the runtime import."""
     paths = import_closure(*(f"minihuman.worlds.grid.own.{name}" for name in _SOURCES))
     return " ".join(source_digest(path) for path in paths)
 
@@ -165,7 +166,7 @@ def _read_cached(key: str) -> bytes | None:
     if hashlib.sha256(code).hexdigest().encode() != digest:
         return None
     with suppress(OSError):
-        os.utime(path)  # the longest unused goes first
+        os.utime(path)  # marks it as used: the files that are unused for longest are removed first
     return code
 
 

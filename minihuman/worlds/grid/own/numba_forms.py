@@ -136,6 +136,7 @@ float_scratch = _array_of(SCRATCH, np.float64)
 
 
 def _store_fault(builder: Any, values: Any, kind: int) -> None:
+    """Emit code that records a fault's kind and place."""
     word = ir.IntType(64)
     block = builder.inttoptr(values[0], word.as_pointer())
     start = builder.load(builder.gep(block, [ir.Constant(word, FAULT)]))

@@ -23,6 +23,7 @@ from minihuman.worlds.grid.own.source_names import TranslationError
 from minihuman.worlds.grid.own.translation import Program, Translation
 
 _KEPT: "WeakKeyDictionary[type, list[_Translated]]" = WeakKeyDictionary()
+# methods of the base classes whose place compiled rules take; a class with its own is not translated
 _PLAIN_METHODS = ("step", "advance", "reset", "observation", "look", "_lay_out", "save", "restore")
 _OURS = "minihuman."
 
@@ -40,8 +41,8 @@ class _Translated:
         if self.program is None:
             return True
         attributes = vars(world)
-        same = all(attributes.get(name) == part_number for name, part_number in self.program.fixed.items())
-        return same and all(type(attributes.get(name)) is kind for name, kind in self.kinds.items())
+        has_constants = all(attributes.get(name) == constant for name, constant in self.program.fixed.items())
+        return has_constants and all(type(attributes.get(name)) is kind for name, kind in self.kinds.items())
 
 
 def translate_rules(world: Any) -> Program:
@@ -70,13 +71,18 @@ def _try_translation(world: Any) -> _Translated:
     except TranslationError as refusal:
         return _Translated(None, str(refusal), {})
     except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
-        # source of a form that nobody thought of: the world still runs, as plain Python
+        # source of an unforeseen form: the world still runs, as plain Python
         return _Translated(None, f"the rules of {type(world).__name__} cannot be translated ({error!r})", {})
     names = (*program.settings, *program.float_settings)
     return _Translated(program, "", {name: type(vars(world)[name]) for name in names})
 
 
 def _check_methods(world: Any) -> None:
+    """Check that compiled rules can take the place of all that a world's class defines.
+
+    Raises:
+        TranslationError: if the class has its own of `_PLAIN_METHODS`, or an instruction as its mission.
+    """
     for owner in type(world).__mro__:
         if owner.__module__.startswith(_OURS) and not owner.__module__.startswith("minihuman.worlds.grid.layouts."):
             break
@@ -115,8 +121,8 @@ def _reason(text: str) -> str:
     telling = [
         line for line in lines if line and not line.startswith(("Failed in", "During", "File", "<source", "[", "-"))
     ]
-    said = "; ".join(telling[:2]) or "Numba cannot compile this"
-    return f"this cannot be compiled ({said[:300]}); give each variable values of one kind"
+    reason = "; ".join(telling[:2]) or "Numba cannot compile this"
+    return f"this cannot be compiled ({reason[:300]}); give each variable values of one kind"
 
 
 def describe_rules(world: Any) -> str:
@@ -137,11 +143,12 @@ def load_rules(world: Any) -> "WorldRules | None":
         return None
     rules = _find_rules(world)
     if rules is None:
-        vars(world)["_has_no_rules"] = True  # not looked for again at each reset
+        vars(world)["_has_no_rules"] = True  # so that a reset does not look for them again
     return rules
 
 
 def _find_rules(world: Any) -> "WorldRules | None":
+    """Return a world's rules from memory or the user's cache; None if they were not compiled."""
     if not can_load():
         return None
     try:
@@ -284,6 +291,7 @@ class WorldRules:
         return self._reward_view[0], self._flag_view[0] != 0
 
     def _run_rules(self, terminated: bool) -> None:
+        """Run `reward_and_done` on the actions and rewards in memory, which it replaces with its own."""
         row = self._row
         flags = self._flag_view
         flags[0] = 1 if terminated else 0

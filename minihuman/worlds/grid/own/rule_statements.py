@@ -90,6 +90,7 @@ class Statements(Calls):
         self.emit(self.expression(node.value), node)
 
     def _translate_return(self, node: ast.Return) -> None:
+        """Write a return; one of a reward makes floats and a truth value of what the author returns."""
         if self.returns == "any":
             self.emit("return" if node.value is None else f"return {self.expression(node.value)}", node)
         elif node.value is None:
@@ -98,6 +99,7 @@ class Statements(Calls):
             self._return_reward(node.value, node)
 
     def _return_reward(self, right_side: ast.expr, node: ast.AST) -> None:
+        """Write the return of a reward and an end; a conditional expression becomes an if with two returns."""
         if isinstance(right_side, ast.IfExp):
             self.emit(f"if {self.expression(right_side.test)}:", node)
             self._depth += 1
@@ -141,7 +143,7 @@ class Statements(Calls):
         self._assign_text(target, self.expression(node.value), node)
 
     def _assign_name(self, target: ast.Name, right_side: ast.expr, node: ast.AST) -> bool:
-        """Assign an alias of the state, or a list, and return True; return False for another right_side."""
+        """Assign an alias of the state, or a list, and return True; return False for another right side."""
         symbol = self.symbol(right_side)
         if symbol is not None and symbol.kind != "constant":
             self.symbols[target.id] = symbol
@@ -178,7 +180,7 @@ class Statements(Calls):
         return count.value, self.expression(elements.elts[0])
 
     def _has_floats(self, right_side: ast.expr) -> bool:
-        """Return whether a list holds floats: rewards, or at least one float constant."""
+        """Return whether a list holds floats: a float constant, or a name with "reward" in it."""
         parts = list(ast.walk(right_side))
         floats = any(isinstance(part, ast.Constant) and isinstance(part.value, float) for part in parts)
         return floats or any(isinstance(part, ast.Name) and "reward" in part.id for part in parts)
@@ -211,6 +213,7 @@ class Statements(Calls):
         return self.expression(part.value)
 
     def _assign_tuple(self, target: ast.Tuple | ast.List, right_side: ast.expr, node: ast.AST) -> None:
+        """Assign to several targets, after all elements of the right side are computed."""
         count = len(target.elts)
         if isinstance(right_side, ast.Tuple) and len(right_side.elts) == count:
             names = [self._temporary() for _ in range(count)]
@@ -230,6 +233,7 @@ class Statements(Calls):
         return f"_t{self._temporaries}"
 
     def _assign_text(self, target: ast.expr, text: str, node: ast.AST) -> None:
+        """Assign a translated expression to a target; a name that stood for something becomes a variable."""
         place = self.place(node)
         if isinstance(target, ast.Name):
             self.symbols.pop(target.id, None)
@@ -271,6 +275,7 @@ class Statements(Calls):
             self.emit(f"rt.copy_into(c, {place}, {self._field(field)}, {text})", node)
 
     def _assign_element(self, target: ast.Subscript, text: str, place: int, node: ast.AST) -> None:
+        """Assign to an element, a row or all of an array."""
         values = self.expression(target.value)
         if isinstance(target.slice, ast.Slice):
             if any((target.slice.lower, target.slice.upper, target.slice.step)):
@@ -285,6 +290,7 @@ class Statements(Calls):
             self.emit(f"rt.set_at(c, {place}, {values}, {self.expression(target.slice)}, {text})", node)
 
     def _translate_augassign(self, node: ast.AugAssign) -> None:
+        """Write an operation on a target; the indices of an element are computed once."""
         target = node.target
         if isinstance(target, ast.Subscript):
             indices = target.slice.elts if isinstance(target.slice, ast.Tuple) else [target.slice]
@@ -329,7 +335,7 @@ class Statements(Calls):
         self.block(node.body, node)
 
     def loop(self, target: ast.expr, iterated: ast.expr, node: ast.AST) -> None:
-        """Write the head of a loop; the element is in ``_element`` and a number."""
+        """Write the head of a loop; `_bind_targets` then assigns its element to the target."""
         self._temporaries += 1
         name = f"_e{self._temporaries}"
         self._elements = (target, name)
@@ -341,5 +347,6 @@ class Statements(Calls):
         self.emit(f"for {name} in {self.expression(iterated)}:", node)
 
     def _bind_targets(self, node: ast.AST) -> None:
+        """Assign the element of the latest loop to that loop's target."""
         target, text = self._elements
         self._assign_text(target, text, node)

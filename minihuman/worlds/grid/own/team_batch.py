@@ -60,7 +60,7 @@ class OwnTeamBatch(TeamBatch):
         self._stepped = np.ones(n, np.bool_)
         self._terminated = np.zeros(n, np.bool_)
         self._truncated = np.zeros(n, np.bool_)
-        self._everywhere = np.ones(n, np.bool_)
+        self._everywhere = np.ones(n, np.bool_)  # selects all worlds
         self._table = entries.make_table(
             {
                 entries.ROWS: self._rows,

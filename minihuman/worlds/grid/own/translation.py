@@ -18,6 +18,7 @@ from minihuman.worlds.grid.core.state import FIRST_OWN_KIND
 from minihuman.worlds.grid.layout import from_text
 from minihuman.worlds.grid.object_kinds import Item, ObjectKind
 from minihuman.worlds.grid.own.entries import write_entries
+from minihuman.worlds.grid.own.faults import NO_PLACE, UNPACK
 from minihuman.worlds.grid.own.fields import numbers_length
 from minihuman.worlds.grid.own.rule_statements import Statements
 from minihuman.worlds.grid.own.source_names import (
@@ -46,11 +47,11 @@ class Program:
         places: by number, files and lines of the author's.
         texts: by number, the texts that rules use.
         templates: by number, missions; None stands for a part that the rules fill in.
-        settings: attributes that the rules read as whole numbers, which every world has of its own.
-        float_settings: likewise as floats.
+        settings: attributes that the rules read as whole numbers, from each world anew.
+        float_settings: attributes that they read as floats, likewise.
         fixed: attributes that are part of the source, with their values.
         has_layout: whether the layout is translated.
-        has_reward: whether `reward_and_done` is.
+        has_reward: whether `reward_and_done` is translated.
         draws: whether the rules draw random numbers.
         scratch: how many numbers of scratch memory they need.
     """
@@ -313,7 +314,7 @@ class Translation:
             inner.emit("known = True", generator)
         inner._depth = 1
         if callee in (min, max):
-            inner.emit(f"if not known: rt.fail(c, {place}, 7, 0, 1)", generator)
+            inner.emit(f"if not known: rt.fail(c, {place}, {UNPACK}, 0, 1)", generator)
         results = {any: "False", all: "True", sum: "total"}
         inner.emit(f"return {results.get(callee, 'best')}", generator)
         name = self._name("g")
@@ -351,7 +352,7 @@ class Translation:
         test = inner.expression(reject.body)
         inner.emit(f"    if not rt.is_taken(c, {self.bodies}, {x}, {y}) and not {test}:", node)
         inner.emit(f"        return rt.put(c, place, item, {x}, {y})", node)
-        inner.emit("rt.fail(c, place, 5, size[0], size[1])", node)
+        inner.emit(f"rt.fail(c, place, {NO_PLACE}, size[0], size[1])", node)
         inner.emit("return np.int64(0), np.int64(0), np.int64(0)", node)
         name = self._name("p")
         self._add(name, ["c", "place", "item", "top", "size", "tries", *captured], inner.lines)

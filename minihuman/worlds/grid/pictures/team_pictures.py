@@ -29,8 +29,8 @@ class Figure(NamedTuple):
     Arrays of the same shape are blended ten times as fast as arrays that must be broadcast.
     """
 
-    paint: NDArray[np.uint16]  # [px, px, 3]: colours times opacity, and what rounds
-    through: NDArray[np.uint16]  # [px, px, 3]: what is seen of what is under it, 0 to 255
+    paint: NDArray[np.uint16]  # [px, px, 3]: colours times opacity, plus 127, so that a division by 255 rounds
+    through: NDArray[np.uint16]  # [px, px, 3]: the transparency, 0 to 255
 
 
 def prepare_figure(pixels: Pixels) -> Figure:
@@ -49,7 +49,7 @@ def draw_body(body: int, direction: int, tile_px: int, palette: Palette) -> Figu
 def lay(figure: Figure, left: int, top: int, out: Pixels) -> None:
     """Blend a figure into a picture: the mean of the figure's and the picture's colours, weighted by the opacity."""
     under = out[top : top + figure.paint.shape[0], left : left + figure.paint.shape[1]]
-    mixed = under * figure.through  # nothing here is over 65,152
+    mixed = under * figure.through  # with the paint at most 65,152, so that uint16 holds it
     mixed += figure.paint
     mixed //= 255
     under[:] = mixed
@@ -124,7 +124,8 @@ _RAW: RGB = (92, 128, 170)  # the water of a pot that does not cook yet
 THING_COLOURS = tuple(
     "#{:02x}{:02x}{:02x}".format(*colour) for colour in (_FLOOR, _POT, _COUNTER, _ONION, _TOMATO, _PLATE, _HATCH)
 )
-_SPOTS = (((0.5, 0.5),), ((0.36, 0.5), (0.64, 0.5)), ((0.5, 0.36), (0.36, 0.62), (0.64, 0.62)))  # of 1 to 3 things
+# the places of one, two and three ingredients
+_SPOTS = (((0.5, 0.5),), ((0.36, 0.5), (0.64, 0.5)), ((0.5, 0.36), (0.36, 0.62), (0.64, 0.62)))
 
 
 def list_kitchen_tiles(row: Row, body: int, tile_px: int, palette: Palette) -> list[tuple[Any, ...]]:

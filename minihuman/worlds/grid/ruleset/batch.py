@@ -110,7 +110,7 @@ class RulesetBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], ND
         self._rows: Row = np.tile(self._world.row, (num_envs, 1))
         self._rng_states: RngState = np.zeros((num_envs, 6), np.uint64)
         self._seeds = [-1] * num_envs
-        self._over = np.zeros(num_envs, np.int64)  # the worlds that a step has left to be laid out anew
+        self._over = np.zeros(num_envs, np.int64)  # first the worlds that the last step left to be laid out anew
         self._image_shape = (num_envs, self._world.view_size, self._world.view_size, 2)
         self._after_layout()
 
@@ -188,6 +188,7 @@ class RulesetBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], ND
         return self._build_observation(*seen), rewards, terminated, truncated, info
 
     def _refusal(self, world: int, actions: NDArray[np.integer[Any]]) -> WorldError:
+        """Return the error for an action that a world cannot take."""
         phase = self._rows[world, PHASE]
         if phase == NEW or (phase == OVER and MODES[self._mode] is not AutoresetMode.NEXT_STEP):
             return WorldError(f"world {world} is not in an episode; call reset() before step()")
@@ -206,7 +207,7 @@ class RulesetBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], ND
         self._after_layout()
 
     def _after_layout(self) -> None:
-        """Write what observations have of the tasks."""
+        """Update the missions, goals and rules in observations after worlds were laid out."""
         self._missions = TaskMissions(self._world.source.tasks, self._rows[:, TASK].copy())
         if self._world.observes_task:
             self._encodings = encode_tasks(self._rows, self._world.most_rules)

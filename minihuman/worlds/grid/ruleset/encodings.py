@@ -37,6 +37,7 @@ def encode_tasks(rows: Row, most_rules: int) -> tuple[NDArray[np.uint8], NDArray
 
 
 def _encode_goals(goals: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return goals, uint8[n, 4], as uint8[n, 5]: each tile becomes a kind and a colour, and a cell stays."""
     kinds, first, second, third = goals.T
     is_pair = (kinds == GOAL_TILE_NEAR) | ((kinds >= GOAL_TILE_NEAR_UP) & (kinds <= GOAL_TILE_NEAR_LEFT))
     is_place = kinds == GOAL_AGENT_AT

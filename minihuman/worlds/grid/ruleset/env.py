@@ -51,7 +51,7 @@ from minihuman.worlds.step_limit import action_number, check_max_steps
 
 YAWS_RAD = (np.pi / 2, 0.0, -np.pi / 2, np.pi)  # by direction: up, right, down, left
 MOST_CELLS = 255  # on a side: a goal's row and column are bytes
-STEPS_PER_CELL = 3  # of the step limit, as in XLand-MiniGrid
+STEPS_PER_CELL = 3  # in the default step limit, as in XLand-MiniGrid
 Difficulty = int | Sequence[int] | None
 
 
@@ -93,7 +93,11 @@ def find_tasks(task_set: str, task: Any, difficulty: Difficulty) -> TaskSource:
 
 
 def check_rooms(rooms: Any, height: int, width: int) -> int:
-    """Check that a grid of a size can have so many rooms, and return their number."""
+    """Return the number of rooms, after checking that a grid of this size can have so many.
+
+    Raises:
+        WorldError: if it cannot.
+    """
     check_one_of("rooms", rooms, ROOMS)
     if rooms > 2 and height != width:
         raise WorldError(f"{rooms} rooms need a square grid, not {height} x {width}")
@@ -268,17 +272,20 @@ class RulesetWorld(ShowsItself, gymnasium.Env[dict[str, Any], int], NativeWorld)
         return self._reward(status), status & TERMINATED != 0, status & TRUNCATED != 0
 
     def _reward(self, status: int) -> float:
+        """Return 1 minus 0.9 times the used share of the step limit at the goal, otherwise 0."""
         if status & TERMINATED:
             return float(1 - 0.9 * (int(self._row[fields.STEP]) / int(self._row[fields.MAX_STEPS])))
         return 0.0
 
     def _number_of(self, action: Any) -> int:
+        """Return an action's number; raise a WorldError if it is no whole number."""
         number = action_number(action)
         if number is None:
             raise self._refusal(fields.NO_SUCH_ACTION, action)
         return number
 
     def _refusal(self, status: int, action: Any) -> WorldError:
+        """Return the error for an action that the kernel refused with a status."""
         if status == fields.NO_SUCH_ACTION:
             return WorldError(f"action {action!r} does not exist in {self}; actions are 0 to {len(ACTION_NAMES) - 1}")
         return WorldError(f"{self} is not in an episode; call reset() before step(), and again after each episode")
@@ -420,6 +427,6 @@ _COLOUR_LETTERS = " rgbpyekowni"  # by colour: e grey, k black, n brown, i pink
 
 def _hash_state(saved: RulesetSnapshot) -> int:
     row = saved.row.copy()
-    row[fields.TASK] = 0  # where the task stands in its set changes nothing
-    rng_state = saved.rng_state[: 6 if saved.rng_state[4] else 4]  # the others: a buffered half draw
+    row[fields.TASK] = 0  # the task's number in its set does not affect the state
+    rng_state = saved.rng_state[: 6 if saved.rng_state[4] else 4]  # the last two: a buffered half draw, if there is one
     return hash64(["ruleset", row, rng_state])

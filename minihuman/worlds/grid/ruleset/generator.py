@@ -2,8 +2,8 @@
 
 Source: ``scripts/ruleset_generator.py`` of https://github.com/dunnolab/xland-minigrid at commit 0d306d14, which is that
 of release 0.9.3. The same settings and seed give the same tasks, as it draws from Python's random generator in the same
-order. What it makes is a tree: the goal needs two things, each of which a rule makes of others, and so on, beside
-rules and things that lead nowhere.
+order. A task is a tree: the goal needs one or two things, each of which a rule makes of others, and so on. Rules and
+things that lead nowhere are added as distractors.
 """
 
 import random
@@ -41,7 +41,7 @@ class GeneratorSettings:
     """The settings of the generator, with the names and defaults of its source.
 
     Args:
-        chain_depth: how many rules lie one behind the other before the goal, at most.
+        chain_depth: the greatest number of rules that follow each other before the goal.
         sample_depth: whether this number is drawn for each task, from 0.
         prune_chain: whether a thing that a rule would make may lie there from the start instead.
         prune_prob: how probable that is.
@@ -102,6 +102,7 @@ def generate_tasks(settings: GeneratorSettings, count: int, seed: int = 42) -> I
 
 
 def _left(tiles: list[Tile], used: list[Tile]) -> list[Tile]:
+    """Return the tiles that are not used yet, in the order of a set of Python's, as the source has them."""
     return list(set(tiles) - set(used))
 
 
@@ -111,6 +112,7 @@ def _code(tile: Tile) -> int:
 
 
 def _draw_goal(draws: random.Random) -> tuple[RuleGoal, tuple[Tile, ...]]:
+    """Draw a goal; return it with the tiles that it needs."""
     number = draws.randint(0, len(_GOALS) - 1)
     tiles: tuple[Tile, ...]
     if number == 0:
@@ -124,6 +126,7 @@ def _draw_goal(draws: random.Random) -> tuple[RuleGoal, tuple[Tile, ...]]:
 
 
 def _draw_rule(product_tile: Tile, used: list[Tile], draws: random.Random) -> tuple[TileRule, tuple[Tile, ...]]:
+    """Draw a rule that makes a tile of tiles that are not used yet; return it with these tiles."""
     number = draws.randint(0, len(_RULES) - 1)
     if number < _FIRST_PAIR:
         tile = draws.choice(_left(_CARRIED_TILES, used))

@@ -14,14 +14,14 @@ from minihuman.worlds.grid.ruleset import dynamics as numbers
 from minihuman.worlds.grid.ruleset.dynamics import TILE_COLOURS, TILE_KINDS
 from minihuman.worlds.grid.ruleset.tasks import MOST_RULES, RuleGoal, RuleTask, TileRule
 
-_NAMES = {"goal": "mat", "hex": "hexagon"}  # what people call what the numbers call goal and hex
+_NAMES = {"goal": "mat", "hex": "hexagon"}  # the names of kinds in instructions, where they differ from those in code
 _FROM = ("directly above", "directly to the right of", "directly below", "directly to the left of")  # by direction
 _OPPOSITE = (*_FROM[2:], *_FROM[:2])
-_LONGEST = 12_000
+_LONGEST = 12_000  # characters of an instruction
 
 
 def name_tile(tile: int) -> str:
-    """Return what a tile is called, as "red ball"."""
+    """Return the name of a tile, such as "red ball"."""
     kind = TILE_KINDS[tile & 15]
     return f"{TILE_COLOURS[tile >> 4]} {_NAMES.get(kind, kind)}"
 

@@ -32,9 +32,9 @@ from minihuman.worlds.grid.ruleset.dynamics import (
 from minihuman.worlds.grid.ruleset.reach import FAR, reach_changes
 from minihuman.worlds.grid.ruleset.tasks import RuleTask
 
-MOST_SCENES = 4_000  # that are expanded before the search is given up
-STEPS_PER_RULE = 30  # that a rule counts for in the estimate: more than it mostly takes, so that the search is greedy
-MOST_DROPS = 8  # places in which a thing is put down without effect in a narrow search: the nearest
+MOST_SCENES = 4_000  # the search is given up after so many expanded states
+STEPS_PER_RULE = 30  # steps per rule in the estimate: more than a rule mostly takes, so that the search is greedy
+MOST_DROPS = 8  # a narrow search puts a thing down without effect only in so many places, the nearest
 _IMPOSSIBLE = float("inf")
 
 
@@ -46,7 +46,10 @@ class _Change(NamedTuple):
 
 
 class _Expansion(NamedTuple):
-    """Space for what the kernel writes."""
+    """The arrays into which the kernel writes the states that one change leads to.
+
+    The fields are the arguments of `reach_changes`.
+    """
 
     after: Row
     costs: NDArray[np.int64]
@@ -141,7 +144,7 @@ class _Search:
         return None
 
     def _scene(self, row: Row) -> bytes:
-        """Return what tells states apart that the search looks at: all but the agent's place."""
+        """Return the part of a state that the search distinguishes: all but the agent's place."""
         return row[POCKET].tobytes() + row[-self._n_cells :].tobytes() + row[PHASE].tobytes()
 
     def _expand(self, row: Row, *, is_narrow: bool) -> Iterable[tuple[Row, int, int]]:

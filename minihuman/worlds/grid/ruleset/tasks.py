@@ -140,6 +140,7 @@ def check_task(task: RuleTask, height: int, width: int) -> None:
 
 
 def _check_tile(what: str, tile: int) -> None:
+    """Raise a WorldError unless a tile is coloured floor, a thing or a door; ``what`` begins the message."""
     kind = tile & 15
     if not numbers.FLOOR <= kind <= numbers.STAR or kind == numbers.WALL or not 0 < tile >> 4 <= len(_COLOURS):
         raise WorldError(f"{what} the tile {tile!r}, a {_name(tile)}; use floor, things or doors in a colour")
@@ -177,6 +178,11 @@ def parse_task(given: Any) -> RuleTask:
 
 
 def _whole_list(what: str, encoding: Any, most: int) -> list[int]:
+    """Return a list of whole numbers, padded with 0 to a length.
+
+    Raises:
+        WorldError: if it is longer, or has a number outside 0 to 255; ``what`` begins the message.
+    """
     plain = encoding.tolist() if isinstance(encoding, np.ndarray) else encoding
     if not isinstance(plain, list | tuple) or len(plain) > most:
         raise WorldError(f"{what} of the task is {encoding!r}; give up to {most} whole numbers")
@@ -187,6 +193,7 @@ def _whole_list(what: str, encoding: Any, most: int) -> list[int]:
 
 
 def _read_goal(encoding: list[int]) -> RuleGoal:
+    """Return the goal of an encoding: a kind, and two tiles, a tile and a cell, a cell, or a tile."""
     kind, *rest = encoding
     first = rest[0] | rest[1] << 4
     if kind == numbers.GOAL_AGENT_AT:
@@ -199,6 +206,7 @@ def _read_goal(encoding: list[int]) -> RuleGoal:
 
 
 def _read_rule(encoding: list[int]) -> TileRule:
+    """Return the rule of an encoding: a kind, the tiles that it takes, and the tile that it makes."""
     kind, *rest = encoding
     tiles = [rest[at] | rest[at + 1] << 4 for at in (0, 2, 4)]
     if numbers.TILE_NEAR <= kind <= numbers.TILE_NEAR_LEFT:
@@ -273,7 +281,7 @@ def build_task_set(tasks: Iterable[RuleTask], origin: Mapping[str, Any] | None =
     pairs.sort(key=lambda pair: pair[0])
     lengths = np.array([len(record) for _, record in pairs])
     return TaskSet(
-        np.frombuffer(b"".join(record for _, record in pairs), np.uint8).copy(),  # which kernels take: it is writeable
+        np.frombuffer(b"".join(record for _, record in pairs), np.uint8).copy(),  # kernels take writable arrays only
         np.concatenate(([0], np.cumsum(lengths))).astype(np.int64),
         np.array([difficulty for difficulty, _ in pairs], np.uint8),
         origin or {},

@@ -176,7 +176,7 @@ def draw_tile(tile: int, tile_px: int, palette: Palette) -> Pixels:
 
 @lru_cache(maxsize=64)
 def _draw_agent(direction: int, tile_px: int, palette: Palette) -> Pixels:
-    # our own drawing counts directions from the right
+    # `agent` counts directions clockwise from the right, a world of rules from the top
     canvas = agent((direction + 3) % 4, tile_px, palette)
     return np.dstack([canvas.rgb, 255 * canvas.alpha]).round().astype(np.uint8)
 
