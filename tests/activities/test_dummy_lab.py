@@ -28,12 +28,16 @@ from minihuman.experiment.plan.dry_run import list_missing_words
 from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.log.codec import find_topic, list_activity_topics
 from minihuman.log.read.session_reader import read_log
+from minihuman.reporting.template import format_number
 from minihuman.simulation.model_conversation import find_answer_rule, list_inputs
 from minihuman.testing import check_activity, check_exporter, check_question
 from minihuman.web.screen_values import convert_screen
 from minihuman.web.server.page_routes import build_page_routes
+from tests.machine import needs
 from tests.study.sessions import Desk
 from tests.study.studies import plan_of
+from tests.web.browser import browsing
+from tests.web.serving import serving
 
 pytestmark = pytest.mark.program  # a study is simulated
 
@@ -51,7 +55,7 @@ lengths = dummy_lab.lengths:export_lengths
 [minihuman.columns]
 hesitation_ms = dummy_lab.columns:HESITATION
 """
-STUDY = """
+HEAD = """
 [study]
 name = "dummy"
 version = "1"
@@ -59,13 +63,27 @@ seed = 3
 closing = ""
 [keys]
 keyboard_check = false
+"""
+CANVASES = """
+[[questions.items]]
+name = "state"
+kind = "affect"
+ask = "How are you?"
+[[questions.items]]
+name = "coins"
+kind = "shares"
+ask = "Whose are they?"
+statements = { mine = "me", theirs = "them" }
+"""
+STUDY = f"""
+{HEAD}
 [[groups]]
 name = "all"
 parts = ["warm-up", "feelings", "played"]
 [[activities]]
 name = "warm-up"
 kind = "tapping"
-settings = { taps = 4 }
+settings = {{ taps = 4 }}
 [[questions]]
 name = "feelings"
 [[questions.items]]
@@ -77,15 +95,7 @@ name = "wishes"
 kind = "wishes"
 ask = "What do you want, first things first?"
 options = ["rest", "food", "drink"]
-[[questions.items]]
-name = "state"
-kind = "affect"
-ask = "How are you?"
-[[questions.items]]
-name = "coins"
-kind = "shares"
-ask = "Whose are they?"
-statements = { mine = "me", theirs = "them" }
+{CANVASES}
 [[blocks]]
 name = "played"
 world = "minihuman/MiniGrid-Empty-5x5-v0"
@@ -181,7 +191,7 @@ def test_its_section_is_in_the_report(study, tmp_path):
     answers = minihuman.open_study(study).table("answers")
     for name in ("state_pleasure", "state_arousal", "coins_mine", "coins_theirs"):
         numbers = answers["number"][answers["item"] == name]
-        assert re.search(rf">(?:<bdi>)?{name}(?:</bdi>)?</td>.*?mean {numbers.mean():.1f}, ", page)
+        assert re.search(rf">(?:<bdi>)?{name}(?:</bdi>)?</td>.*?mean {format_number(numbers.mean())}, ", page)
 
 
 def test_its_screen_is_drawn_at_the_desk_and_described_to_the_page(lab):
@@ -235,8 +245,6 @@ def test_check_names_the_words_that_its_language_lacks(lab):
     protocol = decode_protocol(STUDY.replace("seed = 3", 'seed = 3\nlanguage = "ar"').encode())
     assert list(list_missing_words(protocol)) == [
         "language 'ar' has no word for prompt.wishes, so English stands in; add wishes to [words.prompt]",
-        "language 'ar' has no word for prompt.affect, so English stands in; add affect to [words.prompt]",
-        "language 'ar' has no word for prompt.shares, so English stands in; add shares to [words.prompt]",
         "language 'ar' has no word for note.mood, so English stands in; add mood to [words.note]",
     ]
 
@@ -291,6 +299,26 @@ def test_a_shape_is_called_by_its_name_where_it_is_not_seen(lab, item, names):
     assert [shape["accessible_name"] for shape in shapes if shape["target"]] == names
 
 
+@needs("chromium")
+def test_a_canvas_keeps_its_shape_on_a_phone(lab, tmp_path):
+    path = tmp_path / "canvases.toml"
+    path.write_text(f'{HEAD}[[groups]]\nname = "all"\nparts = ["q"]\n[[questions]]\nname = "q"\n{CANVASES}')
+    with serving(path, tmp_path) as served, browsing(size=(390, 844)) as sit_down:
+        person = sit_down(f"http://127.0.0.1:{served.port}/#t={served.tokens[0]}", has_touch=True, is_mobile=True)
+        person.until_seen("document.querySelector('#ask')?.textContent === 'How are you?'")
+        cells = [cell.bounding_box() for cell in person.page.get_by_role("radio").all()]
+        first = cells[0]
+        assert [cell["width"] for cell in cells] == pytest.approx([first["height"]] * 9, abs=1)
+        assert [cell["x"] for cell in cells[:3]] == pytest.approx(
+            [first["x"] + n * first["width"] for n in range(3)], abs=1
+        )
+        person.page.get_by_role("radio", name="pleasure 3, arousal 1").click()
+        person.until("document.querySelector('.shape.chosen')?.dataset.target === 'cell:3:1'")
+        person.press("enter")
+        person.until_seen("document.querySelector('#ask')?.textContent === 'Whose are they?'")
+        assert person.errors == []
+
+
 def test_the_contract_warns_of_shapes_without_a_name(lab, monkeypatch):
     kind = find_question_kind("affect")
     monkeypatch.setattr(sys.modules[kind.components.__module__], "describe", lambda cell: "")
@@ -299,10 +327,9 @@ def test_the_contract_warns_of_shapes_without_a_name(lab, monkeypatch):
 
 
 def test_a_stratum_or_a_right_answer_is_one_answer(lab):
-    stratified = STUDY.replace("seed = 3", "seed = 3\nparticipants = 4") + '[allocation]\nstratify_by = "feelings.{}"\n'
     for name, answers in (("state", "state_pleasure, state_arousal"), ("coins", "coins_mine, coins_theirs")):
         with pytest.raises(ProtocolError, match=rf"has several answers \({answers}\); use a question with one answer"):
-            decode_protocol(stratified.format(name).encode())
+            decode_protocol(f'{STUDY}[allocation]\nstratify_by = "feelings.{name}"\n'.encode())
     with pytest.raises(
         ProtocolError, match=r"right.* is one answer, but the question has 2: a_mine, a_theirs; remove it"
     ):

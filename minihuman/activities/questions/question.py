@@ -155,10 +155,10 @@ class AnswerDraft(abc.ABC):
         return None
 
 
-ItemErrors = Iterator[tuple[str, str]]  # a field of the item, and what is wrong with it
+ItemErrors = Iterator[tuple[str, str]]  # a field of the question, and what is wrong with it
 
 
-def _no_errors(item: QuestionItemSpec) -> ItemErrors:
+def _no_errors(question: QuestionItemSpec) -> ItemErrors:
     yield from ()
 
 
@@ -270,27 +270,28 @@ def list_codes(question: QuestionItemSpec) -> tuple[str | int, ...]:
     return kind.codes(_read_settings(kind, question))
 
 
-def check_item(item: QuestionItemSpec) -> ItemErrors:
+def check_item(question: QuestionItemSpec) -> ItemErrors:
     """Yield the errors of a question in a protocol."""
     try:
-        kind = find_question_kind(item.kind)
+        kind = find_question_kind(question.kind)
     except ProtocolError as error:
-        yield "kind", f"is {item.kind!r}: {error}"
+        yield "kind", f"is {question.kind!r}: {error}"
         return
-    settings_errors = list(_check_settings(kind, item))
+    settings_errors = list(_check_settings(kind, question))
     yield from settings_errors
-    if settings_errors and kind.settings is not None:  # the kind cannot judge an item whose settings it cannot read
+    if settings_errors and kind.settings is not None:  # the kind cannot judge a question whose settings it cannot read
         return
-    if item.statements is not msgspec.UNSET and not kind.has_statements:
+    if question.statements is not msgspec.UNSET and not kind.has_statements:
         known = " or ".join(map(repr, _list_kinds_with_statements()))
-        yield "statements", f"is given, but a question of kind {item.kind!r} has none; use kind = {known}"
-    yield from _check_options(kind, item)
-    errors = list(kind.check(item))
+        yield "statements", f"is given, but a question of kind {question.kind!r} has none; use kind = {known}"
+    yield from _check_options(kind, question)
+    errors = list(kind.check(question))
     yield from errors
-    if item.right is not None and len(item.asked) > 1:
-        yield "right", f"is one answer, but the question has {len(item.asked)}: {', '.join(item.asked)}; remove it"
+    if question.right is not None and len(question.asked) > 1:
+        answers = ", ".join(question.asked)
+        yield "right", f"is one answer, but the question has {len(question.asked)}: {answers}; remove it"
     elif kind.answer_type in ANSWER_TYPES_WITH_CODES and not (errors and kind.codes is not None):
-        yield from _check_right_answers(item)  # codes of wrong settings mean nothing
+        yield from _check_right_answers(question)  # codes of wrong settings mean nothing
 
 
 def _list_kinds_with_statements() -> list[str]:
@@ -299,41 +300,42 @@ def _list_kinds_with_statements() -> list[str]:
     return [name for name in names if find_question_kind(name).has_statements]
 
 
-def _check_settings(kind: QuestionKind, item: QuestionItemSpec) -> ItemErrors:
+def _check_settings(kind: QuestionKind, question: QuestionItemSpec) -> ItemErrors:
     if kind.settings is None:
-        if item.settings:
-            yield "settings", f"is given, but a question of kind {item.kind!r} has none"
+        if question.settings:
+            yield "settings", f"is given, but a question of kind {question.kind!r} has none"
         return
     try:
-        msgspec.convert(item.settings or {}, kind.settings)
+        msgspec.convert(question.settings or {}, kind.settings)
     except msgspec.ValidationError as error:
-        yield "settings", f"of kind {item.kind!r}: {error}"
+        yield "settings", f"of kind {question.kind!r}: {error}"
 
 
-def _check_options(kind: QuestionKind, item: QuestionItemSpec) -> ItemErrors:
-    if item.options and kind.answer_type not in ANSWER_TYPES_WITH_CODES:
-        yield "options", f"is given, but a question of kind {item.kind!r} has none"
+def _check_options(kind: QuestionKind, question: QuestionItemSpec) -> ItemErrors:
+    if question.options and kind.answer_type not in ANSWER_TYPES_WITH_CODES:
+        yield "options", f"is given, but a question of kind {question.kind!r} has none"
     if kind.codes is not None:
         for field in ("options", "codes"):
-            if getattr(item, field):
-                yield field, f"is given, but a question of kind {item.kind!r} has its own; give them in settings"
+            if getattr(question, field):
+                yield field, f"is given, but a question of kind {question.kind!r} has its own; give them in settings"
         return
-    n_options = len(item.options) or item.points
-    if item.codes and len(item.codes) != n_options:
-        yield "codes", f"has {len(item.codes)} for {n_options} options; give one an option"
+    n_options = len(question.options) or question.points
+    if question.codes and len(question.codes) != n_options:
+        yield "codes", f"has {len(question.codes)} for {n_options} options; give one an option"
 
 
-def _check_right_answers(item: QuestionItemSpec) -> ItemErrors:
-    codes = list_codes(item)
-    for right in item.right_answers:
+def _check_right_answers(question: QuestionItemSpec) -> ItemErrors:
+    codes = list_codes(question)
+    for right in question.right_answers:
         if right not in codes:
             yield "right", f"is {right!r}, which is not an option's code; codes: {', '.join(map(str, codes))}"
 
 
-def check_range(item: QuestionItemSpec) -> ItemErrors:
+def check_range(question: QuestionItemSpec) -> ItemErrors:
     """Yield an error if a question's range of numbers is empty."""
-    if item.minimum >= item.maximum or item.step <= 0:
-        yield "minimum", f"to maximum is {item.minimum:g} to {item.maximum:g} in steps of {item.step:g}, which is none"
+    if question.minimum >= question.maximum or question.step <= 0:
+        span = f"{question.minimum:g} to {question.maximum:g}"
+        yield "minimum", f"to maximum is {span} in steps of {question.step:g}, which is none"
 
 
 def is_correct(question: QuestionItemSpec, value: AnswerValue) -> bool | None:

@@ -103,9 +103,9 @@ class ChoicesDraft(ChoiceDraft):
         return None
 
 
-def _check(item: QuestionItemSpec) -> ItemErrors:
-    if len(item.options) < 2:
-        yield "options", f"has {len(item.options)}; a choice is of two or more"
+def _check(question: QuestionItemSpec) -> ItemErrors:
+    if len(question.options) < 2:
+        yield "options", f"has {len(question.options)}; a choice is of two or more"
 
 
 CHOICE = QuestionKind(
