@@ -75,6 +75,15 @@ kind = "shares"
 ask = "Whose are they?"
 statements = { mine = "me", theirs = "them" }
 """
+PHONE_STUDY = """
+[web]
+require_keyboard = false
+[[groups]]
+name = "all"
+parts = ["q"]
+[[questions]]
+name = "q"
+"""
 STUDY = f"""
 {HEAD}
 [[groups]]
@@ -302,7 +311,7 @@ def test_a_shape_is_called_by_its_name_where_it_is_not_seen(lab, item, names):
 @needs("chromium")
 def test_a_canvas_keeps_its_shape_on_a_phone(lab, tmp_path):
     path = tmp_path / "canvases.toml"
-    path.write_text(f'{HEAD}[[groups]]\nname = "all"\nparts = ["q"]\n[[questions]]\nname = "q"\n{CANVASES}')
+    path.write_text(f"{HEAD}{PHONE_STUDY}{CANVASES}")
     with serving(path, tmp_path) as served, browsing(size=(390, 844)) as sit_down:
         person = sit_down(f"http://127.0.0.1:{served.port}/#t={served.tokens[0]}", has_touch=True, is_mobile=True)
         person.until_seen("document.querySelector('#ask')?.textContent === 'How are you?'")
