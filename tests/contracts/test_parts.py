@@ -54,7 +54,7 @@ def test_our_activities_keep_the_contract(kind, settings):
         ("    cell = None", "    cell = None\n    counts = {}", "shares its state"),
         ("""f"{number or ''}\"""", '""', "has no display_text"),
         ('AffectGrid, "number"', 'AffectGrid, "text"', "is not a text"),
-        ('QuestionKind("affect_grid"', 'QuestionKind("grid"', "calls itself 'grid'"),
+        ('"affect_grid", AffectGrid', '"grid", AffectGrid', "calls itself 'grid'"),
         ("else Click(", "and self.value[0] > 9 else Click(", "did not come to its end"),
     ],
 )
