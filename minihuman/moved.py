@@ -108,6 +108,8 @@ MOVED_MODULES: dict[str, tuple[str, ...]] = {  # an old name -> the modules amon
     "minihuman.dataset.sessions": ("minihuman.dataset.included_episodes",),
     "minihuman.dataset.store": ("minihuman.dataset.table_queries", "minihuman.dataset.table_database"),
     "minihuman.dataset.table_columns": (
+        "minihuman.dataset.measure_columns",
+        "minihuman.dataset.session_columns",
         "minihuman.dataset.column_aliases",
         "minihuman.dataset.table_catalogue",
         f"{_NEW}.agent_blocks.columns",

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 EXTENDING = (Path(__file__).parents[1] / "docs" / "extending.md").read_text(encoding="utf-8")
-PARTS = {"questions": ["affect-grid = a_lab:AFFECT_GRID"], "activities": ["tapping = a_lab:TAPPING"]}
+PARTS = {"questions": ["affect_grid = a_lab:AFFECT_GRID"], "activities": ["tapping = a_lab:TAPPING"]}
 STUDY = """
 [study]
 name = "lab"
@@ -28,7 +28,7 @@ settings = { taps = 3 }
 name = "mood"
 [[questions.items]]
 name = "feeling"
-kind = "affect-grid"
+kind = "affect_grid"
 ask = "How do you feel now?"
 settings = { size = 5 }
 """

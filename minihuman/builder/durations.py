@@ -112,7 +112,7 @@ def _estimate_questions(questionnaire: QuestionnaireSpec, language: str) -> Seco
         items = load_form(questionnaire.form, language).items
     total = _NOTHING
     for question in items:
-        n_answers = max(1, len(question.statements or ()))
+        n_answers = len(question.asked)
         total = total.plus(_estimate_reading(question.ask)).plus(Seconds(*_QUESTION_S).times(n_answers))
     return total
 

@@ -12,7 +12,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from minihuman.dataset.episode_columns import list_episode_columns
-from minihuman.dataset.table_columns import SESSION_TABLES, TableColumn
+from minihuman.dataset.session_columns import SESSION_TABLES
+from minihuman.dataset.table_columns import TableColumn
 from minihuman.errors import ProtocolError, QueryError
 from minihuman.experiment.machine.activity import GROUP, ActivityKind, find_kind, list_built_in_kinds
 from minihuman.plugins import list_plugin_names

@@ -4,7 +4,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from minihuman.dataset.table_columns import EPISODES, TableColumn
+from minihuman.dataset.measure_columns import EPISODES
+from minihuman.dataset.table_columns import TableColumn
 from minihuman.errors import QueryError
 from minihuman.plugins import list_plugin_names, load_plugin, remember_by_name
 

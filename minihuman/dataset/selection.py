@@ -21,6 +21,7 @@ from minihuman.dataset.annotations import (
 )
 from minihuman.dataset.answer_rules import breaks_answer_rule, is_outside, list_compared_answers
 from minihuman.dataset.log_files import SkippedLog, list_other_sessions, map_logs
+from minihuman.dataset.measure_columns import COLUMNS_NEEDING_WORLD, EPISODES, PARTICIPANTS
 from minihuman.dataset.session_measures import (
     MeasureRow,
     PathPlanner,
@@ -28,7 +29,6 @@ from minihuman.dataset.session_measures import (
     find_path_bounds,
     skip_path_bounds,
 )
-from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD, EPISODES, PARTICIPANTS
 from minihuman.errors import ReportError
 from minihuman.experiment.machine.events import EpisodesSkipped, Noted
 from minihuman.experiment.machine.page_alterations import list_page_alterations

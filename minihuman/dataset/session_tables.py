@@ -19,6 +19,7 @@ from minihuman.dataset.episode_columns import compute_episode_columns
 from minihuman.dataset.measures import KeyTally, response_ms, summarize_key_use, visible_effect
 from minihuman.dataset.rows import RowBatch, SessionTables
 from minihuman.dataset.selection import SelectedSession, find_practice_blocks, format_version, summarize_session
+from minihuman.dataset.session_columns import LINKS, MODEL_CALLS, OTHER_INPUTS, PARTS
 from minihuman.dataset.session_measures import (
     MeasureRow,
     SessionMeasures,
@@ -26,7 +27,6 @@ from minihuman.dataset.session_measures import (
     find_place_unit,
     locate_episode,
 )
-from minihuman.dataset.table_columns import LINKS, MODEL_CALLS, OTHER_INPUTS, PARTS
 from minihuman.errors import ProtocolError
 from minihuman.experiment.machine.events import (
     AxisMoved,

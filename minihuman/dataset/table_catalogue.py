@@ -17,7 +17,8 @@ from typing import Any
 from minihuman.dataset.activity_tables import PERSON_TABLE, ActivityTable, list_activity_tables
 from minihuman.dataset.column_aliases import COLUMN_ALIASES
 from minihuman.dataset.episode_columns import EpisodeColumn, list_episode_columns
-from minihuman.dataset.table_columns import SESSION_TABLES, TableColumn, is_time
+from minihuman.dataset.session_columns import SESSION_TABLES
+from minihuman.dataset.table_columns import TableColumn, is_time
 from minihuman.dataset.wide_integers import WIDE_INTEGERS
 from minihuman.storage.outside_names import explain_refused_name
 

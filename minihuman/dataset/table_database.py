@@ -19,10 +19,10 @@ import minihuman
 from minihuman.dataset.activity_tables import list_table_sources
 from minihuman.dataset.caches import INDEX_SCHEMA, connect_cache, digest_files, digest_sources, transaction
 from minihuman.dataset.column_aliases import use_current_columns
+from minihuman.dataset.measure_columns import COLUMNS_NEEDING_WORLD
 from minihuman.dataset.rows import RowBatch, SessionTables, arrow_columns, arrow_schema, as_int64
 from minihuman.dataset.session_measures import average_path_measures, compare_with_shortest_path, find_layout_bounds
 from minihuman.dataset.table_catalogue import TABLES, is_episode_table
-from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD
 from minihuman.dataset.table_queries import QUERY_SETTINGS, find_queried_tables
 from minihuman.errors import QueryError
 

@@ -24,6 +24,7 @@ import pyarrow.parquet
 import minihuman
 from minihuman.dataset.caches import TABLE_CACHE
 from minihuman.dataset.info_columns import add_info_columns, build_info_schema, list_info_columns
+from minihuman.dataset.measure_columns import COLUMNS_NEEDING_WORLD
 from minihuman.dataset.person_table import PERSON_TABLE, PersonTable
 from minihuman.dataset.rows import arrow_schema
 from minihuman.dataset.store import StudyStore
@@ -36,7 +37,7 @@ from minihuman.dataset.table_catalogue import (
     build_data_package,
     describe_columns,
 )
-from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD, TableColumn
+from minihuman.dataset.table_columns import TableColumn
 from minihuman.dataset.table_database import StoreVersionError, TableDatabase, digest_relation
 from minihuman.dataset.table_types import TIMES, guard_texts, parse_times
 

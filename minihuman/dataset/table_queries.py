@@ -13,8 +13,8 @@ import pyarrow.csv
 from minihuman.dataset.activity_tables import PERSON_TABLE
 from minihuman.dataset.caches import CACHE_SETTINGS
 from minihuman.dataset.column_aliases import use_current_columns
+from minihuman.dataset.measure_columns import COLUMNS_NEEDING_WORLD
 from minihuman.dataset.table_catalogue import TABLES
-from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD
 from minihuman.dataset.table_types import guard_texts
 
 QUERY_SETTINGS = {  # SQL reads the tables: no files, no network, no variables of this program

@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from minihuman.dataset.activity_tables import PERSON_TABLE
 from minihuman.dataset.info_columns import LABELLED_TABLES, add_info_columns, list_info_columns
+from minihuman.dataset.measure_columns import COLUMNS_NEEDING_WORLD
 from minihuman.dataset.table_catalogue import EVERY_MOMENT, TABLE_VERSION, TABLES
-from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD, TableColumn, is_time
+from minihuman.dataset.table_columns import TableColumn, is_time
 from minihuman.dataset.table_types import parse_times
 from minihuman.dataset.tables import Tables
 from minihuman.dataset.wide_integers import MAX_EXACT_INTEGER, WIDE_INTEGERS

@@ -14,9 +14,10 @@ import pyarrow.parquet
 from minihuman.dataset.activity_tables import PERSON_TABLE
 from minihuman.dataset.included_episodes import IncludedEpisodes
 from minihuman.dataset.info_columns import list_info_columns
+from minihuman.dataset.measure_columns import COLUMNS_NEEDING_WORLD
 from minihuman.dataset.study_facts import decode_plan_protocol, read_study_facts
 from minihuman.dataset.table_catalogue import TABLES, build_data_dictionary, describe_columns
-from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD, TableColumn
+from minihuman.dataset.table_columns import TableColumn
 from minihuman.dataset.table_files import TableFormat
 from minihuman.dataset.tables import Tables
 from minihuman.experiment.plan.session_plan import SessionPlan

@@ -5,8 +5,8 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from minihuman.admin.session_index import compare_index
+from minihuman.dataset.measure_columns import COLUMNS_NEEDING_WORLD
 from minihuman.dataset.table_catalogue import TABLES
-from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD
 from minihuman.dataset.table_files import compare_cache, compare_pages, compare_table_files
 from minihuman.dataset.tables import Tables, select
 from minihuman.log.paths import require_folder

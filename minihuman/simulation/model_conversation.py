@@ -43,7 +43,7 @@ from minihuman.experiment.machine.screens import (
 from minihuman.experiment.machine.session import SessionMachine
 from minihuman.experiment.protocol.specs import ModelSpec
 from minihuman.log.observations import encode_png
-from minihuman.simulation.screen_text import describe_screen, join_texts, list_observation
+from minihuman.simulation.screen_text import join_texts, list_observation, list_screen_texts
 
 NS_PER_MS = 1_000_000
 HOLD_MS = 90.0
@@ -320,7 +320,7 @@ class Conversation:
 
     def build_prompt(self, screen: Screen, rule: AnswerRule, session: SessionMachine) -> Prompt:
         """Build the prompt for a screen that needs an answer."""
-        description = "\n\n".join(describe_screen(screen, session, self._spec))
+        description = "\n\n".join(list_screen_texts(screen, session, self._spec))
         self._question = "\n\n".join(filter(None, [*self._since, description]))
         text = f"{self._question}\n\n{rule.request}"
         messages: list[dict[str, Any]] = [{"role": "system", "content": join_texts(RULES, *self._read)}]

@@ -6,6 +6,7 @@ make the same decision from the same history, in values that JSON can represent.
 
 import json
 import math
+import warnings
 from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -26,7 +27,7 @@ from minihuman.experiment.machine.activity import find_kind
 from minihuman.experiment.machine.event_rules import find_violations
 from minihuman.experiment.machine.events import Answered, Event, PartEnded, SessionEnded
 from minihuman.experiment.machine.inputs import Input, PointerPressed, ScreenShown, TextInput
-from minihuman.experiment.machine.screens import PlayScreen, QuestionScreen, Screen
+from minihuman.experiment.machine.screens import AnswerWidget, PlayScreen, QuestionScreen, Screen, ShapeCanvas
 from minihuman.experiment.machine.session import SessionMachine
 from minihuman.experiment.plan.designs import (
     GROUP,
@@ -177,6 +178,20 @@ def _check_targets(draft: AnswerDraft, screen: QuestionScreen) -> None:
         require(simulated.target in targets, problem)
 
 
+def _warn_of_nameless_shapes(widget: AnswerWidget) -> None:
+    """Warn of shapes that can be clicked, but of which screen readers and language models learn no name."""
+    if not isinstance(widget, ShapeCanvas):
+        return
+    nameless = [shape.target for shape in widget.shapes if shape.target and not (shape.accessible_name or shape.label)]
+    if nameless:
+        warnings.warn(
+            f"{len(nameless)} shapes have no name, the first with the target {nameless[0]!r}; give each a label or an "
+            "accessible_name",
+            FutureWarning,
+            stacklevel=4,
+        )
+
+
 def _check_copies(protocol: Protocol) -> None:
     """Require that a copied session, which a browser's host uses to look ahead, does not change the original."""
     session = SessionMachine(expand_protocol(protocol, enrol_participant(protocol, 0)), World, {}, picture_px=None)
@@ -188,6 +203,7 @@ def _check_copies(protocol: Protocol) -> None:
     assert isinstance(copied_part, QuestionsActivity)
     assert isinstance(session.screen, QuestionScreen)
     _check_targets(part.draft, session.screen)
+    _warn_of_nameless_shapes(session.screen.item)
     before = part.draft.widget()
     match part.draft.simulate(lambda count: count - 1, lambda: True):
         case Click(target, along):

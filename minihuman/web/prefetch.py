@@ -24,13 +24,10 @@ from minihuman.experiment.machine.screens import (
     BlankScreen,
     Button,
     FilmsScreen,
-    OptionList,
     PageScreen,
     PlayScreen,
     QuestionScreen,
-    RatingScale,
     Screen,
-    ShapeCanvas,
     TextScreen,
 )
 from minihuman.experiment.machine.session import SessionMachine
@@ -208,7 +205,6 @@ _MOST_TRIES = 48  # of inputs, from one screen of the session
 _FLIP_NS = 16_000_000  # assumed time until a screen is displayed
 _LOOK_NS = 200_000_000  # assumed time from then to an input
 _TICK = "tick"
-_DIGIT_KEYS = 9
 _MOVING = ("step", "controller", "controller_text")  # fields that the page itself changes while a screen is shown
 
 
@@ -368,33 +364,13 @@ def list_likely_inputs(session: SessionMachine) -> Iterator[str]:
                 yield "point:back"
         case QuestionScreen(item=item, buttons=buttons):
             yield from ("key:enter", "key:tab", "point:go_on")
-            yield from _name_answers(item)
+            yield from item.list_likely_inputs()
             if _has_back_button(buttons):
                 yield from ("key:page_up", "point:back")
 
 
 def _has_back_button(buttons: Sequence[Button]) -> bool:
     return any(button.name == "back" for button in buttons)
-
-
-def _name_answers(item: object) -> Iterator[str]:
-    """Yield the names of the inputs that are likely at a question with a certain widget."""
-    match item:
-        case OptionList(options=options):
-            yield from _name_choices(len(options))
-            yield from ("key:down", "key:up")
-        case RatingScale(points=points):
-            yield from _name_choices(len(points))
-            yield from ("key:right", "key:left")
-        case ShapeCanvas(shapes=shapes):
-            yield from (f"point:{shape.target}" for shape in shapes if shape.target)
-
-
-def _name_choices(count: int) -> Iterator[str]:
-    """Yield the inputs that choose the options of a question which have a digit key."""
-    for number in range(min(_DIGIT_KEYS, count)):
-        yield f"key:{number + 1}"
-        yield f"point:option:{number}"
 
 
 def _mark_shown(session: SessionMachine) -> tuple[int, int]:

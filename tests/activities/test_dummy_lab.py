@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import shutil
 import sys
 from pathlib import Path
@@ -13,6 +14,7 @@ from starlette.applications import Starlette
 from starlette.testclient import TestClient
 
 import minihuman
+from minihuman.activities.questions.question import find_question_kind
 from minihuman.admin.protocol_file import read_protocol
 from minihuman.dataset.activity_tables import list_activity_tables
 from minihuman.dataset.table_catalogue import TABLES
@@ -20,17 +22,22 @@ from minihuman.display.drawing.screen import compose_screen
 from minihuman.errors import ProtocolError
 from minihuman.experiment.machine.activity import find_kind
 from minihuman.experiment.machine.events import Answered
+from minihuman.experiment.machine.inputs import PointerPressed
 from minihuman.experiment.machine.screens import TextLocale
 from minihuman.experiment.plan.dry_run import list_missing_words
 from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.log.codec import find_topic, list_activity_topics
 from minihuman.log.read.session_reader import read_log
+from minihuman.reporting.template import format_number
 from minihuman.simulation.model_conversation import find_answer_rule, list_inputs
 from minihuman.testing import check_activity, check_exporter, check_question
 from minihuman.web.screen_values import convert_screen
 from minihuman.web.server.page_routes import build_page_routes
+from tests.machine import needs
 from tests.study.sessions import Desk
 from tests.study.studies import plan_of
+from tests.web.browser import browsing
+from tests.web.serving import serving
 
 pytestmark = pytest.mark.program  # a study is simulated
 
@@ -41,12 +48,14 @@ tapping = dummy_lab.activity:TAPPING
 [minihuman.questions]
 mood = dummy_lab.mood:MOOD
 wishes = dummy_lab.wishes:WISHES
+affect = dummy_lab.affect:AFFECT
+shares = dummy_lab.shares:SHARES
 [minihuman.exporters]
 lengths = dummy_lab.lengths:export_lengths
 [minihuman.columns]
 hesitation_ms = dummy_lab.columns:HESITATION
 """
-STUDY = """
+HEAD = """
 [study]
 name = "dummy"
 version = "1"
@@ -54,13 +63,36 @@ seed = 3
 closing = ""
 [keys]
 keyboard_check = false
+"""
+CANVASES = """
+[[questions.items]]
+name = "state"
+kind = "affect"
+ask = "How are you?"
+[[questions.items]]
+name = "coins"
+kind = "shares"
+ask = "Whose are they?"
+statements = { mine = "me", theirs = "them" }
+"""
+PHONE_STUDY = """
+[web]
+require_keyboard = false
+[[groups]]
+name = "all"
+parts = ["q"]
+[[questions]]
+name = "q"
+"""
+STUDY = f"""
+{HEAD}
 [[groups]]
 name = "all"
 parts = ["warm-up", "feelings", "played"]
 [[activities]]
 name = "warm-up"
 kind = "tapping"
-settings = { taps = 4 }
+settings = {{ taps = 4 }}
 [[questions]]
 name = "feelings"
 [[questions.items]]
@@ -72,6 +104,7 @@ name = "wishes"
 kind = "wishes"
 ask = "What do you want, first things first?"
 options = ["rest", "food", "drink"]
+{CANVASES}
 [[blocks]]
 name = "played"
 world = "minihuman/MiniGrid-Empty-5x5-v0"
@@ -116,6 +149,9 @@ def test_the_kinds_keep_their_contracts(lab):
         "mood", settings={"colours": {"low": "#000000", "middle": "#808080", "high": "#ffffff"}}, right="low"
     )
     check_question("wishes")
+    check_question("affect")
+    check_question("affect", settings={"size": 5})
+    check_question("shares")
     check_exporter("lengths")
 
 
@@ -136,6 +172,10 @@ def test_its_events_and_answers_are_rows_of_tables(study):
     answers = tables.table("answers")
     assert set(answers["answer"][answers["item"] == "feeling"]) <= {"sad", "glad"}
     assert all(sorted(json.loads(order)) == [1, 2, 3] for order in answers["answer"][answers["item"] == "wishes"])
+    assert set(answers["item"][answers["kind"] == "affect"]) == {"state_pleasure", "state_arousal"}
+    coins = answers[answers["kind"] == "shares"]
+    assert set(coins["item"]) == {"coins_mine", "coins_theirs"}
+    assert set(coins.groupby("participant")["number"].sum()) == {3}
     assert "taps" in {table.name for table in list_activity_tables()}
 
 
@@ -157,6 +197,10 @@ def test_its_section_is_in_the_report(study, tmp_path):
     page = (tmp_path / "report" / "report.html").read_text()
     assert '<h2 id="tapping">Tapping</h2>' in page
     assert "Taps of the space bar." in page
+    answers = minihuman.open_study(study).table("answers")
+    for name in ("state_pleasure", "state_arousal", "coins_mine", "coins_theirs"):
+        numbers = answers["number"][answers["item"] == name]
+        assert re.search(rf">(?:<bdi>)?{name}(?:</bdi>)?</td>.*?mean {format_number(numbers.mean())}, ", page)
 
 
 def test_its_screen_is_drawn_at_the_desk_and_described_to_the_page(lab):
@@ -224,6 +268,83 @@ def test_its_colours_are_drawn_and_kept_when_chosen(lab):
         assert {"#2266cc", "#ffee55"} <= colours
 
 
+def ask(item: str) -> Desk:
+    return Desk(plan_of(f'[[questions]]\nname = "q"\n[[questions.items]]\nname = "a"\nask = "?"\n{item}', ["q"]))
+
+
+SHARES = 'kind = "shares"\nstatements = { mine = "me", theirs = "them" }\n'
+
+
+def click(desk: Desk, *targets: str) -> None:
+    for target in targets:
+        desk.now_ns += 1
+        desk.give(PointerPressed(desk.now_ns, 0.5, 0.5, target, 0.5))
+
+
+@pytest.mark.parametrize(
+    ("item", "targets", "given"),
+    [
+        ('kind = "affect"', ["cell:1:2", "cell:3:2"], {"a_pleasure": "3", "a_arousal": "2"}),
+        (SHARES, ["share:0", "share:1", "share:0"], {"a_mine": "2", "a_theirs": "1"}),
+    ],
+)
+def test_each_answer_of_a_question_is_logged_by_its_own_name(lab, item, targets, given):
+    desk = ask(item)
+    click(desk, *targets, "go_on")
+    assert {event.item: event.value for event in desk.of(Answered)} == given
+
+
+@pytest.mark.parametrize(
+    ("item", "names"),
+    [
+        ('kind = "affect"\nsettings = { size = 1 }', ["pleasure 1, arousal 1"]),
+        (SHARES, ["a point for me", "a point for them"]),
+    ],
+)
+def test_a_shape_is_called_by_its_name_where_it_is_not_seen(lab, item, names):
+    screen = ask(item).session.screen
+    assert screen.item.description.splitlines() == [f"{number}. {name}" for number, name in enumerate(names, 1)]
+    shapes = convert_screen(screen, lambda _: 0)["item"]["shapes"]
+    assert [shape["accessible_name"] for shape in shapes if shape["target"]] == names
+
+
+@needs("chromium")
+def test_a_canvas_keeps_its_shape_on_a_phone(lab, tmp_path):
+    path = tmp_path / "canvases.toml"
+    path.write_text(f"{HEAD}{PHONE_STUDY}{CANVASES}")
+    with serving(path, tmp_path) as served, browsing(size=(390, 844)) as sit_down:
+        person = sit_down(f"http://127.0.0.1:{served.port}/#t={served.tokens[0]}", has_touch=True, is_mobile=True)
+        person.until_seen("document.querySelector('#ask')?.textContent === 'How are you?'")
+        cells = [cell.bounding_box() for cell in person.page.get_by_role("radio").all()]
+        first = cells[0]
+        assert [cell["width"] for cell in cells] == pytest.approx([first["height"]] * 9, abs=1)
+        assert [cell["x"] for cell in cells[:3]] == pytest.approx(
+            [first["x"] + n * first["width"] for n in range(3)], abs=1
+        )
+        person.page.get_by_role("radio", name="pleasure 3, arousal 1").click()
+        person.until("document.querySelector('.shape.chosen')?.dataset.target === 'cell:3:1'")
+        person.press("enter")
+        person.until_seen("document.querySelector('#ask')?.textContent === 'Whose are they?'")
+        assert person.errors == []
+
+
+def test_the_contract_warns_of_shapes_without_a_name(lab, monkeypatch):
+    kind = find_question_kind("affect")
+    monkeypatch.setattr(sys.modules[kind.components.__module__], "describe", lambda cell: "")
+    with pytest.warns(FutureWarning, match="9 shapes have no name, the first with the target 'cell:1:3'; give each"):
+        check_question("affect")
+
+
+def test_a_stratum_or_a_right_answer_is_one_answer(lab):
+    for name, answers in (("state", "state_pleasure, state_arousal"), ("coins", "coins_mine, coins_theirs")):
+        with pytest.raises(ProtocolError, match=rf"has several answers \({answers}\); use a question with one answer"):
+            decode_protocol(f'{STUDY}[allocation]\nstratify_by = "feelings.{name}"\n'.encode())
+    with pytest.raises(
+        ProtocolError, match=r"right.* is one answer, but the question has 2: a_mine, a_theirs; remove it"
+    ):
+        ask(f"{SHARES}right = 3")
+
+
 def test_a_mistake_in_its_words_is_named(lab, monkeypatch):
     monkeypatch.syspath_prepend("beside")  # so that nothing is remembered
     path = lab / "dummy_lab" / "words.toml"
@@ -241,7 +362,7 @@ def test_a_mistake_in_its_words_is_named(lab, monkeypatch):
 def test_a_right_code_is_one_of_its_own(lab):
     with pytest.raises(ProtocolError, match=r"right.* is 'blue', which is not an option's code; codes: sad, glad"):
         decode_protocol(STUDY.replace('kind = "mood"', 'kind = "mood"\nright = "blue"').encode())
-    with pytest.raises(ProtocolError, match=r"options.* is given, but a mood has its own; give them in settings"):
+    with pytest.raises(ProtocolError, match=r"options.* is given, but a question of kind 'mood' has its own; give"):
         decode_protocol(STUDY.replace('kind = "mood"', 'kind = "mood"\noptions = ["a", "b"]').encode())
 
 
@@ -272,5 +393,5 @@ def test_a_protocol_may_name_them(lab, tmp_path):
 def test_nothing_of_the_package_knows_them():
     package = Path(minihuman.__file__).parent
     sources = [path for path in package.rglob("*") if path.suffix in (".py", ".js", ".toml")]
-    for name in ("dummy_lab", "prompt.mood", "prompt.wishes"):
+    for name in ("dummy_lab", "prompt.mood", "prompt.wishes", "prompt.affect"):
         assert [path for path in sources if name in path.read_text(encoding="utf-8")] == []

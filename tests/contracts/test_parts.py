@@ -52,9 +52,9 @@ def test_our_activities_keep_the_contract(kind, settings):
         ('Click(f"cell:{choose(size)}:{choose(size)}")', 'Click("nowhere")', "clicks on 'nowhere'"),
         ("self.cell = (int(x), int(y))", "pass", "changes nothing on the screen"),
         ("    cell = None", "    cell = None\n    counts = {}", "shares its state"),
-        ('"pleasure {}, arousal {}".format(*self.value)', '""', "has no display_text"),
-        ('AffectGrid, "codes"', 'AffectGrid, "text"', "is not a text"),
-        ('QuestionKind("affect-grid"', 'QuestionKind("grid"', "calls itself 'grid'"),
+        ("""f"{number or ''}\"""", '""', "has no display_text"),
+        ('AffectGrid, "number"', 'AffectGrid, "text"', "is not a text"),
+        ('"affect_grid", AffectGrid', '"grid", AffectGrid', "calls itself 'grid'"),
         ("else Click(", "and self.value[0] > 9 else Click(", "did not come to its end"),
     ],
 )
@@ -66,7 +66,7 @@ def test_a_broken_question_is_found(install_lab, sound, broken, error):
         code = code.replace("== self.cell", "== self.counts.get(0)")
     install_lab("a-lab", code.replace(sound, broken), questions=PARTS["questions"])
     with pytest.raises(ContractError, match=error):
-        check_question("affect-grid", settings={"size": 5})
+        check_question("affect_grid", settings={"size": 5})
 
 
 @pytest.mark.parametrize(
@@ -102,13 +102,14 @@ def test_a_lab_s_parts_are_checked_simulated_verified_and_tabulated(install_lab,
     call("verify", *logs)
     assert [list(find_log_differences(log, World)) for log in logs] == [[], []]
     events = [event for log in logs for event in read_log(log).part_events]
-    answers = [json.loads(event.value) for event in events if isinstance(event, Answered)]
-    assert all(1 <= number <= 5 for answer in answers for number in answer)
+    answers = [(event.item, json.loads(event.value)) for event in events if isinstance(event, Answered)]
+    assert [name for name, _ in answers] == ["feeling_pleasure", "feeling_arousal"] * 2
+    assert all(1 <= number <= 5 for _, number in answers)
     table = minihuman.open_study(tmp_path / "lab").table("answers")
-    assert [json.loads(answer) for answer in table["answer"]] == answers
+    assert list(zip(table["item"], table["number"], strict=True)) == answers
     notes = minihuman.open_study(tmp_path / "lab").table("notes")
     assert list(notes["kind"]).count("tapping") == 2
-    assert "affect-grid" in call("plugins")
+    assert "affect_grid" in call("plugins")
 
 
 def test_a_protocol_s_mistake_in_a_lab_s_question_is_named(install_lab, tmp_path):

@@ -14,10 +14,10 @@ import duckdb
 import pytest
 
 from minihuman.dataset.caches import TABLE_CACHE
+from minihuman.dataset.measure_columns import COLUMNS_NEEDING_WORLD
 from minihuman.dataset.sessions import StudySessions
 from minihuman.dataset.store import StudyStore
 from minihuman.dataset.table_catalogue import TABLES
-from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD
 from minihuman.dataset.table_database import TableDatabase
 from tests.builders import session, write_log
 from tests.counts import PATIENCE_S, count

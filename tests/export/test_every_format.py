@@ -13,9 +13,10 @@ import pandas as pd
 import pyarrow.parquet
 import pytest
 
+from minihuman.dataset.measure_columns import COLUMNS_NEEDING_WORLD
 from minihuman.dataset.selection import Selection
 from minihuman.dataset.table_catalogue import TABLES
-from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD, is_time
+from minihuman.dataset.table_columns import is_time
 from minihuman.dataset.table_types import unguard_text
 from minihuman.dataset.tables import select
 from minihuman.dataset.wide_integers import WIDE_INTEGERS

@@ -7,9 +7,9 @@ import pandas as pd
 import pytest
 
 from minihuman.dataset.annotations import Annotation, add_annotation
+from minihuman.dataset.measure_columns import COLUMNS_NEEDING_WORLD
 from minihuman.dataset.selection import Selection
 from minihuman.dataset.table_catalogue import TABLES
-from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD
 from minihuman.errors import ExportError, LogError
 from minihuman.exporters.exporter import export_study
 from minihuman.log.read.session_reader import read_log

@@ -1,4 +1,5 @@
-"""How the frozen logs were made: ``python -m tests.golden.make FOLDER`` plays them all again into a new folder.
+"""How the frozen logs were made: ``python -m tests.golden.make FOLDER`` plays them all again into a new folder,
+``python -m tests.golden.make FOLDER NAME`` those that one of `MAKERS` plays.
 
 Each version of the log's format has a folder of its own (``v1``), made by the software of that time and never made
 again: what is to be shown is that logs lying on a laboratory's disk for years are still read, proved and exported.
@@ -9,7 +10,7 @@ again: what is to be shown is that logs lying on a laboratory's disk for years a
 import io
 import shutil
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -523,16 +524,32 @@ def make_sounds(data: Path) -> None:
     record_log_end(segment(data, build_sounds(), "human-like", after_steps=0, key="f8"))
 
 
+MAKERS: Mapping[str, Callable[[Path], None]] = MappingProxyType(
+    {
+        "every": make,
+        "last-of-v1": partial(make_everything_new, name="last-of-v1"),
+        "failed-agent": make_failed_agent,
+        "team": make_team,
+        "adaptive": make_adaptive,
+        "images": make_images,
+        "outcomes": make_outcomes,
+        "typed": make_typed,
+        "fields": make_fields,
+        "timelines": make_timelines,
+        "chat": make_chat,
+        "sounds": make_sounds,
+    }
+)
+
+
+def make_named(data: Path, names: Sequence[str]) -> None:
+    """Play the studies of some names, or of all if none is given."""
+    unknown = [name for name in names if name not in MAKERS]
+    if unknown:
+        sys.exit(f"{unknown[0]!r} makes no study; use one of {', '.join(MAKERS)}")
+    for name in names or MAKERS:
+        MAKERS[name](data)
+
+
 if __name__ == "__main__":
-    make(Path(sys.argv[1]))
-    make_everything_new(Path(sys.argv[1]), "last-of-v1")
-    make_failed_agent(Path(sys.argv[1]))
-    make_team(Path(sys.argv[1]))
-    make_adaptive(Path(sys.argv[1]))
-    make_images(Path(sys.argv[1]))
-    make_outcomes(Path(sys.argv[1]))
-    make_typed(Path(sys.argv[1]))
-    make_fields(Path(sys.argv[1]))
-    make_timelines(Path(sys.argv[1]))
-    make_chat(Path(sys.argv[1]))
-    make_sounds(Path(sys.argv[1]))
+    make_named(Path(sys.argv[1]), sys.argv[2:])

@@ -25,12 +25,12 @@ from minihuman.admin.withdrawal import withdraw_participant
 from minihuman.dataset import table_database
 from minihuman.dataset.annotations import Annotation, add_annotation, read_annotations
 from minihuman.dataset.caches import list_caches
+from minihuman.dataset.measure_columns import COLUMNS_NEEDING_WORLD
 from minihuman.dataset.remote_tables import fetch_tables, store_tables
 from minihuman.dataset.selection import Selection
 from minihuman.dataset.sessions import StudySessions
 from minihuman.dataset.store import StudyStore
 from minihuman.dataset.table_catalogue import TABLES, TablePartition
-from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD
 from minihuman.errors import LogError
 from minihuman.exporters.exporter import export_study
 from minihuman.log.read.session_reader import read_log

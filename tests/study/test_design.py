@@ -173,10 +173,10 @@ MISTAKES = {
     "[[groups]]\nname='a'\nparts=['p']\n[[pages]]\nname='p'\n[pages.group_overrides.b]\ntext='x'": "is for no group",
     "[[groups]]\nname='a'\nparts=['p']\n[[pages]]\nname='p'\n[pages.group_overrides.a]\ntxt='x'": "txt",
     "[[groups]]\nname='a'\nparts=['q']\n[[questions]]\nname='q'\nitems=[{name='n',kind='number',ask='?',right='12'}]": (
-        r"items\[0\]\.right .*is '12', a text, but a number is answered with a number"
+        r"items\[0\]\.right .*is '12', a text, but kind 'number' is answered with a number"
     ),
     "[[groups]]\nname='a'\nparts=['q']\n[[questions]]\nname='q'\nitems=[{name='n',kind='text',ask='?',right=12}]": (
-        r"items\[0\]\.right .*is 12, a number, but a text is answered with text"
+        r"items\[0\]\.right .*is 12, a number, but kind 'text' is answered with text"
     ),
     "[[groups]]\nname='a'\nparts=['q']\n[[questions]]\nname='q'\nform='nasa-tlx'\n"
     "[questions.group_overrides.a]\nmax_attempts=0": (

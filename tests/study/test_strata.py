@@ -150,7 +150,12 @@ HELLO = '[[pages]]\nname = "hello"\ntext = "Hello"\n'
             "",
             "is not a question; there are you.hand, you.age, you.why",
         ),
-        ('[allocation]\nstratify_by = "you.why"\n', GROUPS, "", "a text; use a choice, a likert, a number or a slider"),
+        (
+            '[allocation]\nstratify_by = "you.why"\n',
+            GROUPS,
+            "",
+            "of kind 'text'; use a choice, a likert, a number or a slider",
+        ),
         ('[allocation]\nstratify_by = "you.age"\n', GROUPS, "", "cut_points is missing, but 'you.age' is a number"),
         ('[allocation]\nstratify_by = "you"\n', GROUPS, "", "cut_points is missing"),
         ('[allocation]\nstratify_by = "you.age"\ncut_points = [60, 30]\n', GROUPS, "", "give them in rising order"),

@@ -6,14 +6,17 @@ from pathlib import Path
 
 import pytest
 
+from minihuman.display.drawing.sheet import Sheet
 from minihuman.display.typefaces import select_typefaces
 from minihuman.errors import ProtocolError
 from minihuman.experiment import words
 from minihuman.experiment.machine.points import format_points, format_score
+from minihuman.experiment.machine.screens import TextLocale
 from minihuman.experiment.plan.dry_run import list_missing_words
 from minihuman.experiment.protocol.protocol import decode_logged_protocol, decode_protocol
 from minihuman.experiment.protocol.specs import SHIPPED_FORMS, load_form
 from minihuman.experiment.words import LANGUAGES, InterfaceWords
+from minihuman.plugins import QUESTION_GROUP, list_plugin_names
 from tests.typefaces import need_faces
 
 ENGLISH = words.load_words("en")
@@ -114,3 +117,13 @@ def test_a_study_in_its_own_language_goes_on_without_the_words_that_are_newer_th
     protocol = decode_protocol(older)
     assert [line.split()[6] for line in list_missing_words(protocol)] == [f"{word}," for word in words.LATER_WORDS]
     assert set(words.LATER_WORDS) <= set(words.load_words("en"))
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_how_a_question_is_answered_is_one_line_of_the_screen(language):
+    need_faces(language)
+    sheet = Sheet((1280, 720), TextLocale(language))
+    column_px = 1.16 * sheet.high
+    for kind in list_plugin_names(QUESTION_GROUP, built_in=True):
+        prompt = InterfaceWords(language).with_kind(kind)[f"prompt.{kind}"]
+        assert sheet.width_px(prompt, round(sheet.high / 36)) <= column_px, f"{kind}: shorten {prompt!r}"

@@ -39,6 +39,10 @@ _CODES = {
     "space": "Space",
     "period": "Period",
     "backspace": "Backspace",
+    "home": "Home",
+    "end": "End",
+    "page_up": "PageUp",
+    "page_down": "PageDown",
 } | {arrow: f"Arrow{arrow.capitalize()}" for arrow in ("left", "right", "up", "down")}
 
 

@@ -15,7 +15,7 @@ import msgspec
 from minihuman.errors import ProtocolError
 from minihuman.experiment.machine.inputs import KeyDown
 from minihuman.experiment.machine.screens import AnswerWidget
-from minihuman.plugins import QUESTION_GROUP, load_plugin, remember_by_name
+from minihuman.plugins import QUESTION_GROUP, list_plugin_names, load_plugin, remember_by_name
 
 AnswerType = Literal["code", "codes", "order", "rating", "number", "text"]
 AnswerValue = str | int | float | list[str | int] | None
@@ -42,15 +42,19 @@ class QuestionItemSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     required: bool = True
     right: str | int | float | tuple[str | int, ...] | None = None  # the right answer's code or value
     settings: dict[str, Any] | msgspec.UnsetType = msgspec.UNSET  # a kind's own fields; not in plans without any
-    statements: dict[str, str] | msgspec.UnsetType = msgspec.UNSET  # likert: a matrix, a row for each
+    statements: dict[str, str] | msgspec.UnsetType = msgspec.UNSET  # an answer for each; likert: a matrix
     only_if: dict[str, tuple[str | int | float, ...]] | msgspec.UnsetType = msgspec.UNSET  # earlier item -> answers
 
     @property
     def asked(self) -> dict[str, str]:
-        """Return the question's text by the name of its answer in the log; a matrix has an entry per statement."""
-        if not self.statements:
+        """Return the question's text by the name of its answer in the log.
+
+        There is one text per statement, or per component of an answer of its kind.
+        """
+        texts = self.statements or _list_components(self)
+        if not texts:
             return {self.name: self.ask}
-        return {f"{self.name}_{name}": f"{self.ask} {text}".strip() for name, text in self.statements.items()}
+        return {f"{self.name}_{name}": f"{self.ask} {text}".strip() for name, text in texts.items()}
 
     @property
     def all_codes(self) -> tuple[str | int, ...]:
@@ -122,7 +126,10 @@ class AnswerDraft(abc.ABC):
 
     @property
     def answers(self) -> tuple[tuple[str, AnswerValue, str], ...]:
-        """Return the name, value and text of each answer to log; a matrix has several."""
+        """Return the name, value and text of each answer to log, by the names of `QuestionItemSpec.asked`.
+
+        A question with statements or components has several, and overrides this; ``value`` is then all of them.
+        """
         return ((self.question.name, self.value, self.display_text),)
 
     @abc.abstractmethod
@@ -132,6 +139,8 @@ class AnswerDraft(abc.ABC):
     @abc.abstractmethod
     def simulate(self, choose: Callable[[int], int], attends: Callable[[], bool]) -> Click | str | None:
         """Return the next input of a simulated participant: a click, text to type, or None once the answer is complete.
+
+        It is called again after each input, and changes nothing of the draft itself.
 
         Args:
             choose: draws a whole number from 0 up to but not including its argument.
@@ -146,10 +155,15 @@ class AnswerDraft(abc.ABC):
         return None
 
 
-ItemErrors = Iterator[tuple[str, str]]  # a field of the item, and what is wrong with it
+ItemErrors = Iterator[tuple[str, str]]  # a field of the question, and what is wrong with it
 
 
-def _no_errors(item: QuestionItemSpec) -> ItemErrors:
+def _no_errors(question: QuestionItemSpec) -> ItemErrors:
+    yield from ()
+
+
+def needs_no_server(question: QuestionItemSpec) -> Iterator[str]:
+    """Yield nothing, for a kind whose questions a page asks alone."""
     yield from ()
 
 
@@ -172,6 +186,13 @@ class QuestionKind:
         takes_text: whether keys that the draft does not handle are typed text.
         codes: returns the codes of an answer from a question's ``settings``; None if they are those of its ``options``.
         example: the fields that a question needs besides ``name``, ``kind`` and ``ask``; contract tests use them.
+        has_statements: whether a question can have ``statements``, each with an answer of its own.
+        components: returns the text of each answer by its name, from a question's ``settings``, for a kind whose
+            questions always have several answers, such as the two dimensions of a grid; None for any other.
+        find_server_needs: yields what in a question needs a server, each as a clause about the part that asks it; None
+            if a page without a server cannot ask any. Such a page has a screen for each answer.
+        is_judged_by_page: whether a page without a server judges the answers by rules, as they are too many for a
+            screen each.
     """
 
     name: str
@@ -183,6 +204,10 @@ class QuestionKind:
     takes_text: bool = False
     codes: Callable[[Any], tuple[str | int, ...]] | None = None
     example: Mapping[str, Any] = field(default_factory=dict)
+    has_statements: bool = False
+    components: Callable[[Any], Mapping[str, str]] | None = None
+    find_server_needs: Callable[[QuestionItemSpec], Iterator[str]] | None = None
+    is_judged_by_page: bool = False
 
 
 @remember_by_name
@@ -226,6 +251,17 @@ def _read_settings(kind: QuestionKind, question: QuestionItemSpec) -> Any:
     return msgspec.convert(question.settings or {}, kind.settings)
 
 
+def _list_components(question: QuestionItemSpec) -> Mapping[str, str]:
+    """Return the text of each component of an answer by its name; none if its kind has none or cannot be asked."""
+    try:
+        kind = find_question_kind(question.kind)
+        if kind.components is None:
+            return {}
+        return kind.components(_read_settings(kind, question))
+    except (ProtocolError, msgspec.ValidationError):  # `check_item` names it; the plug-in of an old log may be gone
+        return {}
+
+
 def list_codes(question: QuestionItemSpec) -> tuple[str | int, ...]:
     """List the codes that an answer to a question can have: the kind's own, or one for each option or point."""
     kind = find_question_kind(question.kind)
@@ -234,61 +270,72 @@ def list_codes(question: QuestionItemSpec) -> tuple[str | int, ...]:
     return kind.codes(_read_settings(kind, question))
 
 
-def check_item(item: QuestionItemSpec) -> ItemErrors:
+def check_item(question: QuestionItemSpec) -> ItemErrors:
     """Yield the errors of a question in a protocol."""
     try:
-        kind = find_question_kind(item.kind)
+        kind = find_question_kind(question.kind)
     except ProtocolError as error:
-        yield "kind", f"is {item.kind!r}: {error}"
+        yield "kind", f"is {question.kind!r}: {error}"
         return
-    settings_errors = list(_check_settings(kind, item))
+    settings_errors = list(_check_settings(kind, question))
     yield from settings_errors
-    if settings_errors and kind.settings is not None:  # the kind cannot judge an item whose settings it cannot read
+    if settings_errors and kind.settings is not None:  # the kind cannot judge a question whose settings it cannot read
         return
-    if item.statements is not msgspec.UNSET and item.kind != "likert":
-        yield "statements", f"is given, but a {item.kind} has none; use kind = 'likert'"
-    yield from _check_options(kind, item)
-    errors = list(kind.check(item))
+    if question.statements is not msgspec.UNSET and not kind.has_statements:
+        known = " or ".join(map(repr, _list_kinds_with_statements()))
+        yield "statements", f"is given, but a question of kind {question.kind!r} has none; use kind = {known}"
+    yield from _check_options(kind, question)
+    errors = list(kind.check(question))
     yield from errors
-    if kind.answer_type in ANSWER_TYPES_WITH_CODES and not (errors and kind.codes is not None):
-        yield from _check_right_answers(item)  # codes of wrong settings mean nothing
+    if question.right is not None and len(question.asked) > 1:
+        answers = ", ".join(question.asked)
+        yield "right", f"is one answer, but the question has {len(question.asked)}: {answers}; remove it"
+    elif kind.answer_type in ANSWER_TYPES_WITH_CODES and not (errors and kind.codes is not None):
+        yield from _check_right_answers(question)  # codes of wrong settings mean nothing
 
 
-def _check_settings(kind: QuestionKind, item: QuestionItemSpec) -> ItemErrors:
+def _list_kinds_with_statements() -> list[str]:
+    """List the built-in kinds whose questions can have statements."""
+    names = list_plugin_names(QUESTION_GROUP, built_in=True)
+    return [name for name in names if find_question_kind(name).has_statements]
+
+
+def _check_settings(kind: QuestionKind, question: QuestionItemSpec) -> ItemErrors:
     if kind.settings is None:
-        if item.settings:
-            yield "settings", f"is given, but a {item.kind} has none"
+        if question.settings:
+            yield "settings", f"is given, but a question of kind {question.kind!r} has none"
         return
     try:
-        msgspec.convert(item.settings or {}, kind.settings)
+        msgspec.convert(question.settings or {}, kind.settings)
     except msgspec.ValidationError as error:
-        yield "settings", f"of kind {item.kind!r}: {error}"
+        yield "settings", f"of kind {question.kind!r}: {error}"
 
 
-def _check_options(kind: QuestionKind, item: QuestionItemSpec) -> ItemErrors:
-    if item.options and kind.answer_type not in ANSWER_TYPES_WITH_CODES:
-        yield "options", f"is given, but a {item.kind} has none"
+def _check_options(kind: QuestionKind, question: QuestionItemSpec) -> ItemErrors:
+    if question.options and kind.answer_type not in ANSWER_TYPES_WITH_CODES:
+        yield "options", f"is given, but a question of kind {question.kind!r} has none"
     if kind.codes is not None:
         for field in ("options", "codes"):
-            if getattr(item, field):
-                yield field, f"is given, but a {item.kind} has its own; give them in settings"
+            if getattr(question, field):
+                yield field, f"is given, but a question of kind {question.kind!r} has its own; give them in settings"
         return
-    n_options = len(item.options) or item.points
-    if item.codes and len(item.codes) != n_options:
-        yield "codes", f"has {len(item.codes)} for {n_options} options; give one an option"
+    n_options = len(question.options) or question.points
+    if question.codes and len(question.codes) != n_options:
+        yield "codes", f"has {len(question.codes)} for {n_options} options; give one an option"
 
 
-def _check_right_answers(item: QuestionItemSpec) -> ItemErrors:
-    codes = list_codes(item)
-    for right in item.right_answers:
+def _check_right_answers(question: QuestionItemSpec) -> ItemErrors:
+    codes = list_codes(question)
+    for right in question.right_answers:
         if right not in codes:
             yield "right", f"is {right!r}, which is not an option's code; codes: {', '.join(map(str, codes))}"
 
 
-def check_range(item: QuestionItemSpec) -> ItemErrors:
+def check_range(question: QuestionItemSpec) -> ItemErrors:
     """Yield an error if a question's range of numbers is empty."""
-    if item.minimum >= item.maximum or item.step <= 0:
-        yield "minimum", f"to maximum is {item.minimum:g} to {item.maximum:g} in steps of {item.step:g}, which is none"
+    if question.minimum >= question.maximum or question.step <= 0:
+        span = f"{question.minimum:g} to {question.maximum:g}"
+        yield "minimum", f"to maximum is {span} in steps of {question.step:g}, which is none"
 
 
 def is_correct(question: QuestionItemSpec, value: AnswerValue) -> bool | None:

@@ -3,26 +3,37 @@
 from collections.abc import Iterator
 from typing import Any
 
+from minihuman.activities.questions.question import QuestionItemSpec, QuestionKind, find_question_kind
 from minihuman.experiment.plan.session_plan import PlannedPart
-
-_FINITE_KINDS = ("choice", "choices", "likert")  # whose answers are few enough for a screen each
-_OPEN_KINDS = ("number", "text", "long_text", "slider")  # whose answers a page judges itself
-_MAX_SLIDER_STEPS = 2_000  # of which the page has a text each
-_NOUNS = dict.fromkeys(("number", "text", "long_text"), "typed answer") | {"slider": "slider"}
+from minihuman.plugins import QUESTION_GROUP, list_plugin_names
 
 
 def find_server_needs(part: PlannedPart) -> Iterator[str]:
     """Yield what in a part of questions needs a server."""
     questions: tuple[Any, ...] = part.plan.items
-    known = (*_FINITE_KINDS, *_OPEN_KINDS)
-    kinds = {question.name: question.kind for question in questions if question.kind in _OPEN_KINDS}
+    judged = {question.name: question for question in questions if find_question_kind(question.kind).is_judged_by_page}
     for question in questions:
-        if question.kind not in known:
-            yield f"asks {question.name!r} of kind {question.kind!r}; a site asks {', '.join(known)}"
+        kind = find_question_kind(question.kind)
+        if kind.find_server_needs is None:
+            known = ", ".join(_list_kinds_of_sites())
+            yield f"asks {question.name!r} of kind {question.kind!r}; a site asks {known}"
+        else:
+            yield from kind.find_server_needs(question)
         for name in question.only_if or ():
-            if name in kinds:
-                yield f"asks {question.name!r} depending on the {_NOUNS[kinds[name]]} {name!r} (only_if)"
-        if question.right is not None and question.name in kinds:
-            yield f"has a correct answer to {question.name!r}, a {_NOUNS[question.kind]}"
-        if question.kind == "slider" and (question.maximum - question.minimum) / question.step > _MAX_SLIDER_STEPS:
-            yield f"asks {question.name!r} on a slider of more than {_MAX_SLIDER_STEPS} steps; give it a larger step"
+            if name in judged:
+                yield f"asks {question.name!r} depending on the {_describe_answer(judged[name])} {name!r} (only_if)"
+        if question.right is not None and question.name in judged:
+            yield f"has a correct answer to {question.name!r}, a {_describe_answer(question)}"
+
+
+def _describe_answer(question: QuestionItemSpec) -> str:
+    kind: QuestionKind = find_question_kind(question.kind)
+    if kind.takes_text:
+        return "typed answer"
+    return kind.name
+
+
+def _list_kinds_of_sites() -> list[str]:
+    """List the built-in kinds that a page without a server can ask."""
+    names = list_plugin_names(QUESTION_GROUP, built_in=True)
+    return [name for name in names if find_question_kind(name).find_server_needs is not None]

@@ -105,6 +105,8 @@ def _measure_question_room(screen: QuestionScreen) -> float:
     least_room = 0.10
     if isinstance(screen.item, RatingMatrix):
         return least_room
+    if isinstance(screen.item, ShapeCanvas) and screen.item.is_tall:
+        return least_room
     if not isinstance(screen.item, OptionList):
         return 0.30
     count = len(screen.item.options)
@@ -391,10 +393,11 @@ def _draw_shapes(sheet: Sheet, item: ShapeCanvas, box: Box) -> None:
         y = top + shape.y * canvas_height
         x_end = x + shape.width * canvas_width
         y_end = y + shape.height * canvas_height
-        _draw_shape(sheet, shape, (x, y, x_end, y_end), stroke)
+        if shape.has_box:
+            _draw_shape(sheet, shape, (x, y, x_end, y_end), stroke)
         if shape.label:
             middle = ((x + x_end) / 2, (y + y_end) / 2)
-            ink = _choose_ink(shape.fill) if shape.fill else _choice_ink(shape.chosen)
+            ink = _choose_label_ink(shape)
             sheet.put_line(middle, shape.label, round(sheet.high * _SMALL_TYPE), shape.width * canvas_width, ink)
         if shape.target:
             sheet.spots.append(Spot(shape.target, x, y, x_end, y_end))
@@ -409,6 +412,15 @@ def _draw_shape(sheet: Sheet, shape: CanvasShape, box: Box, stroke: int) -> None
         frame = (left - reach, top - reach, right + reach, bottom + reach)
         draw(frame, outline=theme.HIGHLIGHT, width=stroke * 2)
     draw(box, fill=shape.fill or _choice_fill(shape.chosen), outline=theme.EDGE, width=stroke)
+
+
+def _choose_label_ink(shape: CanvasShape) -> theme.Colour:
+    """Return the colour of a shape's label: on the shape's colour, or on the ground where it has no box."""
+    if not shape.has_box:
+        return theme.INK
+    if shape.fill:
+        return _choose_ink(shape.fill)
+    return _choice_ink(shape.chosen)
 
 
 def _choose_ink(fill: str) -> theme.Colour:

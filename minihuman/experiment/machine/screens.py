@@ -2,7 +2,7 @@
 
 import abc
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
 
@@ -121,8 +121,47 @@ class PageScreen:
     locale: TextLocale = TextLocale()
 
 
+_MAX_DIGIT_KEY = 9  # options beyond it have no key of their own
+
+
+class Widget(abc.ABC):
+    """The answer controls of a question."""
+
+    __slots__ = ()
+
+    @property
+    @abc.abstractmethod
+    def description(self) -> str:
+        """Return the answers that the widget offers in words, for participants that read instead of seeing."""
+
+    def list_likely_inputs(self) -> Iterator[str]:
+        """Yield the names of likely inputs, such as "key:1" or "point:option:0", likeliest first; none by default.
+
+        A page is sent the screens to which they lead before they happen.
+        """
+        yield from ()
+
+
+def _number_lines(texts: Iterable[str]) -> str:
+    """Return texts as lines that are numbered from 1."""
+    return "\n".join(f"{number}. {text}" for number, text in enumerate(texts, 1))
+
+
+def _add_ends(lines: str, low: str, high: str) -> str:
+    """Return numbered points, and below them the texts at the ends of their scale."""
+    ends = f"{low} ... {high}"
+    return f"{lines.strip()}\n\n{ends.strip()}"
+
+
+def _list_option_inputs(count: int) -> Iterator[str]:
+    """Yield the inputs that choose the options of a question which have a digit key."""
+    for number in range(min(_MAX_DIGIT_KEY, count)):
+        yield f"key:{number + 1}"
+        yield f"point:option:{number}"
+
+
 @dataclass(frozen=True, slots=True)
-class OptionList:
+class OptionList(Widget):
     """A list of options of which one or several can be selected; targets are "option:0", "option:1", ..."""
 
     options: tuple[str, ...]
@@ -130,9 +169,19 @@ class OptionList:
     cursor: int  # the option that the keyboard is at
     many: bool = False
 
+    @property
+    def description(self) -> str:
+        """Return the options, numbered from 1."""
+        return _number_lines(self.options)
+
+    def list_likely_inputs(self) -> Iterator[str]:
+        """Yield the inputs that choose an option, and those that move the cursor."""
+        yield from _list_option_inputs(len(self.options))
+        yield from ("key:down", "key:up")
+
 
 @dataclass(frozen=True, slots=True)
-class RatingScale:
+class RatingScale(Widget):
     """A row of points with labels at the ends or at each point; targets are "option:0", "option:1", ..."""
 
     points: tuple[str, ...]  # what each point says
@@ -140,9 +189,19 @@ class RatingScale:
     high: str
     chosen: int | None
 
+    @property
+    def description(self) -> str:
+        """Return the points, numbered from 1, and the texts at the ends."""
+        return _add_ends(_number_lines(self.points), self.low, self.high)
+
+    def list_likely_inputs(self) -> Iterator[str]:
+        """Yield the inputs that choose a point, and those that move to the next."""
+        yield from _list_option_inputs(len(self.points))
+        yield from ("key:right", "key:left")
+
 
 @dataclass(frozen=True, slots=True)
-class RatingMatrix:
+class RatingMatrix(Widget):
     """A list of statements rated on the same scale; targets are "option:0", "option:1", ..., row by row."""
 
     rows: tuple[str, ...]
@@ -152,9 +211,15 @@ class RatingMatrix:
     chosen: tuple[int | None, ...]  # by row
     cursor: int  # the row that the keyboard is at
 
+    @property
+    def description(self) -> str:
+        """Return the points of each statement, numbered from 1 row by row, and the texts at the ends."""
+        cells = [f"{row}: {point}" for row in self.rows for point in self.points]
+        return _add_ends(_number_lines(cells), self.low, self.high)
+
 
 @dataclass(frozen=True, slots=True)
-class Slider:
+class Slider(Widget):
     """A line with a movable thumb; the target is "slider"."""
 
     low: str
@@ -163,9 +228,14 @@ class Slider:
     value: str  # "" where it is not to be shown
     ticks: int  # intervals drawn
 
+    @property
+    def description(self) -> str:
+        """Return the texts at the two ends."""
+        return f"{self.low} ... {self.high}"
+
 
 @dataclass(frozen=True, slots=True)
-class TextField:
+class TextField(Widget):
     """A field to type in; the target is "field".
 
     For a ``native`` field the window uses a field of its own, which has caret and selection and reports whole texts.
@@ -181,10 +251,19 @@ class TextField:
     longest: int = 0  # the largest number of characters; 0 for no limit
     limit_note: str = ""  # the note that is shown for a longer text
 
+    @property
+    def description(self) -> str:
+        """Return the unit of what is typed."""
+        return self.unit
+
 
 @dataclass(frozen=True, slots=True)
 class CanvasShape:
-    """A box or an ellipse on a `ShapeCanvas`; lengths are 0 to 1 of the canvas, from its top left corner."""
+    """A box or an ellipse on a `ShapeCanvas`; lengths are 0 to 1 of the canvas, from its top left corner.
+
+    A shape with a target needs a label or an accessible name: without either, a screen reader says the target, and a
+    language model reads an empty line.
+    """
 
     x: float
     y: float
@@ -195,18 +274,39 @@ class CanvasShape:
     chosen: bool = False
     is_round: bool = False
     fill: str = ""  # a colour, "#rrggbb", which it keeps when chosen; "" for the theme's colour
+    accessible_name: str = ""  # what screen readers and language models call it; "": its label
+    has_box: bool = True  # False: its label alone, such as a caption, without a line around it
 
     def __post_init__(self) -> None:
         if self.fill and not _HEX_COLOUR.fullmatch(self.fill):
             raise ValueError(f"fill is {self.fill!r}; write a colour as '#aa3311'")
 
+    @property
+    def description(self) -> str:
+        """Return the shape's name and, if it has a colour of its own, the colour."""
+        return " ".join(filter(None, [self.accessible_name or self.label, self.fill]))
+
 
 @dataclass(frozen=True, slots=True)
-class ShapeCanvas:
-    """A canvas of shapes, later ones in front, for questions of a plug-in's kind that no other widget can show."""
+class ShapeCanvas(Widget):
+    """A canvas of shapes, later ones in front, for questions that no other widget can show.
+
+    In a window it is at most 1.16 times the screen's height wide, and 0.31 of the height high, or 0.51 if it is tall.
+    In a page it is half of the window's height, at most 24 rem (384 px), and lower where that would be too wide.
+    """
 
     shapes: tuple[CanvasShape, ...]
     aspect: float = 1.0  # width by height
+    is_tall: bool = False  # the question above it then has room for two lines instead of six
+
+    @property
+    def description(self) -> str:
+        """Return the shapes that can be clicked, numbered from 1."""
+        return _number_lines(shape.description for shape in self.shapes if shape.target)
+
+    def list_likely_inputs(self) -> Iterator[str]:
+        """Yield a click on each shape that can be clicked."""
+        yield from (f"point:{shape.target}" for shape in self.shapes if shape.target)
 
 
 AnswerWidget = OptionList | RatingScale | RatingMatrix | Slider | TextField | ShapeCanvas

@@ -67,7 +67,7 @@ def _check_comparison(rule: ExclusionSpec, question: QuestionItemSpec, path: str
         answer_type = find_question_kind(question.kind).answer_type
     except ProtocolError:  # the question's own check names it
         return
-    place = f"{rule.measure!r} is a {question.kind}"
+    place = f"{rule.measure!r} is of kind {question.kind!r}"
     for field in ("below", "above"):
         if getattr(rule, field) is not None and answer_type not in _ORDERED:
             yield f"{path}.{field}", f"compares numbers, but {place}; {_suggest_comparison(answer_type)}"

@@ -257,10 +257,10 @@ def _check_correct_answers(questionnaire: QuestionnaireSpec) -> Iterator[FieldEr
             continue  # ``check_item`` reports an unknown kind
         for right in question.right_answers:
             if answer_type == "number" and isinstance(right, str):
-                message = f"is {right!r}, a text, but a {kind} is answered with a number; write it without quotes"
+                message = f"is {right!r}, a text, but kind {kind!r} is answered with a number; write it without quotes"
                 yield f"items[{place}].right", message
             elif answer_type == "text" and not isinstance(right, str):
-                message = f"is {right!r}, a number, but a {kind} is answered with text; write it in quotes"
+                message = f"is {right!r}, a number, but kind {kind!r} is answered with text; write it in quotes"
                 yield f"items[{place}].right", message
 
 

@@ -155,6 +155,13 @@ def _check_answer(protocol: Protocol) -> Iterator[FieldError]:
         known = ", ".join(f"{part}.{question.name}" for question in questions)
         yield "stratify_by", f"is {allocation.stratify_by!r}, which is not a question; there are {known}"
         return
+    if len(question.asked) > 1:
+        answers = ", ".join(question.asked)
+        yield (
+            "stratify_by",
+            f"is {allocation.stratify_by!r}, which has several answers ({answers}); use a question with one answer",
+        )
+        return
     answer_type = find_question_kind(question.kind).answer_type
     if answer_type == "number":
         yield from _check_cuts(allocation)
@@ -163,7 +170,7 @@ def _check_answer(protocol: Protocol) -> Iterator[FieldError]:
     else:
         yield (
             "stratify_by",
-            f"is {allocation.stratify_by!r}, a {question.kind}; use a choice, a likert, a number or a slider",
+            f"is {allocation.stratify_by!r}, of kind {question.kind!r}; use a choice, a likert, a number or a slider",
         )
 
 

@@ -13,10 +13,10 @@ from typing import Any
 from minihuman import __version__
 from minihuman.dataset.annotations import annotations_path
 from minihuman.dataset.included_episodes import IncludedEpisodes
+from minihuman.dataset.measure_columns import COLUMNS_NEEDING_WORLD
 from minihuman.dataset.participants_file import read_participants_file
 from minihuman.dataset.selection import SelectedSession
 from minihuman.dataset.study_facts import read_study_facts
-from minihuman.dataset.table_columns import COLUMNS_NEEDING_WORLD
 from minihuman.dataset.tables import select
 from minihuman.errors import ExportError
 from minihuman.experiment.machine.events import ActivityEvent

@@ -589,10 +589,11 @@ export interface Slider {
   ticks: number;
 }
 
-/** A canvas of shapes, later ones in front, for questions of a plug-in's kind that no other widget can show. */
+/** A canvas of shapes, later ones in front, for questions that no other widget can show. */
 export interface ShapeCanvas {
   shapes: CanvasShape[];
   aspect: number;
+  is_tall: boolean;
 }
 
 /** A box or an ellipse on a `ShapeCanvas`; lengths are 0 to 1 of the canvas, from its top left corner. */
@@ -606,4 +607,6 @@ export interface CanvasShape {
   chosen: boolean;
   is_round: boolean;
   fill: string;
+  accessible_name: string;
+  has_box: boolean;
 }

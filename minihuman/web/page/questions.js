@@ -28,12 +28,14 @@ const inkOn = (fill) => {
   return 0.2126 * red + 0.7152 * green + 0.0722 * blue > 0.179 ? "#000" : "#fff";
 };
 /** @param {CanvasShape} shape */
-const shapeOf = ({ x, y, width, height, label, target, chosen, is_round: isRound, fill }) => el("div", {
-  class: `shape${chosen ? " chosen" : ""}${isRound ? " round" : ""}${fill ? " filled" : ""}`, tabindex: target ? "-1" : null, "data-target": target || null,
-  role: target ? "radio" : null, "aria-checked": target ? String(chosen) : null, "aria-label": label || target || null, text: label,
+const shapeOf = ({ x, y, width, height, label, target, chosen, is_round: isRound, fill, accessible_name: name, has_box: hasBox }) => el("div", {
+  class: ["shape", chosen && "chosen", isRound && "round", fill && hasBox && "filled", !hasBox && "bare"].filter(Boolean).join(" "),
+  tabindex: target ? "-1" : null, "data-target": target || null,
+  role: target ? "radio" : null, "aria-checked": target ? String(chosen) : null,
+  "aria-label": target ? name || label || target : null, text: label,
   style: {
     left: percent(x), top: percent(y), width: percent(width), height: percent(height),
-    ...(fill ? { background: fill, color: inkOn(fill) } : {}),
+    ...(fill && hasBox ? { background: fill, color: inkOn(fill) } : {}),
   },
 });
 
@@ -66,7 +68,8 @@ const widgets = {
     el("p", { class: "value", text: item.value }),
     endsOf(item)),
   ShapeCanvas: (/** @type {ShapeCanvas} */ item) => el("div",
-    { class: "shapes", role: "radiogroup", "aria-labelledby": "ask", style: { aspectRatio: String(item.aspect) } },
+    { class: "shapes", role: "radiogroup", "aria-labelledby": "ask",
+      style: { aspectRatio: String(item.aspect), width: `calc(min(50vh, 24rem) * ${item.aspect})` } },
     item.shapes.map(shapeOf)),
   TextField: (/** @type {TextField} */ item, /** @type {TextEntry} */ entry) =>
     el("div", { class: "entry" }, entry.open(item), words("span", "unit", item.unit), entry.limitNote),

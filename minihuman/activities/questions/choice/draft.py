@@ -10,6 +10,7 @@ from minihuman.activities.questions.question import (
     ItemErrors,
     QuestionItemSpec,
     QuestionKind,
+    needs_no_server,
     parse_digit,
     parse_option,
 )
@@ -102,12 +103,24 @@ class ChoicesDraft(ChoiceDraft):
         return None
 
 
-def _check(item: QuestionItemSpec) -> ItemErrors:
-    if len(item.options) < 2:
-        yield "options", f"has {len(item.options)}; a choice is of two or more"
+def _check(question: QuestionItemSpec) -> ItemErrors:
+    if len(question.options) < 2:
+        yield "options", f"has {len(question.options)}; a choice is of two or more"
 
 
-CHOICE = QuestionKind("choice", ChoiceDraft, "code", _check, example={"options": ("left", "right")})
+CHOICE = QuestionKind(
+    "choice",
+    ChoiceDraft,
+    "code",
+    _check,
+    example={"options": ("left", "right")},
+    find_server_needs=needs_no_server,
+)
 CHOICES = QuestionKind(
-    "choices", ChoicesDraft, "codes", _check, example={"options": ("cat", "dog", "none"), "codes": ("C", "D", "N")}
+    "choices",
+    ChoicesDraft,
+    "codes",
+    _check,
+    example={"options": ("cat", "dog", "none"), "codes": ("C", "D", "N")},
+    find_server_needs=needs_no_server,
 )

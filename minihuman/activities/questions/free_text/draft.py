@@ -10,6 +10,7 @@ from minihuman.activities.questions.question import (
     QuestionItemSpec,
     QuestionKind,
     horizontal_step,
+    needs_no_server,
 )
 from minihuman.experiment.machine.inputs import MAX_FIELD_CHARACTERS, KeyDown
 from minihuman.experiment.machine.screens import TextField
@@ -120,5 +121,9 @@ class LongTextDraft(TextDraft):
     long = True
 
 
-TEXT = QuestionKind("text", TextDraft, "text", takes_text=True)
-LONG_TEXT = QuestionKind("long_text", LongTextDraft, "text", takes_text=True)
+TEXT = QuestionKind(
+    "text", TextDraft, "text", takes_text=True, find_server_needs=needs_no_server, is_judged_by_page=True
+)
+LONG_TEXT = QuestionKind(
+    "long_text", LongTextDraft, "text", takes_text=True, find_server_needs=needs_no_server, is_judged_by_page=True
+)

@@ -13,6 +13,7 @@ from minihuman.activities.questions.question import (
     QuestionItemSpec,
     QuestionKind,
     horizontal_step,
+    needs_no_server,
     parse_digit,
     parse_option,
 )
@@ -158,15 +159,12 @@ def _build(question: QuestionItemSpec, settings: Any, *, rtl: bool, language: st
 _MAX_STATEMENTS = 8  # that fit a screen
 
 
-def _check_scale(item: QuestionItemSpec) -> ItemErrors:
+def _check_scale(question: QuestionItemSpec) -> ItemErrors:
     """Yield the errors of a rating scale or matrix in a protocol."""
-    if item.statements is not msgspec.UNSET:
-        if not 2 <= len(item.statements) <= _MAX_STATEMENTS:
-            yield "statements", f"has {len(item.statements)}; give 2 to {_MAX_STATEMENTS}, each its name = its text"
-        if item.right is not None:
-            yield "right", "is one answer, but a matrix has one for each statement; remove it"
-    if not 2 <= (n_points := len(item.options) or item.points) <= 11:
+    if question.statements is not msgspec.UNSET and not 2 <= len(question.statements) <= _MAX_STATEMENTS:
+        yield "statements", f"has {len(question.statements)}; give 2 to {_MAX_STATEMENTS}, each its name = its text"
+    if not 2 <= (n_points := len(question.options) or question.points) <= 11:
         yield "points", f"is {n_points}; use 2 to 11"
 
 
-LIKERT = QuestionKind("likert", _build, "rating", _check_scale)
+LIKERT = QuestionKind("likert", _build, "rating", _check_scale, has_statements=True, find_server_needs=needs_no_server)

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 from minihuman.activities.questions.free_text.draft import TextDraft
-from minihuman.activities.questions.question import AnswerValue, QuestionKind, check_range
+from minihuman.activities.questions.question import AnswerValue, QuestionKind, check_range, needs_no_server
 
 NUMBER_RULES = "2"  # the fact "number_rules" of a session; a log without it was recorded under the first rules
 _DECIMAL_MARKS = {"en": ".", "ja": ".", "zh": ".", "de": ",", "es": ",", "fr": ","}
@@ -134,4 +134,12 @@ def _format(value: float) -> str:
     return f"{value:.9f}".rstrip("0").rstrip(".")
 
 
-NUMBER = QuestionKind("number", NumberDraft, "number", check_range, takes_text=True)
+NUMBER = QuestionKind(
+    "number",
+    NumberDraft,
+    "number",
+    check_range,
+    takes_text=True,
+    find_server_needs=needs_no_server,
+    is_judged_by_page=True,
+)

@@ -1,7 +1,7 @@
 """Questions of kind ``slider``: choose a number on a line, in steps."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from minihuman.activities.questions.question import (
@@ -87,4 +87,14 @@ class SliderDraft(AnswerDraft):
         return None
 
 
-SLIDER = QuestionKind("slider", SliderDraft, "number", check_range)
+_MAX_SITE_STEPS = 2_000  # of which a page without a server has a text each
+
+
+def _find_server_needs(question: QuestionItemSpec) -> Iterator[str]:
+    if (question.maximum - question.minimum) / question.step > _MAX_SITE_STEPS:
+        yield f"asks {question.name!r} on a slider of more than {_MAX_SITE_STEPS} steps; give it a larger step"
+
+
+SLIDER = QuestionKind(
+    "slider", SliderDraft, "number", check_range, find_server_needs=_find_server_needs, is_judged_by_page=True
+)
