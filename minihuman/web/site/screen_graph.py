@@ -2,8 +2,8 @@
 
 A node is a screen that the page shows, with the time at which the session goes on by itself and the nodes to which
 inputs lead. An episode is one node: whatever is done in it, the session goes on by how it ended, so that each end is
-tried once, in a world that is made to end so. A trial is one node, too, which a module of its kind runs in the page; each
-response is tried once.
+tried once, in a world that is made to end so. A trial is one node, too, which a module of its kind runs in the page;
+each response is tried once.
 """
 
 import json

@@ -16,8 +16,8 @@ from urllib.parse import urlsplit
 
 import msgspec
 
-from minihuman.experiment.machine.events import EndReason
 from minihuman.experiment.machine.activity import find_kind
+from minihuman.experiment.machine.events import EndReason
 from minihuman.experiment.machine.inputs import TRIAL_RULES, Tick
 from minihuman.experiment.machine.part_sequence import asks_consent_before_play
 from minihuman.experiment.machine.running_episode import RunningEpisode

@@ -12,7 +12,6 @@ import pytest
 import minihuman
 from minihuman import study_site
 from minihuman.admin.protocol_file import read_protocol
-from minihuman.experiment.machine.inputs import Tick
 from minihuman.experiment.pending_session import build_session
 from minihuman.experiment.protocol.protocol import Protocol
 from minihuman.runtime.machine import collect_machine_facts
@@ -63,22 +62,24 @@ max_steps = 1
 CROSS = '{ name = "cross", text = "+", duration_ms = [80, 200] }'
 BLOCKS = {
     "plain": (
-        f'noop_action = "none"\nready = "first"\ninter_trial_interval_ms = [50, 90]\nresponse_deadline_ms = 400\ntimeline.stimuli = [{CROSS}, '
-        '{ name = "mask", text = "###", duration_ms = "{wait}" }, { name = "word", text = "{word}", until = "response" }]'
+        'noop_action = "none"\nready = "first"\ninter_trial_interval_ms = [50, 90]\nresponse_deadline_ms = 400\n'
+        f'timeline.stimuli = [{CROSS}, {{ name = "mask", text = "###", duration_ms = "{{wait}}" }}, '
+        '{ name = "word", text = "{word}", until = "response" }]'
     ),
     "told": (
         'ready = "each"\nfeedback = { failure = "Wrong after {steps}: {reward:.1f}" }\nfixation_ms = 40\n'
         f'timeline.stimuli = [{CROSS}, {{ name = "word", text = "{{word}}", until = "response" }}]'
     ),
     "rhythm": (
-        'noop_action = "none"\nready = "none"\nresponse_deadline_ms = 250\ntimeline.ends = "time"\ntimeline.soa_ms = 500\n'
-        'timeline.stimuli = [{ name = "word", text = "{word}", duration_ms = 120 }]'
+        'noop_action = "none"\nready = "none"\nresponse_deadline_ms = 250\ntimeline.ends = "time"\n'
+        'timeline.soa_ms = 500\ntimeline.stimuli = [{ name = "word", text = "{word}", duration_ms = 120 }]'
     ),
     "heard": (
-        'noop_action = "none"\nready = "first"\nresponse_deadline_ms = 300\ntimeline.target = "tone"\ntimeline.opens_ms = 30\n'
-        'timeline.responses = 2\nfeedback = { goal = "Right" }\nfeedback_ms = 100\ntimeline.stimuli = ['
-        '{ name = "word", text = "{word}", until = "end" }, { name = "tone", sound = "tone", onset_ms = 50, '
-        'duration_ms = 60 }, { name = "late", sound = "noise", onset_ms = 260, duration_ms = 40, until = "response" }]'
+        'noop_action = "none"\nready = "first"\nresponse_deadline_ms = 300\ntimeline.target = "tone"\n'
+        'timeline.opens_ms = 30\ntimeline.responses = 2\nfeedback = { goal = "Right" }\nfeedback_ms = 100\n'
+        'timeline.stimuli = [{ name = "word", text = "{word}", until = "end" }, '
+        '{ name = "tone", sound = "tone", onset_ms = 50, duration_ms = 60 }, '
+        '{ name = "late", sound = "noise", onset_ms = 260, duration_ms = 40, until = "response" }]'
     ),
 }
 
