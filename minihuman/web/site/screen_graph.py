@@ -210,11 +210,14 @@ class ScreenGraph:
             group=_find_group(session),
             answer_field=field_state,
             template=template,
+            looks=looks,
+            run=_describe_run(page_run),
         )
-        node.looks = looks
-        if page_run is not None:
-            node.run = {"module": find_module_address(page_run.module), "values": page_run.values}
         self._known[key] = len(self.nodes)
+        return self._add_node(node, session, outcome)
+
+    def _add_node(self, node: ScreenNode, session: SessionMachine, outcome: str) -> int:
+        """Add a node, which is looked from later unless the session has ended; return its number."""
         self.nodes.append(node)
         self._require_few(node, session)
         if session.over:
@@ -405,6 +408,12 @@ def _check_field(name: str, form: str) -> str:
     if form:
         return f"{{{name}:{form}}}"
     return f"{{{name}}}"
+
+
+def _describe_run(page_run: PageRun | None) -> dict[str, Any] | None:
+    if page_run is None:
+        return None
+    return {"module": find_module_address(page_run.module), "values": page_run.values}
 
 
 def _encode_looks(session: SessionMachine, looks: dict[str, Any]) -> str:
