@@ -121,8 +121,8 @@ def follow_in_session(protocol: Protocol, walk: list[dict[str, Any]]) -> list[tu
 
 
 def find_due(due_ns: int | None, now_ns: int) -> int | None:
-    """Return when the session goes on by itself; what was due before is due now."""
-    return None if due_ns is None else max(due_ns, now_ns)
+    """Return when the session goes on by itself; None where nothing is still to come."""
+    return due_ns if due_ns is not None and due_ns > now_ns else None
 
 
 @needs("node")
