@@ -1,10 +1,10 @@
 """What in a block needs a server: a page that runs a session alone has neither its clock nor its secrets."""
 
 from collections.abc import Iterator
-from typing import Any
 
 import msgspec
 
+from minihuman.activities.play.plan import PlayPlan
 from minihuman.experiment.plan.session_plan import PlannedPart
 
 _NEEDS = {
@@ -13,18 +13,23 @@ _NEEDS = {
     "show_points": "shows points",
     "max_s": "limits an episode's time",
     "block_max_s": "limits the block's time",
-    "trial": "is a block of trials",
     "bindings": "is played by pointer or gamepad",
     "design": "has an adaptive design",
 }
 
 
-def find_server_needs(part: PlannedPart) -> Iterator[str]:
-    """Yield what in a block needs a server."""
-    plan: Any = part.plan
+def list_block_needs(plan: PlayPlan) -> Iterator[str]:
+    """Yield what in any block's plan needs a server, whether its episodes are trials or not."""
     for name, clause in _NEEDS.items():
         setting = getattr(plan, name)
         if setting and setting is not msgspec.UNSET:
             yield clause
-    if plan.computed != "page":
+
+
+def find_server_needs(part: PlannedPart) -> Iterator[str]:
+    """Yield what in a block needs a server."""
+    yield from list_block_needs(part.plan)
+    if part.plan.trial:
+        yield "is a block of trials"
+    if part.plan.computed != "page":
         yield "is computed by the server"

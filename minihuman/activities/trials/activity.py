@@ -14,6 +14,7 @@ from minihuman.activities.trials.events import ResponseTaken, SoundPlayed, Stimu
 from minihuman.activities.trials.plan import TimelineSpec, TrialsPlan
 from minihuman.activities.trials.schedule import DRAWS_PER_STIMULUS, MOST_STIMULI, NS_PER_MS, resolve_trial
 from minihuman.activities.trials.screens import TrialScreen, build_trial_screen
+from minihuman.activities.trials.server_needs import find_server_needs
 from minihuman.activities.trials.trial_run import ResponseRecord, TrialRun
 from minihuman.experiment.machine.activity import ActivityKind, SessionContext
 from minihuman.experiment.machine.events import ActivityEvent, Paused, PauseReason, Resumed
@@ -49,6 +50,14 @@ class TrialsActivity(PlayActivity):
     def needs_new_world(self) -> bool:
         """Whether a notice is shown while the next world is created; only before the block's first trial."""
         return super().needs_new_world and not self.has_begun
+
+    @property
+    def history(self) -> tuple[object, ...]:
+        """Return whether a trial that is repeated begins without Enter, where its screens do not tell."""
+        ready = self.plan.trial.ready if self.plan.trial else "each"
+        is_first = self.context.next_episode == self.plan.first
+        is_left_out = {"each": not self.shows_ready_screen, "first": self.has_begun and is_first, "none": False}
+        return ("without ready",) if is_left_out[ready] else ()
 
     @property
     def running_trial(self) -> RunningEpisode | None:
@@ -311,7 +320,9 @@ TRIAL_BLOCK = ActivityKind(
     report="minihuman.activities.trials.report:build_section",
     screens=(TrialScreen,),
     simulator="minihuman.activities.trials.simulation:TrialSimulator",
+    page_run="minihuman.activities.trials.page_run:build_trial_page_run",
     check_block=check_timeline,
+    find_server_needs=find_server_needs,
     is_played_alone=True,
     has_trials=True,
 )

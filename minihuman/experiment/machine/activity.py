@@ -303,6 +303,8 @@ class ActivityKind:
         report: a function that builds a ``ReportSection`` from a ``SectionSource`` (``minihuman.reporting``), or None.
         simulator: a ``PartSimulator`` (``minihuman.simulation``), which acts in simulated sessions; without one, the
             activity's own `Activity.simulate` acts, with defaults for the screens that all kinds share.
+        page_run: a function that builds a ``PageRun`` (``minihuman.web.site.page_run``) of an activity, or None: what a
+            page without a server runs by itself on the present screen.
         check_block: a function that yields the errors of a block of the kind in a protocol, each as a field and a
             message; its arguments are the block and the keys that may have an action.
         find_early_parts: a function that yields the kind's parts in a plan that was recorded before plans had parts,
@@ -331,6 +333,7 @@ class ActivityKind:
     measures: str = field(default="", kw_only=True)
     report: str = field(default="", kw_only=True)
     simulator: str = field(default="", kw_only=True)
+    page_run: str = field(default="", kw_only=True)
     check_block: Callable[[Any, tuple[str, ...]], Iterable[tuple[str, str]]] | None = field(default=None, kw_only=True)
     find_early_parts: Callable[[SessionPlan], Iterable[tuple[int, PlannedPart]]] | None = field(
         default=None, kw_only=True

@@ -35,3 +35,21 @@ export interface PageTools {
 export interface ActivityModule {
   draw(screen: ActivityValues, message: ScreenMessage, page: PageTools): unknown;
 }
+
+/** What a page without a server runs by itself on a screen, from its beginning to one of its ends. Times are ns. */
+export interface PageRun {
+  /** when it goes on by the clock; null where it does not */ readonly due: number | null;
+  /** how it ended; null as long as it has not */ readonly end: string | null;
+  passTime(at: number): void;
+  takeFlip(flip: number): void;
+  takeSound(cue: number, onset: number): void;
+  press(key: string, stamp: number, isRepeat: boolean, at: number): void;
+  /** another screen covers it */ interrupt(): void;
+  fillLooks(looks: string): string;
+  describe(screen: ActivityValues): ActivityValues;
+}
+
+/** The module of such a run; `state` lasts as long as the part of the session. */
+export interface PageRunModule {
+  PageRun: new (values: any, state: Record<string, any>, at: number) => PageRun;
+}

@@ -167,7 +167,7 @@ export class SoundPlayer {
   /** @param {string} digest */
   async #fetch(digest) {
     for (;;) {
-      const answer = await fetch(`/sounds/${digest}`).catch(() => null);
+      const answer = await fetch(new URL(`../sounds/${digest}`, import.meta.url)).catch(() => null);
       if (answer?.ok) {
         const decoder = new OfflineAudioContext(1, 1, RATE_HZ);
         this.#buffers.set(digest, await decoder.decodeAudioData(await answer.arrayBuffer()));

@@ -143,11 +143,11 @@ class SiteSessionRun:
         self._differences: list[str] = []
         self._recent: list[int] = []  # the names of the screens since the last one that the page reported
         settings = site_page_settings(protocol)
-        session = build_session(
+        self._session = build_session(
             plan, PageWorld, self._collect_facts(plan), picture_px=settings.picture_px, renders_steps=False
         )
-        self._recorder = DeferredRecorder(plan, self._open_recorder)
-        self._host = SessionHost(session, self._recorder, PageWorld, settings)
+        self._recorder = DeferredRecorder(plan, self._open_recorder)  # opened at once where no consent is asked for
+        self._host = SessionHost(self._session, self._recorder, PageWorld, settings)
         self._host.restart(computes=True)
 
     def _collect_facts(self, plan: SessionPlan) -> dict[str, str]:
@@ -164,7 +164,7 @@ class SiteSessionRun:
 
     def _open_recorder(self) -> Recorder:
         started_ns = self._record.started_unix_ms * NS_PER_MS
-        self._files.append(McapRecorder(self._folder, self._host.session.plan, started_ns=started_ns))
+        self._files.append(McapRecorder(self._folder, self._session.plan, started_ns=started_ns))
         return self._files[0]
 
     def write(self, notes: Sequence[str]) -> ImportedRecord:

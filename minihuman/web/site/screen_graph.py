@@ -2,7 +2,8 @@
 
 A node is a screen that the page shows, with the time at which the session goes on by itself and the nodes to which
 inputs lead. An episode is one node: whatever is done in it, the session goes on by how it ended, so that each end is
-tried once, in a world that is made to end so.
+tried once, in a world that is made to end so. A trial is one node, too, which a module of its kind runs in the page;
+each response is tried once.
 """
 
 import json
@@ -21,26 +22,19 @@ from minihuman.experiment.machine.inputs import (
     FocusChanged,
     Input,
     KeyDown,
-    PointerPressed,
     ScreenShown,
     Tick,
 )
 from minihuman.experiment.machine.running_episode import RunningEpisode
-from minihuman.experiment.machine.screens import (
-    OptionList,
-    PageScreen,
-    PlayScreen,
-    QuestionScreen,
-    RatingMatrix,
-    RatingScale,
-    Slider,
-    TextScreen,
-)
+from minihuman.experiment.machine.screens import PageScreen, PlayScreen, QuestionScreen
 from minihuman.experiment.machine.session import SessionMachine
 from minihuman.experiment.machine.transitions import Phase
 from minihuman.experiment.session_copy import copy_session
 from minihuman.web.computed import PageWorld, can_compute
+from minihuman.web.page_modules import find_module_address
 from minihuman.web.prefetch import describe_screen
+from minihuman.web.site.page_run import PageRun, build_page_run
+from minihuman.web.site.screen_inputs import build_input_maker, list_inputs
 from minihuman.web.site.site_error import SiteError
 
 BODY_MARK = "\x00body\x00"  # in the place of a text that depends on the episode
@@ -85,7 +79,9 @@ class ScreenNode:
         template: the text of an episode's feedback, with the fields that depend on the episode; "" for none.
         looks: what the screen's digest is of, as JSON with marks in the place of that text, or of the typed one.
         episode: the index of the episode that is played here; -1 for none.
-        ends: the node that follows each outcome of the episode.
+        ends: the node that follows each outcome of the episode, or each end of the run.
+        run: what a module runs by itself while the screen is there: its address and values; None for nothing.
+        resumed: the node that follows when what covered a run is gone.
         keeps_picture: whether the last picture of an episode stays on the display.
         overlays: the node of the screen over this one when the focus is lost, the session is paused, or Escape asks
             whether to end it.
@@ -107,6 +103,8 @@ class ScreenNode:
     looks: str = ""
     episode: int = -1
     ends: dict[str, int] = field(default_factory=dict)
+    run: dict[str, Any] | None = None
+    resumed: int = -1
     keeps_picture: bool = False
     overlays: dict[str, int] = field(default_factory=dict)
     reason: str = ""
@@ -189,10 +187,14 @@ class ScreenGraph:
         values, name = describe_screen(session, self._number)
         template = self._find_template(session, outcome)
         field_state = _find_field(session)
+        page_run = build_page_run(session)
         history = _list_history(session)
         looks = ""
         key: object = (name, session.play is not None, outcome, history)
-        if template:
+        if page_run is not None:
+            looks = _encode_position(session, page_run.looks)
+            key = (looks, history)
+        elif template:
             looks = _encode_looks(session, values | {"body": BODY_MARK})
             key = (template, session.part.number, session.next_episode, history)
         elif field_state is not None:
@@ -208,9 +210,14 @@ class ScreenGraph:
             group=_find_group(session),
             answer_field=field_state,
             template=template,
+            looks=looks,
+            run=_describe_run(page_run),
         )
-        node.looks = looks
         self._known[key] = len(self.nodes)
+        return self._add_node(node, session, outcome)
+
+    def _add_node(self, node: ScreenNode, session: SessionMachine, outcome: str) -> int:
+        """Add a node, which is looked from later unless the session has ended; return its number."""
         self.nodes.append(node)
         self._require_few(node, session)
         if session.over:
@@ -235,7 +242,7 @@ class ScreenGraph:
 
     def _find_template(self, session: SessionMachine, outcome: str) -> str:
         """Return the present feedback's text if it has fields of the episode, with its other fields filled in."""
-        if session.phase is not Phase.FEEDBACK or session.over:
+        if session.phase is not Phase.FEEDBACK or session.over or not outcome:
             return ""
         text: str = session.part.part.plan.feedback[outcome]
         fields = {str(name) for _, name, _, _ in string.Formatter().parse(text) if name is not None}
@@ -259,6 +266,10 @@ class ScreenGraph:
         if session.phase in (Phase.UNFOCUSED, Phase.PAUSED, Phase.QUIT_QUESTION):
             return
         self._find_overlays(node, session)
+        page_run = build_page_run(session)
+        if page_run is not None:
+            self._look_from_run(node, session, page_run)
+            return
         if session.play is not None:
             self._look_from_episode(node, session, session.play)
             return
@@ -271,7 +282,7 @@ class ScreenGraph:
             copied = self._copy(session, shown=True)
             copied.receive(KeyDown(copied.now_ns + _LOOK_NS, "enter", "enter", repeat=True))
             node.repeats = self._visit(copied, outcome) != number
-        for name, make_input in _list_inputs(session):
+        for name, make_input in list_inputs(session):
             self._try(number, node, session, outcome, name, make_input)
 
     def _try(
@@ -308,7 +319,7 @@ class ScreenGraph:
             return
         copied = self._copy(session, shown=True)
         for name in ("point:back", "key:enter"):
-            copied.receive(_maker(name)(copied.now_ns + _LOOK_NS))
+            copied.receive(build_input_maker(name)(copied.now_ns + _LOOK_NS))
         if _find_group(copied) == node.group and not copied.screen.note:  # type: ignore[union-attr]
             node.returns = self._visit(copied, "")
 
@@ -347,6 +358,18 @@ class ScreenGraph:
         assert due_ns is not None, "it is held"
         questioned.receive(Tick(due_ns))
         node.overlays["ending"] = self._visit(questioned, "")
+
+    def _look_from_run(self, node: ScreenNode, session: SessionMachine, page_run: PageRun) -> None:
+        """Find where each end of a run leads, and where the session is when what covered the run is gone."""
+        for name, list_inputs_to_end in page_run.ends.items():
+            copied = self._copy(session, shown=False)
+            for happened in list_inputs_to_end(copied.part):
+                copied.receive(happened)
+            node.ends[name] = self._visit(copied, "")
+        covered = self._copy(session, shown=False)
+        for is_focused in (False, True):
+            covered.receive(FocusChanged(covered.now_ns + _LOOK_NS, focused=is_focused))
+        node.resumed = self._visit(covered, "")
 
     def _look_from_episode(self, node: ScreenNode, session: SessionMachine, play: RunningEpisode) -> None:
         if not can_compute(play):
@@ -387,9 +410,19 @@ def _check_field(name: str, form: str) -> str:
     return f"{{{name}}}"
 
 
+def _describe_run(page_run: PageRun | None) -> dict[str, Any] | None:
+    if page_run is None:
+        return None
+    return {"module": find_module_address(page_run.module), "values": page_run.values}
+
+
 def _encode_looks(session: SessionMachine, looks: dict[str, Any]) -> str:
+    return _encode_position(session, {name: looks[name] for name in looks if name != "picture"})
+
+
+def _encode_position(session: SessionMachine, looks: object) -> str:
     position = (session.part.number, session.phase, session.next_episode)
-    return msgspec.json.encode(({name: looks[name] for name in looks if name != "picture"}, position)).decode()
+    return msgspec.json.encode((looks, position)).decode()
 
 
 def _find_group(session: SessionMachine) -> str:
@@ -418,47 +451,3 @@ def _list_history(session: SessionMachine) -> tuple[object, ...]:
 
 def _gives_consent(events: list[Event]) -> bool:
     return any(isinstance(event, Noted) and event.kind == "consent" for event in events)
-
-
-def _list_inputs(session: SessionMachine) -> Iterator[tuple[str, Callable[[int], Input]]]:
-    """Yield the inputs that may lead on from a screen, by name, and how each is made."""
-    names: list[str] = []
-    match session.screen:
-        case TextScreen(keys=keys):
-            names = ["key:enter", *(f"key:{key}" for key, _ in keys)]
-        case PageScreen(buttons=buttons):
-            names = [*_KEYS_OF_PAGES, *(f"point:{button.name}" for button in buttons)]
-        case QuestionScreen(item=Slider(), buttons=buttons):  # whose other keys move the thumb
-            names = ["key:enter", "key:tab", *(f"point:{button.name}" for button in buttons)]
-        case QuestionScreen(item=item, buttons=buttons):
-            names = ["key:enter", "key:tab", "key:page_up", *(f"point:{button.name}" for button in buttons)]
-            names += _list_answers(item)
-    for name in names:
-        yield name, _maker(name)
-        if name == "key:enter":
-            yield "key:kp_enter", _maker("key:kp_enter")
-
-
-_KEYS_OF_PAGES = ("key:enter", "key:right", "key:left", "key:space", "key:page_down", "key:page_up")
-
-
-def _list_answers(widget: object) -> list[str]:
-    keys = ["up", "down", "left", "right", "space"]
-    count = 0
-    match widget:
-        case OptionList(options=options):
-            count = len(options)
-        case RatingScale(points=points):
-            count = len(points)
-        case RatingMatrix(rows=rows, points=points):
-            count = len(rows) * len(points)
-    digits = range(1, min(9, count) + 1)
-    pointed = [f"point:option:{number}" for number in range(count)]
-    return [*(f"key:{key}" for key in keys), *(f"key:{n}" for n in digits), *(f"key:kp_{n}" for n in digits), *pointed]
-
-
-def _maker(name: str) -> Callable[[int], Input]:
-    kind, _, target = name.partition(":")
-    if kind == "point":
-        return lambda t_ns: PointerPressed(t_ns, 0.5, 0.5, target, 0.5)
-    return lambda t_ns: KeyDown(t_ns, target, target)

@@ -8,6 +8,7 @@ import base64
 import hashlib
 import json
 import shutil
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -15,8 +16,9 @@ from urllib.parse import urlsplit
 
 import msgspec
 
+from minihuman.experiment.machine.activity import find_kind
 from minihuman.experiment.machine.events import EndReason
-from minihuman.experiment.machine.inputs import Tick
+from minihuman.experiment.machine.inputs import TRIAL_RULES, Tick
 from minihuman.experiment.machine.part_sequence import asks_consent_before_play
 from minihuman.experiment.machine.running_episode import RunningEpisode
 from minihuman.experiment.machine.session import CONSENT_RULES, KEY_RULES, SessionMachine
@@ -24,7 +26,9 @@ from minihuman.experiment.pending_session import build_session
 from minihuman.experiment.plan.allocation import build_allocation_list
 from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
 from minihuman.experiment.plan.session_plan import SessionPlan
+from minihuman.experiment.plan.trials import list_sound_digests, list_sounds
 from minihuman.experiment.protocol.protocol import Protocol
+from minihuman.experiment.sounds import PAGE_RATE_HZ, SoundContent, compute_digest, encode_wav, render_sound
 from minihuman.experiment.words import InterfaceWords
 from minihuman.runtime.machine import collect_machine_facts
 from minihuman.web import messages
@@ -32,6 +36,7 @@ from minihuman.web.computed import ComputedEpisode, PageWorld
 from minihuman.web.eligibility import build_completion, classify_ending, get_page_texts, list_touch_keys
 from minihuman.web.key_codes import KEY_CODES
 from minihuman.web.outbox import PageSettings, build_rules
+from minihuman.web.page_modules import list_page_modules
 from minihuman.web.screen_values import ImageCache
 from minihuman.web.site.screen_graph import ScreenGraph, ScreenNode
 from minihuman.web.site.site_error import SiteError
@@ -58,7 +63,17 @@ class SiteSummary:
 
 def digest_build(protocol: Protocol) -> str:
     """Return the digest by which data of another protocol, or of other rules, are recognised."""
-    parts = (SITE_VERSION, messages.MESSAGE_VERSION, protocol.sha256, kernels_digest(), CONSENT_RULES, KEY_RULES)
+    parts: tuple[object, ...] = (
+        SITE_VERSION,
+        messages.MESSAGE_VERSION,
+        protocol.sha256,
+        kernels_digest(),
+        CONSENT_RULES,
+        KEY_RULES,
+    )
+    if any(find_kind(block.kind).has_trials for block in protocol.blocks):  # whose tables lie beside the protocol
+        files = {name: hashlib.sha256(content).hexdigest() for name, content in sorted(protocol.files.items())}
+        parts = (*parts, TRIAL_RULES, files)
     return hashlib.sha256(json.dumps(parts).encode()).hexdigest()[:32]
 
 
@@ -97,12 +112,18 @@ def write_site(protocol: Protocol, folder: Path, *, collector: str = "download",
     _copy_page(folder, head)
     (folder / "study" / "arrays").mkdir(parents=True, exist_ok=True)
     screens = 0
+    sounds: dict[str, SoundContent] = {}
     for index in range(count):
         script = SlotScript(protocol, index)
         screens = screens or len(script.graph.nodes)
-        _write(folder / "study" / f"slot-{index}.json", script.content(build))
+        sounds |= script.sounds
+        content = script.content(build)
+        _copy_modules(folder / "static", script.modules)
+        _write(folder / "study" / f"slot-{index}.json", content)
         for arrays in script.arrays.values():
             _write(folder / "study" / "arrays" / f"{arrays.name}.json", arrays)
+    for digest, sound in sounds.items():
+        _write_sound(folder / "sounds" / digest, sound, protocol.files)
     _write(folder / "study" / "site.json", _describe_site(protocol, build, collector, count))
     size_bytes = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
     return SiteSummary(count, screens, size_bytes, build)
@@ -110,6 +131,25 @@ def write_site(protocol: Protocol, folder: Path, *, collector: str = "download",
 
 def _write(path: Path, content: Any) -> None:
     path.write_bytes(_ENCODER.encode(content))
+
+
+def _write_sound(path: Path, sound: SoundContent, files: Mapping[str, bytes]) -> None:
+    path.parent.mkdir(exist_ok=True)
+    path.write_bytes(encode_wav(render_sound(sound, files, PAGE_RATE_HZ), PAGE_RATE_HZ))
+
+
+def _copy_modules(static: Path, addresses: Iterable[str]) -> None:
+    """Copy the modules of kinds of activity to where the page looks for them."""
+    files = dict(list_page_modules())
+    for address in addresses:
+        path = static / _find_relative_address(address)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(files[address], path)
+
+
+def _find_relative_address(address: str) -> str:
+    """Return a module's address beside the page's own modules, which may lie in any folder of a host."""
+    return f"./{address.removeprefix('/static/')}"
 
 
 def _describe_site(protocol: Protocol, build: str, collector: str, slots: int) -> dict[str, Any]:
@@ -159,8 +199,10 @@ class SlotScript:
         self.arrays: dict[str, messages.ArraysMessage] = {}  # by name, which is their digest
         self._protocol = protocol
         self._plan = plan_site_session(protocol, index)
+        self.sounds = {compute_digest(sound, self._plan.files): sound for sound in list_sounds(self._plan)}
         self._settings = site_page_settings(protocol)
         self._images = ImageCache(self._settings.encoding)
+        self.modules: set[str] = set()  # of kinds of activity: addresses at a server
         self._pictures: list[messages.PictureMessage] = []
         self._episodes: dict[int, dict[str, Any]] = {}
         require_site_support(protocol, self._plan)
@@ -189,6 +231,7 @@ class SlotScript:
             "pictures": [_describe_picture(picture) for picture in self._pictures],
             "keys": dict(KEY_CODES),
             "touch": list_touch_keys(plan),
+            "sounds": list_sound_digests(plan),
             "words": words | {"quit_title": quit_title},
         }
 
@@ -202,6 +245,10 @@ class SlotScript:
 
     def _describe_node(self, node: ScreenNode) -> dict[str, Any]:
         described = asdict(node)
+        for values in (described["screen"], described["run"]):
+            if values and "module" in values:
+                self.modules.add(values["module"])
+                values["module"] = _find_relative_address(values["module"])
         if node.reason:
             described["over"] = self._describe_end(node)
         return described

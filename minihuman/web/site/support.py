@@ -33,8 +33,12 @@ def _list_study_obstacles(protocol: Protocol) -> Iterator[str]:
 
 
 def _list_plan_obstacles(plan: SessionPlan) -> Iterator[str]:
+    trials = set()
     for part in plan.parts:
-        find_server_needs = find_kind(part.kind).find_server_needs
+        kind = find_kind(part.kind)
+        find_server_needs = kind.find_server_needs
+        if kind.has_trials:
+            trials.add(part.name)
         if find_server_needs is None:
             yield f"part {part.name!r} is of kind {part.kind!r}, which no page runs alone"
         else:
@@ -45,5 +49,5 @@ def _list_plan_obstacles(plan: SessionPlan) -> Iterator[str]:
             yield f"block {episode.block_name!r} has pace {episode.pace!r}, and a site's blocks are played on_key"
         if episode.options.get("control", "discrete") != "discrete":
             yield f"block {episode.block_name!r} has free motion, and a site's worlds have the eight actions"
-        if episode.response_deadline_ms:
+        if episode.response_deadline_ms and episode.block_name not in trials:
             yield f"block {episode.block_name!r} has a response deadline"

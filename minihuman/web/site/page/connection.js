@@ -8,6 +8,7 @@ import { Follower } from "./follower.js";
 
 /** @import { ServerMessage, Texts } from "./messages" */
 /** @import { Message, Outbox } from "./stream.js" */
+/** @import { PageRunModule } from "./page_tools" */
 /** @import { SlotScript } from "./follower.js" */
 /** @typedef {{ token: string, platform: Texts, made: boolean }} Link */
 /** @typedef {{ version: number, study: string, build: string, collector: string, slots: number, sources: string, words: any }} Site */
@@ -63,8 +64,9 @@ export class Connection {
     const names = new Set(Object.values(script.episodes).flatMap(({ arrays }) => arrays));
     const arrays = await Promise.all([...names].map((name) => read(`arrays/${name}.json`)));
     for (const content of arrays) computer.learnArrays(content);
+    const modules = await loadModules(script);
     if (!archive.head) await archive.begin(this.#describe(site, slot));
-    this.#welcome(script, computer, arrays);
+    this.#welcome(script, computer, arrays, modules);
   }
 
   /** By the link, or drawn. @param {number} slots @param {string | undefined} number as the link has it */
@@ -81,21 +83,24 @@ export class Connection {
     return { id, study: site.study, build: site.build, slot, started_unix_ms: Date.now(), facts, complete: false, sent: 0 };
   }
 
-  /** @param {SlotScript} script @param {EpisodeComputer} computer @param {any[]} arrays */
-  #welcome(script, computer, arrays) {
+  /**
+   * @param {SlotScript} script @param {EpisodeComputer} computer @param {any[]} arrays
+   * @param {Map<string, PageRunModule>} modules
+   */
+  #welcome(script, computer, arrays, modules) {
     const archive = /** @type {Archive} */ (this.#archive), head = /** @type {NonNullable<Archive["head"]>} */ (archive.head);
     const follower = this.#follower = new Follower(script, computer, {
       message: (m) => this.#tell(m),
       picture: (picture) => this.listener.picture(picture),
       agreed: () => this.#saver?.start(),
       settled: () => { void this.#kept.then(() => this.#saver?.saveSoon()); },
-    });
+    }, modules);
     const past = archive.texts.map(readMessage);
     follower.restore(past);
     this.taken = past.at(-1)?.at ?? 0;
     const received = past.at(-1)?.n ?? 0, now = Math.max((Date.now() - head.started_unix_ms) * 1e6, this.taken + 1000);
     this.words = script.words;
-    this.listener.welcome({ keys: script.keys, touch: script.touch, words: script.words, gamepad: false, sounds: [] });
+    this.listener.welcome({ keys: script.keys, touch: script.touch, words: script.words, gamepad: false, sounds: script.sounds });
     this.outbox.setTime(head.id, now, true, received);
     this.outbox.catchUp(this.taken);
     this.outbox.acknowledge(received);
@@ -158,6 +163,12 @@ export class Connection {
     this.finished = true;
     this.welcomed = false;
   }
+}
+
+/** The modules of what the page runs by itself. @param {SlotScript} script @returns {Promise<Map<string, PageRunModule>>} */
+async function loadModules({ nodes }) {
+  const addresses = [...new Set(nodes.flatMap(({ run }) => (run ? [run.module] : [])))];
+  return new Map(await Promise.all(addresses.map(async (address) => /** @type {[string, PageRunModule]} */ ([address, await import(address)]))));
 }
 
 /** @param {any} picture */

@@ -10,16 +10,18 @@ import { fillTemplate } from "./templates.js";
 /** @import { EpisodeComputer, ComputedScenes } from "./computed.js" */
 /** @import { Message } from "./stream.js" */
 /** @import { EpisodeRules, FieldMessage, KeyMessage, PageMessage, PointerMessage, ServerMessage, SessionOver } from "./messages" */
+/** @import { PageRun, PageRunModule } from "./page_tools" */
 /** @import { Picture } from "./pictures.js" */
 /** @typedef {[to: number, early: boolean, agrees: boolean]} Edge */
 /**
  * @typedef {{ name: number, screen: any, due_ns: number | null, due_from: "entered" | "shown", edges: Record<string, Edge>,
  * part: number, group: string, returns: number, answer_field: AnswerField | null,
  * judged: Record<string, number>, repeats: boolean, template: string, looks: string, episode: number, ends: Record<string, number>, keeps_picture: boolean,
+ * run: { module: string, values: any } | null, resumed: number,
  * overlays: Record<string, number>, reason: string, over?: SessionOver }} ScreenNode
  * @typedef {{ build: string, slot: number, start: number, agreed: boolean, nodes: ScreenNode[],
  * episodes: Record<string, { rules: EpisodeRules, arrays: string[] }>, pictures: any[], keys: Record<string, string>,
- * touch: Record<string, string>, words: any }} SlotScript
+ * touch: Record<string, string>, sounds: string[], words: any }} SlotScript
  * @typedef {{ kind: "unfocused" | "paused" | "quit", node: number, escape: number | null }} Overlay
  * @typedef {{ number: number, rules: EpisodeRules, scenes: ComputedScenes, scene: number, steps: number, reward: number }} FollowedEpisode
  * @typedef {{ message(m: ServerMessage): void, picture(picture: Picture): void, agreed(): void, settled(): void }} Listener
@@ -31,7 +33,7 @@ const NAME_BITS = (1n << 52n) - 1n; // of a screen's digest: what a page's numbe
 const HOLD_TO_END_NS = 2_000_000_000;
 const ENTER = new Set(["enter", "kp_enter"]);
 const NOT_REPEATED = new Set(["enter", "kp_enter", "tab", "page_up", "space"]); // of the keys of a question
-const UNTIMED = new Set(["shown", "link", "unheard", "pointer", "typed", "field"]); // before these nothing that is due is done
+const UNTIMED = new Set(["shown", "link", "unheard", "altered", "sound", "pointer", "typed", "field"]); // before these nothing that is due is done
 const LIMITED = 2; // how a scene ended
 const NO_PICTURE = 1_000_000_000; // pictures of the page's own have numbers from here on
 
@@ -42,8 +44,12 @@ export class Follower {
   /** @type {Overlay[]} screens over it, the topmost last */ #overlays = [];
   /** @type {Map<string, number>} the node in which a question was left */ #answers = new Map();
   /** @type {Map<string, FieldAnswer>} what is in each field, and where each thumb is */ #fields = new Map();
+  #isFocused = true;
   #pointerActs = true; // what it is down with is a press of this window
   /** @type {FollowedEpisode | null} the present or last one */ #play = null;
+  /** @type {PageRun | null} what runs on the present screen by itself */ #run = null;
+  /** @type {Record<string, any>} of the runs of the present part */ #runState = {};
+  /** @type {number | null} when it goes on, as the page knows it */ #saidDue = null;
   #screenId = 0;
   #pictures = NO_PICTURE;
   #through = 0;
@@ -52,11 +58,15 @@ export class Follower {
   agreed = false;
   differences = 0; // steps that the page computed otherwise than this
 
-  /** @param {SlotScript} script @param {EpisodeComputer} computer @param {Listener} listener */
-  constructor(script, computer, listener) {
+  /**
+   * @param {SlotScript} script @param {EpisodeComputer} computer @param {Listener} listener
+   * @param {Map<string, PageRunModule>} modules of runs, by address
+   */
+  constructor(script, computer, listener, modules) {
     this.script = script;
     this.computer = computer;
     this.listener = listener;
+    this.modules = modules;
     this.agreed = script.agreed;
   }
 
@@ -83,10 +93,12 @@ export class Follower {
     if (this.over) return;
     if (!UNTIMED.has(what.t) && this.#passTime(at)) return;
     if (what.t === "shown") this.#takeFlip(what, at);
+    else if (what.t === "sound") this.#takeSound(what, at);
     else if (what.t === "focus") this.#changeFocus(what.focused);
     else if (what.t === "field") this.#takeText(what);
     else if (what.t === "key" && (what.cause ?? "finger") === "finger") (what.down ? this.#press(what) : this.#release(what.key));
     else if (what.t === "pointer") this.#point(what);
+    if (this.#run && this.#due !== this.#saidDue) this.#sayPosition();
   }
 
   // ---- time
@@ -96,12 +108,17 @@ export class Follower {
     const overlay = this.#overlays.at(-1);
     if (overlay) return overlay.escape === null ? null : overlay.escape + HOLD_TO_END_NS;
     const node = this.#node;
+    if (this.#run) return this.#run.due;
     if (!node || node.due_ns === null) return null;
     return (node.due_from === "shown" ? this.#flip ?? this.#entered : this.#entered) + node.due_ns;
   }
 
   /** @param {number} at @returns {boolean} whether the session is over by now */
   #passTime(at) {
+    if (this.#run) {
+      this.#run.passTime(at);
+      return this.#endRun();
+    }
     const due = this.#due, node = this.#node;
     if (due === null || at < due || !node) return false;
     if (this.#overlays.length) {
@@ -114,6 +131,16 @@ export class Follower {
     return this.over !== null;
   }
 
+  /** Go on from a run that has ended. @returns {boolean} whether the session is over by now */
+  #endRun() {
+    const end = this.#run?.end ?? null, node = this.#node;
+    if (end !== null && node) this.#enter(node.ends[end], this.#at);
+    return this.over !== null;
+  }
+
+  /** @param {Extract<PageMessage, { t: "sound" }>} what @param {number} at */
+  #takeSound({ cue, onset }, at) { this.#run?.takeSound(cue, Math.min(onset, at)); }
+
   /** @param {Extract<PageMessage, { t: "shown" }>} what @param {number} at */
   #takeFlip(what, at) {
     const node = this.#node, flip = Math.min(what.flip, at);
@@ -121,6 +148,7 @@ export class Follower {
     const isStep = (what.step ?? -1) >= 0;
     const isPresent = isStep ? node.keeps_picture && what.step === this.#play?.steps : what.name === this.#describe(node).name;
     if (!isPresent) return;
+    this.#run?.takeFlip(flip);
     this.#flip = flip;
     if (node.due_ns !== null && node.due_from === "shown") this.#sayPosition();
   }
@@ -134,11 +162,14 @@ export class Follower {
       if (overlay?.kind === "quit") overlay.escape = t;
       else this.#cover("quit");
       this.#sayPosition();
-    } else if (key === "f8" && !repeat && (overlay?.kind === "paused" || (!overlay && this.#isPlaying))) {
+    } else if (key === "f8" && !repeat && (overlay?.kind === "paused" || (!overlay && this.#canPause))) {
       if (overlay) this.#uncover();
       else this.#cover("paused");
     } else if (overlay) {
       if (!repeat && ENTER.has(key)) this.#uncover();
+    } else if (this.#run) {
+      this.#run.press(key, t, repeat, this.#at);
+      this.#endRun();
     } else if (this.#isPlaying) {
       this.#step(key, repeat, digest);
     } else if (this.#slider && moveThumb(this.#slider.rules, this.#slider.step, key) !== null) {
@@ -163,21 +194,35 @@ export class Follower {
   /** @param {boolean} focused */
   #changeFocus(focused) {
     const overlay = this.#overlays.at(-1);
+    this.#isFocused = focused;
     if (!focused && !overlay) this.#cover("unfocused");
     else if (!focused && overlay) overlay.escape = null;
     else if (focused && overlay?.kind === "unfocused") this.#uncover();
   }
 
+  get #canPause() { return this.#node?.overlays.paused !== undefined; }
+
   /** @param {Overlay["kind"]} kind */
   #cover(kind) {
     const node = this.#node?.overlays[kind];
     if (node === undefined) return;
+    if (this.#run) this.#interruptRun();
     this.#overlays.push({ kind, node, escape: null });
     this.#show();
   }
 
+  /** What follows a run that is covered is its part's to say: a trial is void, and comes again. */
+  #interruptRun() {
+    this.#run?.interrupt();
+    this.#run = null;
+    this.#node = this.script.nodes[/** @type {ScreenNode} */ (this.#node).resumed];
+    this.#entered = this.#at;
+    this.#flip = null;
+  }
+
   #uncover() {
     this.#overlays.pop();
+    if (this.#isFocused && this.#overlays.at(-1)?.kind === "unfocused") this.#overlays.pop(); // found while a question was in front
     const node = this.#node;
     if (!this.#overlays.length && node?.due_ns !== null && node?.due_from === "shown") {
       this.#entered = this.#at;
@@ -202,6 +247,8 @@ export class Follower {
   /** @param {PointerMessage} what */
   #point({ what: use, target = "", along = 0, cause = "finger" }) {
     if (use === "pressed") this.#pointerActs = cause === "finger";
+    const isTimed = this.#pointerActs && cause !== "cancelled" && !this.#overlays.length;
+    if (isTimed && this.#passTime(this.#at)) return;
     if (!this.#pointerActs || use === "released") return;
     if (this.#slider && target === "slider") this.#setThumb(pointThumb(this.#slider.rules, along));
     else if (use === "pressed") this.#follow(`point:${target}`, this.#at);
@@ -237,7 +284,10 @@ export class Follower {
   /** @param {number} number @param {number} at */
   #enter(number, at) {
     const { group, part } = this.script.nodes[number], isOver = this.#isPlaying || part !== this.#node?.part;
-    if (part !== this.#node?.part) this.#answers.clear(); // who comes to a part again finds it new
+    if (part !== this.#node?.part) { // who comes to a part again finds it new
+      this.#answers.clear();
+      this.#runState = {};
+    }
     const isReturn = group && group !== this.#node?.group;
     const to = isReturn ? this.#answers.get(group) ?? number : number;
     const node = this.#node = this.script.nodes[to];
@@ -245,9 +295,17 @@ export class Follower {
     if (node.answer_field?.judgement === "empty") this.#fields.delete(node.answer_field.key);
     this.#entered = at;
     this.#flip = null;
+    this.#run = node.run ? this.#beginRun(node.run) : null;
     if (node.episode >= 0) this.#begin(node.episode);
     this.#show();
     if (isOver && !this.#isSilent) this.listener.settled();
+  }
+
+  /** @param {{ module: string, values: any }} run */
+  #beginRun({ module, values }) {
+    const loaded = this.modules.get(module);
+    if (!loaded) throw new Error(`module ${module} is not loaded`);
+    return new loaded.PageRun(values, this.#runState, this.#at);
   }
 
   get #isPlaying() { return (this.#node?.episode ?? -1) >= 0; }
@@ -279,6 +337,9 @@ export class Follower {
 
   /** A screen, with what an episode led to filled in. @param {ScreenNode} node @returns {{ name: number, screen: any }} */
   #describe(node) {
+    if (this.#run && node.run) {
+      return { name: Number(digestText(this.#run.fillLooks(node.looks)) & NAME_BITS), screen: this.#run.describe(node.screen) };
+    }
     if (node.answer_field) {
       const { looks, screen } = fillField(node, node.answer_field.rules, this.#fields.get(node.answer_field.key) ?? null);
       return { name: Number(digestText(looks) & NAME_BITS), screen };
@@ -304,6 +365,7 @@ export class Follower {
   }
 
   #sayPosition() {
+    this.#saidDue = this.#due;
     const isIn = !this.#overlays.length && this.#isPlaying && this.#play !== null;
     this.#say({
       t: "now", through: this.#through, tick: this.#due, episode: isIn ? this.#play?.number ?? -1 : -1, step: isIn ? this.#play?.steps ?? -1 : -1,

@@ -1,0 +1,60 @@
+"""The inputs that may lead on from a screen, by name."""
+
+from collections.abc import Callable, Iterator
+
+from minihuman.experiment.machine.inputs import Input, KeyDown, PointerPressed
+from minihuman.experiment.machine.screens import (
+    OptionList,
+    PageScreen,
+    QuestionScreen,
+    RatingMatrix,
+    RatingScale,
+    Slider,
+    TextScreen,
+)
+from minihuman.experiment.machine.session import SessionMachine
+
+
+def list_inputs(session: SessionMachine) -> Iterator[tuple[str, Callable[[int], Input]]]:
+    """Yield the inputs that may lead on from a screen, by name, and how each is made."""
+    names: list[str] = []
+    match session.screen:
+        case TextScreen(keys=keys):
+            names = ["key:enter", *(f"key:{key}" for key, _ in keys)]
+        case PageScreen(buttons=buttons):
+            names = [*_KEYS_OF_PAGES, *(f"point:{button.name}" for button in buttons)]
+        case QuestionScreen(item=Slider(), buttons=buttons):  # whose other keys move the thumb
+            names = ["key:enter", "key:tab", *(f"point:{button.name}" for button in buttons)]
+        case QuestionScreen(item=item, buttons=buttons):
+            names = ["key:enter", "key:tab", "key:page_up", *(f"point:{button.name}" for button in buttons)]
+            names += _list_answers(item)
+    for name in names:
+        yield name, build_input_maker(name)
+        if name == "key:enter":
+            yield "key:kp_enter", build_input_maker("key:kp_enter")
+
+
+_KEYS_OF_PAGES = ("key:enter", "key:right", "key:left", "key:space", "key:page_down", "key:page_up")
+
+
+def _list_answers(widget: object) -> list[str]:
+    keys = ["up", "down", "left", "right", "space"]
+    count = 0
+    match widget:
+        case OptionList(options=options):
+            count = len(options)
+        case RatingScale(points=points):
+            count = len(points)
+        case RatingMatrix(rows=rows, points=points):
+            count = len(rows) * len(points)
+    digits = range(1, min(9, count) + 1)
+    pointed = [f"point:option:{number}" for number in range(count)]
+    return [*(f"key:{key}" for key in keys), *(f"key:{n}" for n in digits), *(f"key:kp_{n}" for n in digits), *pointed]
+
+
+def build_input_maker(name: str) -> Callable[[int], Input]:
+    """Return a function that makes an input of a name, such as "key:enter" or "point:go_on", from its time in ns."""
+    kind, _, target = name.partition(":")
+    if kind == "point":
+        return lambda t_ns: PointerPressed(t_ns, 0.5, 0.5, target, 0.5)
+    return lambda t_ns: KeyDown(t_ns, target, target)
