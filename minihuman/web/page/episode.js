@@ -596,11 +596,15 @@ export class EpisodeView {
     // Every frame is laid out beforehand, so that a change of hands only shows another.
     this.#frames = s.controller ? FRAMES.map((of) => el("div", { class: `frame ${of}`, "data-of": of })) : [];
     this.#lines = s.controller ? FRAMES.map((of) => el("span", { class: of, "data-of": of })) : [];
-    return [
-      words("h1", "", s.mission) ?? el("h1"),
+    const [heading, ...rules] = s.paragraphs ?? [s.mission];
+    const picture =
       el("div", { class: s.controller ? "picture framed" : "picture" }, this.canvas, this.#frames, this.#press,
         s.messages?.cells.map(([x, z, isOwn]) => drawCell(x, z, isOwn, s.messages?.bounds ?? [])),
-        s.mark ? el("div", { class: `mark ${s.mark}` }, el("span", { text: `${MARKS[s.mark]} ${s.score_text}` })) : null),
+        s.mark ? el("div", { class: `mark ${s.mark}` }, el("span", { text: `${MARKS[s.mark]} ${s.score_text}` })) : null);
+    return [
+      words("h1", "", heading) ?? el("h1"),
+      rules.length ? el("div", { class: "beside" },
+        el("div", { class: "rules" }, rules.map((text) => el("p", { text }))), picture) : picture,
       s.axes?.some((axis) => axis.startsWith("mouse_")) ? el("p", { class: "look", role: "status" }) : null,
       s.controller ? el("p", { class: "steers", role: "status" }, this.#lines) : null,
       s.legend.length ? el("ul", { class: "legend" }, s.legend.map(([cap, above, action]) =>
