@@ -33,15 +33,12 @@ CURVES = "warm_start.csv"
 FRESH = "warm_start_fresh.csv"
 
 
-def train_arm(
-    folder: Path, world: str, arm: str, seed: int, steps: int | None = None, *, until: float = math.inf
-) -> None:
-    """Train with a job file and a seed, and add the curve and the evaluation to the folder's tables.
+def train_arm(folder: Path, world: str, arm: str, changes: dict[str, Any], *, until: float = math.inf) -> None:
+    """Train with a job file and changed settings, and add the curve and the evaluation to the folder's tables.
 
     The training ends once a share ``until`` of the latest 100 episodes succeeded, or with the steps.
     """
     job = read_job(folder / f"{world}-{arm}.toml")
-    changes: dict[str, Any] = {"seed": seed} | ({} if steps is None else {"steps": steps})
     job = TrainingJob(job.worlds, change_settings(job.settings, changes))
     study = Path(job.settings.from_people)
     if job.settings.from_people and not study.exists():
@@ -53,7 +50,7 @@ def train_arm(
 
     with tempfile.TemporaryDirectory() as made:
         report = train(job, Path(made, "policy.pt"), follow=follow)
-    run = {"world": world, "arm": arm, "seed": seed}
+    run = {"world": world, "arm": arm, "seed": job.settings.seed}
     add_rows(folder / CURVES, [run | asdict(point) for point in report.points])
     for fresh in report.evaluations:
         by_clone = "" if report.clone is None else report.clone.rate
@@ -143,12 +140,14 @@ def main() -> None:
         default=math.inf,
         help="end a run once this share of its latest 100 episodes succeeded",
     )
+    parser.add_argument("--evaluation", type=int, help="fresh episodes after each run, instead of the job file's")
     asked = parser.parse_args()
+    changes = {name: getattr(asked, name) for name in ("steps", "evaluation") if getattr(asked, name) is not None}
     for seed in range(1, asked.seeds + 1):
         for world in asked.worlds:
             for arm in asked.arms:
                 if seed not in read_steps(asked.folder / CURVES).get((world, arm), {}):
-                    train_arm(asked.folder, world, arm, seed, asked.steps, until=asked.until)
+                    train_arm(asked.folder, world, arm, changes | {"seed": seed}, until=asked.until)
     draw(asked.folder)
     print(describe(read_steps(asked.folder / CURVES)))
 
