@@ -72,7 +72,7 @@ class _Subject:
 
 
 class TrainingStoppedError(Exception):
-    """What follows a training raises it to end the training after this update."""
+    """What follows a training raises it to end the training; the policy is then written and evaluated as usual."""
 
 
 def train(
@@ -90,8 +90,7 @@ def train(
         out: the policy file to write.
         resume: continue from the checkpoint beside ``out``, if there is one.
         selection: people's episodes to clone, if the policy begins with a clone.
-        follow: a function that is called after each update. If it raises `TrainingStoppedError`, the policy of that
-            update is written and evaluated, as it is after the last one.
+        follow: a function that is called after each update; `TrainingStoppedError` from it ends the training early.
 
     Raises:
         LearnError: if the job, a file that exists already or a checkpoint of another job forbids it.

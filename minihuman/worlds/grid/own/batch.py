@@ -28,7 +28,7 @@ from minihuman.worlds.grid.own.programs import (
     translate_rules,
 )
 from minihuman.worlds.grid.own.source_names import TranslationError
-from minihuman.worlds.grid.row_batch import Observation, RowBatch, build_end_info
+from minihuman.worlds.grid.row_vector_env import Observation, RowVectorEnv, build_end_info
 from minihuman.worlds.options import BatchSeeds
 
 LOG = logging.getLogger("minihuman")
@@ -75,7 +75,7 @@ class OwnBatchSnapshot(NamedTuple):
     seeds: list[int]
 
 
-class OwnBatch(RowBatch):
+class OwnBatch(RowVectorEnv):
     """A batch of worlds of one class, stepped together in compiled code.
 
     Args:

@@ -13,7 +13,7 @@ from gymnasium.vector import AutoresetMode
 from numpy.typing import ArrayLike, NDArray
 
 from minihuman.errors import WorldError
-from minihuman.worlds.grid.row_batch import Observation, RowBatch, build_end_info
+from minihuman.worlds.grid.row_vector_env import Observation, RowVectorEnv, build_end_info
 from minihuman.worlds.grid.ruleset.batch_steps import observe_rulesets, step_rulesets
 from minihuman.worlds.grid.ruleset.dynamics import FAILED, NEW, OVER, PHASE, TASK, TOGGLE, Row
 from minihuman.worlds.grid.ruleset.encodings import encode_tasks
@@ -68,7 +68,7 @@ class RulesetBatchSnapshot(NamedTuple):
     seeds: list[int]
 
 
-class RulesetBatch(RowBatch):
+class RulesetBatch(RowVectorEnv):
     """A batch of ``num_envs`` worlds of rules with the same options. Each draws its own tasks.
 
     Args:

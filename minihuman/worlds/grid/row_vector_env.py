@@ -1,4 +1,4 @@
-"""RowBatch: what batches of worlds have in common whose states are the rows of a matrix, stepped in compiled code.
+"""RowVectorEnv: what batches of worlds have in common whose states are the rows of a matrix, stepped in compiled code.
 
 It knows the spaces, the random stream of each world, and which worlds a reset begins anew; not what a row holds, nor
 how a step changes it. `GridBatch` stands apart, because kernels are compiled from its module.
@@ -22,7 +22,7 @@ Observation = dict[str, Any]
 SnapshotType = TypeVar("SnapshotType")
 
 
-class RowBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArray[Any]], VectorNames):
+class RowVectorEnv(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArray[Any]], VectorNames):
     """A batch of worlds that share their spaces, each with a random stream of its own.
 
     Args:
