@@ -109,8 +109,7 @@ def train(
         for point in _train_on(run, job.settings):
             points.append(point)
             if _is_checkpoint(run, worlds, job.settings):
-                save_atomically(_make_checkpoint(job, run, points, clone), checkpoint)
-                _write_curve(points, out.with_suffix(".csv"))
+                _save_progress(_make_checkpoint(job, run, points, clone), points, out)
             follow(point, curriculum)
     _write_curve(points, out.with_suffix(".csv"))
     save_policy(policy.cpu(), _make_card(job, subject, run.steps), out)
@@ -278,6 +277,12 @@ def _make_checkpoint(job: TrainingJob, run: BatchPpo, points: list[CurvePoint], 
         "points": [tuple(asdict(point).values()) for point in points],
         "clone": {} if clone is None else clone.state_dict(),
     }
+
+
+def _save_progress(contents: dict[str, Any], points: list[CurvePoint], out: Path) -> None:
+    """Write a checkpoint and the curve so far."""
+    save_atomically(contents, out.with_name(out.name + CHECKPOINT_SUFFIX))
+    _write_curve(points, out.with_suffix(".csv"))
 
 
 def _read_saved(job: TrainingJob, checkpoint: Path) -> dict[str, Any]:
