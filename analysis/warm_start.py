@@ -94,6 +94,7 @@ def draw(folder: Path) -> None:
                 label = NAMES[arm] if run == 0 else None
                 axis.plot(shown["steps"], shown["success"], color=f"C{number}", linewidth=1, alpha=0.7, label=label)
         axis.set(title=world, xlabel="steps", ylim=(0, 1.02))
+        axis.set_xlim(left=0)
         axis.locator_params(axis="x", nbins=5)
         axis.legend(fontsize=8, loc="center right")
     axes[0][0].set_ylabel("success of the latest 100 episodes")
