@@ -10,9 +10,9 @@ study that is cloned is simulated first if it is missing.
 
 import argparse
 import csv
+import math
 import tempfile
 from collections import defaultdict
-from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -23,7 +23,7 @@ import pandas as pd
 
 from minihuman import simulate
 from minihuman.learn.batch_ppo import CurvePoint
-from minihuman.learn.training import train
+from minihuman.learn.training import TrainingStoppedError, train
 from minihuman.learn.training_settings import TrainingJob, change_settings, read_job
 from ppo_curves import JUDGED, LEARNED, summarise
 
@@ -33,37 +33,27 @@ CURVES = "warm_start.csv"
 FRESH = "warm_start_fresh.csv"
 
 
-class ReachedError(Exception):
-    """A run has learned what it was to learn."""
+def train_arm(folder: Path, world: str, arm: str, changes: dict[str, Any], *, until: float = math.inf) -> None:
+    """Train with a job file and changed settings, and add the curve and the evaluation to the folder's tables.
 
-
-def train_arm(
-    folder: Path, world: str, arm: str, seed: int, steps: int | None = None, *, until_reached: bool = False
-) -> None:
-    """Train with a job file and a seed, and add the curve and the evaluation to the folder's tables."""
+    The training ends once a share ``until`` of the latest 100 episodes succeeded, or with the steps.
+    """
     job = read_job(folder / f"{world}-{arm}.toml")
-    changes: dict[str, Any] = {"seed": seed} | ({} if steps is None else {"steps": steps})
     job = TrainingJob(job.worlds, change_settings(job.settings, changes))
     study = Path(job.settings.from_people)
     if job.settings.from_people and not study.exists():
         list(simulate(folder / f"{study.name}.toml", participants=20, seed=3, data=study.parent))
-    points: list[CurvePoint] = []
-    evaluations: list[Any] = []
-    clone: Any = None
 
     def follow(point: CurvePoint, curriculum: object) -> None:
-        points.append(point)
-        if until_reached and point.success >= LEARNED and point.episodes >= JUDGED:
-            raise ReachedError
+        if point.success >= until and point.episodes >= JUDGED:
+            raise TrainingStoppedError
 
-    with tempfile.TemporaryDirectory() as made, suppress(ReachedError):
+    with tempfile.TemporaryDirectory() as made:
         report = train(job, Path(made, "policy.pt"), follow=follow)
-        evaluations = report.evaluations
-        clone = report.clone
-    run = {"world": world, "arm": arm, "seed": seed}
-    add_rows(folder / CURVES, [run | asdict(point) for point in points])
-    for fresh in evaluations:
-        by_clone = "" if clone is None else clone.rate
+    run = {"world": world, "arm": arm, "seed": job.settings.seed}
+    add_rows(folder / CURVES, [run | asdict(point) for point in report.points])
+    for fresh in report.evaluations:
+        by_clone = "" if report.clone is None else report.clone.rate
         add_rows(folder / FRESH, [run | {"episodes": fresh.episodes, "success": fresh.rate, "clone": by_clone}])
 
 
@@ -104,6 +94,7 @@ def draw(folder: Path) -> None:
                 label = NAMES[arm] if run == 0 else None
                 axis.plot(shown["steps"], shown["success"], color=f"C{number}", linewidth=1, alpha=0.7, label=label)
         axis.set(title=world, xlabel="steps", ylim=(0, 1.02))
+        axis.set_xlim(left=0)
         axis.locator_params(axis="x", nbins=5)
         axis.legend(fontsize=8, loc="center right")
     axes[0][0].set_ylabel("success of the latest 100 episodes")
@@ -144,13 +135,20 @@ def main() -> None:
     parser.add_argument("--arms", nargs="+", choices=ARMS, default=list(ARMS))
     parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--steps", type=int, help="of each run, instead of the job file's")
-    parser.add_argument("--until-reached", action="store_true", help="end each run once 0.9 is reached")
+    parser.add_argument(
+        "--until",
+        type=float,
+        default=math.inf,
+        help="end a run once this share of its latest 100 episodes succeeded",
+    )
+    parser.add_argument("--evaluation", type=int, help="fresh episodes after each run, instead of the job file's")
     asked = parser.parse_args()
+    changes = {name: getattr(asked, name) for name in ("steps", "evaluation") if getattr(asked, name) is not None}
     for seed in range(1, asked.seeds + 1):
         for world in asked.worlds:
             for arm in asked.arms:
                 if seed not in read_steps(asked.folder / CURVES).get((world, arm), {}):
-                    train_arm(asked.folder, world, arm, seed, asked.steps, until_reached=asked.until_reached)
+                    train_arm(asked.folder, world, arm, changes | {"seed": seed}, until=asked.until)
     draw(asked.folder)
     print(describe(read_steps(asked.folder / CURVES)))
 

@@ -18,6 +18,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import gymnasium
 import numpy as np
 from PIL import Image
 
@@ -25,7 +26,7 @@ from minihuman.activities.correction.screens import FilmScreen
 from minihuman.activities.preferences.screens import PairScreen
 from minihuman.admin.protocol_file import read_protocol
 from minihuman.agents.team_agents import CookAgent
-from minihuman.display.drawing.screen import compose_screen
+from minihuman.display.drawing.screen import compose_screen, picture_size_px
 from minihuman.display.windows.window import VirtualClock
 from minihuman.experiment.machine.screens import PlayScreen, Screen, TextScreen
 from minihuman.experiment.machine.session import SessionMachine
@@ -118,6 +119,21 @@ def two_floors(folder: Path) -> None:
         colours.save(folder / "two_floors.png", optimize=True)
 
 
+def rules_and_goals(folder: Path) -> None:
+    """A task of protocols/rules.toml, as every window composes it, with a thing in hand."""
+    study = read_protocol(ROOT / "protocols/rules.toml")
+    plan = expand_protocol(study, enrol_participant(study, 0))
+    episode = next(planned for planned in plan.episodes if planned.block_name == "two-rules")
+    env: Any = gymnasium.make(episode.world, **episode.options).unwrapped
+    env.reset(seed=episode.seed)
+    for action in env.shortest_path()[:-1]:
+        env.step(action)
+    picture = env.picture(view="full", size_px=picture_size_px(WINDOW_PX))
+    legend = tuple(episode.key_map.keys.items())
+    shown = PlayScreen(picture, env.mission, "Part 3 of 4, episode 1 of 5", legend)
+    Image.fromarray(compose_screen(shown, WINDOW_PX)).save(folder / "window_rules.png", optimize=True)
+
+
 def kitchen(folder: Path) -> None:
     """A kitchen in which both cooks have something to do."""
     cooked = Kitchen(layout="counter_circuit_o_1order")
@@ -201,6 +217,7 @@ def main(folder: Path) -> None:
     kitchen(folder)
     water_maze(folder)
     two_floors(folder)
+    rules_and_goals(folder)
 
 
 if __name__ == "__main__":

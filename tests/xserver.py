@@ -16,13 +16,13 @@ from Xlib.ext import xinput, xtest
 from Xlib.protocol import event, rq
 
 from minihuman.experiment.keys import KEY_NAMES
+from tests.counts import PATIENCE_S
 from tests.machine import need
 from tests.programs import running, stop
 
 Size = tuple[int, int]
 
 SCREEN_PX: Size = (1366, 768)
-_PATIENCE_S = 60.0
 _DEBOUNCE_S = 0.004  # a keyboard's own; SDL takes a key that comes back within 2 ms for auto-repeat
 
 # Our key names to the keysyms of a US keyboard, where they are not the name itself.
@@ -231,9 +231,9 @@ class Typist:
     def focus(self, title: str) -> None:
         """Give the keyboard to the window of that title, as soon as it shows something: before, it hears nothing."""
         window = self._window(title)
-        deadline_s = time.monotonic() + _PATIENCE_S
+        deadline_s = time.monotonic() + PATIENCE_S
         while not any(self.stripes(title, (0.5,))):
-            assert time.monotonic() < deadline_s, f"window {title!r} stayed black for {_PATIENCE_S:.0f} s"
+            assert time.monotonic() < deadline_s, f"window {title!r} stayed black for {PATIENCE_S:.0f} s"
             time.sleep(0.02)
         self._display.set_input_focus(window, X.RevertToParent, X.CurrentTime)
         self._display.sync()
@@ -271,14 +271,14 @@ class Typist:
 
     def _window(self, title: str):
         """The newest visible window of that title; waits for it."""
-        deadline_s = time.monotonic() + _PATIENCE_S
+        deadline_s = time.monotonic() + PATIENCE_S
         while time.monotonic() < deadline_s:
             for window in reversed(self._root.query_tree().children):
                 with suppress(BadDrawable, BadWindow):  # one that went while the list was read
                     if self._title(window) == title and window.get_attributes().map_state == X.IsViewable:
                         return window
             time.sleep(0.02)
-        raise AssertionError(f"no window {title!r} came up within {_PATIENCE_S:.0f} s")
+        raise AssertionError(f"no window {title!r} came up within {PATIENCE_S:.0f} s")
 
     def _title(self, window) -> str:
         name = window.get_full_text_property(self._display.intern_atom("_NET_WM_NAME"))

@@ -7,6 +7,7 @@ import csv
 import io
 import math
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -70,6 +71,10 @@ class _Subject:
         )
 
 
+class TrainingStoppedError(Exception):
+    """What follows a training raises it to end the training; the policy is then written and evaluated as usual."""
+
+
 def train(
     job: TrainingJob,
     out: Path,
@@ -85,7 +90,7 @@ def train(
         out: the policy file to write.
         resume: continue from the checkpoint beside ``out``, if there is one.
         selection: people's episodes to clone, if the policy begins with a clone.
-        follow: a function that is called after each update.
+        follow: a function that is called after each update; `TrainingStoppedError` from it ends the training early.
 
     Raises:
         LearnError: if the job, a file that exists already or a checkpoint of another job forbids it.
@@ -100,12 +105,12 @@ def train(
     curriculum = make_curriculum(len(job.worlds), job.settings, job.settings.seed)
     run = BatchPpo(policy, worlds, curriculum, subject.encoder, job.settings, clone)
     points = _begin(run, saved)
-    for point in _train_on(run, job.settings):
-        points.append(point)
-        if _is_checkpoint(run, worlds, job.settings):
-            save_atomically(_make_checkpoint(job, run, points, clone), checkpoint)
-            _write_curve(points, out.with_suffix(".csv"))
-        follow(point, curriculum)
+    with suppress(TrainingStoppedError):
+        for point in _train_on(run, job.settings):
+            points.append(point)
+            if _is_checkpoint(run, worlds, job.settings):
+                _save_progress(_make_checkpoint(job, run, points, clone), points, out)
+            follow(point, curriculum)
     _write_curve(points, out.with_suffix(".csv"))
     save_policy(policy.cpu(), _make_card(job, subject, run.steps), out)
     checkpoint.unlink(missing_ok=True)
@@ -275,6 +280,12 @@ def _make_checkpoint(job: TrainingJob, run: BatchPpo, points: list[CurvePoint], 
         "points": [tuple(asdict(point).values()) for point in points],
         "clone": {} if clone is None else clone.state_dict(),
     }
+
+
+def _save_progress(contents: dict[str, Any], points: list[CurvePoint], out: Path) -> None:
+    """Write a checkpoint and the curve so far."""
+    save_atomically(contents, out.with_name(out.name + CHECKPOINT_SUFFIX))
+    _write_curve(points, out.with_suffix(".csv"))
 
 
 def _read_saved(job: TrainingJob, checkpoint: Path) -> dict[str, Any]:

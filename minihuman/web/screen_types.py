@@ -79,6 +79,7 @@ class PlayValues(ScreenLocale):
     controller: ControlIndicator
     controller_text: str
     mission: str
+    paragraphs: NotRequired[list[str]]  # of a mission with several: the first is above the picture, others beside it
     legend: list[tuple[str, str, str]]  # what a key's cap says, what stands above it, the action
     pointer: NotRequired[bool]
     axes: NotRequired[list[str]]  # of the mouse, which the page captures for them, and of sticks on a touch screen

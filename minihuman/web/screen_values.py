@@ -21,6 +21,7 @@ from simplejpeg import encode_jpeg
 
 from minihuman.display.drawing.screen import compose_screen
 from minihuman.display.drawing.sheet import arrange_keycaps
+from minihuman.display.mission_paragraphs import split_mission
 from minihuman.experiment.keys import key_label
 from minihuman.experiment.machine import screens
 from minihuman.web.messages import PictureMessage
@@ -111,6 +112,7 @@ def _blank(screen: screens.BlankScreen, number: NumberPicture) -> BlankValues:
 def _play(screen: screens.PlayScreen, number: NumberPicture) -> dict[str, Any]:
     """Convert a play screen without its picture."""
     labels = {key: (cap, above) for key, cap, above in screen.labels}
+    mission = screen.mission[:1].upper() + screen.mission[1:]
     values: PlayValues = {
         "kind": "play",
         **_locale(screen),  # type: ignore[typeddict-item]  # which has no keys of this screen's
@@ -121,9 +123,11 @@ def _play(screen: screens.PlayScreen, number: NumberPicture) -> dict[str, Any]:
         "score_text": screen.score_text,
         "controller": screen.controller,
         "controller_text": screen.controller_text,
-        "mission": screen.mission[:1].upper() + screen.mission[1:],
+        "mission": mission,
         "legend": [(*labels.get(key, (key_label(key), "")), action) for key, action in screen.legend],
     }
+    if len(paragraphs := split_mission(mission)) > 1:
+        values["paragraphs"] = paragraphs
     if screen.accepts_pointer:
         values["pointer"] = True
     if screen.axes:

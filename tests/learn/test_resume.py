@@ -10,8 +10,8 @@ import pytest
 import torch
 
 from minihuman.errors import LearnError
-from minihuman.learn.policy.file import load_policy
-from minihuman.learn.training import train
+from minihuman.learn.policy.file import load_policy, read_checkpoint
+from minihuman.learn.training import TrainingStoppedError, train
 from minihuman.learn.training_settings import TrainingJob, TrainingSettings, WorldChoice, read_job
 from tests.programs import running
 
@@ -92,8 +92,22 @@ def test_a_program_that_is_killed_at_a_drawn_moment_resumes_to_the_same_weights(
         time.sleep(rng.random() * 0.3)  # whatever it is at
         process.kill()
     if not killed.exists():
+        print(f"killed with {read_checkpoint(checkpoint)['run']['counts'][0]} of 3008 steps in the checkpoint")
         train(read_job(file), killed, resume=True)
     assert_same(tmp_path / "whole.pt", killed)
+
+
+def test_a_run_that_is_stopped_writes_and_evaluates_its_policy(tmp_path):
+    def stop(point, curriculum):
+        if point.steps >= 192:
+            raise TrainingStoppedError
+
+    job = TrainingJob(WORLDS[:1], replace(BRIEF, evaluation=2))
+    report = train(job, tmp_path / "policy.pt", follow=stop)
+    assert [point.steps for point in report.points] == [64, 128, 192]
+    assert [evaluation.episodes for evaluation in report.evaluations] == [2]
+    assert load_policy(tmp_path / "policy.pt")[1].steps == 192
+    assert not (tmp_path / "policy.pt.checkpoint").exists()
 
 
 def test_a_checkpoint_is_neither_ignored_nor_taken_for_another_job(tmp_path):

@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 from minihuman.display.drawing import sheet
+from minihuman.display.drawing.play_screens import locate_picture
 from minihuman.display.drawing.screen import compose_screen, picture_size_px, repaint_screen
 from minihuman.display.drawing.sheet import arrange_keycaps
+from minihuman.display.mission_paragraphs import split_mission
 from minihuman.experiment.keys import KEY_NAMES, key_caption as caption, key_label
 from minihuman.experiment.machine.screens import PlayScreen, Screen, TextScreen
 
@@ -21,6 +23,10 @@ def lit_pixels(picture: np.ndarray, colour: Sequence[int]) -> int:
 def edge_is_empty(picture: np.ndarray) -> bool:
     edges = (picture[:2], picture[-2:], picture[:, :2], picture[:, -2:])
     return all((edge == BACKGROUND).all() for edge in edges)
+
+
+RULE = "If you put a purple hexagon directly to the left of a purple pyramid, the two turn into an orange key."
+EIGHT_RULES = "Goal: Pick up a key. Rules: " + " ".join(f"({number}) {RULE}" for number in range(1, 9))
 
 
 @pytest.mark.parametrize("size_px", SIZES)
@@ -91,6 +97,28 @@ def test_a_large_picture_is_averaged_into_the_room_it_has() -> None:
     assert 100 < shown[HD[1] // 2, HD[0] // 2].mean() < 155
     assert edge_is_empty(shown)
     assert height < HD[1]
+
+
+@pytest.mark.parametrize("size_px", SIZES)
+def test_rules_stand_on_both_sides_of_the_picture_and_the_goal_alone_above_it(size_px: tuple[int, int]) -> None:
+    picture = np.full((90, 90, 3), 200, np.uint8)
+    goal_alone = compose_screen(PlayScreen(picture, "Goal: Pick up a key.", ""), size_px)
+    shown = compose_screen(PlayScreen(picture, EIGHT_RULES, ""), size_px)
+    left, top, width, _ = locate_picture(picture, size_px)
+    rules = (shown != goal_alone).any(axis=2)
+    assert rules[:, :left].any()
+    assert rules[:, left + width :].any()
+    assert not rules[:top].any()
+    assert not rules[:, left : left + width].any()
+    assert edge_is_empty(shown)
+
+
+def test_only_a_mission_with_rules_has_paragraphs() -> None:
+    rules = [f"({number}) {RULE}" for number in range(1, 9)]
+    assert split_mission(EIGHT_RULES) == ["Goal: Pick up a key.", "Rules:", *rules]
+    assert split_mission(f"Goal: Pick up a key. Rule: {RULE}") == ["Goal: Pick up a key.", f"Rule: {RULE}"]
+    for mission in ("", "get to the green goal square", "put the red ball next to a box, then open a door (1)"):
+        assert split_mission(mission) == [mission]
 
 
 def test_first_person_pictures_get_640_by_480_in_the_usual_window() -> None:

@@ -5,6 +5,7 @@ agent and solid for a person. Both are redrawn with every step, so they are fast
 and the line is a picture that is drawn once.
 """
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -13,7 +14,16 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
 from minihuman.display.drawing import sheet, sheet as theme
-from minihuman.display.drawing.sheet import MARGIN, MIN_TYPE_SIZE, Sheet, Size, draw_keycap
+from minihuman.display.drawing.sheet import (
+    LINE_HEIGHT,
+    MARGIN,
+    MIN_TYPE_SIZE,
+    OVERFLOW_TYPE_SIZE,
+    Sheet,
+    Size,
+    draw_keycap,
+)
+from minihuman.display.mission_paragraphs import split_mission
 from minihuman.display.shaping import measure_width_px
 from minihuman.display.text import draw_line
 from minihuman.display.typefaces import select_typefaces
@@ -50,6 +60,9 @@ _MIN_LEGEND_TYPE_PX = 8
 _WORTH_ENLARGING = 1.2  # a picture that would grow by less keeps its size, and so stays sharp
 
 
+_RULE_GAP = 0.5  # between a mission's rules beside the picture, of the type size
+
+
 _MARKS = {"good": theme.GOOD, "bad": theme.BAD, "neutral": theme.MUTED_INK}
 
 
@@ -65,6 +78,7 @@ class PlayFrame:
     legend: tuple[tuple[str, str], ...]
     labels: tuple[tuple[str, str, str], ...]
     locale: TextLocale
+    picture_px: Size = (0, 0)  # of the world's picture, before it is fitted
 
 
 def picture_size_px(size_px: Size) -> Size:
@@ -90,8 +104,12 @@ def paint_picture(frame: NDArray[np.uint8], picture: NDArray[np.uint8]) -> Box:
 
 def locate_picture(picture: NDArray[np.uint8], size_px: Size) -> Box:
     """Return the box in which a world's picture is drawn."""
-    fitted = _fit_picture(picture, *picture_size_px(size_px))
-    return _place_picture(fitted.shape[1], fitted.shape[0], size_px)
+    return _locate(picture.shape[1], picture.shape[0], size_px)
+
+
+def _locate(width: int, height: int, size_px: Size) -> Box:
+    """Return the box in which a picture of a size is drawn."""
+    return _place_picture(*_fit_size(width, height, *picture_size_px(size_px)), size_px)
 
 
 def _place_picture(width: int, height: int, size_px: Size) -> Box:
@@ -113,27 +131,81 @@ def _fit_picture(picture: NDArray[np.uint8], room_width: int, room_height: int) 
     scale = min(room_width // width, room_height // height)
     if scale > 1:
         return picture.repeat(scale, axis=0).repeat(scale, axis=1)
-    factor = min(room_width / width, room_height / height)
-    if scale == 1 and factor < _WORTH_ENLARGING:
+    fitted_size = _fit_size(width, height, room_width, room_height)
+    if fitted_size == (width, height):
         return picture
     resampling = Image.Resampling.BOX
     if scale:
         resampling = Image.Resampling.BILINEAR
-    new_width = max(1, int(width * factor))
-    new_height = max(1, int(height * factor))
-    return np.asarray(Image.fromarray(picture).resize((new_width, new_height), resampling))
+    return np.asarray(Image.fromarray(picture).resize(fitted_size, resampling))
+
+
+def _fit_size(width: int, height: int, room_width: int, room_height: int) -> Size:
+    """Return the size to which `_fit_picture` scales a picture of a size."""
+    scale = min(room_width // width, room_height // height)
+    if scale > 1:
+        return width * scale, height * scale
+    factor = min(room_width / width, room_height / height)
+    if scale == 1 and factor < _WORTH_ENLARGING:
+        return width, height
+    return max(1, int(width * factor)), max(1, int(height * factor))
 
 
 def draw_surroundings(play_frame: PlayFrame, size_px: Size) -> Sheet:
-    """Draw a play screen without the world's picture, and return the sheet."""
+    """Draw a play screen without the world's picture, and return the sheet.
+
+    A mission with rules has its goal above the picture, and each rule on lines of its own beside it. Where a window has
+    no room for them there, all of the mission stands above.
+    """
     width, height = size_px
     sheet = Sheet(size_px, play_frame.locale)
     wide = width - 2 * height * MARGIN
     mission = play_frame.mission[:1].upper() + play_frame.mission[1:]
-    sheet.put_line((width / 2, height * _TOP / 2), mission, round(height / 24), wide, theme.INK)
+    heading, *rules = split_mission(mission)
+    if rules and not _draw_rules(sheet, rules, play_frame.picture_px):
+        heading = mission
+    sheet.put_line((width / 2, height * _TOP / 2), heading, round(height / 24), wide, theme.INK)
     _draw_legend(sheet, play_frame)
     sheet.put_line((width / 2, height * 0.965), play_frame.progress, round(height / 36), wide, theme.MUTED_INK)
     return sheet
+
+
+def _draw_rules(sheet: Sheet, rules: list[str], picture_px: Size) -> bool:
+    """Draw rules beside the picture, on both sides if one has too little room; return whether they fit there."""
+    if not all(picture_px):
+        return False
+    width, height = sheet.size_px
+    margin = height * MARGIN
+    left, top, _, _ = _locate(*picture_px, sheet.size_px)
+    wide = left - 2 * margin
+    high = height * (1 - _BOTTOM) - top
+    sides = [margin, width - margin - wide]
+    if sheet.locale.rtl:
+        sides.reverse()
+    half = math.ceil(len(rules) / 2)
+    halves = [rules[:half], rules[half:]]
+    largest = round(height / 32)
+    least = max(8, round(sheet.high * OVERFLOW_TYPE_SIZE))
+    for columns, smallest in (([rules], sheet.min_type_px), (halves, least)):
+        for type_px in range(largest, smallest - 1, -1):
+            if all(_measure_rules_px(sheet, column, type_px, wide) <= high for column in columns):
+                for begin, column in zip(sides, columns, strict=False):
+                    _draw_column(sheet, column, (begin, top, wide), type_px)
+                return True
+    return False
+
+
+def _measure_rules_px(sheet: Sheet, rules: list[str], type_px: int, wide: float) -> float:
+    """Return the height of a column of rules in pixels."""
+    n_lines = sum(len(sheet.wrap(rule, type_px, wide)) for rule in rules)
+    return (n_lines * LINE_HEIGHT + (len(rules) - 1) * _RULE_GAP) * type_px
+
+
+def _draw_column(sheet: Sheet, rules: list[str], place: tuple[float, float, float], type_px: int) -> None:
+    """Draw rules below each other in a place (left, top, width)."""
+    begin, y, wide = place
+    for rule in rules:
+        y = sheet.column(sheet.wrap(rule, type_px, wide), begin, begin + wide, y, type_px) + _RULE_GAP * type_px
 
 
 def draw_mark(screen: PlayScreen, size_px: Size) -> Image.Image:

@@ -162,7 +162,8 @@ def _paste_layer(frame: NDArray[np.uint8], layer: Image.Image) -> None:
 
 def _play_frame(screen: PlayScreen) -> PlayFrame:
     """Return the parts of a play screen that do not change during an episode."""
-    return PlayFrame(screen.mission, screen.progress, screen.legend, screen.labels, screen.locale)
+    height, width = screen.picture.shape[:2]
+    return PlayFrame(screen.mission, screen.progress, screen.legend, screen.labels, screen.locale, (width, height))
 
 
 @lru_cache(maxsize=4)

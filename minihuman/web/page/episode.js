@@ -561,6 +561,15 @@ function drawCell(x, z, isOwn, [left = 0, top = 0, right = 1, bottom = 1]) {
   } });
 }
 
+const ONE_COLUMN = 5; // paragraphs, the word above the rules among them
+
+/** @param {string[]} rules */
+function columnsOf(rules) {
+  const half = rules.length > ONE_COLUMN ? Math.ceil(rules.length / 2) : rules.length;
+  const columns = [rules.slice(0, half), rules.slice(half)].filter((column) => column.length);
+  return columns.map((column) => el("div", { class: "rules" }, column.map((text) => el("p", { text }))));
+}
+
 /** The picture of an episode, its frame, and the line below that says who steers. */
 export class EpisodeView {
   /** @type {HTMLCanvasElement | null} */ canvas = null;
@@ -596,11 +605,14 @@ export class EpisodeView {
     // Every frame is laid out beforehand, so that a change of hands only shows another.
     this.#frames = s.controller ? FRAMES.map((of) => el("div", { class: `frame ${of}`, "data-of": of })) : [];
     this.#lines = s.controller ? FRAMES.map((of) => el("span", { class: of, "data-of": of })) : [];
-    return [
-      words("h1", "", s.mission) ?? el("h1"),
+    const [heading, ...rules] = s.paragraphs ?? [s.mission];
+    const picture =
       el("div", { class: s.controller ? "picture framed" : "picture" }, this.canvas, this.#frames, this.#press,
         s.messages?.cells.map(([x, z, isOwn]) => drawCell(x, z, isOwn, s.messages?.bounds ?? [])),
-        s.mark ? el("div", { class: `mark ${s.mark}` }, el("span", { text: `${MARKS[s.mark]} ${s.score_text}` })) : null),
+        s.mark ? el("div", { class: `mark ${s.mark}` }, el("span", { text: `${MARKS[s.mark]} ${s.score_text}` })) : null);
+    return [
+      words("h1", "", heading) ?? el("h1"),
+      rules.length ? el("div", { class: "beside" }, columnsOf(rules), picture) : picture,
       s.axes?.some((axis) => axis.startsWith("mouse_")) ? el("p", { class: "look", role: "status" }) : null,
       s.controller ? el("p", { class: "steers", role: "status" }, this.#lines) : null,
       s.legend.length ? el("ul", { class: "legend" }, s.legend.map(([cap, above, action]) =>

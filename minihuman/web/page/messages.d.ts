@@ -473,6 +473,7 @@ export interface PlayValues {
   controller: "" | "person" | "agent";
   controller_text: string;
   mission: string;
+  paragraphs?: string[];
   legend: [string, string, string][];
   pointer?: boolean;
   axes?: string[];

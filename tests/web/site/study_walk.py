@@ -31,7 +31,7 @@ def list_path_keys(episode: EpisodePlan) -> list[str]:
     env = gymnasium.make(episode.world, **episode.options).unwrapped
     env.reset(seed=episode.seed)
     names = {action: key for key, action in episode.key_map.keys.items()}
-    keys = [names[episode.actions[int(action)]] for action in env.shortest_path()]
+    keys = [names[env.action_names[int(action)]] for action in env.shortest_path()]
     env.close()
     return keys
 

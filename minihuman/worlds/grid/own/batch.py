@@ -8,11 +8,8 @@ import logging
 from collections.abc import Callable, Iterator
 from typing import Any, ClassVar, NamedTuple
 
-import gymnasium
 import numpy as np
-from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
-from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
 from minihuman.errors import WorldError
@@ -31,9 +28,8 @@ from minihuman.worlds.grid.own.programs import (
     translate_rules,
 )
 from minihuman.worlds.grid.own.source_names import TranslationError
-from minihuman.worlds.options import BatchSeeds, seeds_per_world
-from minihuman.worlds.rng import read_rng_state, write_rng_state
-from minihuman.worlds.vector_names import VectorNames
+from minihuman.worlds.grid.row_vector_env import Observation, RowVectorEnv, build_end_info
+from minihuman.worlds.options import BatchSeeds
 
 LOG = logging.getLogger("minihuman")
 
@@ -79,7 +75,7 @@ class OwnBatchSnapshot(NamedTuple):
     seeds: list[int]
 
 
-class OwnBatch(gymnasium.vector.VectorEnv[dict[str, Any], NDArray[np.int64], NDArray[Any]], VectorNames):
+class OwnBatch(RowVectorEnv):
     """A batch of worlds of one class, stepped together in compiled code.
 
     Args:
@@ -101,21 +97,12 @@ class OwnBatch(gymnasium.vector.VectorEnv[dict[str, Any], NDArray[np.int64], NDA
     settable: ClassVar[frozenset[str]] = frozenset({"agent_dir", "agent_pos", "carrying", "max_steps", "step_count"})
 
     def __init__(self, worlds: list[Any], *, autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP) -> None:
-        self._world = worlds[0]
+        super().__init__(worlds[0], num_envs=len(worlds), autoreset_mode=autoreset_mode)
         self._check_alike(worlds)
         self._program = translate_rules(self._world)
         self._library = compile_library(self._program.text, has_steps=self._program.has_reward)
-        self._mode = AutoresetMode(autoreset_mode)
-        self.metadata = {**self._world.metadata, "autoreset_mode": self._mode}
-        self.num_envs = len(worlds)
-        self.render_mode = self._world.render_mode
-        self.single_action_space = self._world.action_space
-        self.single_observation_space = self._world.observation_space
-        self.action_space = batch_space(self.single_action_space, self.num_envs)
-        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self._first_missions = [world.mission_space.first() for world in worlds]
         self._missions: tuple[str, ...] = tuple(self._first_missions)
-        self._seeds = [-1] * self.num_envs
         self._make_memory(worlds)
 
     def _check_alike(self, worlds: list[Any]) -> None:
@@ -133,7 +120,6 @@ class OwnBatch(gymnasium.vector.VectorEnv[dict[str, Any], NDArray[np.int64], NDA
         program = self._program
         self._rows: NDArray[np.int32] = np.ascontiguousarray([world._row for world in worlds])
         self._own = np.zeros((n, numbers_length(type(self._world))), np.int64)
-        self._rng_states = np.zeros((n, 6), np.uint64)
         self._mission_parts = np.zeros((n, program.mission_length), np.int64)
         settings = [setting_arrays(world, program) for world in worlds]
         self._settings = np.ascontiguousarray([whole for whole, _ in settings])
@@ -158,45 +144,19 @@ class OwnBatch(gymnasium.vector.VectorEnv[dict[str, Any], NDArray[np.int64], NDA
         """Return a copy of each world's state, with named fields."""
         return [State(row.copy()) for row in self._rows]
 
-    @property  # type: ignore[misc]  # Gymnasium's can be set
-    def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
-        """Return a copy of each world's random generator. Drawing from it does not affect the world."""
-        generators = tuple(np.random.default_rng(0) for _ in self._rng_states)
-        for rng_state, generator in zip(self._rng_states, generators, strict=True):
-            if rng_state.any():
-                write_rng_state(rng_state, generator)
-        return generators
-
-    @property
-    def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
-        """Return the seed that each world was last given or drew; -1 before its first reset."""
-        return tuple(self._seeds)
-
     def reset(
         self, *, seed: BatchSeeds = None, options: dict[str, Any] | None = None
-    ) -> tuple[dict[str, Any], dict[str, Any]]:
+    ) -> tuple[Observation, dict[str, Any]]:
         """Begin a new episode in all worlds, or in those selected by ``options["reset_mask"]`` (bool[n]).
 
         World ``i`` takes the seed ``seed + i``, or ``seed[i]``; without a seed its random stream continues.
         """
-        seeds = seeds_per_world(seed, self.num_envs)
-        mask = np.ones(self.num_envs, np.bool_)
-        if options is not None and "reset_mask" in options:
-            mask = np.asarray(options["reset_mask"])
-            if mask.shape != (self.num_envs,) or mask.dtype != np.bool_:
-                raise WorldError(
-                    f"reset_mask has dtype {mask.dtype} and shape {mask.shape}; use bool and ({self.num_envs},)"
-                )
-        for i in np.flatnonzero(mask).tolist():
-            if seeds[i] is not None or not self._rng_states[i].any():
-                generator, self._seeds[i] = seeding.np_random(seeds[i])
-                read_rng_state(generator, self._rng_states[i])
-        self._lay_out(np.flatnonzero(mask))
+        self._lay_out(self._seed_worlds(seed, options))
         return self._observe(), {}
 
     def step(
         self, actions: ArrayLike
-    ) -> tuple[dict[str, Any], NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
+    ) -> tuple[Observation, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
         """Take one action in every world.
 
         Raises:
@@ -205,27 +165,22 @@ class OwnBatch(gymnasium.vector.VectorEnv[dict[str, Any], NDArray[np.int64], NDA
             Exception: if the rules raise an error; the message names the line and the world. The batch must then be
                 reset.
         """
-        action_array = np.asarray(actions)
-        if action_array.shape != (self.num_envs,) or action_array.dtype.kind not in "iu":
-            raise WorldError(
-                f"actions must be {self.num_envs} whole numbers, not {action_array.dtype}{action_array.shape}"
-            )
+        numbers = self._check_actions(actions)
         n = self.num_envs
         rewards = np.empty(n)
         terminated = np.empty(n, np.bool_)
         truncated = np.empty(n, np.bool_)
-        numbers = np.ascontiguousarray(action_array, np.int64)
-        next_step = self._mode is AutoresetMode.NEXT_STEP
+        next_step = self._autoreset_mode is AutoresetMode.NEXT_STEP
         ends = terminated, truncated, self._stepped
         status = act_many(self._rows, numbers, self._rng_states, rewards, *ends, next_step)
         if status < 0:
-            raise self._refusal(~status, action_array)
+            raise self._refusal(~status, numbers)
         self._run_rules(numbers, rewards, terminated, truncated)
         info: dict[str, Any] = {}
         ended = np.zeros(0, np.int64)
         if next_step:
             ended = np.flatnonzero(~self._stepped)
-        elif self._mode is AutoresetMode.SAME_STEP and (terminated | truncated).any():
+        elif self._autoreset_mode is AutoresetMode.SAME_STEP and (terminated | truncated).any():
             ended = np.flatnonzero(terminated | truncated)
             info = self._final(terminated | truncated)
         if len(ended):
@@ -250,13 +205,11 @@ class OwnBatch(gymnasium.vector.VectorEnv[dict[str, Any], NDArray[np.int64], NDA
         if self._library.steps(table.ctypes.data):
             raise_fault(self._program, table, world=int(table[FAULT + 4]))
 
-    def _refusal(self, world: int, actions: NDArray[np.integer[Any]]) -> WorldError:
+    def _refusal(self, world: int, actions: NDArray[np.int64]) -> WorldError:
         """Return the error for an action that a world cannot take."""
         phase = self._rows[world, PHASE]
-        if phase == NEW or (phase == OVER and self._mode is not AutoresetMode.NEXT_STEP):
-            return WorldError(f"world {world} is not in an episode; call reset() before step()")
-        last = self._rows[world, ACTIONS] - 1
-        return WorldError(f"action {int(actions[world])} does not exist in world {world}; actions are 0 to {last}")
+        last = int(self._rows[world, ACTIONS]) - 1
+        return self._refuse(world, int(actions[world]), is_new=phase == NEW, is_over=phase == OVER, last_action=last)
 
     def _lay_out(self, worlds: NDArray[np.int64]) -> None:
         """Lay out new episodes in some worlds, and set their missions."""
@@ -271,7 +224,7 @@ class OwnBatch(gymnasium.vector.VectorEnv[dict[str, Any], NDArray[np.int64], NDA
                 missions[i] = mission_of(self._program, self._mission_parts[i], self._first_missions[i])
             self._missions = tuple(missions)
 
-    def _observe(self) -> dict[str, Any]:
+    def _observe(self) -> Observation:
         """Return the observations of all worlds."""
         images = np.empty((self.num_envs, *self._world.image_shape), np.uint8)
         directions = np.empty(self.num_envs, np.int64)
@@ -297,7 +250,7 @@ class OwnBatch(gymnasium.vector.VectorEnv[dict[str, Any], NDArray[np.int64], NDA
         for i in np.flatnonzero(over).tolist():
             observations[i] = {name: numbers[i] for name, numbers in last.items()}
             observations[i]["direction"] = int(last["direction"][i])
-        return {"final_obs": observations, "_final_obs": over, "final_info": {}, "_final_info": over.copy()}
+        return build_end_info(over, observations)
 
     def worlds_in_turn(self) -> Iterator[Any]:
         """Yield each world in turn, as one environment. Changes made to it are written back to the batch."""
@@ -329,16 +282,9 @@ class OwnBatch(gymnasium.vector.VectorEnv[dict[str, Any], NDArray[np.int64], NDA
         Raises:
             WorldError: if a batch of another size saved it.
         """
-        if not isinstance(saved, OwnBatchSnapshot) or saved.rows.shape != self._rows.shape:
-            raise WorldError(f"this was not saved by a batch of {self.num_envs} such worlds; pass what save() returned")
+        saved = self._check_saved(saved, OwnBatchSnapshot)
         self._rows[:] = saved.rows
         self._own[:] = saved.own
         self._rng_states[:] = saved.rng_states
         self._missions = saved.missions
         self._seeds = [*saved.seeds]
-
-    def render(self) -> tuple[NDArray[np.uint8] | str | None, ...] | None:  # type: ignore[override]
-        """Return the rendering of each world, or None without a render mode."""
-        if self.render_mode is None:
-            return None
-        return self.call("render")

@@ -8,14 +8,12 @@ from collections.abc import Iterator, Sequence
 from functools import lru_cache
 from typing import Any, ClassVar, NamedTuple, overload
 
-import gymnasium
 import numpy as np
-from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode
-from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
 from minihuman.errors import WorldError
+from minihuman.worlds.grid.row_vector_env import Observation, RowVectorEnv, build_end_info
 from minihuman.worlds.grid.ruleset.batch_steps import observe_rulesets, step_rulesets
 from minihuman.worlds.grid.ruleset.dynamics import FAILED, NEW, OVER, PHASE, TASK, TOGGLE, Row
 from minihuman.worlds.grid.ruleset.encodings import encode_tasks
@@ -23,12 +21,10 @@ from minihuman.worlds.grid.ruleset.env import RulesetSnapshot, RulesetWorld
 from minihuman.worlds.grid.ruleset.instructions import describe_task
 from minihuman.worlds.grid.ruleset.layouts import lay_out_tasks
 from minihuman.worlds.grid.ruleset.tasks import TaskSet
-from minihuman.worlds.options import BatchSeeds, seeds_per_world
-from minihuman.worlds.rng import RngState, read_rng_state, write_rng_state
-from minihuman.worlds.vector_names import VectorNames
+from minihuman.worlds.options import BatchSeeds
+from minihuman.worlds.rng import RngState
 
 MODES = (AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP, AutoresetMode.DISABLED)  # in the order of `batch_steps`
-Observation = dict[str, Any]
 
 
 @lru_cache(maxsize=65_536)
@@ -72,7 +68,7 @@ class RulesetBatchSnapshot(NamedTuple):
     seeds: list[int]
 
 
-class RulesetBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], NDArray[Any]], VectorNames):
+class RulesetBatch(RowVectorEnv):
     """A batch of ``num_envs`` worlds of rules with the same options. Each draws its own tasks.
 
     Args:
@@ -98,35 +94,13 @@ class RulesetBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], ND
     ) -> None:
         if num_envs < 1:
             raise WorldError(f"num_envs is {num_envs!r}; use 1 or more")
-        self._world = RulesetWorld(**options)  # what all have in common: spaces, tasks, settings
-        self._mode = MODES.index(AutoresetMode(autoreset_mode))
-        self.metadata = {**self._world.metadata, "autoreset_mode": MODES[self._mode]}
-        self.num_envs = num_envs
-        self.render_mode = self._world.render_mode
-        self.single_action_space = self._world.action_space
-        self.single_observation_space = self._world.observation_space
-        self.action_space = batch_space(self.single_action_space, num_envs)
-        self.observation_space = batch_space(self.single_observation_space, num_envs)
-        self._rows: Row = np.tile(self._world.row, (num_envs, 1))
-        self._rng_states: RngState = np.zeros((num_envs, 6), np.uint64)
-        self._seeds = [-1] * num_envs
+        world = RulesetWorld(**options)  # what all have in common: spaces, tasks, settings
+        super().__init__(world, num_envs=num_envs, autoreset_mode=autoreset_mode)
+        self._mode = MODES.index(self._autoreset_mode)
+        self._rows: Row = np.tile(world.row, (num_envs, 1))
         self._over = np.zeros(num_envs, np.int64)  # first the worlds that the last step left to be laid out anew
-        self._image_shape = (num_envs, self._world.view_size, self._world.view_size, 2)
+        self._image_shape = (num_envs, world.view_size, world.view_size, 2)
         self._after_layout()
-
-    @property  # type: ignore[misc]  # Gymnasium's can be set
-    def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
-        """Return a copy of each world's random generator. Drawing from it does not affect the world."""
-        generators = tuple(np.random.default_rng(0) for _ in self._rng_states)
-        for rng_state, generator in zip(self._rng_states, generators, strict=True):
-            if rng_state.any():
-                write_rng_state(rng_state, generator)
-        return generators
-
-    @property
-    def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
-        """Return the seed that each world was last given or drew; -1 before its first reset."""
-        return tuple(self._seeds)
 
     def reset(
         self, *, seed: BatchSeeds = None, options: dict[str, Any] | None = None
@@ -135,19 +109,7 @@ class RulesetBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], ND
 
         World ``i`` takes the seed ``seed + i``, or ``seed[i]``; without a seed its random stream continues.
         """
-        seeds = seeds_per_world(seed, self.num_envs)
-        mask = np.ones(self.num_envs, np.bool_)
-        if options is not None and "reset_mask" in options:
-            mask = np.asarray(options["reset_mask"])
-            if mask.shape != (self.num_envs,) or mask.dtype != np.bool_:
-                raise WorldError(
-                    f"reset_mask has dtype {mask.dtype} and shape {mask.shape}; use bool and ({self.num_envs},)"
-                )
-        worlds = np.flatnonzero(mask)
-        for i in worlds.tolist():
-            if seeds[i] is not None or not self._rng_states[i].any():
-                generator, self._seeds[i] = seeding.np_random(seeds[i])
-                read_rng_state(generator, self._rng_states[i])
+        worlds = self._seed_worlds(seed, options)
         self._lay_out(worlds)
         laid_out = np.flatnonzero(self._rows[:, PHASE] != NEW)
         return self._observe(laid_out), {}
@@ -161,11 +123,7 @@ class RulesetBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], ND
             WorldError: if there is not one valid action per world, before `reset`, and, with autoreset disabled, after
                 an episode's end. No world is changed then.
         """
-        action_array = np.asarray(actions)
-        if action_array.shape != (self.num_envs,) or action_array.dtype.kind not in "iu":
-            raise WorldError(
-                f"actions must be {self.num_envs} whole numbers, not {action_array.dtype}{action_array.shape}"
-            )
+        numbers = self._check_actions(actions)
         n = self.num_envs
         images = np.empty(self._image_shape, np.uint8)
         directions = np.empty(n, np.int64)
@@ -173,11 +131,10 @@ class RulesetBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], ND
         rewards = np.empty(n)
         terminated = np.empty(n, np.bool_)
         truncated = np.empty(n, np.bool_)
-        numbers = np.ascontiguousarray(action_array, np.int64)
         seen = images, directions, pockets
         count = step_rulesets(self._rows, numbers, *seen, rewards, terminated, truncated, self._over, self._mode)
         if count < 0:
-            raise self._refusal(~count, action_array)
+            raise self._refusal(~count, numbers)
         info: dict[str, Any] = {}
         if count > 0:
             over = self._over[:count].copy()
@@ -187,12 +144,10 @@ class RulesetBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], ND
             observe_rulesets(self._rows, over, *seen)
         return self._build_observation(*seen), rewards, terminated, truncated, info
 
-    def _refusal(self, world: int, actions: NDArray[np.integer[Any]]) -> WorldError:
+    def _refusal(self, world: int, actions: NDArray[np.int64]) -> WorldError:
         """Return the error for an action that a world cannot take."""
         phase = self._rows[world, PHASE]
-        if phase == NEW or (phase == OVER and MODES[self._mode] is not AutoresetMode.NEXT_STEP):
-            return WorldError(f"world {world} is not in an episode; call reset() before step()")
-        return WorldError(f"action {int(actions[world])} does not exist in world {world}; actions are 0 to {TOGGLE}")
+        return self._refuse(world, int(actions[world]), is_new=phase == NEW, is_over=phase == OVER, last_action=TOGGLE)
 
     def _lay_out(self, worlds: NDArray[np.int64]) -> None:
         """Draw the tasks and layouts of new episodes in the given worlds."""
@@ -236,7 +191,7 @@ class RulesetBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], ND
             parts = {name: part[i] for name, part in last.items()}
             copies = {name: part.copy() for name, part in parts.items() if isinstance(part, np.ndarray)}
             observations[i] = {**parts, **copies, "direction": int(parts["direction"])}
-        return {"final_obs": observations, "_final_obs": over, "final_info": {}, "_final_info": over.copy()}
+        return build_end_info(over, observations)
 
     def worlds_in_turn(self) -> Iterator[RulesetWorld]:
         """Yield each world in turn, as one environment. Changes made to it are written back to the batch."""
@@ -257,15 +212,8 @@ class RulesetBatch(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], ND
         Raises:
             WorldError: if a batch of another size saved it.
         """
-        if not isinstance(saved, RulesetBatchSnapshot) or saved.rows.shape != self._rows.shape:
-            raise WorldError(f"this was not saved by a batch of {self.num_envs} such worlds; pass what save() returned")
+        saved = self._check_saved(saved, RulesetBatchSnapshot)
         self._rows[:] = saved.rows
         self._rng_states[:] = saved.rng_states
         self._seeds = [*saved.seeds]
         self._after_layout()
-
-    def render(self) -> tuple[NDArray[np.uint8] | str | None, ...] | None:  # type: ignore[override]
-        """Return the rendering of each world, or None without a render mode."""
-        if self.render_mode is None:
-            return None
-        return self.call("render")
