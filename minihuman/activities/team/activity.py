@@ -5,6 +5,7 @@ an input, so one log alone replays all bodies. Other members appear as seat 0, 1
 leaves the team, its seat and the seeds of its episodes open; `TeamFormed` resolves them before the first reset.
 """
 
+import math
 from dataclasses import replace
 from typing import Any, cast
 
@@ -350,7 +351,10 @@ class TeamPlayActivity(PlayActivity):
         words = self.context.words
         match self.phase:
             case Phase.LOBBY | Phase.WAITING:
-                body = words["team.lobby" if self.phase is Phase.LOBBY else "team.not_ready"]
+                body = words["team.not_ready"]
+                if self.phase is Phase.LOBBY:
+                    most_min = math.ceil(self.plan.team.lobby_s / 60)
+                    body = words["team.lobby"].replace("{minutes}", str(most_min))
                 return screen_texts.build_notice_screen(words, words["team.title"], body)
             case Phase.READY:
                 return self._ready_screen()
