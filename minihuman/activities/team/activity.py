@@ -14,6 +14,7 @@ import msgspec
 from minihuman.activities.play.activity import PLAY_TRANSITIONS, PlayActivity
 from minihuman.activities.team.episode import Submission, TeamEpisode
 from minihuman.activities.team.events import (
+    ActionSource,
     GoneReason,
     InputLate,
     JointStepped,
@@ -208,7 +209,14 @@ class TeamPlayActivity(PlayActivity):
             case SeatsReadied():
                 return SeatsReady(event.t_ns, event.episode)
             case JointStepped():
-                return JointTaken(event.t_ns, event.episode, event.step, event.actions, event.sources)  # type: ignore[arg-type]
+                return JointTaken(
+                    event.t_ns,
+                    event.episode,
+                    event.step,
+                    event.actions,
+                    cast("tuple[ActionSource, ...]", event.sources),
+                    event.silent_ms,
+                )
             case SeatSeen():
                 return SeatSighted(event.t_ns, event.seat, event.state, event.for_ms)
             case TeamEnded():
@@ -280,6 +288,7 @@ class TeamPlayActivity(PlayActivity):
                 sources=joint.sources,
                 digest=play.digest,
                 poses=play.poses(),
+                silent_ms=joint.silent_ms,
             )
         )
         if mine is not None and mine.key and joint.sources[seat] != "person":

@@ -7,7 +7,7 @@ been open (`StepClock`) and when the inputs were due (`TickSchedule`).
 
 import math
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from minihuman.activities.team.events import ActionSource
 from minihuman.activities.team.joint_step import JointAction, OpenStep, StepDue
@@ -189,7 +189,10 @@ class JointPlay:
                 self._clock.open(now_s)
             self.presence.take_back(seat)
             self._open_step.submit(seat, want.action, is_key=want.is_key)
-        return self._judge_open_step(want, now_s, is_real_time=is_real_time)
+        answer = self._judge_open_step(want, now_s, is_real_time=is_real_time)
+        if isinstance(answer, StepDue):
+            return replace(answer, silent_ms=self.presence.measure_silence_ms(now_s, is_real_time=is_real_time))
+        return answer
 
     def close(self, due: StepDue, seat: int, chosen: Mapping[int, int], idle_action: int) -> JointTaken:
         """Close a step for good and return its joint action.
@@ -255,4 +258,4 @@ class JointPlay:
 
 
 def _build_joint_taken(episode: int, step: int, joint_action: JointAction) -> JointTaken:
-    return JointTaken(0, episode, step, joint_action.actions, joint_action.sources)
+    return JointTaken(0, episode, step, joint_action.actions, joint_action.sources, joint_action.silent_ms)
