@@ -189,10 +189,7 @@ class JointPlay:
                 self._clock.open(now_s)
             self.presence.take_back(seat)
             self._open_step.submit(seat, want.action, is_key=want.is_key)
-        answer = self._judge_open_step(want, now_s, is_real_time=is_real_time)
-        if isinstance(answer, StepDue):
-            return replace(answer, silent_ms=self.presence.measure_silence_ms(now_s, is_real_time=is_real_time))
-        return answer
+        return self._judge_open_step(want, now_s, is_real_time=is_real_time)
 
     def close(self, due: StepDue, seat: int, chosen: Mapping[int, int], idle_action: int) -> JointTaken:
         """Close a step for good and return its joint action.
@@ -223,14 +220,19 @@ class JointPlay:
         missing = self.presence.present - self._open_step.seats
         delay = self._find_delay(want, missing, now_s) if missing else "in_time"
         if is_real_time and delay != "in_time":
-            return self._open_step.find_due(missing)
+            return self._find_due(missing, now_s, is_real_time=True)
         if delay == "overdue":
             if not self._hand_over(self.presence.find_thinkers(missing, now_s), now_s):
                 return TeamLost(0, "partner_left")
             missing = self.presence.present - self._open_step.seats
         if missing:
             return None
-        return self._open_step.find_due(frozenset())
+        return self._find_due(frozenset(), now_s, is_real_time=is_real_time)
+
+    def _find_due(self, late: frozenset[int], now_s: float, *, is_real_time: bool) -> StepDue:
+        """Return the open step as it closes now, with the silence of each seat's person."""
+        silent_ms = self.presence.measure_silence_ms(now_s, is_real_time=is_real_time)
+        return replace(self._open_step.find_due(late), silent_ms=silent_ms)
 
     def _find_delay(self, want: JointRequest, missing: Collection[int], now_s: float) -> Delay:
         """Return how late the missing inputs are by the server's clock, regardless of the times that pages report."""
