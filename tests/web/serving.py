@@ -255,8 +255,11 @@ class _StoreAndForward(BaseHTTPRequestHandler):
             if name.lower() not in ("connection", "content-length", "transfer-encoding", "date", "server"):
                 self.send_header(name, text)
         self.send_header("Content-Length", str(len(whole)))
-        self.end_headers()
-        self.wfile.write(whole)
+        try:
+            self.end_headers()
+            self.wfile.write(whole)
+        except OSError:  # the page does not wait for it any more
+            self.close_connection = True
 
     def do_GET(self) -> None:
         """Hand on a request without a body."""
