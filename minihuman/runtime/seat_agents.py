@@ -47,11 +47,11 @@ class SeatAgent:
         Raises:
             WorldError: if the agent gives no action a positive probability.
         """
-        for actions, _ in steps[self._n_steps :]:
+        for step in steps[self._n_steps :]:
             if self._n_asked == self._n_steps:  # an agent with a memory has to see every state exactly once
                 self._ask()
-            self._world.unwrapped.joint = actions
-            self._world.step(actions[self._seat])
+            self._world.unwrapped.joint = step.actions
+            self._world.step(step.actions[self._seat])
             self._n_steps += 1
         chances = self._ask()
         if chances.shape != (len(self._world.action_names),) or not chances.sum() > 0:

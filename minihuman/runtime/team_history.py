@@ -97,4 +97,4 @@ def _add_step(history: TeamHistory, event: JointStepped) -> None:
     """Add a joint step, unless another member's log had it already."""
     steps = history.steps.setdefault(event.episode, [])
     if event.step == len(steps) + 1:
-        steps.append(JointAction(event.actions, event.sources))  # type: ignore[arg-type]
+        steps.append(JointAction(event.actions, event.sources, event.silent_ms))  # type: ignore[arg-type]

@@ -54,6 +54,7 @@ class TextValues(ScreenLocale):
     keys: list[KeyValues]
     wide: float
     high: float
+    waits: bool
 
 
 class BlankValues(ScreenLocale):

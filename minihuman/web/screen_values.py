@@ -102,6 +102,7 @@ def _text(screen: screens.TextScreen, number: NumberPicture) -> TextValues:
         "keys": keys,
         "wide": wide,
         "high": high,
+        "waits": screen.waits,
     }
 
 

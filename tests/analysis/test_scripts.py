@@ -6,8 +6,10 @@ import runpy
 import sys
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
+from PIL import Image
 
 from minihuman.planning.benchmark import FAMILIES
 from tests.builders import WORLDS, session, write_log
@@ -187,6 +189,24 @@ def test_each_step_of_the_builder_has_a_picture_a_question_and_a_control(tmp_pat
         assert f"step-{number}.png" in question
         assert key[number]["goal"] in question
         assert 0 <= key[number]["box_px"]["y"] < 1000, "the control is in the picture"
+
+
+@pytest.mark.nightly
+@needs("chromium")
+def test_ten_screens_of_two_builds_are_joined_in_the_order_that_the_key_says(tmp_path, monkeypatch):
+    program = tmp_path / "before" / ".venv" / "bin" / "python"
+    program.parent.mkdir(parents=True)
+    program.write_text(f'#!/bin/sh\nexec {sys.executable} "$@"\n')
+    program.chmod(0o755)
+    run(monkeypatch, "readers/page_screens.py", tmp_path / "out", "--before", tmp_path / "before", "--seed", 3)
+    key = json.loads((tmp_path / "out" / "key.json").read_text())
+    assert len({pair["screen"] for pair in key.values()}) == 10
+    for number, pair in key.items():
+        with Image.open(tmp_path / "out" / "pairs" / f"{number}.png") as joined:
+            for side, x in (("left", 0), ("right", (joined.width + 24) // 2)):
+                with Image.open(tmp_path / "out" / pair[side] / f"{number}.png") as picture:
+                    of_pair = joined.crop((x, 0, x + picture.width, picture.height))
+                    assert np.array_equal(np.asarray(of_pair), np.asarray(picture.convert("RGB")))
 
 
 @needs("learn")

@@ -10,6 +10,8 @@ import time
 from collections import deque
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
+from http.client import HTTPConnection, HTTPException
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Literal
 
@@ -98,6 +100,7 @@ def serving(protocol: Path, data: Path, *, links: int = 1, options: tuple[str, .
 
 
 SEGMENT_BYTES, RETRANSMIT_S = 1448, 0.2  # of Ethernet; Linux's least timeout
+UPGRADE_DELAY_S = 30.0  # of a web socket's first request, where it is delayed
 
 
 class Line:
@@ -115,7 +118,7 @@ class Line:
         self.bytes_down = self.bytes_up = 0
         self.deaf = False  # nothing comes down; what goes up arrives
         self.stalled = False  # nothing arrives on either side, until it is again
-        self.upgrades: Literal["passed", "closed", "swallowed"] = "passed"
+        self.upgrades: Literal["passed", "closed", "swallowed", "delayed"] = "passed"
         self._to = port
         self._open: set[socket.socket] = set()
         self._lock = threading.Lock()
@@ -170,11 +173,15 @@ class Line:
                     data = source.recv(65536)
                 except OSError:
                     data = b""
+                late_s = 0.0
                 if not down and self.upgrades != "passed" and b"upgrade: websocket" in data.lower():
                     if self.upgrades == "swallowed":
                         continue
-                    data = b""
-                due_s, segments = time.monotonic() + self.one_way_s, -(-len(data) // SEGMENT_BYTES)
+                    if self.upgrades == "delayed":
+                        late_s = UPGRADE_DELAY_S
+                    else:
+                        data = b""
+                due_s, segments = time.monotonic() + self.one_way_s + late_s, -(-len(data) // SEGMENT_BYTES)
                 if self._chance.random() < 1 - (1 - self.loss) ** segments:
                     due_s += 2 * self.one_way_s + RETRANSMIT_S
                 with arrived:
@@ -221,3 +228,60 @@ def line(port: int, *, rtt_ms: float = 0.0, loss: float = 0.0) -> Iterator[Line]
         yield made
     finally:
         made.close()
+
+
+class _StoreAndForward(BaseHTTPRequestHandler):
+    """Hands on whole requests and whole answers, and knows nothing of web sockets."""
+
+    protocol_version = "HTTP/1.1"
+    upstream_port = 0
+
+    def _forward(self) -> None:
+        body = self.rfile.read(int(self.headers.get("content-length", 0)))
+        own = {"connection", "upgrade", "host", "accept-encoding"}
+        headers = {name: text for name, text in self.headers.items() if name.lower() not in own}
+        upstream = HTTPConnection("127.0.0.1", self.upstream_port)
+        try:
+            upstream.request(self.command, self.path, body, headers | {"Host": self.headers["host"]})
+            answer = upstream.getresponse()
+            whole = answer.read()
+        except (OSError, HTTPException):
+            self.close_connection = True
+            return
+        finally:
+            upstream.close()
+        self.send_response(answer.status)
+        for name, text in answer.getheaders():
+            if name.lower() not in ("connection", "content-length", "transfer-encoding", "date", "server"):
+                self.send_header(name, text)
+        self.send_header("Content-Length", str(len(whole)))
+        try:
+            self.end_headers()
+            self.wfile.write(whole)
+        except OSError:  # the page does not wait for it any more
+            self.close_connection = True
+
+    def do_GET(self) -> None:
+        """Hand on a request without a body."""
+        self._forward()
+
+    def do_POST(self) -> None:
+        """Hand on a request with its body."""
+        self._forward()
+
+    def log_message(self, format: str, *arguments: object) -> None:
+        """Write nothing."""
+
+
+@contextmanager
+def buffering_proxy(port: int) -> Iterator[int]:
+    """An HTTP proxy in front of a port that buffers whatever it hands on; yields its own port."""
+    handler = type("Handler", (_StoreAndForward,), {"upstream_port": port})
+    with ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
+        thread = threading.Thread(target=server.serve_forever, daemon=True)
+        thread.start()
+        try:
+            yield server.server_address[1]
+        finally:
+            server.shutdown()
+            thread.join()

@@ -73,11 +73,11 @@ def compose(somebody: Any) -> None:
     method.send("Input.insertText", {"text": "火"})
     method.send("Input.imeSetComposition", {"text": "さ", **begun})
     somebody.page.wait_for_timeout(SAID_MS)
-    assert somebody.page.input_value("input") == "火さ"
+    assert somebody.page.input_value("[data-target=field]") == "火さ"
     method.send("Input.insertText", {"text": "山"})
     method.send("Input.dispatchKeyEvent", BESIDE_ENTER)  # Safari's, behind the end of it
     somebody.page.wait_for_timeout(SAID_MS)
-    assert somebody.page.input_value("input") == "火山"
+    assert somebody.page.input_value("[data-target=field]") == "火山"
 
 
 def hold_beside_command(somebody: Any) -> None:
@@ -91,6 +91,6 @@ def hold_beside_command(somebody: Any) -> None:
     keyboard.down("Meta")
     keyboard.up("Meta")
     somebody.page.wait_for_timeout(HELD_MS)
-    somebody.until("document.querySelector('input').value === '火山a'")
+    somebody.until("document.querySelector('[data-target=field]').value === '火山a'")
     keyboard.up("Backspace")
     keyboard.press("Backspace")

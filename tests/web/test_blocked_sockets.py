@@ -13,13 +13,14 @@ from minihuman.log.read.session_reader import read_events, read_log
 from minihuman.worlds.adapters.world import World
 from tests.counts import count
 from tests.machine import needs
-from tests.web.browser import browsing
+from tests.web.browser import Somebody, browsing
 from tests.web.interrupted import interrupt
 from tests.web.protocols import study
-from tests.web.serving import line, serving
+from tests.web.serving import UPGRADE_DELAY_S, buffering_proxy, line, serving
 
 pytestmark = [needs("chromium"), pytest.mark.program]
 N_KEYS = 6
+N_SESSIONS = count(1, 10)  # of each network
 _NO_POSTS = """const send = fetch;
 const refuse = () => Promise.reject(new TypeError("blocked"));
 globalThis.fetch = (to, ...rest) => (String(to).startsWith("/socket") ? refuse() : send(to, ...rest));
@@ -41,14 +42,24 @@ def test_a_whole_session_is_played_on_key_where_sockets_are_blocked(
         wire.upgrades = upgrades
         somebody = sit_down(f"http://127.0.0.1:{wire.port}/#t={served.tokens[0]}")
         for _ in range(2):
-            somebody.to_play()
-            for number in range(N_KEYS):
-                somebody.press("123"[number % 3])
-                somebody.page.wait_for_timeout(100)
-            somebody.until("!s.playing")
+            play_episode(somebody)
         somebody.to_end()
         assert somebody.errors == []
     [log] = tmp_path.rglob("*.mcap")
+    check_whole(log)
+
+
+def play_episode(somebody: Somebody) -> None:
+    """Press each key of an episode."""
+    somebody.to_play()
+    for number in range(N_KEYS):
+        somebody.press("123"[number % 3])
+        somebody.page.wait_for_timeout(100)
+    somebody.until("!s.playing")
+
+
+def check_whole(log: Path) -> None:
+    """Check that a log of two episodes began over HTTP, and has each press once and nothing to complain of."""
     events = list(read_events(log))
     assert read_log(log).facts["transport"] == "http"
     pressed = [event.key for event in events if isinstance(event, KeyPressed) and event.down and event.key in "123"]
@@ -56,6 +67,36 @@ def test_a_whole_session_is_played_on_key_where_sockets_are_blocked(
     assert sum(isinstance(event, Stepped) for event in events) == 2 * N_KEYS
     assert [event.text for event in events if isinstance(event, Noted) and event.kind == "page"] == []
     assert list(find_log_differences(log, World)) == []
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("network", ["delayed", "buffering"])
+def test_sessions_are_whole_where_sockets_are_half_a_minute_late_or_a_proxy_buffers(
+    tmp_path: Path, network: Literal["delayed", "buffering"]
+) -> None:
+    protocol = study(tmp_path, episodes=2, max_steps=N_KEYS)
+    with (
+        serving(protocol, tmp_path, links=N_SESSIONS) as served,
+        line(served.port) as wire,
+        buffering_proxy(served.port) as proxy_port,
+        browsing() as sit_down,
+    ):
+        wire.upgrades = "delayed"
+        port = wire.port if network == "delayed" else proxy_port
+        people = [sit_down(f"http://127.0.0.1:{port}/#t={token}") for token in served.tokens]
+        for somebody in people:
+            play_episode(somebody)
+        if network == "delayed":  # the sockets have come by then, if the pages still wait for them
+            people[-1].page.wait_for_timeout(UPGRADE_DELAY_S * 1_000)
+        for somebody in people:
+            play_episode(somebody)
+            somebody.to_end()
+            assert somebody.errors == []
+    logs = sorted(tmp_path.rglob("*.mcap"))
+    assert len(logs) == N_SESSIONS
+    for log in logs:
+        check_whole(log)
+    print(f"{network}: {len(logs)} sessions complete over HTTP, 0 presses lost or doubled")
 
 
 @pytest.mark.nightly

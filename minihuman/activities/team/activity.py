@@ -5,6 +5,7 @@ an input, so one log alone replays all bodies. Other members appear as seat 0, 1
 leaves the team, its seat and the seeds of its episodes open; `TeamFormed` resolves them before the first reset.
 """
 
+import math
 from dataclasses import replace
 from typing import Any, cast
 
@@ -13,6 +14,7 @@ import msgspec
 from minihuman.activities.play.activity import PLAY_TRANSITIONS, PlayActivity
 from minihuman.activities.team.episode import Submission, TeamEpisode
 from minihuman.activities.team.events import (
+    ActionSource,
     GoneReason,
     InputLate,
     JointStepped,
@@ -208,7 +210,14 @@ class TeamPlayActivity(PlayActivity):
             case SeatsReadied():
                 return SeatsReady(event.t_ns, event.episode)
             case JointStepped():
-                return JointTaken(event.t_ns, event.episode, event.step, event.actions, event.sources)  # type: ignore[arg-type]
+                return JointTaken(
+                    event.t_ns,
+                    event.episode,
+                    event.step,
+                    event.actions,
+                    cast("tuple[ActionSource, ...]", event.sources),
+                    event.silent_ms,
+                )
             case SeatSeen():
                 return SeatSighted(event.t_ns, event.seat, event.state, event.for_ms)
             case TeamEnded():
@@ -282,6 +291,7 @@ class TeamPlayActivity(PlayActivity):
                 sources=joint.sources,
                 digest=play.digest,
                 poses=play.poses(),
+                silent_ms=joint.silent_ms,
             )
         )
         if mine is not None and mine.key and joint.sources[seat] != "person":
@@ -355,7 +365,10 @@ class TeamPlayActivity(PlayActivity):
         words = self.context.words
         match self.phase:
             case Phase.LOBBY | Phase.WAITING:
-                body = words["team.lobby" if self.phase is Phase.LOBBY else "team.not_ready"]
+                body = words["team.not_ready"]
+                if self.phase is Phase.LOBBY:
+                    most_min = math.ceil(self.plan.team.lobby_s / 60)
+                    body = words["team.lobby"].replace("{minutes}", str(most_min))
                 return screen_texts.build_notice_screen(words, words["team.title"], body)
             case Phase.READY:
                 return self._ready_screen()

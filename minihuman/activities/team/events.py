@@ -44,6 +44,7 @@ class JointStepped(ActivityEvent):
     sources: tuple[str, ...]
     digest: int  # of the episode's joint actions so far: see digest_joint_actions
     poses: tuple[float, ...]  # after it, by seat: x, y, z and yaw_rad of each
+    silent_ms: tuple[int, ...] = ()  # by seat, by the server's clock: since its person's last sign of life
 
 
 @dataclass(frozen=True, slots=True)

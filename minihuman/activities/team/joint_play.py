@@ -7,7 +7,7 @@ been open (`StepClock`) and when the inputs were due (`TickSchedule`).
 
 import math
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from minihuman.activities.team.events import ActionSource
 from minihuman.activities.team.joint_step import JointAction, OpenStep, StepDue
@@ -224,14 +224,19 @@ class JointPlay:
         missing = self.presence.present - self._open_step.seats
         delay = self._find_delay(want, missing, now_s) if missing else "in_time"
         if is_real_time and delay != "in_time":
-            return self._open_step.find_due(missing)
+            return self._find_due(missing, now_s, is_real_time=True)
         if delay == "overdue":
             if not self._hand_over(self.presence.find_thinkers(missing, now_s), now_s):
                 return TeamLost(0, "partner_left")
             missing = self.presence.present - self._open_step.seats
         if missing:
             return None
-        return self._open_step.find_due(frozenset())
+        return self._find_due(frozenset(), now_s, is_real_time=is_real_time)
+
+    def _find_due(self, late: frozenset[int], now_s: float, *, is_real_time: bool) -> StepDue:
+        """Return the open step as it closes now, with the silence of each seat's person."""
+        silent_ms = self.presence.measure_silence_ms(now_s, is_real_time=is_real_time)
+        return replace(self._open_step.find_due(late), silent_ms=silent_ms)
 
     def _find_delay(self, want: JointRequest, missing: Collection[int], now_s: float) -> Delay:
         """Return how late the missing inputs are by the server's clock, regardless of the times that pages report."""
@@ -260,4 +265,4 @@ class JointPlay:
 
 
 def _build_joint_taken(episode: int, step: int, joint_action: JointAction) -> JointTaken:
-    return JointTaken(0, episode, step, joint_action.actions, joint_action.sources)
+    return JointTaken(0, episode, step, joint_action.actions, joint_action.sources, joint_action.silent_ms)

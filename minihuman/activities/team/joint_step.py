@@ -11,10 +11,11 @@ from minihuman.activities.team.events import ActionSource
 
 
 class JointAction(NamedTuple):
-    """The action of every body in a step, and who decided it."""
+    """The action of every body in a step, who decided it, and how long its people had given no sign of life."""
 
     actions: tuple[int, ...]  # by seat
     sources: tuple[ActionSource, ...]
+    silent_ms: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,6 +27,7 @@ class StepDue:
     inputs: Mapping[int, int]  # of people, by seat
     late: frozenset[int]  # seats whose input did not come in time
     agents: tuple[int, ...]  # seats in which an agent acts
+    silent_ms: tuple[int, ...] = ()  # by seat, as it is due
 
     def close(self, chosen: Mapping[int, int], idle_action: int) -> JointAction:
         """Return the joint action of people, agents and late seats.
@@ -40,7 +42,8 @@ class StepDue:
             **{seat: (chosen[seat], "agent") for seat in self.agents},
         }
         by_seat = [actions[seat] for seat in sorted(actions)]
-        return JointAction(tuple(action for action, _ in by_seat), tuple(source for _, source in by_seat))
+        sources = tuple(source for _, source in by_seat)
+        return JointAction(tuple(action for action, _ in by_seat), sources, self.silent_ms)
 
 
 class OpenStep:

@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 from minihuman.activities.team.events import SeatHolder
 from minihuman.activities.team.plan import PERSON, PINGS_PER_WAIT, TeamPlan
+from minihuman.activities.team.step_clock import MS_PER_S
 from minihuman.experiment.machine.life_signs import LifeSigns, SeatState
 
 PRESENCE_RULES = "2"  # the fact "presence_rules": a wait counts from the last sign of life; before, from each step anew
@@ -67,6 +68,7 @@ class TeamPresence:
 
     def __init__(self, kinds: tuple[str, ...], rules: TeamPlan) -> None:
         self._rules = rules
+        self._n_seats = len(kinds)
         self._seats = {seat: SeatPresence() for seat, kind in enumerate(kinds) if kind == PERSON}
         self.has_ended = False  # a partner left, and the block ends for it
 
@@ -144,6 +146,24 @@ class TeamPresence:
         if is_real_time and now_s - person_s >= wait_s:
             return SeatSighting("idle", person_s)
         return SeatSighting("here", page_s)
+
+    def measure_silence_ms(self, now_s: float, *, is_real_time: bool) -> tuple[int, ...]:
+        """Return, by seat, for how many whole milliseconds each person has given no sign of life.
+
+        It is the sign from which a wait for them counts, so this is below the limit as long as they are waited for.
+
+        An agent's seat has 0. The tuple is empty if no seat has a page, whose signs the server's clock would measure.
+        """
+        if not any(presence.signs.tells_acts for presence in self._seats.values()):
+            return ()
+        silent_ms = [0] * self._n_seats
+        for seat, presence in self._seats.items():
+            sighting = self.find_sighting(seat, now_s, is_real_time=is_real_time)
+            since_s = sighting.since_s
+            if sighting.state == "here":
+                since_s = presence.find_person_sign_s()
+            silent_ms[seat] = max(0, math.floor((now_s - since_s) * MS_PER_S))
+        return tuple(silent_ms)
 
     def find_overdue(self, asking: int, now_s: float, *, is_real_time: bool) -> list[int]:
         """Return the seats whose people have been silent for the partners' waiting time, the longest absent first.

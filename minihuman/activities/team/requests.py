@@ -87,6 +87,7 @@ class JointTaken(ActivityInput):
     step: int
     actions: tuple[int, ...]  # by seat
     sources: tuple[ActionSource, ...]
+    silent_ms: tuple[int, ...] = ()  # by seat, since the last sign of life of its person
 
 
 @dataclass(frozen=True, slots=True)

@@ -270,11 +270,12 @@ class Sheet:
         placed = list(zip(buttons, widths, strict=True))
         if self.locale.rtl:
             placed.reverse()
+        asks_consent = any(button.name == "decline" for button in buttons)  # both answers look alike
         for button, wide in placed:
             box = (x, y - tall / 2, x + wide, y + tall / 2)
             outline = EDGE
             ink = INK
-            if button.name == "go_on":
+            if button.name == "go_on" and not asks_consent:
                 outline = ACCENT
                 ink = ACCENT
             self.draw.rounded_rectangle(

@@ -33,6 +33,7 @@ _TEXT_BOTTOM_ABOVE_KEYBOARD = 0.40
 _PROMPT_Y = 0.87
 _PROGRESS_Y = 0.965
 _GAP_BELOW_PICTURE = 0.03
+_DOT_RADIUS = 0.009
 
 _LABELLED_PICTURE_SHARE = 0.5  # of the width; labels have the rest
 
@@ -50,9 +51,20 @@ def draw_text(screen: TextScreen, size_px: Size) -> Sheet:
     if screen.keys:
         _draw_keyboard(sheet, screen, (left, height * _KEYBOARD_TOP, right, height * _TEXT_BOTTOM))
     _draw_paragraphs(sheet, screen.body, (left, top, right, bottom))
+    if screen.waits:
+        _draw_waiting(sheet, (middle, height * _PROMPT_Y))
     sheet.put_line((middle, height * _PROMPT_Y), screen.prompt, round(height * BODY_TYPE_SIZE), wide, theme.ACCENT)
     sheet.put_line((middle, height * _PROGRESS_Y), screen.progress, round(height / 36), wide, theme.MUTED_INK)
     return sheet
+
+
+def _draw_waiting(sheet: Sheet, place: tuple[float, float]) -> None:
+    """Draw three dots, which stand for something that comes by itself."""
+    x, y = place
+    radius = sheet.high * _DOT_RADIUS
+    for number in (-1, 0, 1):
+        left = x + number * 4 * radius - radius
+        sheet.draw.ellipse((left, y - radius, left + 2 * radius, y + radius), fill=theme.HIGHLIGHT)
 
 
 def measure_text_box(screen: TextScreen, height: int) -> tuple[float, float]:

@@ -22,8 +22,8 @@ _FAILURES = ("disk_full", "world_error", "internal_error")
 
 
 def build_notice_screen(words: InterfaceWords, title: str, body: str, prompt: str = "") -> TextScreen:
-    """Build a screen of a short text, with a prompt if a key leads on."""
-    return TextScreen(title, body, prompt, locale=words.locale)
+    """Build a screen of a short text, with a prompt if a key leads on, else with the sign of waiting."""
+    return TextScreen(title, body, prompt, locale=words.locale, waits=not prompt)
 
 
 def build_pause_screen(words: InterfaceWords) -> TextScreen:

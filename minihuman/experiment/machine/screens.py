@@ -60,6 +60,7 @@ class TextScreen:
     keys: tuple[tuple[str, bool], ...] = ()  # keyboard check: key name, already pressed
     locale: TextLocale = TextLocale()
     labels: tuple[tuple[str, str, str], ...] = ()  # key name, what its cap says, what stands above it
+    waits: bool = False  # for something that comes by itself: a partner, an agent that learns
 
 
 @dataclass(frozen=True, slots=True)

@@ -290,7 +290,7 @@ class SeatsReadied(_message.Message):
     def __init__(self, t_ns: _Optional[int] = ..., episode: _Optional[int] = ..., poses: _Optional[_Iterable[float]] = ...) -> None: ...
 
 class JointStepped(_message.Message):
-    __slots__ = ("t_ns", "episode", "step", "actions", "rewards", "sources", "digest", "poses")
+    __slots__ = ("t_ns", "episode", "step", "actions", "rewards", "sources", "digest", "poses", "silent_ms")
     T_NS_FIELD_NUMBER: _ClassVar[int]
     EPISODE_FIELD_NUMBER: _ClassVar[int]
     STEP_FIELD_NUMBER: _ClassVar[int]
@@ -299,6 +299,7 @@ class JointStepped(_message.Message):
     SOURCES_FIELD_NUMBER: _ClassVar[int]
     DIGEST_FIELD_NUMBER: _ClassVar[int]
     POSES_FIELD_NUMBER: _ClassVar[int]
+    SILENT_MS_FIELD_NUMBER: _ClassVar[int]
     t_ns: int
     episode: int
     step: int
@@ -307,7 +308,8 @@ class JointStepped(_message.Message):
     sources: _containers.RepeatedScalarFieldContainer[str]
     digest: int
     poses: _containers.RepeatedScalarFieldContainer[float]
-    def __init__(self, t_ns: _Optional[int] = ..., episode: _Optional[int] = ..., step: _Optional[int] = ..., actions: _Optional[_Iterable[int]] = ..., rewards: _Optional[_Iterable[float]] = ..., sources: _Optional[_Iterable[str]] = ..., digest: _Optional[int] = ..., poses: _Optional[_Iterable[float]] = ...) -> None: ...
+    silent_ms: _containers.RepeatedScalarFieldContainer[int]
+    def __init__(self, t_ns: _Optional[int] = ..., episode: _Optional[int] = ..., step: _Optional[int] = ..., actions: _Optional[_Iterable[int]] = ..., rewards: _Optional[_Iterable[float]] = ..., sources: _Optional[_Iterable[str]] = ..., digest: _Optional[int] = ..., poses: _Optional[_Iterable[float]] = ..., silent_ms: _Optional[_Iterable[int]] = ...) -> None: ...
 
 class InputLate(_message.Message):
     __slots__ = ("t_ns", "episode", "step", "action", "key", "key_t_ns")

@@ -5,7 +5,7 @@ import { el } from "./elements.js";
 
 /** @import { FieldMessage, TextField } from "./messages" */
 /** @typedef {NonNullable<FieldMessage["changes"]>[number]} TextChange */
-/** @typedef {HTMLInputElement | HTMLTextAreaElement} FieldElement */
+/** @typedef {HTMLTextAreaElement} FieldElement */
 
 const SETTLE_MS = 500; // after the last change
 const LOOK_MS = 500; // between looks for changes that no event tells of
@@ -44,11 +44,13 @@ export class NativeField {
     this.#seen = item.text;
     this.isComposing = false;
     this.note = el("p", { class: "note limit", role: "alert", hidden: true, text: item.limit_note });
-    this.element = el(item.long ? "textarea" : "input", {
-      "data-target": "field", "aria-labelledby": "ask", autocomplete: "off", type: item.long ? null : "text", dir: "auto",
+    this.element = el("textarea", {
+      "data-target": "field", "aria-labelledby": "ask", autocomplete: "off", dir: "auto",
+      class: item.long ? null : "line", rows: item.long ? null : 1,
     });
     this.element.value = item.text;
     this.#lookAtLength([...item.text].length);
+    this.element.addEventListener("beforeinput", (event) => this.#refuseBreak(/** @type {InputEvent} */ (event)));
     this.element.addEventListener("input", (event) => this.#input(/** @type {InputEvent} */ (event)));
     this.element.addEventListener("compositionstart", () => { this.isComposing = true; });
     this.element.addEventListener("compositionend", () => {
@@ -60,6 +62,7 @@ export class NativeField {
 
   /** It is on the page now, or again. */
   watch() {
+    requestAnimationFrame(() => this.#grow()); // it has a width now
     clearInterval(this.#looks);
     this.#looks = setInterval(() => this.#look(), LOOK_MS);
   }
@@ -84,6 +87,11 @@ export class NativeField {
     this.element.value = this.#seen = this.reported = text;
   }
 
+  /** A text of one line has no line breaks, and is shown in as many lines as it needs. @param {InputEvent} event */
+  #refuseBreak(event) {
+    if (!this.item.long && /^insert(LineBreak|Paragraph)$/.test(event.inputType)) event.preventDefault();
+  }
+
   /** @param {InputEvent} event */
   #input({ isTrusted, inputType }) {
     this.#changed(isTrusted ? CHANGES[inputType] ?? "typed" : "script");
@@ -100,6 +108,7 @@ export class NativeField {
     this.#beganMs ||= performance.now();
     this.#changes.add(how);
     if (!this.isComposing) this.#clean();
+    this.#grow();
     this.#seen = this.element.value;
     clearTimeout(this.#timer);
     this.#timer = setTimeout(() => this.settle(), SETTLE_MS);
@@ -107,7 +116,8 @@ export class NativeField {
 
   // What the log cannot hold does not stay on the screen, either.
   #clean() {
-    const { element } = this, text = cleanText(element.value), letters = [...text];
+    const { element } = this, cleaned = cleanText(element.value);
+    const text = this.item.long ? cleaned : cleaned.replace(/\n/g, " "), letters = [...text];
     const kept = letters.length > MAX_CHARACTERS ? letters.slice(0, MAX_CHARACTERS).join("") : text;
     if (kept !== element.value) {
       const { selectionEnd } = element;
@@ -115,6 +125,14 @@ export class NativeField {
       element.setSelectionRange(selectionEnd, selectionEnd);
     }
     this.#lookAtLength(letters.length);
+  }
+
+  /** Show the whole of a line that is longer than the field, where the style sheet cannot. */
+  #grow() {
+    if (this.item.long || globalThis.CSS?.supports("field-sizing", "content")) return;
+    const { style, offsetHeight, clientHeight } = this.element;
+    style.height = "auto";
+    style.height = `${this.element.scrollHeight + offsetHeight - clientHeight}px`;
   }
 
   /** @param {number} count */

@@ -438,6 +438,7 @@ export interface TextValues {
   keys: KeyValues[];
   wide: number;
   high: number;
+  waits: boolean;
 }
 
 /** A key of a drawn keyboard; lengths are multiples of one key's width. */

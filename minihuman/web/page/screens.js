@@ -19,6 +19,9 @@ const noteOf = ({ note, item }) => (item.form === "TextField" && note === item.l
 /** @param {import("./messages").PlayMessages} messages */
 const linesOf = ({ lines }) => lines.map(([author, text]) => el("p", {}, el("b", { text: author }), ` ${text}`));
 
+/** A tick for a session that is complete, an exclamation mark for one that broke. @param {string} end */
+const signOf = (end) => (end === "complete" || end === "broken" ? el("div", { class: `sign ${end}`, "aria-hidden": "true" }) : null);
+
 export class ScreenView {
   /**
    * @param {HTMLElement} main
@@ -40,6 +43,7 @@ export class ScreenView {
     text: (/** @type {TextValues} */ s, _ = null, check = s.keys.length ? this.page.touchTexts() : null) => [
       words("h1", "", check?.touch_check_title ?? s.title),
       prose({ class: "body short" }, check?.touch_check_body ?? s.body),
+      s.waits ? el("div", { class: "waits", "aria-hidden": "true" }, el("span"), el("span"), el("span")) : null,
       s.keys.length ? el("ul", { class: "keyboard", style: { width: `${s.wide * 3}rem`, height: `${s.high * 3}rem` } },
         s.keys.map((key) => el("li", {
           "aria-label": `${key.cap} ${key.above}${key.pressed ? " ✓" : ""}`,
@@ -195,13 +199,14 @@ export class ScreenView {
   }
 
   /** @param {SessionOver} m @param {string} leaving */
-  showEnd({ words: text, code, your_code, url, leave }, leaving) {
+  showEnd({ end, words: text, code, your_code, url, leave }, leaving) {
     const heading = this.main.querySelector("h1");
     this.main.className = "text";
     this.main.replaceChildren(...flatten([
+      signOf(end),
       heading,
       el("p", { class: "body short", role: "status", text }),
-      code ? el("p", { class: "short" }, `${your_code}: `, el("strong", { class: "code", translate: "no", text: code })) : null,
+      code ? el("p", { class: "short given" }, el("span", { text: `${your_code}: ` }), el("strong", { class: "code", translate: "no", text: code })) : null,
       url ? el("p", { class: "short" }, el("a", { href: url, text: leave })) : null,
       url ? el("p", { class: "prompt", text: leaving.replace("{seconds}", String(LEAVING_S)) }) : null,
     ]));

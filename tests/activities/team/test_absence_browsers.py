@@ -1,9 +1,11 @@
 """A partner in a browser who is gone in one of six ways: an agent has the seat, and the one who stays is told."""
 
 import json
+import os
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 
@@ -23,8 +25,9 @@ from tests.web.browser import Somebody, browsing
 from tests.web.serving import Line, line, serving
 
 pytestmark = needs("chromium")
-WAIT_S, THINKING_S, PERIOD_MS = 1, 2, 100
-MS = 1_000_000
+N_RUNS = int(os.environ.get("MINIHUMAN_ABSENCE_RUNS", count(1, 17)))  # 204 of all twelve
+WAIT_S, THINKING_S, PERIOD_MS = 3, 5, 100  # a busy machine's hand comes back within them
+REPLACED = "A computer program plays for you"
 _LOSE_FOCUS = """() => {
   document.hasFocus = () => false;
   dispatchEvent(new Event("blur"));
@@ -37,7 +40,9 @@ GOING: dict[str, Callable[[Somebody, Line], object]] = {
     "unfocused": lambda person, _: person.page.evaluate(_LOSE_FOCUS),
     "idle": lambda person, wire: None,
 }
-STATES = {"closed": ("closed", "left"), "left": ("closed", "left"), "asleep": ("silent",)}
+# A page that a browser closes at once may not come to say so: its socket breaks.
+STATES = {"closed": ("closed", "left", "offline"), "left": ("closed", "left"), "asleep": ("silent",)}
+STATES["idle"] = ("idle", "here")  # who thinks over a turn is here
 
 
 @pytest.mark.nightly(by_day=["closed-ticks"])
@@ -47,10 +52,13 @@ STATES = {"closed": ("closed", "left"), "left": ("closed", "left"), "asleep": ("
 def test_an_agent_takes_the_seat_of_a_partner_who_is_gone_and_the_other_is_told(
     tmp_path: Path, how: str, pace: str
 ) -> None:
-    n_runs = count(1, 17)  # 204 of all twelve
+    n_runs = N_RUNS
     block = f'pace = "real_time"\nstep_period_ms = {PERIOD_MS}' if pace == "ticks" else ""
     team = f"{PEOPLE}\npartner_wait_s = {WAIT_S}\nthinking_wait_s = {THINKING_S}"
-    protocol = team_study(tmp_path, episodes=3, max_steps=40, block=block, team=team, participants=2 * n_runs)
+    episodes, max_steps = (5, 40) if pace == "ticks" else (3, 20)
+    protocol = team_study(
+        tmp_path, episodes=episodes, max_steps=max_steps, block=block, team=team, participants=2 * n_runs
+    )
     heard: dict[int, list[str]] = {}
     with serving(protocol, tmp_path, links=2 * n_runs) as served, browsing() as sit_down:
         for run in range(n_runs):
@@ -69,14 +77,15 @@ def test_an_agent_takes_the_seat_of_a_partner_who_is_gone_and_the_other_is_told(
     assert len(logs) == 2 * n_runs
     assert [list(find_log_differences(log, World)) for log in logs] == [[]] * len(logs)
     assert all(good for _, good in verify_teams(tmp_path / "duet"))
-    takeovers = [takeover for log in logs if (takeover := check_takeover(log, how, pace)) is not None]
+    takeovers = [takeover for log in logs if (takeover := find_takeover(log, how, pace)) is not None]
     lost = count_lost(logs, [*heard.values()])
     print(
-        f"{how}, {pace}: {len(takeovers)} takeovers, ticks without the partner before the agent "
-        f"{sorted(n_idle for n_idle, _ in takeovers)}, s after the last sign of life "
-        f"{sorted(round(after_s, 2) for _, after_s in takeovers)}, presses lost {lost}"
+        f"{how}, {pace}: {len(takeovers)} takeovers, all in the first step after the limit; ms since the last sign of "
+        f"life when it closed {sorted(takeover.silent_ms for takeover in takeovers)}, "
+        f"steps without the partner before {sorted(takeover.n_idle for takeover in takeovers)}, presses lost {lost}"
     )
     assert len(takeovers) == n_runs
+    assert {takeover.state for takeover in takeovers} <= set(STATES.get(how, (how,)))
     assert lost == 0
     assert_tables_agree(tmp_path / "duet", logs)
 
@@ -86,7 +95,7 @@ def play_until_one_goes(stays: Somebody, goes: Somebody, wire: Line, how: str, *
     people = (stays, goes)
     for person in people:
         person.until("s.welcomed && s.kind !== ''")
-    while not is_under_way(people, n_before):
+    while REPLACED in goes.screen() or not is_under_way(people, n_before):
         for person in people:
             person.press("1" if person.state["playing"] else "enter")
         stays.page.wait_for_timeout(30)
@@ -109,35 +118,38 @@ def is_under_way(people: tuple[Somebody, ...], n_steps: int) -> bool:
     return all(state["playing"] and state["step"] >= n_steps for state in states)
 
 
-def check_takeover(log: Path, how: str, pace: str) -> tuple[int, float] | None:
-    """Check a log's takeover; None where the log's person went.
+class Takeover(NamedTuple):
+    """How an agent took a seat, in the server's clock."""
 
-    Returns:
-        in how many ticks nobody acted for the partner before the agent did, and how many seconds after the last sign
-        of life it did.
+    state: str  # of the person, as it was seen last before
+    silent_ms: int  # since their last sign of life, when the agent's first step closed
+    n_idle: int  # steps that closed without the person before
+
+
+def find_takeover(log: Path, how: str, pace: str) -> Takeover | None:
+    """Return the last takeover that a log has; None where the log's person went.
+
+    No step closes without the agent once the limit is over, however late the server is: each step says for how long the
+    person had given no sign of life when it closed.
     """
     events = list(read_events(log))
     [formed] = [event for event in events if isinstance(event, TeamFormed)]
     other = 1 - formed.seat
-    taken = [event for event in events if isinstance(event, SeatTaken) and event.seat == other]
-    if not taken:
-        return None
-    assert taken[-1].by == "agent"
     joint = [event for event in events if isinstance(event, JointStepped)]
     sources = [event.sources[other] for event in joint]
-    first = sources.index("agent")
-    assert set(sources[first:]) == {"agent"}
-    n_idle = first - max(place for place, source in enumerate(sources) if source == "person") - 1
-    sighted = [event for event in events if isinstance(event, SeatSeen) and event.seat == other]
-    sighted = [event for event in sighted if event.state in STATES.get(how, (how,)) and event.t_ns <= joint[first].t_ns]
-    if how == "idle" and pace == "turns":  # who thinks is here
-        return n_idle, THINKING_S
-    since_ns = sighted[-1].t_ns - sighted[-1].for_ms * MS
-    if pace == "ticks":
-        assert n_idle <= WAIT_S * 1_000 / PERIOD_MS + 1
-    else:
-        assert n_idle == 0
-    return n_idle, (joint[first].t_ns - since_ns) / 1e9
+    if not sources or sources[-1] != "agent":
+        return None
+    first = max(place for place, source in enumerate(sources) if source != "agent") + 1
+    taken = [event for event in events if isinstance(event, SeatTaken) and event.seat == other]
+    assert (taken[-1].by, taken[-1].step) == ("agent", joint[first].step)
+    silent_ms = [event.silent_ms[other] for event in joint]
+    limit_ms = (THINKING_S if how == "idle" and pace == "turns" else WAIT_S) * 1_000
+    waited_ms = [silent for silent, source in zip(silent_ms, sources, strict=True) if source != "agent"]
+    assert max(waited_ms) < limit_ms <= silent_ms[first]
+    sighted = [event.state for event in events if isinstance(event, SeatSeen) and event.seat == other]
+    acted = [place for place, source in enumerate(sources) if source == "person"]
+    n_idle = first - max(acted, default=-1) - 1
+    return Takeover(sighted[-1] if sighted else "here", silent_ms[first], n_idle)
 
 
 def count_lost(logs: list[Path], heard: list[list[str]]) -> int:

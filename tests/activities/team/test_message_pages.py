@@ -33,10 +33,10 @@ CELLS = """() => {
 
 def write(somebody: Somebody, text: str) -> None:
     somebody.press("enter")
-    somebody.page.wait_for_selector(".chat input")
+    somebody.page.wait_for_selector(".chat [data-target=field]")
     somebody.page.keyboard.insert_text(text)
     somebody.press("enter")
-    somebody.page.wait_for_selector(".chat input", state="detached")
+    somebody.page.wait_for_selector(".chat [data-target=field]", state="detached")
 
 
 def until_reads(somebody: Somebody, *said: str) -> None:
@@ -69,7 +69,7 @@ def test_words_and_marks_are_on_both_screens_and_in_both_logs(tmp_path: Path, pa
             people[0].page.wait_for_timeout(60)
         for somebody in people:
             somebody.page.wait_for_selector(".chat")
-            if somebody.page.locator(".chat input").count():  # an Enter that came with the episode's start
+            if somebody.page.locator(".chat [data-target=field]").count():  # an Enter that came with the episode's start
                 somebody.press("enter")
         one, two = people
         write(one, WORDS)
@@ -135,9 +135,9 @@ def start_talk(people: list[Somebody]) -> None:
         people[0].page.wait_for_timeout(60)
     for somebody in people:
         somebody.page.wait_for_selector(".chat")
-        if somebody.page.locator(".chat input").count():  # an Enter that came with the episode's start
+        if somebody.page.locator(".chat [data-target=field]").count():  # an Enter that came with the episode's start
             somebody.press("enter")
-            somebody.page.wait_for_selector(".chat input", state="detached")
+            somebody.page.wait_for_selector(".chat [data-target=field]", state="detached")
 
 
 @pytest.mark.program
@@ -149,7 +149,7 @@ def test_a_message_is_edited_by_the_browser_while_the_partners_words_come(tmp_pa
         page = one.page
         line = page.context.new_cdp_session(page)
         one.press("enter")
-        page.wait_for_selector(".chat input")
+        page.wait_for_selector(".chat [data-target=field]")
         page.keyboard.type("go rigth")
         page.click(".picture")  # no key of what follows is the game's
         page.keyboard.type("!")
@@ -162,13 +162,13 @@ def test_a_message_is_edited_by_the_browser_while_the_partners_words_come(tmp_pa
         page.keyboard.insert_text("right ")
         line.send("Input.imeSetComposition", {"text": "ひだ", "selectionStart": 2, "selectionEnd": 2})
         line.send("Input.insertText", {"text": "左"})
-        shown = page.input_value(".chat input")
+        shown = page.input_value(".chat [data-target=field]")
         one.page.screenshot(path=tmp_path / "field.png")
         one.press("enter")
-        page.wait_for_selector(".chat input", state="detached")
+        page.wait_for_selector(".chat [data-target=field]", state="detached")
         until_reads(one, f"{two_name(one)} where?", f"You {shown}")
         one.press("enter")
-        page.wait_for_selector(".chat input")
+        page.wait_for_selector(".chat [data-target=field]")
         page.keyboard.insert_text("x" * 201)
         page.wait_for_selector(".chat .limit:not([hidden])")
         one.page.screenshot(path=tmp_path / "long.png")
