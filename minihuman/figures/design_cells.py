@@ -3,6 +3,7 @@
 In a mixed design, the differences are those of groups in each contrast between conditions.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -112,6 +113,7 @@ def cells_figure(
     condition: str = "",
     level: str = "difference of contrast scores",
     comparison: str = "interaction, 95 % interval",
+    are_ratios: bool = False,
     limits: tuple[float, float] | None = None,
 ) -> Figure:
     """Draw the values of every participant in every condition, and beside them the differences.
@@ -127,6 +129,7 @@ def cells_figure(
         condition: the label of the axis of conditions.
         level: the label of the axis of differences.
         comparison: the title above the differences.
+        are_ratios: whether the differences are of logarithms; their axis then shows ratios.
         limits: the lowest and the highest possible value of the measure; None if it has no bounds.
     """
     with figure_style():
@@ -136,6 +139,8 @@ def cells_figure(
         draw_cells(left, groups, conditions, measure=measure, limits=limits)
         left.set_xlabel(condition)
         draw_differences(right, differences, level=level)
+        if are_ratios:
+            right.xaxis.set_major_formatter(lambda log_ratio, _: f"\N{MULTIPLICATION SIGN}{math.exp(log_ratio):.3g}")
         right.set_yticks(range(len(differences)), [*map(_name_difference, differences)])
         right.set_title(comparison, loc="left")
         for place, ax in enumerate((left, right)):
