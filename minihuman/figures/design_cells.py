@@ -103,6 +103,13 @@ def _name_difference(difference: Difference) -> str:
     return "\n".join(filter(None, (difference.first, difference.second)))
 
 
+def _label_differences(ax: Axes, differences: Sequence[Difference], title: str, *, are_ratios: bool) -> None:
+    if are_ratios:
+        ax.xaxis.set_major_formatter(lambda log_ratio, _: f"\N{MULTIPLICATION SIGN}{math.exp(log_ratio):.3g}")
+    ax.set_yticks(range(len(differences)), [*map(_name_difference, differences)])
+    ax.set_title(title, loc="left")
+
+
 def cells_figure(
     groups: Mapping[str, Values],
     conditions: Sequence[str],
@@ -139,10 +146,7 @@ def cells_figure(
         draw_cells(left, groups, conditions, measure=measure, limits=limits)
         left.set_xlabel(condition)
         draw_differences(right, differences, level=level)
-        if are_ratios:
-            right.xaxis.set_major_formatter(lambda log_ratio, _: f"\N{MULTIPLICATION SIGN}{math.exp(log_ratio):.3g}")
-        right.set_yticks(range(len(differences)), [*map(_name_difference, differences)])
-        right.set_title(comparison, loc="left")
+        _label_differences(right, differences, comparison, are_ratios=are_ratios)
         for place, ax in enumerate((left, right)):
             label_panel(ax, place)
     return figure

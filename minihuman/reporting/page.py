@@ -138,11 +138,7 @@ def build_page(content: PageContent, results: Results, templates: Path | None = 
         "flow": content.flow,
         "practice": content.practice,
         "published": _compare_with_published(results) if content.papers else None,
-        "question": ask_question(content.analysis, results, content.design, content.interaction),
-        "answers_first": state_answers(results, content.interaction, content.design, content.first_block),
-        "answers_without_rules": content.answers_without_rules,
-        "excluded": _count_excluded(content.exclusions),
-        "absent_measures": _list_absent_measures(results, content),
+        **_show_question(results, content),
         "within": _show_within(results.within),
         "interaction": _show_interaction(content.interaction, are_trials=results.are_trials),
         "blocks": [_show_block(block, results, content) for block in results.blocks],
@@ -161,6 +157,17 @@ def build_page(content: PageContent, results: Results, templates: Path | None = 
         "tables": content.tables,
     }
     return render_template(REPORT, context, templates)
+
+
+def _show_question(results: Results, content: PageContent) -> dict[str, Any]:
+    """Return the study's question, its answers and what qualifies them as variables of the template."""
+    return {
+        "question": ask_question(content.analysis, results, content.design, content.interaction),
+        "answers_first": state_answers(results, content.interaction, content.design, content.first_block),
+        "answers_without_rules": content.answers_without_rules,
+        "excluded": _count_excluded(content.exclusions),
+        "absent_measures": _list_absent_measures(results, content),
+    }
 
 
 def _describe_size(results: Results) -> dict[str, Any]:
