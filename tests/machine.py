@@ -85,6 +85,12 @@ REQUIREMENTS = {
     ),
     "compiler": Requirement("a C compiler", "apt-get install gcc libc6-dev", _find_program("cc"), in_ci=False),
     "node": Requirement("Node.js", "apt-get install nodejs", _find_program("node")),
+    "npm": Requirement(
+        "npm, which fetches packages",
+        "apt-get install npm; its registry must be reachable",
+        _find_program("npm"),
+        in_ci=False,
+    ),
     "openbox": Requirement("the window manager openbox", "apt-get install openbox", _find_program("openbox")),
     "opengl": Requirement(
         "OpenGL's libraries", "apt-get install libgl1 libglu1-mesa libegl1 libgl1-mesa-dri libopengl0", _find_opengl

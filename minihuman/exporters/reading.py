@@ -29,10 +29,26 @@ is_text <- sapply(columns, function(column) column$type %in% c("text", "key") ||
 texts <- names(columns)[is_text]
 frame <- read.csv("{file}", na.strings = "", colClasses = setNames(rep("character", length(texts)), texts))
 ```"""
+_JAVASCRIPT = """\
+```js
+import {{ readFileSync }} from "node:fs";
+import Papa from "papaparse";
+const columns = JSON.parse(readFileSync("{data_dictionary}", "utf8")).{table};
+function readCell(cell, name) {{
+  const column = columns[name];
+  if (cell === "") return null;
+  if (column.type === "boolean") return cell === "TRUE";
+  if (column.exceeds_double) return BigInt(cell);
+  return ["integer", "number"].includes(column.type) ? Number(cell) : cell;
+}}
+const file = readFileSync("{file}", "utf8");
+const options = {{ header: true, skipEmptyLines: true, transform: readCell }};
+const rows = Papa.parse(file, options).data;
+```"""
 
 _OTHER_PROGRAMS = (
     "In Excel, do not open the files by a double click: choose Data, From Text/CSV, and as Data Type Detection",
-    '"Do not detect data types". JavaScript reads `seed` and other 64-bit numbers with `BigInt`.',
+    '"Do not detect data types".',
     "",
 )
 GUARD_LINES = (
@@ -60,6 +76,10 @@ def describe_reading(table: str, file: str, *, data_dictionary: str = "dictionar
         "In R, which reads 64-bit numbers as text, too, as it has none:",
         "",
         _R.format(**names),
+        "",
+        "In JavaScript, with Papa Parse, where 64-bit numbers are `BigInt`:",
+        "",
+        _JAVASCRIPT.format(**names),
         "",
         *_OTHER_PROGRAMS,
         *GUARD_LINES,

@@ -3,6 +3,7 @@
 In a mixed design, the differences are those of groups in each contrast between conditions.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -102,6 +103,13 @@ def _name_difference(difference: Difference) -> str:
     return "\n".join(filter(None, (difference.first, difference.second)))
 
 
+def _label_differences(ax: Axes, differences: Sequence[Difference], title: str, *, are_ratios: bool) -> None:
+    if are_ratios:
+        ax.xaxis.set_major_formatter(lambda log_ratio, _: f"\N{MULTIPLICATION SIGN}{math.exp(log_ratio):.3g}")
+    ax.set_yticks(range(len(differences)), [*map(_name_difference, differences)])
+    ax.set_title(title, loc="left")
+
+
 def cells_figure(
     groups: Mapping[str, Values],
     conditions: Sequence[str],
@@ -112,6 +120,7 @@ def cells_figure(
     condition: str = "",
     level: str = "difference of contrast scores",
     comparison: str = "interaction, 95 % interval",
+    are_ratios: bool = False,
     limits: tuple[float, float] | None = None,
 ) -> Figure:
     """Draw the values of every participant in every condition, and beside them the differences.
@@ -127,6 +136,7 @@ def cells_figure(
         condition: the label of the axis of conditions.
         level: the label of the axis of differences.
         comparison: the title above the differences.
+        are_ratios: whether the differences are of logarithms; their axis then shows ratios.
         limits: the lowest and the highest possible value of the measure; None if it has no bounds.
     """
     with figure_style():
@@ -136,8 +146,7 @@ def cells_figure(
         draw_cells(left, groups, conditions, measure=measure, limits=limits)
         left.set_xlabel(condition)
         draw_differences(right, differences, level=level)
-        right.set_yticks(range(len(differences)), [*map(_name_difference, differences)])
-        right.set_title(comparison, loc="left")
+        _label_differences(right, differences, comparison, are_ratios=are_ratios)
         for place, ax in enumerate((left, right)):
             label_panel(ax, place)
     return figure

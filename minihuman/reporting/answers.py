@@ -45,7 +45,7 @@ def state_answers(
         interaction = list(state_interaction(interaction_results))
         statements = [*interaction, *statements] if is_about_interaction else [*statements, *interaction]
     if statements and design.contrasts:
-        statements.append(_define_contrasts(design.contrasts))
+        statements.append(_define_contrasts(design.contrasts, is_log=_compares_ratios(results, interaction_results)))
     return [*statements, *_state_ceiling(results, interaction_results, design, first_block)]
 
 
@@ -111,16 +111,24 @@ def _state_changes_compared(sessions: tuple[int, int], comparison: GroupComparis
     )
 
 
-def _define_contrasts(contrasts: Sequence[Contrast]) -> str:
-    """State what each contrast subtracts from what."""
-    definitions = [f"{contrast.name}: {_spell_contrast(contrast)}" for contrast in contrasts]
+def _compares_ratios(results: Results, interaction: InteractionResults | None) -> bool:
+    """Return whether the contrasts at the top of the page are of logarithms, and shown as ratios."""
+    if interaction is not None:
+        return any(compared.groups.is_log for compared in interaction.headline)
+    return results.within is not None and any(comparison.is_log for comparison in results.within.headline)
+
+
+def _define_contrasts(contrasts: Sequence[Contrast], *, is_log: bool) -> str:
+    """State what each contrast subtracts from what; of logarithms, what it divides by what."""
+    per = "over" if is_log else "minus"
+    definitions = [f"{contrast.name}: {_spell_contrast(contrast, per)}" for contrast in contrasts]
     return f"Contrasts, in this direction: {'; '.join(definitions)}."
 
 
-def _spell_contrast(contrast: Contrast) -> str:
-    """Write a contrast as its positive side minus its negative side."""
+def _spell_contrast(contrast: Contrast, per: str) -> str:
+    """Write a contrast as its positive side minus, or over, its negative side."""
     sides = [{name: sign * weight for name, weight in contrast.weights if sign * weight > 0} for sign in (1, -1)]
-    return " minus ".join(_spell_side(side) for side in sides)
+    return f" {per} ".join(_spell_side(side) for side in sides)
 
 
 def _spell_side(weights: dict[str, float]) -> str:

@@ -48,11 +48,15 @@ FORMULAS = {  # of one episode, where a measure's name does not tell it
     "reaction_median_ms": "key press minus the flip of the latest picture, in real time of a tick's",
     "ineffective_share": "steps without a visible effect",
 }
-
+TRIAL_FORMULAS = {  # of one trial, in place of those of an episode
+    "reward_mean": "the rewards of the world, summed over the trial",
+    "response_median_ms": "key press minus the onset that the block's response times count from, of all responses, "
+    "right or wrong",
+}
 
 NAMES_IN_SENTENCES = {  # of MEASURES whose labels say how they are computed, which the methods say, too
-    "log_excess_steps_mean": "excess steps over the shortest path, on a log scale",
-    "log_steps_ratio_mean": "steps relative to the shortest path, on a log scale",
+    "log_excess_steps_mean": "excess steps over the shortest path (log scale)",
+    "log_steps_ratio_mean": "steps relative to the shortest path (log scale)",
     "spl_mean": "SPL (success weighted by path length)",
     "success": "success rate",
     "steps_at_limit_mean": "steps to the goal",

@@ -233,7 +233,11 @@ def _add_figures(
     elif results.within is not None and results.within.comparisons:
         first_figures.append(draw_conditions(results.within, out))
     figures: list[ReportFigure] = []
-    for figure in draw_estimates(analysed[1], results, out):
+    of_answers = (
+        *draw_sessions(analysed[1], results, out),
+        *draw_estimates(analysed[1], results, out, report_input.teams),
+    )
+    for figure in of_answers:
         if figure.block == content.first_block:
             first_figures.append(figure)
         else:
@@ -289,8 +293,8 @@ def _draw_figures(
     results: Results,
     out: Path,
 ) -> list[ReportFigure]:
-    """Draw all figures except those of the estimates; ``analysed`` is episodes and blocks without practice."""
-    episodes, blocks = analysed
+    """Draw all figures except those of estimates and sessions; ``analysed`` is episodes and blocks without practice."""
+    episodes, _ = analysed
     paths = draw_paths(tables, out)
     sections = sorted(report_input.sections, key=lambda section: not section.is_leading)
     figures = [(section.is_leading, figure) for section in sections for figure in section.figures]
@@ -298,7 +302,6 @@ def _draw_figures(
         *(figure for is_leading, figure in figures if is_leading),
         *draw_reaction_times(report_input.reaction_times, results, out),
         *draw_learning_curves(episodes, results, out, report_input.teams),
-        *draw_sessions(blocks, results, out),
         *draw_waiting_times(results, out),
         *(figure for is_leading, figure in figures if not is_leading),
         *paths,

@@ -9,19 +9,23 @@ from minihuman.experiment.protocol.specs import OrderSpec
 def describe_orders(protocols: Sequence[Protocol]) -> list[str]:
     """Return a paragraph on how the orders of parts were balanced or drawn; [] if all participants had one order."""
     sentences = dict.fromkeys(
-        _describe_order(order) for protocol in protocols for order in protocol.orders if order.order != "fixed"
+        _describe_order(order, has_groups=len(protocol.groups) > 1)
+        for protocol in protocols
+        for order in protocol.orders
+        if order.order != "fixed"
     )
     if not sentences:
         return []
     return [" ".join(sentences)]
 
 
-def _describe_order(order: OrderSpec) -> str:
+def _describe_order(order: OrderSpec, *, has_groups: bool) -> str:
     units = list(_name_units(order))
     parts = f"{', '.join(units[:-1])} and {units[-1]}"
     if order.order == "shuffled":
         return f"The order of {parts} was drawn for each participant."
-    return f"The order of {parts} was balanced within each group by Latin squares (Williams, 1949)."
+    units_of_balance = "within each group" if has_groups else "over participants"
+    return f"The order of {parts} was balanced {units_of_balance} by Latin squares (Williams, 1949)."
 
 
 def _name_units(order: OrderSpec) -> Iterator[str]:

@@ -4,7 +4,7 @@ The module computes the results, the sentences that answer the study's question 
 """
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import get_args
@@ -231,11 +231,12 @@ def state_interaction(interaction: InteractionResults) -> Iterator[str]:
     omnibus = next((candidate for candidate in interaction.omnibus if candidate.measure == interaction.measure), None)
     if omnibus is not None:
         yield _state_omnibus(opening, omnibus.test, interaction)
+    elif len(interaction.headline) == 1:
+        yield _state_contrast(opening, interaction.headline[0])
     else:
-        if len(interaction.headline) > 1:
-            yield _summarise_contrasts(interaction)
-        for compared in interaction.headline:
-            yield _state_contrast(opening, compared, is_alone=len(interaction.headline) == 1)
+        yield _summarise_contrasts(opening, interaction)
+        for contrast in dict.fromkeys(compared.contrast for compared in interaction.headline):
+            yield _list_pairs([compared for compared in interaction.headline if compared.contrast == contrast])
     if interaction.left_out:
         yield f"{interaction.left_out} participants without a value in every condition are not in the interaction."
 
@@ -248,20 +249,46 @@ def _state_omnibus(opening: str, test: InteractionTest, interaction: Interaction
     size = ""
     if not math.isnan(test.effect.estimate):
         share = format_number(test.effect.estimate, 2)
-        size = (
-            f"; the group explains {share} of their variance, 90 % interval {format_interval(test.effect.interval, 2)}"
-        )
+        bounds = format_interval(test.effect.interval, 2)
+        size = f"; the group explains an estimated {share} of their variance, 90 % interval {bounds}"
     p = f"permutation p {format_p_value(test.p)}"
     return f"{opening}: differences between conditions {verdict} on the group ({p}{size}; {sizes})."
 
 
-def _summarise_contrasts(interaction: InteractionResults) -> str:
-    """State in how many comparisons the difference between conditions depends on the group."""
-    n_shown = sum(compared.groups.p_holm < ALPHA for compared in interaction.headline)
-    n = len(interaction.headline)
-    if not n_shown:
-        return f"In none of {n} comparisons is a difference between conditions shown to depend on the group."
-    return f"In {n_shown} of {n} comparisons a difference between conditions depends on the group."
+def _summarise_contrasts(opening: str, interaction: InteractionResults) -> str:
+    """State in how many comparisons the difference between conditions depends on the group, and in which."""
+    comparisons = interaction.headline
+    shown = [compared for compared in comparisons if compared.groups.p_holm < ALPHA]
+    kind = "ratio" if any(compared.groups.is_log for compared in comparisons) else "difference"
+    sizes = {group: n for compared in comparisons for group, n in _list_sizes(compared)}
+    of_groups = ", ".join(f"{n} in {group}" for group, n in sizes.items())
+    key = f"in brackets 95 % intervals; p by permutation, after Holm; {of_groups}"
+    n = len(comparisons)
+    if not shown:
+        verdict = f"in none of {n} comparisons is a {kind} between conditions shown to depend on the group"
+        return f"{opening}: {verdict} ({key})."
+    larger = "; ".join(f"{name_contrast(compared)} is {_name_larger(compared.groups)}" for compared in shown)
+    verdict = f"in {len(shown)} of {n} comparisons a {kind} between conditions depends on the group"
+    return f"{opening}: {verdict}: {larger} ({key})."
+
+
+def _list_sizes(compared: ContrastComparison) -> Iterator[tuple[str, int]]:
+    """Yield both groups of a comparison, each with its number of participants."""
+    yield compared.groups.first, compared.groups.n[0]
+    yield compared.groups.second, compared.groups.n[1]
+
+
+def _list_pairs(comparisons: Sequence[ContrastComparison]) -> str:
+    """State how much each two groups differ on a contrast, or why they are not compared."""
+    return f"{name_contrast(comparisons[0])}: {'; '.join(_list_pair(compared.groups) for compared in comparisons)}."
+
+
+def _list_pair(groups: GroupComparison) -> str:
+    pair = format_pair(groups.first, groups.second, is_log=groups.is_log)
+    if groups.reason and math.isnan(groups.p):
+        return f"{pair} not compared ({groups.reason})"
+    estimate = format_difference(groups.difference, groups.interval, is_log=groups.is_log, sign="+")
+    return f"{pair} {estimate}, p {format_p_value(groups.p_holm)}"
 
 
 def name_contrast(compared: ContrastComparison) -> str:
@@ -271,7 +298,7 @@ def name_contrast(compared: ContrastComparison) -> str:
     return compared.contrast
 
 
-def _state_contrast(opening: str, compared: ContrastComparison, *, is_alone: bool) -> str:
+def _state_contrast(opening: str, compared: ContrastComparison) -> str:
     """State in one sentence how much two groups differ on a contrast, or why they are not compared."""
     groups = compared.groups
     subject = f"{opening}: {name_contrast(compared)}, {format_pair(groups.first, groups.second, is_log=groups.is_log)}"
@@ -282,25 +309,26 @@ def _state_contrast(opening: str, compared: ContrastComparison, *, is_alone: boo
     if groups.is_log:
         interval = f"ratio of ratios, {interval}"
     p = f"permutation {state_p(groups.p, groups.smallest_p)}"
-    decisive_p = groups.p
-    if not is_alone:
-        p = f"p {format_p_value(groups.p_holm)} (permutation, Holm)"
-        decisive_p = groups.p_holm
     size = ""
     if not math.isnan(groups.g):
         size = f"; standardised g {format_number(groups.g, 2)}, interval {format_interval(groups.g_interval, 2)}"
     n = f"{groups.n[0]} and {groups.n[1]} participants"
     caution = f" With care: {groups.caution}." if groups.caution else ""
-    return f"{subject} is {estimate} ({interval}; {p}{size}; {n}).{caution}{_state_verdict(groups, decisive_p)}"
+    return f"{subject} is {estimate} ({interval}; {p}{size}; {n}).{caution}{_state_verdict(groups)}"
 
 
-def _state_verdict(groups: GroupComparison, p: float) -> str:
+def _state_verdict(groups: GroupComparison) -> str:
     """Say in words in which group the difference between conditions is larger, or that it is not shown to depend."""
     size = "ratio" if groups.is_log else "difference"
-    if p >= ALPHA:
+    if groups.p >= ALPHA:
         return f" The {size} between conditions is not shown to depend on the group."
+    return f" The {size} between conditions is {_name_larger(groups)}."
+
+
+def _name_larger(groups: GroupComparison) -> str:
+    """Say in which of two groups the difference between conditions is larger."""
     larger, smaller = (groups.first, groups.second) if groups.difference > 0 else (groups.second, groups.first)
-    return f" The {size} between conditions is larger in {larger} than in {smaller}."
+    return f"larger in {larger} than in {smaller}"
 
 
 def interaction_table(interaction: InteractionResults) -> Table:

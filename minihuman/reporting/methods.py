@@ -1,5 +1,6 @@
 """The methods section: participants, blocks, measures and software in sentences to copy, with versions and hashes."""
 
+import re
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from importlib.metadata import version
@@ -12,7 +13,7 @@ from minihuman.experiment.plan.stated_outcomes import describe_rule, find_outcom
 from minihuman.experiment.protocol.answer_exclusions import describe_answer_exclusion
 from minihuman.experiment.protocol.protocol import BlockSpec, Protocol
 from minihuman.reporting.attrition import Attrition
-from minihuman.reporting.block_measures import FORMULAS, MEASURES, TRIAL_BLOCK_MEASURES
+from minihuman.reporting.block_measures import FORMULAS, MEASURES, TRIAL_BLOCK_MEASURES, TRIAL_FORMULAS
 from minihuman.reporting.design_methods import describe_adaptive_designs, describe_orders, describe_team, name_allocated
 from minihuman.reporting.trial_methods import (
     describe_stimuli,
@@ -24,6 +25,8 @@ from minihuman.worlds.outcomes import LAST_REWARD
 
 _STATISTICS = ("pandas", "scipy")
 _TO_FIND = "the actions of the keys had to be discovered"
+_WHO_KEPT = "who kept the keys of an earlier block"
+_KEPT = "the keys were those of an earlier block"
 _SHOWN = "the keys and their actions were shown on the screen"
 _DRAWN_ANEW = ("new", "shown")
 _LABELS: dict[str, Callable[[PlanOutline], str]] = {
@@ -276,12 +279,12 @@ def _describe_block(name: str, described: Sequence[tuple[PlanOutline, str]], kno
         qualifier = ""
         if any(labels):
             qualifier = f", {' and '.join(labels)}"
-        exception = ""
         if _TO_FIND in description:
             sessions = {(plan.group, plan.session) for plan, plan_text in described if plan_text == description}
             cells = {cell: is_known for cell, is_known in known.items() if cell[:2] in sessions}
-            exception = _describe_known_keys(cells)
-        sentences.append(f"Block {name}{qualifier}: {description}{exception}.")
+            keys = _KEPT if all(cells.values()) else f"{_TO_FIND}{_describe_known_keys(cells)}"
+            description = description.replace(_TO_FIND, keys)
+        sentences.append(f"Block {name}{qualifier}: {description}.")
     return " ".join(sentences)
 
 
@@ -302,12 +305,16 @@ def _label_descriptions(described: Sequence[tuple[PlanOutline, str]]) -> dict[st
 def _describe_known_keys(known: Mapping[Cell, bool]) -> str:
     """State who already knew the keys; "" if no one did."""
     exceptions: list[str] = []
+    is_divided = False  # a group whose participants knew them or not, by the block before
     for group in sorted({group for group, _, _ in known}):
         cells = {(session, before): is_known for (name, session, before), is_known in known.items() if name == group}
+        is_divided |= len(set(cells.values())) > 1
         exceptions += _list_with_known_keys(group, cells)
+    if is_divided and all(is_known == bool(before) for (_, _, before), is_known in known.items()):
+        exceptions = ["those who had played another block"]
     if not exceptions:
         return ""
-    return f" (except by {', '.join(exceptions)}, who kept the keys of an earlier block)"
+    return f" (except by {', '.join(exceptions)}, {_WHO_KEPT})"
 
 
 def _list_with_known_keys(group: str, cells: Mapping[tuple[int, str], bool]) -> Iterator[str]:
@@ -347,7 +354,7 @@ def _describe_episode(block_plan: EpisodePlan, spec: BlockSpec | None) -> str:
     if spec is not None and spec.max_episode_s:
         limit += f" or {spec.max_episode_s:g} s"
     count = _describe_count(block_plan, spec)
-    pace = _describe_pace(block_plan)
+    pace = _describe_pace(block_plan, spec)
     motion = _describe_motion(spec)
     outcome = _describe_outcome(block_plan, spec)
     return (
@@ -400,21 +407,23 @@ def _describe_count(block_plan: EpisodePlan, spec: BlockSpec | None) -> str:
     return f"{block_plan.episodes_in_block} episodes"
 
 
-def _describe_pace(block_plan: EpisodePlan) -> str:
+def _describe_pace(block_plan: EpisodePlan, spec: BlockSpec | None) -> str:
     """State what triggered a step."""
     if block_plan.pace == "on_key":
         step = "each press of a key made one step"
         if block_plan.auto_repeat:
             step += ", a held key more of them"
         return step
-    idle_action = "none"
+    idle = "no step"
+    if spec is not None and spec.team is not None:
+        idle = "a body standing still"
     if block_plan.noop is not None:
-        idle_action = block_plan.noop
+        idle = f"action {block_plan.noop}"
     onset = "the onsets that the world names"
     if block_plan.onset_at_reset:
         onset = "the first picture"
     period = f"one step every {block_plan.step_period_ms:g} ms"
-    return f"{period}, {idle_action} without a key, reaction times from {onset}"
+    return f"{period}, {idle} without a key, reaction times from {onset}"
 
 
 def _describe_measures(plans: Sequence[PlanOutline], specs: BlockSpecs, measures: Collection[str] = ()) -> str:
@@ -423,7 +432,8 @@ def _describe_measures(plans: Sequence[PlanOutline], specs: BlockSpecs, measures
     are_trials = bool(blocks) and all(is_of_trials(block, spec) for block, spec in blocks)
     shown = measures or FORMULAS
     names = [name for name in FORMULAS if name in shown and (name in TRIAL_BLOCK_MEASURES or not are_trials)]
-    parts = "; ".join(f"{MEASURES[name]} = {FORMULAS[name]}" for name in names)
+    formulas = FORMULAS | (TRIAL_FORMULAS if are_trials else {})
+    parts = "; ".join(f"{MEASURES[name]} = {formulas[name]}" for name in names)
     session_note = ""
     if len({plan.session for plan in plans}) > 1:
         session_note = "; of several sessions it is the mean of theirs"
@@ -454,7 +464,10 @@ def _describe_software(plans: Sequence[PlanOutline], qualities: Sequence[Recordi
 
 def _list_software(qualities: Sequence[RecordingQuality], name: str) -> list[str]:
     """Return the distinct values that the sessions' logs record under a name of software."""
-    return sorted({run[name] for quality in qualities for run in quality.software if name in run})
+    recorded = sorted({run[name] for quality in qualities for run in quality.software if name in run})
+    if name != "git_commit":
+        return recorded
+    return [re.sub(r"\+$", " with changed files", commit) for commit in recorded]
 
 
 def _describe_page_kernels(plans: Sequence[PlanOutline], qualities: Sequence[RecordingQuality]) -> str:

@@ -18,7 +18,7 @@ from minihuman.experiment.protocol.specs import AnalysisSpec
 from minihuman.experiment.protocol.study_design import ExperimentDesign
 from minihuman.reporting.activity_sections import ReportSection
 from minihuman.reporting.answers import state_answers
-from minihuman.reporting.block_measures import label_measure
+from minihuman.reporting.block_measures import label_measure, phrase_measure
 from minihuman.reporting.block_results import BlockResults, summarise_group_rewards
 from minihuman.reporting.instruction_clauses import clauses_table
 from minihuman.reporting.interactions import InteractionResults, cells_table, interaction_table
@@ -138,17 +138,14 @@ def build_page(content: PageContent, results: Results, templates: Path | None = 
         "flow": content.flow,
         "practice": content.practice,
         "published": _compare_with_published(results) if content.papers else None,
-        "question": ask_question(content.analysis, results, content.design, content.interaction),
-        "answers_first": state_answers(results, content.interaction, content.design, content.first_block),
-        "answers_without_rules": content.answers_without_rules,
-        "excluded": _count_excluded(content.exclusions),
+        **_show_question(results, content),
         "within": _show_within(results.within),
         "interaction": _show_interaction(content.interaction, are_trials=results.are_trials),
         "blocks": [_show_block(block, results, content) for block in results.blocks],
         "min_growth_episodes": MIN_EPISODES,
         "clauses": clauses_table(content.clauses),
         "activities": content.activities,
-        "answers": answers_table(content.answers),
+        "answers": answers_table(content.answers, results.order),
         "task_load": content.task_load,
         "figures": content.figures,
         "first_figures": content.first_figures,
@@ -160,6 +157,17 @@ def build_page(content: PageContent, results: Results, templates: Path | None = 
         "tables": content.tables,
     }
     return render_template(REPORT, context, templates)
+
+
+def _show_question(results: Results, content: PageContent) -> dict[str, Any]:
+    """Return the study's question, its answers and what qualifies them as variables of the template."""
+    return {
+        "question": ask_question(content.analysis, results, content.design, content.interaction),
+        "answers_first": state_answers(results, content.interaction, content.design, content.first_block),
+        "answers_without_rules": content.answers_without_rules,
+        "excluded": _count_excluded(content.exclusions),
+        "absent_measures": _list_absent_measures(results, content),
+    }
 
 
 def _describe_size(results: Results) -> dict[str, Any]:
@@ -183,6 +191,13 @@ def _count_excluded(exclusions: pd.DataFrame) -> str:
     return ", ".join(f"{count} ({reason})" for reason, count in counts.items()) or "none"
 
 
+def _list_absent_measures(results: Results, content: PageContent) -> list[str]:
+    """Return the measures that the protocol names and that have no values, so that nothing below is of them."""
+    shown = results.shown_measures | set(content.interaction.roles if content.interaction else ())
+    named = (content.analysis.primary_measure, *content.analysis.secondary_measures)
+    return [phrase_measure(name) for name in named if name and name not in shown]
+
+
 def _show_within(within: WithinResults | None) -> dict[str, Any] | None:
     if within is None:
         return None
@@ -199,6 +214,7 @@ def _show_interaction(interaction: InteractionResults | None, *, are_trials: boo
     if interaction is None:
         return None
     return {
+        "measure": f"{label_measure(interaction.measure)[:1].upper()}{label_measure(interaction.measure)[1:]}",
         "cells": cells_table(interaction),
         "table": interaction_table(interaction),
         "has_response_times": are_trials and interaction.measure == "response_median_ms",

@@ -165,7 +165,7 @@ def session_changes_table(block: BlockResults) -> Table | None:
         rows.append(
             (
                 measure,
-                format_pair(comparison.first, comparison.second),
+                format_pair(comparison.first, comparison.second, is_log=comparison.is_log),
                 _join_sizes(comparison.n),
                 difference,
                 format_p_value(comparison.p),

@@ -128,13 +128,18 @@ def leave_out_navigation(
 def sort_blocks_by_play(blocks: pd.DataFrame, conditions: Sequence[str] = ()) -> list[str]:
     """Sort the blocks by their mean position in the sessions that contain them.
 
-    Where orders are balanced, positions are equal, and ``conditions`` gives the order.
+    ``conditions`` that were not played in the same order in all sessions share one position, and keep their order.
     """
     place = blocks.groupby(["participant", "session"], sort=False).cumcount()
-    means = place.groupby(blocks["block"], sort=False).mean()
-    places = {name: number for number, name in enumerate(conditions)}
-    names = [str(name) for name in means.index]
-    return sorted(names, key=lambda name: (round(float(means[name]), 9), places.get(name, len(places))))
+    means = {str(name): float(mean) for name, mean in place.groupby(blocks["block"], sort=False).mean().items()}
+    is_condition = blocks["block"].isin(conditions)
+    compared = blocks[is_condition]
+    orders = compared.groupby(["participant", "session"], sort=False)["block"].agg(tuple)
+    if orders.nunique() > 1:
+        shared_mean = float(place[is_condition].mean())
+        means |= dict.fromkeys(compared["block"].unique(), shared_mean)
+    ranks = {name: number for number, name in enumerate(conditions)}
+    return sorted(means, key=lambda name: (round(means[name], 9), ranks.get(name, len(ranks))))
 
 
 def find_target_block(blocks: pd.DataFrame) -> str:

@@ -24,34 +24,44 @@ _GIVEN_ONCE = ["participant", "session", "part", "questions", "item", "attempt"]
 _TIMED_COLUMNS = slice(3, 9)  # the columns of the table of quality that need a display and a keyboard
 
 
-def answers_table(answers: pd.DataFrame) -> Table | None:
+def answers_table(answers: pd.DataFrame, groups: Sequence[str] = ()) -> Table | None:
     """Tabulate every question: the counts of each answer, or its mean and range, and the median response time.
 
     A question asked in several sessions, or several times in one session, has a row for each time, because the answers
-    of different days or after different blocks are not comparable. ``answers`` has the column ``after``, the block to
-    which the answers belong; without it, times are numbered.
+    of different days or after different blocks are not comparable. With several ``groups`` it has a row for each of
+    them, in their order. ``answers`` has the column ``after``, the block to which the answers belong; without it, times
+    are numbered.
     """
     if answers.empty:
         return None
-    last = answers.drop_duplicates(_GIVEN_ONCE, keep="last")
-    if "after" not in last:
-        last = last.assign(after="")
+    last = _prepare_answers(answers, groups)
     times = last.groupby(["participant", "session", "questions", "after"])["part"].rank(method="dense").astype(int)
     last = last.assign(time=times)  # how often they had been asked in that session after that block, 1 for the first
     repeats = last.groupby(["questions", "item"])
     whens = [when for when in ("session", "after", "time") if (repeats[when].nunique() > 1).any()]
+    shown = [*whens, *(["group"] if len(groups) > 1 else [])]
     as_asked: list[tuple[object, ...]] = list(zip(last["questions"], last["item"], strict=True))
-    by_question = last.groupby(["questions", "item", "session", "after", "time"])
+    by_question = last.groupby(["questions", "item", "session", "after", "time", "rank"])
     in_order = sorted(by_question, key=lambda keyed: (as_asked.index(keyed[0][:2]), keyed[0][2:]))
     rows: list[tuple[Cell, ...]] = []
-    for (part, question, session, after, time), group in in_order:
-        asked_at = {"session": session, "after": after, "time": time}
-        when = [str(asked_at[name]) for name in whens]
-        median_s = format_number(float(group["answer_ms"].median()) / 1000)
-        summary = _summarise_answers(group)
-        rows.append((str(part), str(question), *when, summary, str(len(group)), _share_right(group), median_s))
-    heads = ("questions", "question", *whens, "answers", "n", "right", "median time (s)")
-    return Table(heads, rows, words=3 + len(whens))
+    for (part, question, *_), given in in_order:
+        labels = [str(given[name].iloc[0]) for name in shown]
+        median_s = format_number(float(given["answer_ms"].median()) / 1000)
+        summary = _summarise_answers(given)
+        rows.append((str(part), str(question), *labels, summary, str(len(given)), _share_right(given), median_s))
+    heads = ("questions", "question", *shown, "answers", "n", "right", "median time (s)")
+    return Table(heads, rows, words=3 + len(shown))
+
+
+def _prepare_answers(answers: pd.DataFrame, groups: Sequence[str]) -> pd.DataFrame:
+    """Return the last answer to each question, with the columns ``after`` and ``rank``, the place of the group."""
+    last = answers.drop_duplicates(_GIVEN_ONCE, keep="last")
+    if "after" not in last:
+        last = last.assign(after="")
+    if len(groups) < 2:
+        return last.assign(rank=0)
+    ranks = {group: rank for rank, group in enumerate(groups)}
+    return last.assign(rank=last["group"].map(ranks).fillna(len(ranks)).astype(int))
 
 
 def _summarise_answers(group: pd.DataFrame) -> Cell:

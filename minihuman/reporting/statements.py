@@ -120,7 +120,7 @@ def _state_estimate(comparison: GroupComparison | PairedComparison) -> str:
     return f"{difference} ({state_interval(comparison.interval, is_log=False)}"
 
 
-def _state_ratio(comparison: GroupComparison) -> str:
+def _state_ratio(comparison: GroupComparison | PairedComparison) -> str:
     """State a difference of log steps as a ratio of steps; "" for other measures."""
     quantity = _RATIO_OF.get(comparison.measure)
     if quantity is None or math.isnan(comparison.interval[0]):
@@ -144,9 +144,11 @@ def paired_statement(comparison: PairedComparison) -> str:
     verdict = state_verdict(comparison.difference, comparison.p_holm, comparison.first, comparison.second)
     if not comparison.second:
         verdict = state_contrast_verdict(comparison.difference, comparison.p_holm)
+    if comparison.p < _ALPHA <= comparison.p_holm:
+        verdict = " After Holm's correction no difference is shown."
     return (
         f"{_begin_with_measure(comparison.measure)}, within participants: {conditions} is "
-        f"{_state_estimate(comparison)}; {ps}; {comparison.n} participants).{caveat}{verdict}"
+        f"{_state_estimate(comparison)}{_state_ratio(comparison)}; {ps}; {comparison.n} participants).{caveat}{verdict}"
     )
 
 

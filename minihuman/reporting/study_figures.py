@@ -17,7 +17,7 @@ from minihuman.figures.figure_data import (
     name_measure,
 )
 from minihuman.reporting.block_measures import label_measure, phrase_measure
-from minihuman.reporting.block_results import lacks_goal
+from minihuman.reporting.block_results import BlockResults, lacks_goal
 from minihuman.reporting.interactions import ContrastComparison, InteractionResults, name_contrast
 from minihuman.reporting.results import Results
 from minihuman.reporting.template import ReportFigure, format_pair
@@ -30,6 +30,7 @@ CURVES = (
     ("success", "success (share)", (0.0, 1.0)),
     ("playing_s", "playing time (s)", (0.0, math.inf)),
 )
+_LONG_PARENTHESIS = 12  # characters
 _AXIS = {
     "log_excess_steps": "log of excess steps",
     "reward": "reward",
@@ -53,15 +54,20 @@ def _begin_sentence(label: str) -> str:
 
 
 def _shorten(label: str) -> str:
-    """Return a measure's label without parentheses or the text after a colon, for use on an axis."""
-    return label.partition(" (")[0].partition(":")[0]
+    """Return a measure's label without long parentheses or the text after a colon, for use on an axis."""
+    name, _, parenthesis = label.partition(" (")
+    if len(parenthesis) < _LONG_PARENTHESIS:  # a unit or a scale
+        name = label
+    return name.partition(":")[0]
 
 
-def draw_estimates(blocks: pd.DataFrame, results: Results, out: Path) -> Iterator[ReportFigure]:
-    """Draw every participant's value and the group differences on each block's main measure."""
-    included = blocks[blocks["exclusion_reason"].isna()]
+def draw_estimates(
+    blocks: pd.DataFrame, results: Results, out: Path, teams: pd.DataFrame | None = None
+) -> Iterator[ReportFigure]:
+    """Draw every participant's value and the group differences on each block's main measure; a team has one value."""
+    included = unite_teams(blocks[blocks["exclusion_reason"].isna()], teams)
     for block in results.blocks:
-        if not block.headline or block.teams:
+        if not block.headline:
             continue
         measure = block.headline[0].measure
         rows = included[included["block"] == block.block]
@@ -87,8 +93,8 @@ def draw_estimates(blocks: pd.DataFrame, results: Results, out: Path) -> Iterato
         if len(differences) == 1:
             of_means = "the difference of the means, with the interval"
         caption = (
-            f"{_begin_sentence(label)} in block {block.block}. A: a dot per participant, beside them the group's mean "
-            f"with its 95 % interval. B: {of_means} of the comparison."
+            f"{_begin_sentence(label)} in block {block.block}. A: a dot per {_name_unit(block)}, beside them the "
+            f"group's mean with its 95 % interval. B: {of_means} of the comparison."
         )
         yield ReportFigure(block.block, png, caption)
 
@@ -116,7 +122,8 @@ def draw_interaction(interaction: InteractionResults, out: Path, condition_label
         measure=_shorten(label),
         title=name_measure(label, width=110),
         condition=condition_label,
-        level="log of the ratio of ratios" if is_log else "difference of contrast scores",
+        level="ratio of ratios" if is_log else "difference of contrast scores",
+        are_ratios=is_log,
         limits=_find_limits(interaction.measure, pd.Series(cells.to_numpy(float).ravel())),
     )
     caption = (
@@ -131,6 +138,15 @@ def _find_difference(compared: ContrastComparison) -> Difference:
     groups = compared.groups
     pair = format_pair(groups.first, groups.second, is_log=groups.is_log)
     return Difference(name_contrast(compared), pair, groups.difference, groups.interval)
+
+
+def _name_unit(block: BlockResults) -> str:
+    """Return what a dot of a block's figure stands for."""
+    if not block.teams:
+        return "participant"
+    if all(group in block.team_units for group in block.groups["group"]):
+        return "team"
+    return "team or, in groups without teams, participant"
 
 
 def draw_conditions(within: WithinResults, out: Path) -> ReportFigure:
@@ -150,7 +166,8 @@ def draw_conditions(within: WithinResults, out: Path) -> ReportFigure:
         measure=_shorten(label),
         title=name_measure(label, width=110),
         condition=within.label,
-        level="difference of logarithms" if is_log else "difference within participants",
+        level="ratio within participants" if is_log else "difference within participants",
+        are_ratios=is_log,
         comparison="differences, 95 % interval",
         limits=_find_limits(within.measure, pd.Series(within.cells.to_numpy(float).ravel())),
     )
@@ -197,9 +214,9 @@ def draw_reaction_times(times: pd.DataFrame, results: Results, out: Path) -> Ite
         title = name_measure("reaction times", block.block)
         png, _ = draw_figure_files(stem, "estimation.reaction_time_figure", groups, edges_ms, title=title)
         caption = (
-            f"Reaction times in block {block.block}, {_BINS_PER_OCTAVE} bins per doubling: a thin line per "
-            "participant, or above 12 a band from their 10th to their 90th percentile; thick the mean of the group's "
-            "participants."
+            f"Reaction times in block {block.block}, {_BINS_PER_OCTAVE} bins per doubling. Thin lines: participants "
+            "(of groups above 12, a band from their 10th to their 90th percentile); thick line: the mean over the "
+            "group's participants."
         )
         yield ReportFigure(block.block, png, caption)
 

@@ -28,7 +28,8 @@ def ask_question(
         if design.condition_label:
             conditions = f"levels {join_names(interaction.conditions)} of {design.condition_label}"
         groups = join_names(interaction.groups)
-        differences = f"differences in {measure} between {conditions}"
+        is_log = any(compared.groups.is_log for compared in interaction.headline)
+        differences = f"{'ratios of' if is_log else 'differences in'} {measure} between {conditions}"
         return f"{own_question}Asked: whether {differences} depend on the group ({groups})."
     comparisons = ", and ".join(_list_compared(results))
     if not comparisons:
@@ -41,7 +42,10 @@ def _list_compared(results: Results) -> Iterator[str]:
     if results.target_block is not None:
         groups = results.target_block.groups["group"].tolist()
         if len(groups) > 1:
-            yield f"between groups {join_names(groups)} in block {results.target}"
+            over_sessions = ""
+            if results.target_block.changes_compared:
+                over_sessions = ", over the sessions and in the change between them"
+            yield f"between groups {join_names(groups)} in block {results.target}{over_sessions}"
     if results.within is None:
         return
     conditions = join_names(results.within.conditions)

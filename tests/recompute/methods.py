@@ -50,12 +50,14 @@ ENDS = re.compile(
     r"(?:for at most (?P<s>[\d.]+) s in all)?"
 )
 REAL_TIME = re.compile(
-    r"one step every (?P<period>[\d.]+) ms, (?P<noop>\w+) without a key, reaction times from (?P<onset>.+)"
+    r"one step every (?P<period>[\d.]+) ms, (?P<noop>no step|a body standing still|action \w+) without a key, "
+    r"reaction times from (?P<onset>.+)"
 )
 LEGENDS = {
     True: "the keys and their actions were shown on the screen",
     False: "the actions of the keys had to be discovered",
 }
+KEPT = "the keys were those of an earlier block"  # by everyone whom the sentence is about
 VALUE = "Unless stated otherwise, a participant's value is the mean over the included episodes"
 FORMULAS = {
     "log_excess_steps_mean": "ln(1 + steps \N{MINUS SIGN} shortest), shortest: steps of the shortest known path",
@@ -128,7 +130,8 @@ def check_methods(paragraphs: Sequence[str], sessions: Sequence[Session], regist
 def check_orders(text: str, sessions: Sequence[Session], tally: Tally) -> None:
     """Check that participants had the parts in several orders, which the protocol says how to draw."""
     its = re.fullmatch(
-        r"The order of (?P<parts>.+) was (?:balanced within each group by Latin squares \(Williams, 1949\)"
+        r"The order of (?P<parts>.+) was (?:balanced (?:within each group|over participants) by Latin squares "
+        r"\(Williams, 1949\)"
         r"|(?P<drawn>drawn for each participant))\.",
         text,
     )
@@ -248,6 +251,8 @@ def is_of(who: str | None, session: Session) -> bool:
 
 
 def is_known(known: str | None, had: Had) -> bool:
+    if known == "those who had played another block":
+        return bool(had.before)
     for label in (known or "").split(", "):
         match = re.fullmatch(r"(\S*)(?: in session (\d+))?(?: after block (\S+))?", label)
         if match is not None:
@@ -308,16 +313,20 @@ def check_plan(its: re.Match[str], had: Had, tally: Tally) -> None:
     tally.same(f"{where}, pool", its["pool"], str(len(plan.key_map.keys) + len(plan.key_map.spare_keys)))
     tally.same(f"{where}, distractors", its["distractors"], ", ".join(sorted({*others})) or None)
     tally.same(f"{where}, distractors' keys", its["others"], str(len(others)) if others else None)
-    tally.same(f"{where}, legend", its["legend"], LEGENDS[plan.show_keys])
-    if not plan.show_keys:
-        tally.same(f"{where}, known keys", is_known(its["known"], had), had.known)
+    if its["legend"] == KEPT:
+        tally.same(f"{where}, kept keys", (plan.show_keys, had.known), (False, True))
+    else:
+        tally.same(f"{where}, legend", its["legend"], LEGENDS[plan.show_keys])
+        if not plan.show_keys:
+            tally.same(f"{where}, known keys", is_known(its["known"], had), had.known)
     if plan.pace == "on_key":
         more = ", a held key more of them" if plan.auto_repeat else ""
         tally.same(f"{where}, pace", its["pace"], f"each press of a key made one step{more}")
         return
     pace = REAL_TIME.fullmatch(its["pace"])
     onset = "the first picture" if plan.onset_at_reset else "the onsets that the world names"
-    noop = plan.noop if plan.HasField("noop") else "none"
+    noop = "a body standing still" if spec.get("team") else "no step"
+    noop = f"action {plan.noop}" if plan.HasField("noop") else noop
     tally.same(f"{where}, pace", pace and pace.groups(), (f"{plan.step_period_ms:g}", noop, onset))
 
 
@@ -339,7 +348,7 @@ def check_play(its: re.Match[str], had: Had, tally: Tally) -> None:
             continue
         names = one.start.action_names
         alone = {names[step.action] for step in one.steps if not step.key}
-        tally.same(f"{where}, ticks without a key", alone <= ({pace["noop"]} - {"none"}), True)
+        tally.same(f"{where}, ticks without a key", alone <= {pace["noop"].removeprefix("action ")}, True)
         times = [one.start.t_ns, *(step.t_ns for step in one.steps)]
         closest = min((b - a for a, b in itertools.pairwise(times)), default=None)
         period_ns = float(pace["period"]) * 1e6
@@ -368,6 +377,8 @@ def check_software(text: str, report: str, sessions: Sequence[Session], tally: T
     made = []
     for name, word in SOFTWARE.items():
         values = sorted({facts[name] for session in sessions for facts in session.facts("facts") if name in facts})
+        if name == "git_commit":
+            values = [f"{one[:-1]} with changed files" if one.endswith("+") else one for one in values]
         made += [f"{word} {' and '.join(values)}"] if values else []
     told = f"Protocol of study {sessions[0].plan.study}: {versions}. Run with {', '.join(made)}."
     tally.same("methods, software", text, told)

@@ -430,9 +430,17 @@ class Study:
             session = row["participant"], row["session"]
             places[row["block"]].append(counts[session])
             counts[session] += 1
-        named = list(self.analysis.get("conditions", ()))  # that are played equally early where orders are balanced
+        named = list(self.analysis.get("conditions", ()))
+        orders: dict[tuple[str, int], list[str]] = defaultdict(list)
+        for row in self.blocks:
+            if row["block"] in named:
+                orders[row["participant"], row["session"]].append(row["block"])
+        means = {block: float(np.mean(these)) for block, these in places.items()}
+        if len({tuple(order) for order in orders.values()}) > 1:  # conditions that some played in another order
+            both = float(np.mean([place for block in named for place in places.get(block, ())]))
+            means |= {block: both for block in named if block in places}
         places_named = {block: named.index(block) if block in named else len(named) for block in places}
-        return sorted(places, key=lambda block: (round(float(np.mean(places[block])), 9), places_named[block]))
+        return sorted(places, key=lambda block: (round(means[block], 9), places_named[block]))
 
 
 def exclude_practice_alone(rows: Sequence[Row]) -> list[Row]:
@@ -538,9 +546,10 @@ def expected_answer(study: Study) -> Iterator[tuple[str, Any]]:
         primary = study.analysis.get("primary_measure", "")
         names = f"{', '.join(order[:-1])} and {order[-1]}"
         measure = in_a_sentence(primary) if primary else "every measure"
-        yield "p", f"Asked: differences in {measure} between groups {names} in block {target}."
         compared = Block(study, target)
         over_sessions = "Mean over the sessions. " if compared.rows["session"].nunique() > 1 else ""
+        changes = ", over the sessions and in the change between them" if over_sessions else ""
+        yield "p", f"Asked: differences in {measure} between groups {names} in block {target}{changes}."
         if over_sessions:
             yield from changes_between_sessions(compared, target)
         for one in compared.headline:
@@ -598,7 +607,7 @@ def expected_interaction_answer(study: Study, found: Interaction) -> Iterator[tu
             (
                 f"{opening}differences between conditions {verdict} on the group (permutation p ",
                 near,
-                "; the group explains ",
+                "; the group explains an estimated ",
                 share,
                 " of their variance, 90 % interval ",
                 low,
@@ -616,8 +625,8 @@ def expected_interaction_answer(study: Study, found: Interaction) -> Iterator[tu
 def in_a_sentence(measure: str) -> str:
     """What sentences call a measure."""
     names = {
-        "log_excess_steps_mean": "excess steps over the shortest path, on a log scale",
-        "log_steps_ratio_mean": "steps relative to the shortest path, on a log scale",
+        "log_excess_steps_mean": "excess steps over the shortest path (log scale)",
+        "log_steps_ratio_mean": "steps relative to the shortest path (log scale)",
         "spl_mean": "SPL (success weighted by path length)",
         "success": "success rate",
         "steps_at_limit_mean": "steps to the goal",
@@ -782,13 +791,11 @@ def expected_flow(study: Study) -> Iterator[tuple[str, Any]]:
         table.append(row(f"excluded: {reason}", [code for code, why in against.items() if why == reason]))
     table.append(row("included in this report", counting))
     yield "h2", "Participant flow"
-    yield (
-        "p",
-        (
-            "Numbers of participants, from the enrolment log and the sessions. A participant who left before anything "
-            "was recorded and came again is counted each time, since nothing recorded could identify them."
-        ),
+    again = (
+        " A participant who left before anything was recorded and came again is counted each time, since nothing "
+        "recorded could identify them."
     )
+    yield "p", f"Numbers of participants, from the enrolment log and the sessions.{again if left else ''}"
     yield "summary", "Flow by group"
     yield "table", table
     notes = [json.loads(line) for path in study.folder.rglob("*.marks.jsonl") for line in path.read_text().splitlines()]
@@ -1228,9 +1235,10 @@ def expected_sessions(found: Block) -> Iterator[tuple[str, Any]]:
     for session, change in told.items():
         for one in compare_all(change, roles, order, found.logs):
             label = MEASURES[one.measure] + (f", session {sessions[0]} to {session}" if len(told) > 1 else "")
+            groups = pair(one.groups).replace(MINUS, "/") if one.is_log else pair(one.groups)
             rows.append(
                 [
-                    label, pair(one.groups), f"{one.n[0]}, {one.n[1]}",
+                    label, groups, f"{one.n[0]}, {one.n[1]}",
                     near_interval(one.difference, one.interval, sign="+", is_log=one.is_log), one.p,
                     Holm(f"{session} {roles[one.measure]}"),
                 ]
@@ -1794,12 +1802,15 @@ def expected_answers(study: Study) -> Iterator[tuple[str, Any]]:
     parts: dict[tuple[Any, ...], set[int]] = defaultdict(set)
     for row in rows:
         parts[row["participant"], row["session"], row["questions"]].add(row["part"])
-    given: dict[tuple[str, str], dict[tuple[int, int], list[Row]]] = defaultdict(lambda: defaultdict(list))
+    given: dict[tuple[str, str], dict[tuple[Any, ...], list[Row]]] = defaultdict(lambda: defaultdict(list))
+    groups = list(study.order) if len(study.order) > 1 else [""]
     for row in rows:
         time = sorted(parts[row["participant"], row["session"], row["questions"]]).index(row["part"]) + 1
-        given[row["questions"], row["item"]][row["session"], time].append(row)
+        place = groups.index(row["group"]) if len(groups) > 1 else 0
+        given[row["questions"], row["item"]][row["session"], time, place].append(row)
     several = [any(len({key[at] for key in asked}) > 1 for asked in given.values()) for at in (0, 1)]
-    whens = [name for name, its in zip(("session", "time"), several, strict=True) if its]
+    several.append(len(groups) > 1)
+    whens = [name for name, its in zip(("session", "time", "group"), several, strict=True) if its]
     table = [["questions", "question", *whens, "answers", "n", "right", "median time (s)"]]
     for (part, item), asked in given.items():
         for key in sorted(asked):
@@ -1817,7 +1828,7 @@ def expected_answers(study: Study) -> Iterator[tuple[str, Any]]:
             right = [row["right"] for row in its if row["right"] is not None]
             share = f"{100 * float(np.mean(right)):.0f} %" if right else NOTHING
             took = number(float(np.median([row["answer_ms"] for row in its])) / 1000)
-            when = [str(value) for value, is_shown in zip(key, several, strict=True) if is_shown]
+            when = [str(one) for one, is_shown in zip((*key[:2], groups[key[2]]), several, strict=True) if is_shown]
             table.append([part, item, *when, said, str(len(its)), share, took])
     yield "h2", "Answers"
     yield "table", table

@@ -132,6 +132,29 @@ def test_what_was_asked_on_two_days_has_a_row_for_each() -> None:
     assert '<th class="word">session</th>' not in page(answers=answers_table(pd.DataFrame([row, other])))
 
 
+def test_groups_have_a_row_each_in_their_order_so_that_their_answers_are_not_pooled() -> None:
+    row = {"session": 1, "questions": "partner", "item": "trust", "kind": "likert", "attempt": 1, "part": 2}
+    row |= {"right": None, "answer_ms": 900.0}
+    given = [("sub-01", "pairs", 6), ("sub-02", "alone", 2), ("sub-03", "pairs", 7), ("sub-04", "late", 1)]
+    rows = [
+        row | {"participant": who, "group": group, "answer": str(n), "number": float(n), "said": str(n)}
+        for who, group, n in given
+    ]
+    table = answers_table(pd.DataFrame(rows), ("pairs", "alone", "late"))
+    assert table is not None
+    assert table.heads == ("questions", "question", "group", "answers", "n", "right", "median time (s)")
+    assert [cells[2:5] for cells in table.rows] == [
+        ("pairs", "mean 6.50, 6.00 to 7.00", "2"),
+        ("alone", "mean 2.00, 2.00 to 2.00", "1"),
+        ("late", "mean 1.00, 1.00 to 1.00", "1"),
+    ]
+    assert "Over all participants of each group." in page(answers=table)
+    pooled = answers_table(pd.DataFrame(rows), ("everyone",))
+    assert pooled is not None
+    assert [cells[2:4] for cells in pooled.rows] == [("mean 4.00, 1.00 to 7.00", "4")]
+    assert "Over all participants." in page(answers=pooled)
+
+
 def test_what_was_asked_after_each_block_has_a_row_for_each_time() -> None:
     row = {"session": 1, "questions": "load", "item": "effort", "kind": "slider", "attempt": 1}
     row |= {"said": None, "right": None, "answer_ms": 900.0}

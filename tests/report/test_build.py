@@ -116,7 +116,7 @@ def test_the_page_holds_everything_and_fetches_nothing(built):
     assert not re.search(r"""(src|href)=["'](?!data:|tables/|participants\.html|#)""", text)
     assert "<script" not in text
     for words in (
-        "Excess steps over the shortest path, on a log scale, block room: direct",
+        "Excess steps over the shortest path (log scale), block room: direct",
         "Groups of these sizes cannot reach p &lt; 0.05, whatever the difference.",
         "Power: with 2 and 2",
         "needs two participants of a group",

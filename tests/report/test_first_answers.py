@@ -1,5 +1,6 @@
 """What stands first on the page is true of the study: verdicts, teams, times, contrasts, changes and limits."""
 
+import math
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -19,7 +20,7 @@ from minihuman.reporting.result_tables import list_missing_parts
 from minihuman.reporting.results import Results
 from minihuman.reporting.sections import quality_section
 from minihuman.reporting.statements import difference_statement, paired_statement
-from minihuman.reporting.template import ReportFigure
+from minihuman.reporting.template import ReportFigure, format_number
 from minihuman.reporting.within_results import compare_within
 from minihuman.statistics.comparison import compare_groups
 from minihuman.statistics.paired import compare_conditions
@@ -30,6 +31,7 @@ from tests.report.test_sessions import two_days
 
 TWO_GROUPS = (Factor("group", ("a", "b"), is_within=False),)
 MINUS = "\N{MINUS SIGN}"
+TIMES = "\N{MULTIPLICATION SIGN}"
 
 
 def compared(a: list[float], b: list[float]) -> str:
@@ -103,6 +105,14 @@ def test_a_verdict_that_correction_undoes_says_so() -> None:
     assert difference_statement(undone, "room").endswith("but not after Holm's correction (as in the tables).")
 
 
+def test_a_difference_within_participants_that_correction_undoes_is_not_shown_after_it() -> None:
+    (comparison,) = compare_conditions({"log_excess_steps_mean": conditions()[["near-open", "near-doors"]]})
+    undone = paired_statement(replace(comparison, p=0.03, p_holm=0.06))
+    assert undone.endswith("12 participants). After Holm's correction no difference is shown.")
+    ratio = math.exp(comparison.difference)
+    assert f"; as a ratio of excess steps + 1: {format_number(ratio, 2)}, " in undone
+
+
 def conditions(shift: float = 1.0) -> pd.DataFrame:
     rng = np.random.default_rng(4)
     means = {"near-open": 1.0, "near-doors": 1.0 + shift, "far-open": 2.0, "far-doors": 2.0 + shift}
@@ -167,8 +177,23 @@ def test_a_ratio_of_times_is_written_as_a_ratio_with_a_verdict() -> None:
     doors = (Contrast("x", (("c0", 1.0), ("c1", -1.0))), Contrast("y", (("c0", -1.0), ("c1", 1.0))))
     several = compute_interaction(reaction_times(), replace(design, contrasts=doors), analysis, ("a", "b"))
     assert several is not None
-    first = next(state_interaction(several))
-    assert first == "In none of 2 comparisons is a difference between conditions shown to depend on the group."
+    first, *pairs = state_interaction(several)
+    assert first == (
+        "Median reaction time (ms), interaction of group and condition: in none of 2 comparisons is a ratio between "
+        "conditions shown to depend on the group (in brackets 95 % intervals; p by permutation, after Holm; 9 in a, 9 "
+        "in b)."
+    )
+    assert [pair.partition(" (")[0] for pair in pairs] == [
+        f"{contrast}: a / b {TIMES}{format_number(math.exp(sign * found.headline[0].groups.difference))}"
+        for contrast, sign in (("x", 1), ("y", -1))
+    ]
+    assert all(pair.endswith(f"), p {several.headline[0].groups.p_holm:.3f}.") for pair in pairs)
+    shown = compute_interaction(apart, replace(design, contrasts=doors), analysis, ("a", "b"))
+    assert shown is not None
+    assert (
+        "in 2 of 2 comparisons a ratio between conditions depends on the group: x is larger in b than in a; y is "
+        "larger in a than in b (in brackets"
+    ) in next(state_interaction(shown))
 
 
 def test_changes_between_sessions_come_before_the_mean_over_them() -> None:

@@ -52,6 +52,21 @@ def test_who_came_with_the_keys_of_the_block_before_is_named():
     grid, rooms = build_methods(plans, [])[1:3]  # in the order of play, whoever came first
     assert grid.startswith("Block grid")
     assert "except by grid-first, who kept the keys of an earlier block" in rooms
+    (kept,) = build_methods([plan for plan in plans if plan.group == "grid-first"], [], block_order=["grid"])[2:3]
+    assert kept.endswith("; the keys were those of an earlier block.")
+
+
+def test_where_blocks_are_in_random_order_who_played_another_before_is_said_to_know_the_keys():
+    block = 'world = "minihuman/MiniGrid-Empty-5x5-v0"\nepisodes = 1\nactions = ["left", "forward"]\nmax_steps = 9'
+    blocks = "".join(f'[[blocks]]\nname = "{name}"\nkey_map = "constant"\n{block}\n' for name in "xyz")
+    text = '[study]\nname = "random"\nversion = "1"\nseed = 3\nparticipants = 12\n[keys]\npool = ["1", "2", "3"]\n'
+    groups = "".join(f'[[groups]]\nname = "{name}"\nparts = ["all"]\n' for name in "ab")
+    order = '[[orders]]\nname = "all"\nparts = ["x", "y", "z"]\norder = "shuffled"\n'
+    study = decode_protocol(f"{text}{groups}{order}{blocks}".encode())
+    plans = [PlanOutline.of(expand_protocol(study, enrol_participant(study, index))) for index in range(12)]
+    texts = [paragraph for paragraph in build_methods(plans, [], protocols=[study]) if paragraph.startswith("Block ")]
+    exception = "(except by those who had played another block, who kept the keys of an earlier block)."
+    assert [text.endswith(exception) for text in texts] == [True] * 3
 
 
 def test_blocks_are_in_the_order_of_the_page_and_only_its_measures_are_defined():

@@ -27,6 +27,7 @@ from minihuman.reporting.template import (
     ReportFigure,
     Table,
     format_difference,
+    format_interval,
     format_mean_sd,
     format_number,
     format_p_value,
@@ -51,9 +52,10 @@ _HEADS = {
     "criterion": "c",
 }
 
+_SSRT = "SSRT (ms)"
 _STOP_HEADS = (
     "block", "group", "participant", "go trials", "go accuracy", "go omissions", "go RT (ms)", "stop trials",
-    "p(respond | signal)", "delay (ms)", "failed stop RT (ms)", "SSRT (ms)",
+    "p(respond | signal)", "delay (ms)", "failed stop RT (ms)", _SSRT,
 )  # fmt: skip
 _REMARK_HEADS = ("block", "group", "participant", "remark")
 _STOP_CAPTION = (
@@ -61,7 +63,11 @@ _STOP_CAPTION = (
     "responses in stop trials; SSRT, by integration with go omissions replaced by the slowest go response, wrong and "
     f"premature go responses included (Verbruggen et al., 2019). None with fewer than {FEWEST_STOP_TRIALS} stop "
     "trials, or where failed stops are not faster than go responses. Last row of a group: mean (standard deviation) "
-    "over participants."
+    "over participants, and the mean's 95 % interval (Student's t)."
+)
+_STOP_COMPARISON_CAPTION = (
+    "Stop signals: groups compared on the SSRT of the participants who have one: difference, 95 % interval and p by "
+    "the two-sided permutation test of Welch's t; p (Holm) is corrected over the pairs of groups of one block."
 )
 _REMARK_CAPTION = "Stop signals: why a participant has no SSRT, or one that is unreliable."
 
@@ -171,10 +177,28 @@ def _tabulate_stop_signals(trials: pd.DataFrame) -> list[CaptionedTable]:
     if not rows:
         return []
     tables = [CaptionedTable(Table(_STOP_HEADS, rows, words=3), _STOP_CAPTION)]
+    tables += _compare_stop_signals(estimates)
     remarks = [(*of_person, estimate.remark) for *of_person, estimate in estimates if estimate.remark]
     if remarks:
         tables.append(CaptionedTable(Table(_REMARK_HEADS, remarks, words=4), _REMARK_CAPTION))
     return tables
+
+
+def _compare_stop_signals(estimates: Sequence[tuple[str, str, str, StopSignalEstimate]]) -> list[CaptionedTable]:
+    """Build the table that compares groups on the stop-signal reaction time; none where a block has one group."""
+    times = pd.DataFrame(
+        [(block, group, estimate.ssrt_ms) for block, group, _, estimate in estimates],
+        columns=["block", "group", _SSRT],
+    ).dropna()
+    rows = []
+    for block, of_block in times.groupby("block", sort=False):
+        if of_block["group"].nunique() > 1:
+            rows += [
+                (str(block), *_format_comparison(comparison, f"{comparison.n[0]}, {comparison.n[1]}")[1:])
+                for comparison in compare_groups(of_block, [_SSRT], order=list(dict.fromkeys(of_block["group"])))
+            ]
+    heads = ("block", "groups", "n", "difference in SSRT (ms, 95 %)", "p", "p (Holm)")
+    return [CaptionedTable(Table(heads, rows, words=2), _STOP_COMPARISON_CAPTION)] if rows else []
 
 
 def _format_stop_estimate(estimate: StopSignalEstimate) -> tuple[str, ...]:
@@ -193,10 +217,15 @@ def _format_stop_estimate(estimate: StopSignalEstimate) -> tuple[str, ...]:
 
 def _summarise_stop_signals(block: str, group: str, estimates: list[StopSignalEstimate]) -> tuple[str, ...]:
     """Return a group's last row: the mean SSRT in the last column, and empty cells before it."""
+    from minihuman.figures.learning_curves import mean_and_band  # Matplotlib, which only this section needs
+
     times = pd.Series([estimate.ssrt_ms for estimate in estimates]).dropna()
     summary = "n/a"
     if len(times):
         summary = format_mean_sd(float(times.mean()), float(times.std()))
+    if len(times) > 1:
+        _, low, high = mean_and_band(times.to_numpy(float)[:, None])
+        summary += f", {format_interval((float(low[0]), float(high[0])))}"
     filled = (block, group, f"all with an SSRT: {len(times)} of {len(estimates)}")
     empty = [""] * (len(_STOP_HEADS) - len(filled) - 1)
     return (*filled, *empty, summary)
@@ -291,7 +320,7 @@ def _format_group_comparisons(
 def _format_comparison(comparison: GroupComparison | PairedComparison, count: str) -> tuple[str, ...]:
     """Format the table cells of a comparison: measure, levels or groups, count, difference, p and corrected p."""
     return (
-        MEASURES[comparison.measure],
+        MEASURES.get(comparison.measure, comparison.measure),
         format_pair(comparison.first, comparison.second),
         count,
         format_difference(comparison.difference, comparison.interval, is_log=False, sign="+"),

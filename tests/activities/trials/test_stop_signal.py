@@ -7,6 +7,7 @@ import re
 import numpy as np
 import pandas as pd
 import pytest
+import scipy
 
 from minihuman.activities.trials.report import _tabulate_stop_signals
 from minihuman.activities.trials.stop_signal import estimate_stop_signal
@@ -95,6 +96,34 @@ def test_participants_whose_groups_come_in_turn_have_one_row_each_and_one_for_ea
     assert [row[2:] for row in remarks.table.rows] == [
         (participant, "fewer than 50 stop trials") for participant in ("sub-0", "sub-2", "sub-1", "sub-3")
     ]
+
+
+def test_the_mean_has_the_t_interval_over_participants_and_groups_are_compared_on_it():
+    groups = {"old": [251.0, 262.0, 248.0, 255.0, 270.0, 259.0], "young": [240.0, 236.0, 249.0, 244.0, 231.0, 246.0]}
+    rows = []
+    for group, ssrts in groups.items():
+        for number, ssrt_ms in enumerate(ssrts):
+            go_ms = GO_MS + ssrt_ms - 250  # half of the responses are stopped, at a delay of 200 ms
+            row = {"block": "b", "group": group, "participant": f"{group}-{number}", "is_correct": True}
+            rows += [row | {"stimulus": "{}", "correct": "left", "response_ms": time_ms} for time_ms in go_ms]
+            stop = row | {"stimulus": '{"delay_ms": 200}', "correct": "none"}
+            rows += [stop | {"response_ms": time_ms} for time_ms in stop_trials(30, 30)]
+    table, comparison, *_ = _tabulate_stop_signals(pd.DataFrame(rows))
+    for group, ssrts in groups.items():
+        shown = [row[-1] for row in table.table.rows if row[1] == group]
+        assert [float(cell) for cell in shown[:-1]] == ssrts
+        mean = np.mean(ssrts)
+        low, high = scipy.stats.t.interval(0.95, 5, mean, scipy.stats.sem(ssrts))
+        assert shown[-1] == f"{mean:.0f} ({np.std(ssrts, ddof=1):.2f}), {low:.0f} to {high:.0f}"
+    ((block, pair, n, difference, p, p_holm),) = comparison.table.rows
+    assert (block, pair, n, p) == ("b", "old \N{MINUS SIGN} young", "6, 6", p_holm)
+    assert difference.startswith(f"+{np.mean(groups['old']) - np.mean(groups['young']):.1f} (+")
+    every_regrouping = scipy.stats.permutation_test(
+        (groups["old"], groups["young"]),
+        lambda old, young: abs(scipy.stats.ttest_ind(old, young, equal_var=False).statistic),
+        n_resamples=np.inf, alternative="greater",
+    )  # fmt: skip
+    assert float(p) == pytest.approx(every_regrouping.pvalue, abs=5e-4)
 
 
 @pytest.mark.program
