@@ -101,7 +101,7 @@ def test_what_a_field_shows_after_each_act_of_editing_is_in_the_log_and_the_tabl
         page.keyboard.type("!")
         page.keyboard.press("Tab")  # at once, before it settled
         shown.append(f"{shown[-1]}!")
-        page.wait_for_selector(f"input{FIELD}")
+        page.wait_for_selector(f"textarea.line{FIELD}")
         page.evaluate(_PASTE, "two\nlines ")
         single = page.input_value(FIELD)
         page.keyboard.press("Enter")

@@ -69,7 +69,7 @@ def test_words_and_marks_are_on_both_screens_and_in_both_logs(tmp_path: Path, pa
             people[0].page.wait_for_timeout(60)
         for somebody in people:
             somebody.page.wait_for_selector(".chat")
-            if somebody.page.locator(".chat [data-target=field]").count():  # an Enter of the start
+            if somebody.page.locator(".chat [data-target=field]").count():  # an Enter that came as it began
                 somebody.press("enter")
         one, two = people
         write(one, WORDS)
