@@ -220,7 +220,7 @@ def _summarise_stop_signals(block: str, group: str, estimates: list[StopSignalEs
     if len(times):
         summary = format_mean_sd(float(times.mean()), float(times.std()))
     if len(times) > 1:
-        _, low, high = mean_and_band(times.to_numpy(float)[:, None])
+        _, low, high = mean_and_band(np.array(times, dtype=np.float64)[:, None])
         summary += f", {format_interval((float(low[0]), float(high[0])))}"
     return (block, group, f"all with an SSRT: {len(times)} of {len(estimates)}", *[""] * 8, summary)
 
