@@ -139,7 +139,7 @@ def describe_pay(tree: dict[str, Any]) -> Pay | None:
 
 
 def list_old_names(tree: dict[str, Any], document: TomlDocument) -> list[Mistake]:
-    """Return the fields and values under names of earlier versions, which the forms do not show."""
+    """Return a mistake for each field and value that has an earlier version's name, as the forms do not show it."""
     renamed = use_current_names(tree).renamed
     places = [(parse_path(path), message) for path, message in renamed]
     return [Mistake(list(path), document.find_line(path), message) for path, message in places]

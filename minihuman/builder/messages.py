@@ -66,7 +66,7 @@ class Restriction(msgspec.Struct, frozen=True):
 
 
 class Restrictions(msgspec.Struct, frozen=True):
-    """What enrolment has fixed, and the way out."""
+    """The fields that may not change after the first enrolment, and what to do instead."""
 
     enrolled: int  # participants; 0 restricts nothing
     fields: list[Restriction]

@@ -102,7 +102,7 @@ def _place(tree: dict[str, Any], pattern: Steps, name: str) -> Steps:
 
 
 def _find_other_list(slot: SlotTaken, toml: bytes) -> tuple[Steps, str] | None:
-    """Return the error if a file makes another allocation list than the one by which participants were allocated."""
+    """Return the steps to a field and its error if a file's allocation list differs from the one in use; else None."""
     try:
         protocol = decode_protocol(toml)
     except ProtocolError:

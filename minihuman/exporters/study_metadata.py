@@ -74,6 +74,7 @@ def get_shared_options(item: IncludedEpisode) -> str | dict[str, Any]:
 
 
 def _shared_options(block: BlockSpec) -> str | dict[str, Any]:
+    """Return the options that a block's episodes share; its name if a design or a table sets each episode's own."""
     if block.design is None and block.stimuli is None:
         return block.options
     return block.name

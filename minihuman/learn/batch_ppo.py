@@ -79,7 +79,7 @@ class BatchPpo:
         curriculum: what chooses the level of each episode.
         encoder: what encodes the observations of all worlds.
         settings: the settings; their number of worlds must be that of ``worlds``.
-        clone: the policy of which the trained one stays near if ``settings.kl`` says so; None for none.
+        clone: a policy that the trained one stays close to, as strongly as ``settings.kl`` says; None to train freely.
     """
 
     def __init__(

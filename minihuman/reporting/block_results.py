@@ -96,6 +96,7 @@ def _collect_goal_times(episodes: pd.DataFrame, order: Sequence[str]) -> dict[st
         group_episodes = ended[ended["group"] == group]
         if len(group_episodes):
             failed = group_episodes["outcome"] == "failure"
+            # after a failure the goal cannot be reached any more: censored at the limit, not at the step of the failure
             steps = group_episodes["steps"].where(~failed, group_episodes["max_steps"])
             goal[group] = SurvivalTimes(steps.to_numpy(float), group_episodes["success"].to_numpy(bool))
     return goal

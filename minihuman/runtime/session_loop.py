@@ -299,7 +299,7 @@ class _SessionLoop:
             self._sound.follow(cues)
 
     def _answer(self) -> None:
-        """Answer the running part's requests. This comes after the picture, which nothing may delay."""
+        """Answer the running part's requests; called after the picture was shown, so that no answer delays it."""
         while self._agent is not None and not self._session.over:
             request = self._session.request
             if request is None:

@@ -287,10 +287,9 @@ def load_library(folder: Path) -> KernelLibrary | None:
     """Return a folder's library with the kernels whose sources are unchanged; None if none fits this machine."""
     manifest = read_manifest(folder)
     if manifest is None:
-        numbers = {}
-    else:
-        numbers = number_fitting_kernels(manifest)
-    if manifest is None or not numbers:
+        return None
+    numbers = number_fitting_kernels(manifest)
+    if not numbers:
         return None
     for file in manifest["files"]:
         if file["runs on"] == HERE:

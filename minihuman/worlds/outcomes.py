@@ -25,7 +25,7 @@ NO_RULE = "none"
 INFO_PREFIX = "info:"
 WORLD_KEYS = ("is_success", "success")  # the usual keys of a world's ``info``, the first of which counts
 _LAST_REWARD_TEXT = "terminated and reward > 0"
-_AT_ANY_STEP = " at any step"
+AT_ANY_STEP = " at any step"
 _COMPARISON = re.compile(r"(return|reward) *(>=|<=|>|<|==) *(-?\d+(?:\.\d+)?(?:e-?\d+)?)")
 _OPERATORS: dict[str, Callable[[float, float], bool]] = {
     ">=": operator.ge,
@@ -150,8 +150,8 @@ def parse_outcome_rule(text: str) -> OutcomeRule:
     Raises:
         ProtocolError: if the text is not a rule.
     """
-    at_any_step = text.endswith(_AT_ANY_STEP)
-    words = text.removesuffix(_AT_ANY_STEP) or _LAST_REWARD_TEXT
+    at_any_step = text.endswith(AT_ANY_STEP)
+    words = text.removesuffix(AT_ANY_STEP) or _LAST_REWARD_TEXT
     if words == NO_RULE:
         return OutcomeRule((), at_any_step=at_any_step)
     parts = [part.strip() for part in words.split(" and ")]
@@ -189,7 +189,7 @@ def normalize_outcome_rule(success: str, *, at_any_step: bool) -> str:
 
 def add_any_step(rule: str) -> str:
     """Return the text of a rule extended so that it applies to every step."""
-    return (rule or _LAST_REWARD_TEXT) + _AT_ANY_STEP
+    return (rule or _LAST_REWARD_TEXT) + AT_ANY_STEP
 
 
 def _normalize_condition(text: str) -> str:

@@ -47,9 +47,9 @@ class QuestionItemSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def asked(self) -> dict[str, str]:
-        """Return the question's text by the name of its answer in the log.
+        """Return a text for each answer that the question logs, by the answer's name in the log.
 
-        There is one text per statement, or per component of an answer of its kind.
+        A question with statements logs one answer per statement, and some kinds one per component; others log one.
         """
         texts = self.statements or _list_components(self)
         if not texts:
@@ -126,9 +126,9 @@ class AnswerDraft(abc.ABC):
 
     @property
     def answers(self) -> tuple[tuple[str, AnswerValue, str], ...]:
-        """Return the name, value and text of each answer to log, by the names of `QuestionItemSpec.asked`.
+        """Return the name, value and text of each answer to log; the names are those of `QuestionItemSpec.asked`.
 
-        A question with statements or components has several, and overrides this; ``value`` is then all of them.
+        Kinds of questions that log several answers override this; their ``value`` holds the values of all answers.
         """
         return ((self.question.name, self.value, self.display_text),)
 

@@ -168,7 +168,7 @@ class _ContentsReader:
 
     def _take_copy(self, record: Attachment) -> None:
         """Record the plan in the second copy of a segment's start."""
-        with suppress(ValueError):
+        with suppress(ValueError):  # a damaged copy holds no plan; its hash tells of the damage
             messages = ChunkMessages(SegmentHead.of(record.data).records, self._scan.channels)
             self._contents.plan_copies += (message.data for message in messages)
 

@@ -41,7 +41,7 @@ def _find_boundary(walk: "_Walk", fraction: float, alpha_of_look: float) -> floa
     """Return the |z| that a look exceeds with probability ``alpha_of_look`` if the study has not stopped before."""
 
     def excess_alpha(z: float) -> float:
-        return walk.exit(z, fraction) - alpha_of_look
+        return walk.exit_probability(z, fraction) - alpha_of_look
 
     return float(scipy.optimize.brentq(excess_alpha, *_BOUNDARY_BRACKET))
 
@@ -56,9 +56,9 @@ def compute_adjusted_p(z: float, fractions: Sequence[float], boundaries: Sequenc
     p_earlier = 0.0
     *earlier_fractions, fraction = fractions
     for earlier_boundary, earlier_fraction in zip(boundaries, earlier_fractions, strict=False):
-        p_earlier += walk.exit(earlier_boundary, earlier_fraction)
+        p_earlier += walk.exit_probability(earlier_boundary, earlier_fraction)
         walk.advance(earlier_boundary, earlier_fraction)
-    return min(1.0, p_earlier + walk.exit(abs(z), fraction))
+    return min(1.0, p_earlier + walk.exit_probability(abs(z), fraction))
 
 
 class _Walk:
@@ -69,7 +69,7 @@ class _Walk:
         self._weights: NDArray[np.float64] = np.ones(1)  # density times the grid's step
         self._fraction = 0.0
 
-    def exit(self, z: float, fraction: float) -> float:
+    def exit_probability(self, z: float, fraction: float) -> float:
         """Return the probability of reaching |z| at a fraction of the information without having stopped earlier."""
         spread = np.sqrt(fraction - self._fraction)
         bound = z * np.sqrt(fraction)

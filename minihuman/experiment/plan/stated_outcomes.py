@@ -5,6 +5,7 @@ from typing import Literal, NamedTuple
 from minihuman.experiment.protocol.model import BlockSpec
 from minihuman.worlds.adapters.outcome_table import find_table_entry
 from minihuman.worlds.outcomes import (
+    AT_ANY_STEP,
     INFO_PREFIX,
     LAST_REWARD,
     NO_RULE,
@@ -50,7 +51,7 @@ class StatedRule(NamedTuple):
 
 def describe_rule(rule: str) -> str:
     """Describe an outcome rule in words."""
-    text = rule.removesuffix(add_any_step("x")[1:])
+    text = rule.removesuffix(AT_ANY_STEP)
     suffix = rule[len(text) :]
     if text == NO_RULE:
         return "unknown: every end is 'ended', success is empty"

@@ -189,7 +189,10 @@ class _Dataset:
     def _write_events(
         self, folder: Path, stem: str, run: int, episodes: Sequence[EpisodeLog], rows: Sequence[Mapping[str, Any]]
     ) -> Path:
-        """Write a run's events, with columns of labels and of stimuli's files if there are any; return their path."""
+        """Write a run's events, with columns of labels and of stimuli's files if there are any; return their path.
+
+        The further columns are kept, too, as the dataset's description names them.
+        """
         more_columns = describe_label_columns(episodes)
         if any(STIM_FILE in row for row in rows):
             more_columns |= STIM_FILE_COLUMN

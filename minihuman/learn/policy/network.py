@@ -310,7 +310,7 @@ class Policy(MultiInputActorCriticPolicy):
 
     def think(self, obs: dict[str, torch.Tensor]) -> tuple[torch.Tensor, torch.Tensor]:
         """Return log-probabilities float32[batch, actions] and values float32[batch, 1], with gradients."""
-        return self._judge(self._see(obs))
+        return self._judge(self._extract_features(obs))
 
     def think_of(self, observation: Observation) -> tuple[torch.Tensor, torch.Tensor]:
         """Return log-probabilities float32[actions] and the value float32[1] for one observation, without gradients.
@@ -337,7 +337,7 @@ class Policy(MultiInputActorCriticPolicy):
             hidden: the memory float32[batch, features]; returned unchanged by a policy without a memory
             starts: 1.0 where an episode begins, float32[batch]
         """
-        features = self._see(obs)
+        features = self._extract_features(obs)
         if self.memory is not None:
             features = hidden = self.memory(features, hidden * (1 - starts)[:, None])
         return *self._judge(features), hidden
@@ -349,7 +349,7 @@ class Policy(MultiInputActorCriticPolicy):
 
         Observations are float32 or uint8[steps, batch, ...]. Gradients flow through the memory.
         """
-        features = self._see({name: part.flatten(0, 1) for name, part in obs.items()})
+        features = self._extract_features({name: part.flatten(0, 1) for name, part in obs.items()})
         if self.memory is not None:
             hidden_states = []
             for now, start in zip(features.view(*starts.shape, -1), starts, strict=True):
@@ -358,10 +358,11 @@ class Policy(MultiInputActorCriticPolicy):
             features = torch.cat(hidden_states)
         return self._judge(features)
 
-    def _see(self, obs: dict[str, torch.Tensor]) -> torch.Tensor:
+    def _extract_features(self, obs: dict[str, torch.Tensor]) -> torch.Tensor:
+        """Return the features of observations; pictures are scaled to 0 to 1, codes of cells are read as they are."""
         image = obs["image"]
         is_picture = image.dtype == torch.uint8
-        if is_picture and not isinstance(self.features_extractor.image, CodeEncoder):  # which reads them as they are
+        if is_picture and not isinstance(self.features_extractor.image, CodeEncoder):
             image = image.float().div_(255)
         features: torch.Tensor = self.features_extractor({**obs, "image": image})
         return features

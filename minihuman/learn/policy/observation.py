@@ -86,15 +86,14 @@ class ObservationEncoder:
         if self.sight == "remembered":
             assert remembered is not None, "an EpisodeEncoder passes the remembered cells"
             image = encode_remembered_grid(world, remembered)
+        elif self.sight == "whole":
+            image = encode_whole_grid(world)
+        elif isinstance(raw, dict):
+            image = raw["image"]
         else:
-            if self.sight == "whole":
-                image = encode_whole_grid(world)
-            elif isinstance(raw, dict):
-                image = raw["image"]
-            else:
-                image = raw
+            image = raw
         if image.ndim == 1:
-            image = image[None, None]
+            image = image[None, None]  # a vector is a picture of one cell with many channels
         if self.spreads(world, raw):
             image = image * np.array(SPREAD, np.uint8)
         observation: Observation = {"image": np.ascontiguousarray(np.moveaxis(image, -1, 0))}

@@ -95,7 +95,9 @@ class LogReader:
 
 
 def read_segment_starts(path: Path, *, first: bool = False) -> dict[int, str]:
-    """Return the wall clock at the start of each segment in a file; with ``first``, of the first segment alone.
+    """Return the wall-clock time at which each segment of a file starts, as the log writes it, by segment number.
+
+    With ``first``, only that of the first segment is read.
 
     Raises:
         LogError: as ``LogReader.chunks`` does.

@@ -224,7 +224,7 @@ class PollingEntrance:
     ) -> None:
         self._converse = converse
         self._is_busy = is_busy
-        self._max_lines = max_lines + MAX_WAITING
+        self._most_kept = max_lines + MAX_WAITING  # further lines wait for their first message
         self._lines: dict[str, PollingLine] = {}
         self._tasks: set[asyncio.Task[None]] = set()
 
@@ -248,7 +248,7 @@ class PollingEntrance:
         if line is None:
             if poll.texts is None or poll.n != 1:
                 return _answer_end(LineEnd(_BROKEN))  # a line that ended, or was opened on an earlier server
-            if self._is_busy() or len(self._lines) >= self._max_lines:
+            if self._is_busy() or len(self._lines) >= self._most_kept:
                 return Response(status_code=503)
             line = self._open(poll.line, request)
         return await self._answer_on(line, poll, request)

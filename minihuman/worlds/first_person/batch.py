@@ -295,7 +295,7 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
     def _observed(self, changed: Sequence[int]) -> tuple[Any, dict[str, Any]]:
         """Return observations and infos; ``changed`` are the indices of worlds whose views no kernel has aimed."""
         if not self._draws_together:
-            return self._apart(), self._infos()
+            return self._observe_in_threads(), self._infos()
         if self._joint is None:
             targets = [world.aim_target() for world in self.worlds]
         else:
@@ -304,7 +304,7 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
         self._render_pool.paint(targets, batch)
         return batch, self._infos()
 
-    def _apart(self) -> Any:
+    def _observe_in_threads(self) -> Any:
         """Return the observations of worlds that define their own kind of observation."""
         # each thread gets a run of neighbouring worlds in a single call
         ends = [self.num_envs * nth // self._threads for nth in range(self._threads + 1)]

@@ -443,12 +443,14 @@ def _overlap(a: RoomOutline, b: RoomOutline) -> bool:
 
     They do if no edge of either outline has the whole other outline on its outer side.
     """
-    return all(
-        max(nx * (x - edge.start[0]) + nz * (z - edge.start[1]) for x, z in other.corners) > _OVERLAPPING
-        for outline, other in ((a, b), (b, a))
-        for edge in outline.edges
-        for nx, nz in (edge.normal,)
-    )
+    pairs = ((a, b), (b, a))
+    return not any(_is_outside(other, edge) for outline, other in pairs for edge in outline.edges)
+
+
+def _is_outside(outline: RoomOutline, edge: OutlineEdge) -> bool:
+    """Return whether a whole outline is on the outer side of an edge, or touches it."""
+    (x0, z0), (nx, nz) = edge.start, edge.normal
+    return max(nx * (x - x0) + nz * (z - z0) for x, z in outline.corners) <= _OVERLAPPING
 
 
 def _describe_room(number: int, room: Room) -> str:

@@ -65,11 +65,11 @@ class Sign(FirstPersonEnv):
         return touch_right_one((*boxes, *keys), (3 if self.goal else 0) + self.color_index)
 
     def targets(self) -> tuple[Entity, ...]:
-        """Return the sign and the right thing."""
+        """Return the sign and the object that it asks for."""
         return *(thing for thing in self.entities if isinstance(thing, TextFrame)), self._wanted()
 
     def shortest_path(self) -> Sequence[int] | None:
-        """Return turns and steps to the right thing that avoid the others."""
+        """Return turns and steps to the object that the sign asks for, around the others."""
         target = self._wanted()
         obstacles = [thing for things in self.objects for thing in things if thing is not target]
         return plan(self, target, avoid=obstacles) or ()

@@ -197,8 +197,11 @@ def _parse_numbers(words: list[str], count: int, path: Path, number: int) -> lis
 def _parse_corner(word: str, lines: _Lines, path: Path, number: int) -> tuple[int, int | None, int]:
     """Parse a face's corner; return the indices of its vertex, texture place (None if it has none) and normal."""
     parts = word.split("/")
-    vertex, place, normal = (parts[0], parts[1], parts[2]) if len(parts) == 3 else (parts[0], "", parts[-1])
-    if len(parts) not in (2, 3):
+    if len(parts) == 2:
+        vertex, place, normal = parts[0], "", parts[1]
+    elif len(parts) == 3:
+        vertex, place, normal = parts
+    else:
         raise WorldError(f"{path}:{number}: the corner {word!r} has no normal; write it as vertex/texture/normal")
     return (
         _parse_index(vertex, len(lines.vertices), "vertex", path, number),

@@ -287,7 +287,10 @@ class Translation:
     def lift_generator(
         self, asking: Statements, generator: ast.GeneratorExp | ast.ListComp, callee: Callable[..., Any]
     ) -> tuple[str, list[str]]:
-        """Return the name of a function for ``any``, ``all``, ``sum``, ``min`` or ``max``, and what it takes."""
+        """Define a function that computes ``any``, ``all``, ``sum``, ``min`` or ``max`` of a generator.
+
+        Return its name and the names of the variables to call it with.
+        """
         inner, captured = self._inner(asking, generator)
         place = inner.place(generator)
         starts = {any: [], all: [], sum: ["total = 0"], min: ["known = False", "best = 0"]}
