@@ -182,7 +182,7 @@ class _RunningPreview:
 
 @dataclass
 class PreviewServer:
-    """Runs previews of protocols and trial runs in processes; keeps the latest few of each kind, and ends older ones."""
+    """Runs previews of protocols and trial runs in processes; keeps the latest few of each kind and ends older ones."""
 
     _running: dict[Kind, deque[_RunningPreview]] = field(default_factory=lambda: {"preview": deque(), "trial": deque()})
 
