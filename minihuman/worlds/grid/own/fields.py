@@ -113,7 +113,7 @@ class IntTuple(OwnField):
         super().__init__(_check_length("IntTuple", length))
 
     def read(self, numbers: OwnNumbers) -> tuple[int, ...]:
-        """Return the tuple's numbers from a world's row of own state."""
+        """Return the numbers."""
         return tuple(numbers[self.offset : self.offset + self.size].tolist())
 
     def write(self, numbers: OwnNumbers, content: Any) -> None:
