@@ -7,7 +7,7 @@
  * @typedef {{ changes: number[], target: number, target_sound: number | null, opens: number, closes: number | null, end: number | null,
  * responses: number, ends_at_response: boolean, has_early_sound: boolean, n_sounds: number, preparation_ns: number,
  * sound_lead_ns: number, actions: Record<string, number>, soa_ns: number, place: number, first_cue: number, cues_per_trial: number
- * }} TrialValues as `page_run.py` describes a trial
+ * }} TrialValues as `trial_page_run.py` describes a trial
  * @typedef {{ runs?: number, rhythm?: { place: number, flip: number } | null }} BlockState what lasts from trial to trial
  */
 

@@ -361,8 +361,7 @@ class Policy(MultiInputActorCriticPolicy):
     def _extract_features(self, obs: dict[str, torch.Tensor]) -> torch.Tensor:
         """Return the features of observations; pictures are scaled to 0 to 1, codes of cells are read as they are."""
         image = obs["image"]
-        is_picture = image.dtype == torch.uint8
-        if is_picture and not isinstance(self.features_extractor.image, CodeEncoder):
+        if image.dtype == torch.uint8 and not isinstance(self.features_extractor.image, CodeEncoder):
             image = image.float().div_(255)
         features: torch.Tensor = self.features_extractor({**obs, "image": image})
         return features
