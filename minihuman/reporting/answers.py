@@ -143,7 +143,7 @@ def _spell_side(weights: dict[str, float]) -> str:
 def _state_ceiling(
     results: Results, interaction: InteractionResults | None, design: ExperimentDesign, first_block: str
 ) -> Iterator[str]:
-    """Yield a warning if many episodes of a compared cell did not reach the goal, so that values are at the limit."""
+    """Yield a sentence that counts the episodes of compared cells that did not reach the goal; none if all did."""
     target = results.target_block
     measures: set[str] = set()
     if first_block and target is not None and len(target.groups) > 1:
@@ -155,16 +155,24 @@ def _state_ceiling(
     if not measures & _LIMITED_MEASURES:
         return
     compared = {first_block, *dict(design.condition_of_block)}
-    cells = []
+    missing, many = [], []
     for block in results.blocks:
         for group, times in block.waits.goal.items():
             missed = int((~times.observed).sum())
-            if block.block in compared and missed > _MOST_AT_LIMIT * len(times.observed):
-                of_group = f" of {group}" if len(results.order) > 1 else ""
-                cells.append(f"{block.block}{of_group} {missed} of {len(times.observed)}")
-    if cells:
+            if block.block not in compared or not missed:
+                continue
+            of_group = f" of {group}" if len(results.order) > 1 else ""
+            missing.append(f"{block.block}{of_group} {missed} of {len(times.observed)}")
+            if missed > _MOST_AT_LIMIT * len(times.observed):
+                many.append(missing[-1])
+    if many:
         yield (
             f"Many values are at the limit: of the episodes of a cell, more than a third did not reach the goal "
-            f"({', '.join(cells)}). There the measure cannot tell how far from the goal they were, and differences "
+            f"({', '.join(many)}). There the measure cannot tell how far from the goal they were, and differences "
             "from other cells may be larger than shown."
+        )
+    elif missing:
+        yield (
+            f"The measure counts an episode that did not reach the goal with its worst value ({', '.join(missing)}): "
+            "differences between cells include these failures."
         )

@@ -175,7 +175,6 @@ def _describe_size(results: Results) -> dict[str, Any]:
     return {
         "included": results.included,
         "are_trials": results.are_trials,
-        "group_count": len(results.order),
     }
 
 

@@ -571,10 +571,8 @@ def expected_answer(study: Study) -> Iterator[tuple[str, Any]]:
         (
             f"Participants excluded: {excluded}. The p values of these sentences are not corrected for multiple "
             f"comparisons{', unless they say so' if interaction else ''}, and intervals (95 %) never are. In the "
-            f"tables, p (Holm) is corrected over measures{' and pairs of groups' if len(study.order) > 1 else ''}: "
-            "within the primary measure, within the secondary ones, and within all others. Every other p value on this "
-            "page (waiting times, rewards in two parts, change over episodes, sessions, order) is exploratory, and "
-            "none is corrected across blocks. Methods define the measures."
+            "tables, p (Holm) is corrected over the comparisons that the caption names. Every p value that no sentence "
+            "here states is exploratory, and none is corrected across blocks. Methods define the measures."
         ),
     )
     if study.blocks:
@@ -1038,22 +1036,34 @@ LIMITED = ("log_excess_steps_mean", "log_steps_ratio_mean", "steps_at_limit_mean
 
 
 def at_limit(study: Study, measures: Collection[str], blocks: Collection[str]) -> Iterator[tuple[str, Any]]:
-    """The warning about cells of which more than a third of the episodes did not reach the goal."""
-    cells = []
+    """What is said of cells of which some, or more than a third, of the episodes did not reach the goal."""
+    cells, many = [], []
     for block in study.in_order_of_play():
         episodes = [row for row in Block(study, block).episodes if row["steps"]]
         if block not in blocks or not any(row["success"] for row in episodes):
             continue
         for group in study.order:
             missed = [not row["success"] for row in episodes if row["group"] == group]
-            if sum(missed) > len(missed) / 3:
+            if any(missed):
                 cells.append(f"{block}{f' of {group}' if len(study.order) > 1 else ''} {sum(missed)} of {len(missed)}")
-    if cells and not {*measures}.isdisjoint(LIMITED):
+            if sum(missed) > len(missed) / 3:
+                many.append(cells[-1])
+    if {*measures}.isdisjoint(LIMITED):
+        return
+    if cells and not many:
+        yield (
+            "p",
+            (
+                f"The measure counts an episode that did not reach the goal with its worst value ({', '.join(cells)}): "
+                "differences between cells include these failures."
+            ),
+        )
+    if many:
         yield (
             "p",
             (
                 "Many values are at the limit: of the episodes of a cell, more than a third did not reach the goal "
-                f"({', '.join(cells)}). There the measure cannot tell how far from the goal they were, and differences "
+                f"({', '.join(many)}). There the measure cannot tell how far from the goal they were, and differences "
                 "from other cells may be larger than shown."
             ),
         )

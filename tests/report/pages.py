@@ -8,7 +8,7 @@ from minihuman.reporting.template import REPORT, Table, render_template
 
 NOTHING: dict[str, Any] = {
     "study": "little", "versions": "Protocol version 1", "sessions": 0, "included": (0, 0),
-    "are_trials": False, "group_count": 2, "players": (), "answers_without_rules": [],
+    "are_trials": False, "players": (), "answers_without_rules": [],
     "simulated": 0, "imported": 0, "windows": "", "flow": None, "practice": {}, "published": None, "blocks": [],
     "absent_measures": [], "question": "", "answers_first": [], "first_figures": [], "excluded": "none",
     "within": None, "interaction": None,

@@ -220,15 +220,15 @@ def test_a_cell_of_which_a_third_is_at_the_limit_is_named_first() -> None:
         block = compute_block_results("grid", rows, part, ["a", "b"], AnalysisSpec())
         results = Results((block,), "grid", ("a", "b"), None, (12, 36))
         answers[name] = state_answers(results, None, ExperimentDesign(), "grid")
+    assert answers["few"][-1].startswith(
+        "The measure counts an episode that did not reach the goal with its worst value ("
+    )
     assert not any("at the limit" in sentence for sentence in answers["few"])
     assert "Many values are at the limit" in answers["many"][-1]
     assert "did not reach the goal (grid of a 12 of 18)." in answers["many"][-1]
 
 
 def test_the_page_speaks_of_groups_only_where_there_are_several() -> None:
-    alone, two = (re.sub(r"\s+", " ", page(question="What?", group_count=count)) for count in (1, 2))
-    assert "p (Holm) is corrected over measures: within" in alone
-    assert "p (Holm) is corrected over measures and pairs of groups: within" in two
     assert name_allocated([], has_groups=False, has_keys=True) == "Keys"
     assert name_allocated([], has_groups=True, has_keys=True) == "Groups and keys"
 
