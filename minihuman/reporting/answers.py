@@ -140,6 +140,17 @@ def _spell_side(weights: dict[str, float]) -> str:
     return f"({' + '.join(terms)})" if len(terms) > 1 else terms[0]
 
 
+def _count_failures(results: Results, compared: set[str]) -> Iterator[tuple[str, float]]:
+    """Yield each cell of compared blocks with episodes that did not reach the goal: how many, and their share."""
+    for block in results.blocks:
+        for group, times in block.waits.goal.items():
+            missed = int((~times.observed).sum())
+            if block.block in compared and missed:
+                of_group = f" of {group}" if len(results.order) > 1 else ""
+                share = missed / len(times.observed)
+                yield f"{block.block}{of_group} {missed} of {len(times.observed)}", share
+
+
 def _state_ceiling(
     results: Results, interaction: InteractionResults | None, design: ExperimentDesign, first_block: str
 ) -> Iterator[str]:
@@ -154,17 +165,9 @@ def _state_ceiling(
         measures.add(results.within.measure)
     if not measures & _LIMITED_MEASURES:
         return
-    compared = {first_block, *dict(design.condition_of_block)}
-    missing, many = [], []
-    for block in results.blocks:
-        for group, times in block.waits.goal.items():
-            missed = int((~times.observed).sum())
-            if block.block not in compared or not missed:
-                continue
-            of_group = f" of {group}" if len(results.order) > 1 else ""
-            missing.append(f"{block.block}{of_group} {missed} of {len(times.observed)}")
-            if missed > _MOST_AT_LIMIT * len(times.observed):
-                many.append(missing[-1])
+    cells = list(_count_failures(results, {first_block, *dict(design.condition_of_block)}))
+    missing = [words for words, _ in cells]
+    many = [words for words, share in cells if share > _MOST_AT_LIMIT]
     if many:
         yield (
             f"Many values are at the limit: of the episodes of a cell, more than a third did not reach the goal "

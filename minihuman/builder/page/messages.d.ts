@@ -166,7 +166,7 @@ export interface Mistake {
   message: string;
 }
 
-/** What enrolment has fixed, and the way out. */
+/** The fields that may not change after the first enrolment, and what to do instead. */
 export interface Restrictions {
   enrolled: number;
   fields: Restriction[];

@@ -9,6 +9,7 @@ import pytest
 
 import minihuman
 from minihuman.activities.team.events import JointStepped, SeatTaken, TeamEnded
+from minihuman.activities.team.joint_step import JointAction
 from minihuman.admin.protocol_file import read_protocol
 from minihuman.admin.verify.episodes import verify_teams
 from minihuman.agents.agent import RandomAgent
@@ -243,7 +244,7 @@ def test_an_agent_is_asked_in_every_state_once_also_where_it_takes_a_seat_late(t
     (one,), _, _ = sit_down(team_study(tmp_path, team=WITH_AGENT), tmp_path, people=1)
     one.to_play()
     plan, team = one.machine.play.plan, one.part.formed
-    rows = [((0, 1), ("person", "agent")), ((1, 0), ("person", "agent")), ((1, 1), ("person", "agent"))]
+    rows = [JointAction(actions, ("person", "agent")) for actions in ((0, 1), (1, 0), (1, 1))]
     asked = []
     for first in (0, 3):
         agent = Counting("")
