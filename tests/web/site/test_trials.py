@@ -142,7 +142,7 @@ def test_drawn_walks_through_trials_are_the_sessions_own(tmp_path, names):
 
 # A shipped classic, in Chromium
 
-FLANKER = Path(minihuman.__file__).parents[1] / "protocols/trials/flanker.toml"
+FLANKER = Path(__file__).parents[3] / "protocols/trials/flanker.toml"
 COUNT_PAINTS = """(() => {
   window.trials = [];
   const { prototype } = CanvasRenderingContext2D, { drawImage } = prototype;
