@@ -72,7 +72,7 @@ class _Subject:
 
 
 class TrainingStoppedError(Exception):
-    """What follows a training raises it to end the training; the policy is then written and evaluated as usual."""
+    """Raised by a `follow` function to end a training early; the policy is then written and evaluated as usual."""
 
 
 def train(

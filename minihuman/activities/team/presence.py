@@ -148,11 +148,10 @@ class TeamPresence:
         return SeatSighting("here", page_s)
 
     def measure_silence_ms(self, now_s: float, *, is_real_time: bool) -> tuple[int, ...]:
-        """Return, by seat, for how many whole milliseconds each person has given no sign of life.
+        """Return, by seat, the whole milliseconds since the sign of life from which a wait for the person counts.
 
-        It is the sign from which a wait for them counts, so this is below the limit as long as they are waited for.
-
-        An agent's seat has 0. The tuple is empty if no seat has a page, whose signs the server's clock would measure.
+        They are below the limit while the person is waited for, and 0 for an agent's seat. The tuple is empty if no
+        seat has a page.
         """
         if not any(presence.signs.tells_acts for presence in self._seats.values()):
             return ()

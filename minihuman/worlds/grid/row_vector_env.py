@@ -1,7 +1,7 @@
-"""RowVectorEnv: what batches of worlds have in common whose states are the rows of a matrix, stepped in compiled code.
+"""The base of batches whose worlds' states are rows of a matrix that compiled code steps.
 
-It knows the spaces, the random stream of each world, and which worlds a reset begins anew; not what a row holds, nor
-how a step changes it. `GridBatch` stands apart, because kernels are compiled from its module.
+`RowVectorEnv` knows the spaces, the random stream of each world, and which worlds a reset begins anew; not what a row
+holds, nor how a step changes it. `GridBatch` does not use it, because kernels are compiled from its module.
 """
 
 from typing import Any, TypeVar
@@ -94,7 +94,7 @@ class RowVectorEnv(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], ND
             )
         return np.ascontiguousarray(action_array, np.int64)
 
-    def _refuse(self, world: int, action: int, *, is_new: bool, is_over: bool, last_action: int) -> WorldError:
+    def _build_refusal(self, world: int, action: int, *, is_new: bool, is_over: bool, last_action: int) -> WorldError:
         """Return the error for an action that a world cannot take."""
         if is_new or (is_over and self._autoreset_mode is not AutoresetMode.NEXT_STEP):
             return WorldError(f"world {world} is not in an episode; call reset() before step()")

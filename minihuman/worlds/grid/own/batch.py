@@ -209,7 +209,9 @@ class OwnBatch(RowVectorEnv):
         """Return the error for an action that a world cannot take."""
         phase = self._rows[world, PHASE]
         last = int(self._rows[world, ACTIONS]) - 1
-        return self._refuse(world, int(actions[world]), is_new=phase == NEW, is_over=phase == OVER, last_action=last)
+        return self._build_refusal(
+            world, int(actions[world]), is_new=phase == NEW, is_over=phase == OVER, last_action=last
+        )
 
     def _lay_out(self, worlds: NDArray[np.int64]) -> None:
         """Lay out new episodes in some worlds, and set their missions."""

@@ -147,7 +147,9 @@ class RulesetBatch(RowVectorEnv):
     def _refusal(self, world: int, actions: NDArray[np.int64]) -> WorldError:
         """Return the error for an action that a world cannot take."""
         phase = self._rows[world, PHASE]
-        return self._refuse(world, int(actions[world]), is_new=phase == NEW, is_over=phase == OVER, last_action=TOGGLE)
+        return self._build_refusal(
+            world, int(actions[world]), is_new=phase == NEW, is_over=phase == OVER, last_action=TOGGLE
+        )
 
     def _lay_out(self, worlds: NDArray[np.int64]) -> None:
         """Draw the tasks and layouts of new episodes in the given worlds."""
