@@ -331,6 +331,26 @@ class Connection(PageSession):
 
     # What does not come from the page
 
+    def hear_from_disk(self) -> None:
+        """Let the sender acknowledge what is durable; end a session whose log cannot be written.
+
+        A page that waits for its acknowledgement may have nothing to say, and would not be told otherwise.
+        """
+        self.changed.set()
+        if not self.hosted.is_log_broken:
+            return
+        if self._threads is None:
+            self._end_without_log()
+        else:
+            self._polling = self.loop.create_task(self.run(self._end_without_log))
+
+    def _end_without_log(self) -> bool:
+        """End the session because a write to its log failed; return True."""
+        if not self.host.over:
+            self._guarded(self.hosted.require_log)
+        self._say_changed()
+        return True
+
     def poll(self) -> bool:
         """Check whether a learner has produced something; return True if there is news for the page."""
         has_news = bool(self._guarded(self.host.poll))

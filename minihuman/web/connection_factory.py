@@ -309,6 +309,6 @@ class _WakeQueue:
         self._is_called = False
         while self._woken:
             connection = self._woken.popleft()
-            connection.changed.set()
+            connection.hear_from_disk()
             if connection.lease is not None:
                 self._recorded.add(connection)

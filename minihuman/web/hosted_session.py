@@ -89,6 +89,20 @@ class HostedSession:
             return None
         return self.files[0].segment_path.part
 
+    @property
+    def is_log_broken(self) -> bool:
+        """Return whether a write to the log failed."""
+        return any(file.is_broken for file in self.files)
+
+    def require_log(self) -> None:
+        """Check that everything written so far went to the log.
+
+        Raises:
+            LogError: if a write failed.
+        """
+        for file in self.files:
+            file.require_writable()
+
 
 def start_host(
     plan: SessionPlan,

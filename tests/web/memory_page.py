@@ -17,6 +17,7 @@ from tests.web.protocols import GRID
 from tests.web.typed_page import FACTS, encode, parts_of
 
 S = 1_000_000_000
+WAIT_S = 0.01  # between two looks at what is acknowledged
 MAX_UNACKNOWLEDGED = 30  # messages of a page: those of five seconds
 
 
@@ -50,6 +51,7 @@ class MemoryPage(PageTransport):
         self.acknowledged = 0  # through this message
         self.said = 0
         self.over = ""
+        self.ending: dict[str, Any] = {}  # the last message of a session that is over
         self._clock = clock
         self._rng = rng
         self._texts: asyncio.Queue[str] = asyncio.Queue()
@@ -80,9 +82,14 @@ class MemoryPage(PageTransport):
     async def close(self, code: int, reason: str = "") -> None:
         self.over = self.over or f"closed: {code} {reason}"
 
+    @property
+    def acknowledged_presses(self) -> int:
+        """How many presses the server has said to be on its disk."""
+        return self.presses - len(self._trail)
+
     def act(self) -> None:
         """Press a key and let it go: one that makes a step where the page plays, else Enter."""
-        if self._zero_ns is None or not self.kind:
+        if self._zero_ns is None or not self.kind or self.over:
             return
         lines = [json.dumps({"t": "heard", "n": self._heard})]
         steps = self._steps
@@ -136,6 +143,7 @@ class MemoryPage(PageTransport):
                     self._texts.put_nowait(self._say(t="shown", submit=now_ns, flip=now_ns, screen=message["id"]))
             case "over" | "refused":
                 self.over = message["t"]
+                self.ending = message
 
     def _follow(self, message: dict[str, Any]) -> None:
         """Go where the server is, and from there where the keys lead that it has not had."""
@@ -146,7 +154,11 @@ class MemoryPage(PageTransport):
                 self._steps.act(action)
 
 
-async def wait_for_disk(pages: Sequence[MemoryPage]) -> None:
-    """Wait until nearly all that the pages said is acknowledged: as quick as they are, no disk is."""
+async def wait_for_disk(pages: Sequence[MemoryPage], clock: SharedClock) -> None:
+    """Wait until nearly all that the pages said is acknowledged: as quick as they are, no disk is.
+
+    Time goes on meanwhile, so that a server that gives a session up after a while does so.
+    """
     while any(page.acknowledged < page.said - MAX_UNACKNOWLEDGED and not page.over for page in pages):
-        await asyncio.sleep(0.01)
+        await asyncio.sleep(WAIT_S)
+        clock.now_ns += int(WAIT_S * S)

@@ -55,7 +55,7 @@ async def play(folder: Path, minutes: int) -> tuple[list[float], list[MemoryPage
                 for page in pages:
                     page.act()
                     await asyncio.sleep(0)
-                await wait_for_disk(pages)
+                await wait_for_disk(pages, clock)
                 if (moment + 1) % (SETTLED_MINUTES * 60 * KEYS_PER_S) == 0:
                     memory_mb.append(measure_memory_mb())
                     print(f"{(moment + 1) // (60 * KEYS_PER_S)} min: {memory_mb[-1]:.0f} MB", flush=True)

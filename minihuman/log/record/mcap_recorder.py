@@ -162,7 +162,7 @@ class McapRecorder(Recorder):
         Raises:
             LogError: if an earlier write failed, the disk is a whole backlog behind, or the recorder is closed.
         """
-        self._refuse_after_failure()
+        self.require_writable()
         if self._closed:
             raise LogError(f"{self.segment_path.part} is closed; open a new recorder to record another segment")
         if not events:
@@ -174,7 +174,7 @@ class McapRecorder(Recorder):
             self._disk.failure = error
         else:
             self._disk.begin(pieces, steps=self._live.steps)
-        self._refuse_after_failure()
+        self.require_writable()
 
     def settle(self) -> None:
         """Wait until the begun write survives the process, or until the disk has stalled for too long.
@@ -183,7 +183,21 @@ class McapRecorder(Recorder):
             LogError: if it could not be written.
         """
         self._disk.settle()
-        self._refuse_after_failure()
+        self.require_writable()
+
+    @property
+    def is_broken(self) -> bool:
+        """Return whether a write failed, so that the log cannot go on."""
+        return self._disk.failure is not None
+
+    def require_writable(self) -> None:
+        """Check that no write has failed so far.
+
+        Raises:
+            LogError: if one has; it says why, what is safe, and what to do.
+        """
+        if self._disk.failure is not None:
+            raise self._describe_failure() from self._disk.failure
 
     @property
     def durable_steps(self) -> int:
@@ -207,7 +221,7 @@ class McapRecorder(Recorder):
             LogError: if writing failed.
         """
         self._disk.drain()
-        self._refuse_after_failure()
+        self.require_writable()
 
     def leave(self) -> None:
         """Make all writes durable and close the live file without finishing it, for another process to resume.
@@ -232,7 +246,7 @@ class McapRecorder(Recorder):
         self._closed = True
         self._disk.close()
         try:
-            self._refuse_after_failure()
+            self.require_writable()
             promised = ExpectedContent(
                 self._live.messages, self._disk.file.crc, self._disk.late, self._disk.longest_wait_s
             )
@@ -258,10 +272,6 @@ class McapRecorder(Recorder):
             f"{self._live.messages} messages; the live file was changed during recording "
             f"({finished.damage}); an unchanged copy is {finished.damaged_copy_path}"
         )
-
-    def _refuse_after_failure(self) -> None:
-        if self._disk.failure is not None:
-            raise self._describe_failure() from self._disk.failure
 
     def _describe_failure(self) -> LogError:
         """Return the error that says why recording stopped, what is safe, and what to do."""
