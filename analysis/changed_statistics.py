@@ -31,6 +31,26 @@ CHANGED_CELLS = (  # cell, old, new, why
     ("change of the reference group over episodes", "t", "sign flips", "the test of changes between sessions"),
     ("time until all keys, p of the whole curves", "of the normal distribution", "permutation", "small groups"),
     ("reliability, intervals of groups below four", "F and z", "none", "four are the least everywhere"),
+    (
+        "time until all keys, where they were shown or known to all",
+        "compared",
+        "left out",
+        "nobody had to discover them",
+    ),
+    ("time until all keys, where nobody discovered all", "compared", "left out", "a key may do nothing there"),
+    (
+        "success, steps, SPL and excess steps, in blocks without a goal",
+        "compared",
+        "left out unless named",
+        "no episode can reach one",
+    ),
+    (
+        "a group's change between sessions, verdict",
+        "beside the difference of the changes",
+        "the difference alone has one",
+        "one shown and one not do not differ by that",
+    ),
+    ("p (Holm) of the measures left in such blocks", "over all", "over those that are left", "fewer comparisons"),
 )
 COLUMNS = ("study", "cell", "old", "new", "why")
 

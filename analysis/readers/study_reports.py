@@ -52,15 +52,14 @@ def run_study(study: Study, data: Path) -> Path:
 
 
 def write_ages(folder: Path) -> None:
-    """Write a table of participants that fits the groups, with ages in years and sexes."""
+    """Write a table of participants with ages in years and sexes."""
     generator = random.Random(7)
-    groups = {session.participant: session.group for session in minihuman.open_study(folder).sessions}
+    codes = dict.fromkeys(session.participant for session in minihuman.open_study(folder).sessions)
     with (folder / "participants.csv").open("w", newline="", encoding="utf-8") as file:
         rows = csv.writer(file)
         rows.writerow(["participant", "age", "sex"])
-        for code, group in groups.items():
-            youngest, oldest = (19, 31) if group == "younger" else (64, 79)
-            rows.writerow([code, generator.randint(youngest, oldest), generator.choice("fm")])
+        for code in codes:
+            rows.writerow([code, generator.randint(19, 64), generator.choice("fm")])
 
 
 def take_pictures(browser: Browser, report: Path, folder: Path) -> None:

@@ -66,14 +66,18 @@ def _state_differences(target: BlockResults | None) -> Iterator[str]:
 
 
 def _state_changes(target: BlockResults) -> Iterator[str]:
-    """Yield sentences on each group's change between sessions of the main measure, and on how the changes differ."""
+    """Yield sentences on how the groups' changes of the main measure between sessions differ, then on each change.
+
+    The sentences on single groups have no verdict beside a comparison: that one group's change is shown and another's
+    is not does not say that the groups differ.
+    """
     measures = {comparison.measure for comparison in target.headline}
-    for change in target.changes:
-        if change.measure in measures:
-            yield _state_change(change, target.block)
     for sessions, comparison in target.changes_compared:
         if comparison.measure in measures:
             yield _state_changes_compared(sessions, comparison, target.block)
+    for change in target.changes:
+        if change.measure in measures:
+            yield _state_change(change, target.block, has_verdict=not target.changes_compared)
 
 
 def _open_change(measure: str, block: str, sessions: tuple[int, int]) -> str:
@@ -81,11 +85,11 @@ def _open_change(measure: str, block: str, sessions: tuple[int, int]) -> str:
     return f"{words[0].upper()}{words[1:]}, block {block}, from session {sessions[0]} to {sessions[1]}"
 
 
-def _state_change(change: SessionChange, block: str) -> str:
-    """State how a group changed between two sessions."""
+def _state_change(change: SessionChange, block: str, *, has_verdict: bool) -> str:
+    """State how a group changed between two sessions, with or without a sentence on what is shown."""
     estimate = format_difference(change.estimate, _UNKNOWN, is_log=change.is_log, sign="+")
     p = f"paired permutation p {format_p_value(change.p)}"
-    if math.isnan(change.p):
+    if math.isnan(change.p) or not has_verdict:
         verdict = ""
     elif change.p >= 0.05:
         verdict = " No change is shown."

@@ -36,6 +36,14 @@ LOG_MEASURES = ("playing_s_mean", "response_median_ms", "all_keys_discovered_s",
 # Compared only where the protocol names them: they repeat another measure, at a cost in Holm's correction.
 ONLY_IF_NAMED = frozenset({"log_steps_ratio_mean", "reaction_median_ms"})
 TRIAL_BLOCK_MEASURES = ("reward_mean", "response_median_ms")  # of MEASURES, those that a block of trials has
+GOAL_MEASURES = (  # that say nothing in a block without a goal to reach
+    "log_excess_steps_mean",
+    "spl_mean",
+    "success",
+    "steps_at_limit_mean",
+    "excess_steps_mean",
+    "log_steps_ratio_mean",
+)
 FORMULAS = {  # of one episode, where a measure's name does not tell it
     "log_excess_steps_mean": "ln(1 + steps \N{MINUS SIGN} shortest), shortest: steps of the shortest known path",
     "log_steps_ratio_mean": "ln(steps / shortest)",

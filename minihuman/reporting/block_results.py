@@ -78,6 +78,8 @@ def collect_survival_times(rows: pd.DataFrame, all_episodes: pd.DataFrame, order
         first = group_rows.sort_values("session").drop_duplicates("participant")
         if len(first):
             keys[group] = _collect_key_times(first, playing_s)
+    if not any(times.observed.any() for times in keys.values()):
+        keys = {}  # nobody discovered them all: there may be one that does nothing here
     compared = []
     for first_group, second_group in combinations(keys, 2):
         comparison = compare_survival(keys[first_group], keys[second_group])
@@ -176,7 +178,6 @@ class BlockResults:
     """The results of one block, for the groups that played it."""
 
     block: str
-    worlds: tuple[str, ...]
     episodes: int  # included; those that a team played together count once
     subjects: pd.DataFrame  # group, participant, session, episodes, reward_mean, reward_sd
     groups: pd.DataFrame  # group, participants, then mean and standard deviation of the subjects' means
@@ -264,7 +265,6 @@ def compute_block_results(
     changed = list_changes(scaled, measured)
     return BlockResults(
         block=block,
-        worlds=tuple(dict.fromkeys(episodes["world"])),
         episodes=len(_count_once(episodes) if units else episodes),
         subjects=_order_by_group(people, order)[_SUBJECT_COLUMNS].reset_index(drop=True),
         groups=_order_by_group(summarise_group_rewards(means), order),

@@ -3,7 +3,7 @@
 The scripts are for R (lme4, brms) and Python (statsmodels, Bambi).
 """
 
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -11,12 +11,13 @@ from tempfile import TemporaryDirectory
 import pandas as pd
 
 from minihuman.dataset.activity_tables import PERSON_TABLE
+from minihuman.dataset.recording_quality import PlanOutline
 from minihuman.dataset.selection import ANSWER_RULES
 from minihuman.dataset.table_catalogue import EVERY_MOMENT, TABLES
 from minihuman.dataset.tables import Tables, select
 from minihuman.errors import ReportError
 from minihuman.experiment.protocol.protocol import Protocol
-from minihuman.experiment.protocol.specs import AnalysisSpec, apply_overrides
+from minihuman.experiment.protocol.specs import AnalysisSpec
 from minihuman.experiment.protocol.study_design import ExperimentDesign, derive_design
 from minihuman.reporting.activity_sections import (
     ReportSection,
@@ -24,16 +25,24 @@ from minihuman.reporting.activity_sections import (
     build_activity_sections,
     join_sections,
 )
+from minihuman.reporting.analysed_rows import (
+    find_practice,
+    is_practice,
+    leave_out_discovery,
+    leave_out_goals,
+    leave_out_navigation,
+)
 from minihuman.reporting.answers import state_answers
 from minihuman.reporting.block_results import BlockResults
 from minihuman.reporting.exclusions import count_excluded, exclude_practice_alone, list_exclusions
 from minihuman.reporting.instruction_clauses import ATTEMPT_COLUMNS, count_clauses
 from minihuman.reporting.interactions import InteractionResults, choose_first_block, compute_interaction
-from minihuman.reporting.methods import build_methods, find_known_keys
+from minihuman.reporting.known_keys import find_blocks_without_discovery, find_known_keys
+from minihuman.reporting.methods import build_methods, name_worlds
 from minihuman.reporting.page import PageContent, build_page, build_participants_page, is_published_study
 from minihuman.reporting.participant_flow import FlowSection, flow_section
 from minihuman.reporting.questionnaire_scores import add_last_blocks, list_task_load, task_load_table
-from minihuman.reporting.results import Results, compute_results, leave_out_navigation
+from minihuman.reporting.results import Results, compute_results
 from minihuman.reporting.sample_description import describe_sample
 from minihuman.reporting.scorecard import (
     PlayerRows,
@@ -114,7 +123,7 @@ def build_report(
     report_input = _read_input(tables, study, names, out / "figures")
     tables.release()  # drawing takes seconds
     practice = find_practice(report_input.protocols, report_input.participants["group"].unique())
-    episodes, blocks = _leave_out_practice(report_input, practice)
+    episodes, blocks = _leave_out_practice(tables, report_input, practice)
     results = _compute_results(report_input, episodes, blocks)
     content = _gather_content(tables, report_input, results, practice)
     content = _add_interaction(content, tables, report_input, (episodes, blocks), results)
@@ -138,13 +147,20 @@ def build_report(
 
 
 def _leave_out_practice(
-    report_input: _ReportInput, practice: Collection[tuple[str, str]]
+    tables: Tables, report_input: _ReportInput, practice: Collection[tuple[str, str]]
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Return the episodes and blocks without practice, and without navigation measures in blocks of trials."""
-    episodes = report_input.episodes[~_is_practice(report_input.episodes, practice)]
-    blocks = report_input.blocks[~_is_practice(report_input.blocks, practice)]
+    """Return the episodes and blocks without practice, and without the measures that a block's kind does not have."""
+    episodes = report_input.episodes[~is_practice(report_input.episodes, practice)]
+    blocks = report_input.blocks[~is_practice(report_input.blocks, practice)]
+    blocks = leave_out_discovery(blocks, find_blocks_without_discovery(_list_outlines(tables), report_input.protocols))
+    blocks = leave_out_goals(blocks, episodes, report_input.analysis)
     trial_blocks = frozenset(block for section in report_input.sections for block in section.blocks)
     return leave_out_navigation(episodes, blocks, trial_blocks)
+
+
+def _list_outlines(tables: Tables) -> list[PlanOutline]:
+    """Return the outlines of the plans of all sessions that could be read."""
+    return [session.outline for session in tables.sessions if session.outline is not None]
 
 
 def _compute_results(report_input: _ReportInput, episodes: pd.DataFrame, blocks: pd.DataFrame) -> Results:
@@ -209,7 +225,7 @@ def _answer_without_rules(tables: Tables, report_input: _ReportInput) -> list[st
         all_tables.require((*names, "steps"), shortest_paths=True)
         all_input = _read_input(all_tables, report_input.study, names, Path(figures))
     practice = find_practice(all_input.protocols, all_input.participants["group"].unique())
-    episodes, blocks = _leave_out_practice(all_input, practice)
+    episodes, blocks = _leave_out_practice(all_tables, all_input, practice)
     results = _compute_results(all_input, episodes, blocks)
     interaction, first_block = _compute_interaction(all_input, (episodes, blocks), results)
     return state_answers(results, interaction, all_input.design, first_block)
@@ -314,10 +330,9 @@ def _gather_content(
     """Gather the page's contents besides the results; figures, tables and mixed models are added later."""
     participants = report_input.participants
     episodes = report_input.episodes
-    qualities = [session.quality for session in tables.sessions if session.quality is not None]
-    outlines = [session.outline for session in tables.sessions if session.outline is not None]
+    outlines = _list_outlines(tables)
     simulated = int((participants["player"] != "human").sum())
-    is_practice = _is_practice(episodes, practice)
+    is_of_practice = is_practice(episodes, practice)
     flow = flow_section(tables.source, participants)
     return PageContent(
         study=report_input.study,
@@ -328,17 +343,18 @@ def _gather_content(
         imported=int((participants["evidence"] == "consistent").sum()),
         flow=flow,
         methods=_write_methods(tables, report_input, results, simulated, flow),
+        worlds=name_worlds(outlines, report_input.protocols),
         known_keys=find_known_keys(outlines, report_input.protocols),
         figures=(),
         first_figures=(),
         models=(),
         tables=(),
-        qualities=qualities,
+        qualities=[session.quality for session in tables.sessions if session.quality is not None],
         answers=report_input.answers,
         task_load=_tabulate_task_load(report_input, results),
-        clauses=count_clauses(episodes[~is_practice], report_input.starts, report_input.clauses),
+        clauses=count_clauses(episodes[~is_of_practice], report_input.starts, report_input.clauses),
         activities=join_sections(report_input.sections),
-        practice=_count_by_block(episodes[is_practice & episodes["exclusion_reason"].isna()]),
+        practice=_count_by_block(episodes[is_of_practice & episodes["exclusion_reason"].isna()]),
         exclusions=list_exclusions(episodes, participants),
         account=tables.account,
         analysis=report_input.analysis,
@@ -355,7 +371,7 @@ def _write_methods(
 ) -> list[str]:
     """Write the methods of the sessions that could be read."""
     first, *others = build_methods(
-        [session.outline for session in tables.sessions if session.outline is not None],
+        _list_outlines(tables),
         [session.quality for session in tables.sessions if session.quality is not None],
         simulated,
         protocols=report_input.protocols,
@@ -365,8 +381,9 @@ def _write_methods(
         n_excluded=count_excluded(report_input.participants),
     )
     people = report_input.participants
-    included = set(people[people["exclusion_reason"].isna()]["participant"])
-    return [first, *describe_sample(tables.people, included), *others]
+    included = people[people["exclusion_reason"].isna()]
+    groups = dict(zip(included["participant"], included["group"], strict=True))
+    return [first, *describe_sample(tables.people, groups), *others]
 
 
 def _tabulate_task_load(report_input: _ReportInput, results: Results) -> Table | None:
@@ -438,41 +455,6 @@ def read_planned_design(protocols: Sequence[Protocol]) -> ExperimentDesign:
     if len(named) == 1:
         return named.pop()
     return ExperimentDesign()
-
-
-def find_practice(protocols: Sequence[Protocol], groups: Iterable[str]) -> frozenset[tuple[str, str]]:
-    """Return the group and the block of every practice block.
-
-    Raises:
-        ReportError: if one version of the protocol analyses a block, and another does not.
-    """
-    group_names = list(groups)
-    practice_versions = {_list_practice(protocol, group_names) for protocol in protocols}
-    if len(practice_versions) > 1:
-        blocks = ", ".join(sorted({block for practice in practice_versions for _, block in practice}))
-        raise ReportError(
-            f"the protocol's versions analyse different blocks ({blocks}); choose one version with --version"
-        )
-    return next(iter(practice_versions), frozenset())
-
-
-def _list_practice(protocol: Protocol, groups: Sequence[str]) -> frozenset[tuple[str, str]]:
-    """Return the group and the block of every practice block in one version of the protocol."""
-    practice = set()
-    for group in groups:
-        for block_spec in protocol.blocks:
-            block = apply_overrides(block_spec, group)
-            if not block.analysed:
-                practice.add((group, block.name))
-    return frozenset(practice)
-
-
-def _is_practice(rows: pd.DataFrame, practice: Collection[tuple[str, str]]) -> "pd.Series[bool]":
-    """Return whether each row belongs to a practice block."""
-    if not practice:
-        return pd.Series(False, rows.index, dtype=bool)
-    pairs = pd.MultiIndex.from_frame(rows[["group", "block"]])
-    return pd.Series(pairs.isin(sorted(practice)), rows.index, bool)
 
 
 def _find_study(tables: Tables) -> str:

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 
-from minihuman.experiment.protocol.model import BlockSpec, Protocol
+from minihuman.experiment.protocol.model import BlockSpec, GroupSpec, Protocol
 from minihuman.experiment.protocol.specs import OrderSpec
 
 
@@ -19,13 +19,39 @@ def describe_orders(protocols: Sequence[Protocol]) -> list[str]:
     return [" ".join(sentences)]
 
 
+def describe_group_parts(protocols: Sequence[Protocol]) -> list[str]:
+    """Return a paragraph on which parts each group had, in their order; [] if all groups had the same."""
+    sentences = dict.fromkeys(sentence for protocol in protocols for sentence in _list_group_parts(protocol))
+    return list(sentences)
+
+
+def _list_group_parts(protocol: Protocol) -> Iterator[str]:
+    """Yield one sentence with the parts of each group, if they differ."""
+    parts = {group.name: _name_parts(protocol, group) for group in protocol.groups}
+    if len(set(parts.values())) > 1:
+        yield f"Parts by group: {'; '.join(f'{group} had {names}' for group, names in parts.items())}."
+
+
+def _name_parts(protocol: Protocol, group: GroupSpec) -> str:
+    """Return the names of a group's parts, of each session apart if there are several."""
+    sessions = [session.parts for session in protocol.sessions] or [group.parts or group.blocks]
+    named = []
+    for parts in sessions:
+        replaced = [group.replace_parts.get(name, name) for name in parts]
+        named.append(", ".join(name for name in replaced if name) or "none")
+    if len(named) == 1:
+        return named[0]
+    return " and ".join(f"in session {number} {names}" for number, names in enumerate(named, 1))
+
+
 def _describe_order(order: OrderSpec, *, has_groups: bool) -> str:
     units = list(_name_units(order))
     parts = f"{', '.join(units[:-1])} and {units[-1]}"
     if order.order == "shuffled":
         return f"The order of {parts} was drawn for each participant."
-    units_of_balance = "within each group" if has_groups else "over participants"
-    return f"The order of {parts} was balanced {units_of_balance} by Latin squares (Williams, 1949)."
+    people = "participants of a group" if has_groups else "participants"
+    size = len(units) if len(units) % 2 == 0 else 2 * len(units)
+    return f"The order of {parts} followed Latin squares (Williams, 1949), one for each {size} successive {people}."
 
 
 def _name_units(order: OrderSpec) -> Iterator[str]:

@@ -14,7 +14,14 @@ from minihuman.experiment.protocol.answer_exclusions import describe_answer_excl
 from minihuman.experiment.protocol.protocol import BlockSpec, Protocol
 from minihuman.reporting.attrition import Attrition
 from minihuman.reporting.block_measures import FORMULAS, MEASURES, TRIAL_BLOCK_MEASURES, TRIAL_FORMULAS
-from minihuman.reporting.design_methods import describe_adaptive_designs, describe_orders, describe_team, name_allocated
+from minihuman.reporting.design_methods import (
+    describe_adaptive_designs,
+    describe_group_parts,
+    describe_orders,
+    describe_team,
+    name_allocated,
+)
+from minihuman.reporting.known_keys import DRAWN_ANEW, BlockSpecs, Cell, find_known_cells
 from minihuman.reporting.trial_methods import (
     describe_stimuli,
     describe_trials,
@@ -28,7 +35,6 @@ _TO_FIND = "the actions of the keys had to be discovered"
 _WHO_KEPT = "who kept the keys of an earlier block"
 _KEPT = "the keys were those of an earlier block"
 _SHOWN = "the keys and their actions were shown on the screen"
-_DRAWN_ANEW = ("new", "shown")
 _LABELS: dict[str, Callable[[PlanOutline], str]] = {
     "group": lambda plan: f"group {plan.group}",
     "session": lambda plan: f"in session {plan.session}",
@@ -39,21 +45,6 @@ _DIVISIONS = (  # the fewest that tell apart how a block was played are named
     (), ("group",), ("session",), ("version",), ("group", "session"), ("group", "version"), ("session", "version"),
     ("group", "session", "version"), ("participant", "session"),
 )  # fmt: skip
-Cell = tuple[str, int, str]  # group, session, and the block before (of an earlier session too; "" for none)
-
-
-class BlockSpecs:
-    """The blocks of the sessions' protocols, with each group's overrides."""
-
-    def __init__(self, protocols: Sequence[Protocol]) -> None:
-        self._protocols = {protocol.sha256: protocol for protocol in protocols}
-
-    def find(self, plan: PlanOutline, block: str) -> BlockSpec | None:
-        """Return a block with the overrides of a session's group; None if the session's protocol is not known."""
-        protocol = self._protocols.get(plan.protocol_sha256)
-        if protocol is None:
-            return None
-        return protocol.block_for(block, plan.group)
 
 
 def build_methods(
@@ -83,6 +74,7 @@ def build_methods(
     specs = BlockSpecs(protocols)
     return [
         _describe_people(plans, simulated, specs, protocols, flow),
+        *describe_group_parts(protocols),
         *describe_orders(protocols),
         *_describe_answer_exclusions(protocols, n_excluded or {}),
         *describe_adaptive_designs(protocols),
@@ -95,62 +87,6 @@ def build_methods(
 
 def _name_statistics() -> str:
     return ", ".join(f"{name} {version(name)}" for name in _STATISTICS)
-
-
-def find_known_keys(plans: Sequence[PlanOutline], protocols: Sequence[Protocol] = ()) -> dict[str, list[str]]:
-    """Return, by block, the groups that already knew the keys from an earlier block.
-
-    A group is named if this was true of all its participants the first time they played the block.
-    """
-    cells_by_block = _find_known_cells(plans, BlockSpecs(protocols))
-    groups_by_block = {block: _list_groups_with_known_keys(cells) for block, cells in cells_by_block.items()}
-    return {block: groups for block, groups in groups_by_block.items() if groups}
-
-
-def _list_groups_with_known_keys(cells: Mapping[tuple[str, int, str], bool]) -> list[str]:
-    """Return, sorted, the groups in which all participants knew the keys in their first session with the block."""
-    first_sessions: dict[str, int] = {}
-    for group, session, _ in cells:
-        first_sessions[group] = min(session, first_sessions.get(group, session))
-    known_in_first = dict.fromkeys(first_sessions, True)
-    for (group, session, _), known in cells.items():
-        if session == first_sessions[group]:
-            known_in_first[group] = known_in_first[group] and known
-    return sorted(group for group, known in known_in_first.items() if known)
-
-
-def _find_known_cells(plans: Sequence[PlanOutline], specs: BlockSpecs) -> dict[str, dict[Cell, bool]]:
-    """Return, by block and cell, whether all participants kept the keys of an earlier block.
-
-    If only some participants have equal keys, that is due to chance. Keys that the protocol draws anew never count as
-    an earlier block's, whatever was drawn.
-    """
-    known_by_block: dict[str, dict[Cell, bool]] = {}
-    history: dict[str, list[EpisodePlan]] = {}
-    for plan in sorted(plans, key=lambda plan: plan.session):
-        earlier = history.setdefault(plan.participant, [])
-        for block_plan in plan.blocks:
-            cells = known_by_block.setdefault(block_plan.block_name, {})
-            block_before = ""
-            if earlier:
-                block_before = earlier[-1].block_name
-            cell = (plan.group, plan.session, block_before)
-            spec = specs.find(plan, block_plan.block_name)
-            may_know = spec is None or spec.key_map not in _DRAWN_ANEW
-            effects = _map_key_effects(block_plan)
-            known = may_know and any(effects == _map_key_effects(before) for before in earlier)
-            cells[cell] = cells.get(cell, True) and known
-            earlier.append(block_plan)
-    return known_by_block
-
-
-def _map_key_effects(block_plan: EpisodePlan) -> dict[str, int]:
-    """Map each key to the index of its action in the block's list, because worlds name the same actions differently."""
-    return {
-        key: block_plan.actions.index(action)
-        for key, action in block_plan.key_map.keys.items()
-        if action in block_plan.actions
-    }
 
 
 def _describe_people(
@@ -213,7 +149,7 @@ def _describe_later_keys(plans: Sequence[PlanOutline], specs: BlockSpecs) -> str
             continue
         for block_plan in plan.blocks:
             spec = specs.find(plan, block_plan.block_name)
-            if spec is not None and spec.key_map in _DRAWN_ANEW:
+            if spec is not None and spec.key_map in DRAWN_ANEW:
                 return "; keys that later sessions drew anew came from that seed alone"
     return ""
 
@@ -226,7 +162,7 @@ def _are_keys_drawn(plans: Sequence[PlanOutline], specs: BlockSpecs) -> bool:
             spec = specs.find(plan, block_plan.block_name)
             if spec is None:
                 keys.setdefault((plan.group, block_plan.block_name), []).append(block_plan.key_map.keys)
-            elif spec.key_map in (*_DRAWN_ANEW, "constant") or (spec.key_map == "carry_over" and not number):
+            elif spec.key_map in (*DRAWN_ANEW, "constant") or (spec.key_map == "carry_over" and not number):
                 return True
     return any(len(key_maps) == 1 or key_maps.count(key_maps[0]) < len(key_maps) for key_maps in keys.values())
 
@@ -262,7 +198,7 @@ def _describe_simulated(plans: Sequence[PlanOutline], simulated: int, attrition:
 
 def _describe_blocks(plans: Sequence[PlanOutline], specs: BlockSpecs, block_order: Sequence[str] = ()) -> list[str]:
     """Write a paragraph per block, with a sentence for each variant between groups, sessions or versions."""
-    known = _find_known_cells(plans, specs)
+    known = find_known_cells(plans, specs)
     descriptions: dict[str, list[tuple[PlanOutline, str]]] = {}
     for plan in sorted(plans, key=lambda plan: -len(plan.blocks)):  # in the order of those who played most
         for block_plan in plan.blocks:
@@ -345,11 +281,11 @@ def _describe_episode(block_plan: EpisodePlan, spec: BlockSpec | None) -> str:
     keys = _describe_keys(block_plan)
     if is_of_trials(block_plan, spec):
         return f"{practice}{describe_trials(block_plan, spec)}; {keys}"
-    shared_options = sorted(list_shared_options(block_plan, spec).items())
-    options = "".join(f", {option} = {value!r}" for option, value in shared_options)
+    world = _name_world(block_plan, spec)
+    options = ""
     table = describe_stimuli(spec)
     if table:
-        options += f", further options from {table}"
+        options = f", further options from {table}"
     limit = f"at most {block_plan.max_steps} steps"
     if spec is not None and spec.max_episode_s:
         limit += f" or {spec.max_episode_s:g} s"
@@ -358,9 +294,29 @@ def _describe_episode(block_plan: EpisodePlan, spec: BlockSpec | None) -> str:
     motion = _describe_motion(spec)
     outcome = _describe_outcome(block_plan, spec)
     return (
-        f"{practice}{count} in {block_plan.world}{options}, {block_plan.view} view, {limit} each; {pace}; "
+        f"{practice}{count} in {world}{options}, {block_plan.view} view, {limit} each; {pace}; "
         f"{keys}{motion}{outcome}{describe_team(spec)}"
     )
+
+
+def _name_world(block_plan: EpisodePlan, spec: BlockSpec | None) -> str:
+    """Return a world's id with the options that all episodes of a block share."""
+    shared_options = sorted(list_shared_options(block_plan, spec).items())
+    return ", ".join([block_plan.world, *(f"{option} = {value!r}" for option, value in shared_options)])
+
+
+def name_worlds(plans: Sequence[PlanOutline], protocols: Sequence[Protocol] = ()) -> dict[str, list[str]]:
+    """Return the worlds of each block, with their options; of trials the ids alone, as their methods state the rest."""
+    specs = BlockSpecs(protocols)
+    names: dict[str, dict[str, None]] = {}
+    for plan in plans:
+        for block_plan in plan.blocks:
+            spec = specs.find(plan, block_plan.block_name)
+            name = block_plan.world
+            if not is_of_trials(block_plan, spec):
+                name = _name_world(block_plan, spec)
+            names.setdefault(block_plan.block_name, {})[name] = None
+    return {block: list(block_names) for block, block_names in names.items()}
 
 
 def _describe_keys(block_plan: EpisodePlan) -> str:

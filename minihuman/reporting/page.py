@@ -92,6 +92,7 @@ class PageContent:
     windows: Mapping[str, int]  # the number of sessions by kind of window
     flow: FlowSection | None  # counts of participants who came, left, were screened out and are included
     methods: Sequence[str]
+    worlds: Mapping[str, Sequence[str]]  # by block, with their options
     known_keys: Mapping[str, Sequence[str]]  # by block, the groups that already knew its keys
     figures: Sequence[ReportFigure]
     first_figures: Sequence[ReportFigure]  # those that answer the study's question
@@ -262,7 +263,7 @@ def _show_block(block: BlockResults, results: Results, content: PageContent) -> 
     differences = _list_differences(block, content.first_block)
     return {
         "name": block.block,
-        "worlds": block.worlds,
+        "worlds": content.worlds.get(block.block, ()) if block.episodes else (),
         "episodes": block.episodes,
         "teams": block.teams,
         "is_target": block.block == content.first_block and len(block.groups) > 1,

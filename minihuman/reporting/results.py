@@ -1,16 +1,14 @@
 """The results of a study, block by block and within participants, computed from the tables instead of the logs."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import numpy as np
 import pandas as pd
 
 from minihuman.experiment.protocol.specs import AnalysisSpec
 from minihuman.experiment.protocol.study_design import ExperimentDesign
 from minihuman.moved import forward_names
-from minihuman.reporting.block_measures import MEASURES, TRIAL_BLOCK_MEASURES
 from minihuman.reporting.block_results import BlockResults, compute_block_results
 from minihuman.reporting.within_results import (
     WithinResults,
@@ -105,24 +103,6 @@ def _order_groups(blocks: pd.DataFrame) -> list[str]:
     """Return the groups by their number of blocks, most first, because a transfer effect depends on earlier blocks."""
     counts = blocks.groupby("group")["block"].nunique()
     return sorted((str(group) for group in counts.index), key=lambda group: (-int(counts[group]), group))
-
-
-def leave_out_navigation(
-    episodes: pd.DataFrame, blocks: pd.DataFrame, trial_blocks: Collection[str]
-) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Clear the navigation measures of trial blocks; their accuracy and times are in the section on trials."""
-    if not trial_blocks:
-        return episodes, blocks
-    is_trial = episodes["block"].isin(trial_blocks)
-    empty = [name for name in ("success", "playing_s", "log_excess_steps", "spl") if name in episodes]
-    episodes = episodes.astype(dict.fromkeys(empty, object))
-    episodes.loc[is_trial, empty] = None
-    is_trial = blocks["block"].isin(trial_blocks)
-    dropped = [name for name in MEASURES if name not in TRIAL_BLOCK_MEASURES]
-    blocks = blocks.astype(dict.fromkeys(dropped, np.float64))
-    blocks.loc[is_trial, dropped] = np.nan
-    blocks.loc[is_trial, "keys_total"] = 0
-    return episodes, blocks
 
 
 def sort_blocks_by_play(blocks: pd.DataFrame, conditions: Sequence[str] = ()) -> list[str]:

@@ -5,52 +5,85 @@ Free texts are not described, because they may say who somebody is.
 
 import statistics
 from collections import Counter
-from collections.abc import Collection
+from collections.abc import Iterator, Mapping
+from typing import TypeVar
 
 from minihuman.dataset.person_table import PersonTable
 from minihuman.dataset.table_columns import TableColumn
 
+T = TypeVar("T")
 
-def describe_sample(people: PersonTable | None, included: Collection[str]) -> list[str]:
+
+def describe_sample(people: PersonTable | None, groups: Mapping[str, str]) -> list[str]:
     """Describe the included participants in a paragraph, with a sentence for each column of numbers or levels.
+
+    Where there are several groups, each sentence states the groups apart as well.
 
     Args:
         people: the person table; None if the study has none.
-        included: the codes of the included participants.
+        groups: the groups of the included participants, by code.
     """
     if people is None:
         return []
     codes = people.rows.column("participant").to_pylist()
     sentences = []
     for column in people.columns:
-        cells = people.rows.column(column.name).to_pylist()
-        stated = [cell for code, cell in zip(codes, cells, strict=True) if code in included and cell is not None]
+        cells = dict(zip(codes, people.rows.column(column.name).to_pylist(), strict=True))
+        stated = {code: cell for code, cell in cells.items() if code in groups and cell is not None}
         if not stated:
             continue
         if column.kind in ("integer", "number"):
-            sentences.append(_describe_numbers(column, stated, len(included)))
+            sentences.append(_describe_numbers(column, stated, groups))
         elif column.kind == "boolean":
-            sentences.append(_describe_levels(column, ["yes" if cell else "no" for cell in stated], len(included)))
+            levels = {code: "yes" if cell else "no" for code, cell in stated.items()}
+            sentences.append(_describe_levels(column, levels, groups))
         elif column.levels:
             meanings = dict(column.levels)
-            sentences.append(_describe_levels(column, [meanings[cell] for cell in stated], len(included)))
+            levels = {code: meanings[cell] for code, cell in stated.items()}
+            sentences.append(_describe_levels(column, levels, groups))
     if not sentences:
         return []
     return [" ".join(sentences)]
 
 
-def _describe_numbers(column: TableColumn, numbers: list[float], n_people: int) -> str:
-    text = f"M = {statistics.fmean(numbers):.1f}"
+def _describe_numbers(column: TableColumn, numbers: Mapping[str, float], groups: Mapping[str, str]) -> str:
+    """Return a sentence with mean, standard deviation and range, and the mean and standard deviation of each group."""
+    text = _summarise(list(numbers.values()))
     if len(numbers) > 1:
-        text += f", SD = {statistics.stdev(numbers):.1f}, range {min(numbers):g} to {max(numbers):g}"
+        text += f", range {min(numbers.values()):g} to {max(numbers.values()):g}"
     if column.unit:
         text += f" ({column.unit})"
-    return f"{_name_column(column)}: {text}{_describe_missing(len(numbers), n_people)}."
+    by_group = "".join(f"; {group}: {_summarise(part)}" for group, part in _divide(numbers, groups))
+    return f"{_name_column(column)}: {text}{_describe_missing(len(numbers), len(groups))}{by_group}."
 
 
-def _describe_levels(column: TableColumn, levels: list[str], n_people: int) -> str:
-    counts = ", ".join(f"{count} {level}" for level, count in Counter(levels).most_common())
-    return f"{_name_column(column)}: {counts}{_describe_missing(len(levels), n_people)}."
+def _describe_levels(column: TableColumn, levels: Mapping[str, str], groups: Mapping[str, str]) -> str:
+    """Return a sentence with the number of participants of each level, and of each level in each group."""
+    by_group = "".join(f"; {group}: {_count(part)}" for group, part in _divide(levels, groups))
+    counts = _count(list(levels.values()))
+    return f"{_name_column(column)}: {counts}{_describe_missing(len(levels), len(groups))}{by_group}."
+
+
+def _divide(values: Mapping[str, T], groups: Mapping[str, str]) -> Iterator[tuple[str, list[T]]]:
+    """Yield each group with its participants' values; nothing if all participants are of one group."""
+    names = sorted(set(groups.values()))
+    if len(names) == 1:
+        return
+    for name in names:
+        part = [value for code, value in values.items() if groups[code] == name]
+        if part:
+            yield name, part
+
+
+def _summarise(numbers: list[float]) -> str:
+    text = f"M = {statistics.fmean(numbers):.1f}"
+    if len(numbers) > 1:
+        text += f", SD = {statistics.stdev(numbers):.1f}"
+    return text
+
+
+def _count(levels: list[str]) -> str:
+    return ", ".join(f"{count} {level}" for level, count in Counter(levels).most_common())
 
 
 def _name_column(column: TableColumn) -> str:

@@ -7,7 +7,7 @@ import itertools
 import json
 import re
 from collections import Counter, defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from typing import Any
@@ -117,6 +117,8 @@ def check_methods(paragraphs: Sequence[str], sessions: Sequence[Session], regist
     """Check every sentence; the tally counts facts compared with a participant's plan or play."""
     tally = Tally()
     people, *others = paragraphs
+    if others[0].startswith("Parts by group: "):
+        tally.same("methods, parts by group", others.pop(0), parts_by_group(sessions[0].protocol))
     if others[0].startswith("The order of "):
         check_orders(others.pop(0), sessions, tally)
     *blocks, measures, software, report = others
@@ -127,12 +129,26 @@ def check_methods(paragraphs: Sequence[str], sessions: Sequence[Session], regist
     return tally
 
 
+def parts_by_group(protocol: Mapping[str, Any]) -> str:
+    """The sentence on what each group had, of a protocol whose sessions or groups list their parts."""
+    told = []
+    for group in protocol["groups"]:
+        lists = [session["parts"] for session in protocol.get("sessions", ())]
+        lists = lists or [group.get("parts") or group.get("blocks")]
+        changes = group.get("replace_parts", group.get("instead", {}))
+        named = [", ".join(filter(None, (changes.get(part, part) for part in parts))) or "none" for parts in lists]
+        if len(named) > 1:
+            named = [f"in session {number} {names}" for number, names in enumerate(named, 1)]
+        told.append(f"{group['name']} had {' and '.join(named)}")
+    return f"Parts by group: {'; '.join(told)}."
+
+
 def check_orders(text: str, sessions: Sequence[Session], tally: Tally) -> None:
     """Check that participants had the parts in several orders, which the protocol says how to draw."""
     its = re.fullmatch(
-        r"The order of (?P<parts>.+) was (?:balanced (?:within each group|over participants) by Latin squares "
-        r"\(Williams, 1949\)"
-        r"|(?P<drawn>drawn for each participant))\.",
+        r"The order of (?P<parts>.+) (?:followed Latin squares \(Williams, 1949\), "
+        r"one for each (?P<size>\d+) successive participants(?: of a group)?"
+        r"|(?P<drawn>was drawn for each participant))\.",
         text,
     )
     if its is None:
@@ -142,6 +158,8 @@ def check_orders(text: str, sessions: Sequence[Session], tally: Tally) -> None:
     named = [re.sub(r" \(with .*\)", "", part) for part in re.split(r", (?![^(]*\))| and ", its["parts"])]
     units = [unit if isinstance(unit, str) else unit[0] for unit in order["parts"]]
     tally.same("methods, parts in order", named, units)
+    if its["size"] is not None:
+        tally.same("methods, rows of a square", int(its["size"]), len(units) * (1 + len(units) % 2))
     tally.same("methods, order drawn", its["drawn"] is not None, order.get("order") == "shuffled")
 
 

@@ -42,6 +42,9 @@ MEASURES = {
 }
 UNASKED = {"log_steps_ratio_mean", "reaction_median_ms"}
 FACTORS = {"log_excess_steps_mean": "excess steps + 1", "log_steps_ratio_mean": "steps"}
+OF_GOALS = (
+    "log_excess_steps_mean", "spl_mean", "success", "steps_at_limit_mean", "excess_steps_mean", "log_steps_ratio_mean",
+)  # fmt: skip
 LOGS = ("playing_s_mean", "response_median_ms", "all_keys_discovered_s", "reaction_median_ms")
 RESAMPLES = 9_999
 NOTHING = "\N{EN DASH}"
@@ -392,6 +395,9 @@ class Study:
         self.participants = exclude_practice_alone(tables["participants"])
         self.all_blocks = [row for row in tables["blocks"] if (row["group"], row["block"]) not in self.practice]
         self.episodes = [row for row in tables["episodes"] if (row["group"], row["block"]) not in self.practice]
+        without = blocks_without_discovery(sessions)
+        nothing = {"keys_total": 0, "all_keys_discovered_s": None}
+        self.all_blocks = [row | (nothing if row["block"] in without else {}) for row in self.all_blocks]
         groups: dict[str, set[str]] = defaultdict(set)
         for row in self.all_blocks:
             groups[row["group"]].add(row["block"])
@@ -459,9 +465,32 @@ def exclude_practice_alone(rows: Sequence[Row]) -> list[Row]:
 
 def known_keys(sessions: Sequence[Session]) -> dict[str, list[str]]:
     """By block, the groups all of whom came to it, the first time, with keys of an earlier block."""
-    history: dict[str, list[dict[str, int]]] = defaultdict(list)
     first: dict[tuple[str, str], int] = {}
     found: dict[tuple[str, str], bool] = {}
+    for session, block, known, _ in plays_of_keys(sessions):
+        place = session.plan.participant.group, block
+        if first.setdefault(place, session.plan.session) == session.plan.session:
+            found[place] = found.get(place, True) and known
+    by_block: dict[str, list[str]] = defaultdict(list)
+    for (group, block), known in sorted(found.items()):
+        if known:
+            by_block[block].append(group)
+    return by_block
+
+
+def blocks_without_discovery(sessions: Sequence[Session]) -> set[str]:
+    """The blocks whose keys were shown to all who played them, or were those of an earlier block to all of them."""
+    shown: dict[str, bool] = {}
+    kept: dict[str, bool] = {}
+    for _, block, was_known, was_shown in plays_of_keys(sessions):
+        shown[block] = shown.get(block, True) and was_shown
+        kept[block] = kept.get(block, True) and was_known
+    return {block for block in shown if shown[block] or kept[block]}
+
+
+def plays_of_keys(sessions: Sequence[Session]) -> Iterator[tuple[Session, str, bool, bool]]:
+    """Of each session's blocks: whether its keys were those of an earlier block, and whether they were shown."""
+    history: dict[str, list[dict[str, int]]] = defaultdict(list)
     for session in sorted(sessions, key=lambda one: one.plan.session):
         person = session.plan.participant
         begun: dict[str, Any] = {}
@@ -473,14 +502,7 @@ def known_keys(sessions: Sequence[Session]) -> dict[str, list[str]]:
             policy = session.block(block).get("key_map", "new")
             known = policy not in ("new", "shown") and keys in history[person.id]
             history[person.id].append(keys)
-            place = person.group, block
-            if first.setdefault(place, session.plan.session) == session.plan.session:
-                found[place] = found.get(place, True) and known
-    by_block: dict[str, list[str]] = defaultdict(list)
-    for (group, block), known in sorted(found.items()):
-        if known:
-            by_block[block].append(group)
-    return by_block
+            yield session, block, known, episode.show_keys
 
 
 def expected_page(study: Study) -> Iterator[tuple[str, Any]]:
@@ -836,6 +858,14 @@ class Block:
         self.analysis = analysis = study.analysis if block == study.target() else {}
         self.primary, secondary = analysis.get("primary_measure", ""), list(analysis.get("secondary_measures", []))
         named = [self.primary, *secondary]
+        whole = study.analysis
+        of_study = [
+            whole.get("primary_measure", ""),
+            *whole.get("secondary_measures", []),
+            *whole.get("covariates", []),
+        ]
+        if not any(row["success"] for row in self.episodes) and any(row["reward"] > 0 for row in self.episodes):
+            self.rows = rows = rows.assign(**{name: np.nan for name in OF_GOALS if name not in of_study})
         late = sum(not row["success"] for row in self.episodes)
         never = int((rows["all_keys_discovered_s"].isna() & (rows["keys_total"] > 0)).sum())
         aside = {}
@@ -870,13 +900,22 @@ def means_of(columns: pd.DataFrame) -> pd.DataFrame:
     return columns.drop(columns="session").groupby(["group", "participant"]).mean().reset_index()
 
 
+def names_of_worlds(sessions: Sequence[Session], block: str) -> Iterator[str]:
+    """The worlds of a block with their options, as each session's first episode had them."""
+    for session in sessions:
+        plan = next((episode for episode in session.plan.episodes if episode.block_name == block), None)
+        if plan is not None:
+            options = sorted(json.loads(plan.options_json or "{}").items())
+            yield ", ".join([plan.world, *(f"{name} = {value!r}" for name, value in options)])
+
+
 def expected_block(study: Study, block: str) -> Iterator[tuple[str, Any]]:
     found = Block(study, block)
     rows, begun, episodes, order = found.rows, found.begun, found.episodes, found.order
     primary, aside, measures, people = found.primary, found.aside, found.measures, found.people
     roles, comparisons, headline = found.roles, found.comparisons, found.headline
     alone = len(order) == 1 and len(study.order) > 1
-    worlds = ", ".join(dict.fromkeys(row["world"] for row in episodes))
+    worlds = "; ".join(dict.fromkeys(name for name in names_of_worlds(study.sessions, block) if episodes))
     end = f"; played by {order[0]} alone, so nothing is compared" if alone else ""
     end = end or (
         "; the block that all groups are compared on"
@@ -1070,19 +1109,20 @@ def at_limit(study: Study, measures: Collection[str], blocks: Collection[str]) -
 
 
 def changes_between_sessions(found: Block, block: str) -> Iterator[tuple[str, Any]]:
-    """How each group changed on the main measure from its first session, and how the changes differ."""
+    """How the groups' changes on the main measure from its first session differ, and how each group changed."""
     name = found.headline[0].measure
     of = {int(s): rows.set_index(["group", "participant"])[[name]] for s, rows in found.scaled.groupby("session")}
     first, *later = sorted(of)
     is_log = name in found.logs
     comparisons = []
+    changes: list[tuple[str, str, Any]] = []
     for session in later:
         change = (of[session] - of[first]).reset_index()
         opening = f"{capital(in_a_sentence(name))}, block {block}, from session {first} to {session}"
         for group in found.order:
             values = change.loc[change["group"] == group, name].dropna().to_numpy(float)
             if len(values):
-                yield "p", (f"{opening}: {group} changes by ", *changed(values, is_log=is_log))
+                changes.append((opening, group, values))
         for one in compare_all(change, {name: found.roles[name]}, found.order, found.logs):
             comparisons.append((opening, one))
     for opening, one in comparisons:
@@ -1098,6 +1138,8 @@ def changes_between_sessions(found: Block, block: str) -> Iterator[tuple[str, An
                 f"; n {one.n[0]} and {one.n[1]}).{verdict(one, is_corrected=False)}",
             ),
         )  # fmt: skip
+    for opening, group, values in changes:
+        yield "p", (f"{opening}: {group} changes by ", *changed(values, is_log=is_log, is_alone=not comparisons))
 
 
 def sized(value: float, bounds: tuple[Near, Near] | None, *, is_log: bool) -> tuple[str | Near, ...]:
@@ -1109,7 +1151,7 @@ def sized(value: float, bounds: tuple[Near, Near] | None, *, is_log: bool) -> tu
     return (f"{size} (95 % interval ", low, " to ", high)
 
 
-def changed(values: Any, *, is_log: bool) -> Iterator[str | Near]:
+def changed(values: Any, *, is_log: bool, is_alone: bool) -> Iterator[str | Near]:
     """A group's change, its interval, p and what is shown."""
     mean = float(np.mean(values))
     test = Flipped(values)
@@ -1125,7 +1167,7 @@ def changed(values: Any, *, is_log: bool) -> Iterator[str | Near]:
         shown = " No change is shown."
     yield "; paired permutation p "
     yield near
-    yield f"; n {len(values)}).{shown}"
+    yield f"; n {len(values)}).{shown if is_alone else ''}"
 
 
 class Holm:
@@ -1367,6 +1409,8 @@ def expected_survival(rows: pd.DataFrame, begun: Sequence[Row], order: Sequence[
             found = its["all_keys_discovered_s"].to_numpy(float)
             whole = np.array([watched[row["participant"], row["session"]] for row in its.to_dict("records")], float)
             waited[group] = np.where(np.isnan(found), whole, found), ~np.isnan(found)
+    if not any(events.any() for _, events in waited.values()):
+        waited = {}
     table = [["groups", "n", "never", "observed (s)", "restricted means (s)", "difference (95 %)", "p", "curves: p"]]
     for a, b in combinations(waited, 2):
         groups = waited[a], waited[b]

@@ -201,12 +201,12 @@ def test_changes_between_sessions_come_before_the_mean_over_them() -> None:
     block = compute_block_results("grid", rows, episodes, ["a", "b"], AnalysisSpec())
     answers = state_answers(Results((block,), "grid", ("a", "b"), None, (16, 62)), None, ExperimentDesign(), "grid")
     assert [sentence.partition(" block grid")[2][:33] for sentence in answers[:3]] == [
+        ", from session 1 to 2, difference",
         ", from session 1 to 2: a changes ",
         ", from session 1 to 2: b changes ",
-        ", from session 1 to 2, difference",
     ]
-    assert answers[0].endswith(" The value rises.")
-    assert answers[2].endswith(" The value is larger in a than in b.")
+    assert answers[0].endswith(" The value is larger in a than in b.")
+    assert answers[1].endswith(")."), "that one changes and the other does not would not tell them apart"
     assert answers[3].startswith("Mean over the sessions. Reward, block grid: a minus b is ")
 
 

@@ -13,7 +13,8 @@ from minihuman.dataset.recording_quality import PlanOutline, measure_recording_q
 from minihuman.experiment.machine.events import Paused, Resumed
 from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
 from minihuman.experiment.protocol.protocol import decode_protocol
-from minihuman.reporting.methods import build_methods, find_known_keys
+from minihuman.reporting.known_keys import find_blocks_without_discovery, find_known_keys
+from minihuman.reporting.methods import build_methods
 from minihuman.reporting.sections import quality_section
 from tests.builders import session
 from tests.report.pages import page
@@ -43,12 +44,21 @@ def test_strata_are_named_with_their_question_and_who_is_in_them():
     )
 
 
+def test_what_each_group_had_is_said_where_they_differ():
+    study = decode_protocol(find_shipped_protocol("fourrooms-transfer").read_bytes())
+    plans = [PlanOutline.of(expand_protocol(study, enrol_participant(study, index))) for index in range(4)]
+    assert "Parts by group: grid-first had grid, first-person; direct had first-person." in build_methods(
+        plans, [], protocols=[study]
+    )
+
+
 def test_who_came_with_the_keys_of_the_block_before_is_named():
     protocol = find_shipped_protocol("fourrooms-transfer").read_bytes()
     study = decode_protocol(protocol)
     plans = [PlanOutline.of(expand_protocol(study, enrol_participant(study, index))) for index in range(4)]
     assert {plan.group for plan in plans} == {"grid-first", "direct"}
     assert find_known_keys(plans) == {"first-person": ["grid-first"]}
+    assert find_blocks_without_discovery(plans) == frozenset()
     grid, rooms = build_methods(plans, [])[1:3]  # in the order of play, whoever came first
     assert grid.startswith("Block grid")
     assert "except by grid-first, who kept the keys of an earlier block" in rooms
@@ -146,6 +156,18 @@ def test_a_session_whose_browser_had_other_kernels_is_not_said_to_have_been_step
     assert "In browsers in 1 of 2 sessions the page stepped and drew block first-person ahead of" in text
 
 
+def test_a_block_whose_keys_were_shown_or_kept_by_all_has_no_discovery():
+    toml = find_shipped_protocol("fourrooms-transfer").read_bytes().decode()
+    shown = decode_protocol(toml.replace("max_steps = 100", "max_steps = 100\nshow_keys = true", 1).encode())
+    plans = [PlanOutline.of(expand_protocol(shown, enrol_participant(shown, index))) for index in range(4)]
+    [block] = find_blocks_without_discovery(plans)
+    assert {block_plan.show_keys for plan in plans for block_plan in plan.blocks if block_plan.block_name == block} == {
+        True
+    }
+    first = [plan for plan in plans if plan.group == "grid-first"]
+    assert "first-person" in find_blocks_without_discovery(first, [shown])
+
+
 @pytest.mark.parametrize("keys", [3, 5])
 def test_keys_that_are_drawn_anew_are_not_taken_for_those_of_the_block_before(keys):
     """Nor where there are no others than those, nor where some people happen to draw the same ones."""
@@ -169,9 +191,10 @@ def test_without_strata_nothing_is_said_of_them():
 def test_balanced_orders_and_teams_are_named():
     protocol = decode_protocol(find_shipped_protocol("two-days").read_bytes())
     plans = [PlanOutline.of(expand_protocol(protocol, enrol_participant(protocol, index))) for index in range(4)]
-    assert "The order of open, rooms, crossing and lava was balanced within each group by Latin squares" in " ".join(
-        build_methods(plans, [], protocols=[protocol])
+    order = (
+        "The order of open, rooms, crossing and lava followed Latin squares (Williams, 1949), one for each 4 successive"
     )
+    assert f"{order} participants of a group." in " ".join(build_methods(plans, [], protocols=[protocol]))
     team = decode_protocol(find_shipped_protocol("team").read_bytes())
     plans = [PlanOutline.of(expand_protocol(team, enrol_participant(team, index))) for index in range(4)]
     text = " ".join(build_methods(plans, [], protocols=[team]))

@@ -11,7 +11,7 @@ from minihuman.dataset.store import StudyStore
 from minihuman.dataset.tables import select
 from minihuman.errors import ProtocolError, ReportError
 from minihuman.experiment.protocol.protocol import Protocol, decode_protocol
-from minihuman.reporting.build import find_practice
+from minihuman.reporting.analysed_rows import find_practice
 from minihuman.runtime.simulated_session import simulate
 from tests.report.reports import write_report
 

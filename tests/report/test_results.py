@@ -6,6 +6,7 @@ import pytest
 
 from minihuman.experiment.protocol import specs
 from minihuman.experiment.protocol.specs import AnalysisSpec
+from minihuman.reporting.analysed_rows import leave_out_goals
 from minihuman.reporting.block_measures import FORMULAS, MEASURES
 from minihuman.reporting.block_results import compute_block_results, summarise_group_rewards
 from minihuman.reporting.exclusions import list_exclusions
@@ -161,8 +162,24 @@ def test_who_never_found_every_key_is_waited_for_to_the_last_step():
 def test_who_never_found_every_key_was_watched_in_what_does_not_count_too():
     rows, episodes = played(2)
     episodes.loc[episodes["episode_in_block"] == 1, "exclusion_reason"] = "not played to an end"
+    rows.loc[rows["group"] == "b", "all_keys_discovered_s"] = 5.0
     keys = compute_block_results("grid", rows, episodes, ["a", "b"], AnalysisSpec()).waits.keys["a"]
     assert keys.times.tolist() == [30.0, 30.0]
+
+
+def test_where_nobody_found_every_key_nobody_is_waited_for():
+    assert compute_block_results("grid", *played(4), ["a", "b"], AnalysisSpec()).waits.keys == {}
+
+
+def test_a_block_without_a_goal_has_no_measures_of_reaching_one_unless_they_are_named():
+    rows, episodes = played(4)
+    never = episodes.assign(success=False, block="grid")
+    assert leave_out_goals(rows.assign(block="grid"), never.assign(reward=0.0), AnalysisSpec())["success"].notna().all()
+    cleared = leave_out_goals(rows.assign(block="grid"), never.assign(reward=1.0), AnalysisSpec())
+    assert cleared["success"].isna().all()
+    assert cleared["reward_mean"].notna().all()
+    named = AnalysisSpec(primary_measure="success")
+    assert leave_out_goals(rows.assign(block="grid"), never.assign(reward=1.0), named)["success"].notna().all()
 
 
 def test_waiting_for_the_goal_counts_time_outs_as_still_waiting():

@@ -10,15 +10,15 @@ from tests.export.study import DEMO, recorded
 TOML = DEMO.read_bytes() + ABOUT.encode()
 
 
-def describe(folder: Path, lines: str, included: set[str]) -> list[str]:
+def describe(folder: Path, lines: str, groups: dict[str, str]) -> list[str]:
     (folder / "participants.csv").write_text(HEAD + lines)
     people = [("demo", f"sub-{number:02}") for number in (1, 2, 3)]
-    return describe_sample(build_person_table(folder, people, [TOML]), included)
+    return describe_sample(build_person_table(folder, people, [TOML]), groups)
 
 
 def test_the_included_participants_are_described(tmp_path):
     lines = "sub-01,20,,TRUE,left,Rome\nsub-02,30,,FALSE,right,Oslo\nsub-03,99,1,TRUE,right,Bonn\n"
-    [paragraph] = describe(tmp_path, lines, {"sub-01", "sub-02"})
+    [paragraph] = describe(tmp_path, lines, dict.fromkeys(["sub-01", "sub-02"], "all"))
     assert paragraph.split(". ") == [
         "Age at the session: M = 25.0, SD = 7.1, range 20 to 30 (year)",
         "Whether they wore glasses: 1 yes, 1 no",
@@ -26,15 +26,25 @@ def test_the_included_participants_are_described(tmp_path):
     ]
 
 
+def test_groups_are_described_apart(tmp_path):
+    lines = "sub-01,20,,TRUE,left,Rome\nsub-02,30,,FALSE,right,Oslo\nsub-03,40,,TRUE,right,Bonn\n"
+    [paragraph] = describe(tmp_path, lines, {"sub-01": "a", "sub-02": "b", "sub-03": "b"})
+    assert paragraph.split(". ") == [
+        "Age at the session: M = 30.0, SD = 10.0, range 20 to 40 (year); a: M = 20.0; b: M = 35.0, SD = 7.1",
+        "Whether they wore glasses: 2 yes, 1 no; a: 1 yes; b: 1 no, 1 yes",
+        "The hand at the keys: 2 right, 1 left; a: 1 left; b: 2 right.",
+    ]
+
+
 def test_what_is_not_stated_is_counted(tmp_path):
-    assert describe(tmp_path, "sub-01,20,,,,\n", {"sub-01", "sub-02"}) == [
+    assert describe(tmp_path, "sub-01,20,,,,\n", dict.fromkeys(["sub-01", "sub-02"], "all")) == [
         "Age at the session: M = 20.0 (year); 1 not stated."
     ]
 
 
 def test_a_study_of_which_nothing_is_stated_has_no_such_paragraph(tmp_path):
-    assert describe(tmp_path, "", {"sub-01"}) == []
-    assert describe_sample(None, {"sub-01"}) == []
+    assert describe(tmp_path, "", {"sub-01": "all"}) == []
+    assert describe_sample(None, {"sub-01": "all"}) == []
 
 
 def test_the_report_describes_the_sample_and_has_the_table(tmp_path):
