@@ -68,6 +68,7 @@ def test_every_picture_has_the_command_that_makes_it():
     assert [path.name for path in (DOCS / "images").glob("*.png") if path.name not in commands] == []
 
 
+@pytest.mark.nightly
 @pytest.mark.program
 def test_the_windows_pictures_are_made_again(tmp_path):
     made = runpy.run_path(str(DOCS / "pictures.py"))

@@ -89,7 +89,7 @@ def serve(line: str, folder: Path, here: dict[str, str]) -> str:
     return printed
 
 
-@pytest.mark.nightly(by_day=["tutorial-first", "tutorial-home"])
+@pytest.mark.nightly(by_day=["tutorial-first"])
 @pytest.mark.program
 @pytest.mark.parametrize("name", ["tutorial-first", "tutorial-desk", "tutorial-home", "teaching"])
 def test_a_tutorial_prints_what_it_says(name: str, tmp_path: Path) -> None:

@@ -146,6 +146,7 @@ def test_the_papers_design_is_put_to_simulated_people(tmp_path, monkeypatch, cap
     assert "five a group" in capsys.readouterr().out
 
 
+@pytest.mark.nightly
 def test_the_scorecard_is_one_command_and_a_second_run_plays_nothing_again(tmp_path, monkeypatch):
     arguments = tmp_path / "out", "--data", tmp_path / "bench", "--processes", 1, "--quick"
     run(monkeypatch, "scorecard.py", *arguments)
@@ -209,6 +210,7 @@ def test_ten_screens_of_two_builds_are_joined_in_the_order_that_the_key_says(tmp
                     assert np.array_equal(np.asarray(of_pair), np.asarray(picture.convert("RGB")))
 
 
+@pytest.mark.nightly
 @needs("learn")
 def test_the_study_of_partners_trains_plays_and_proves_its_four_conditions(tmp_path, monkeypatch):
     arguments = tmp_path, "--teams", 2, "--pilot", 4, "--steps", 2_048, "--quick"

@@ -65,6 +65,7 @@ def check(study: Path) -> Protocol:
     return protocol
 
 
+@pytest.mark.nightly
 def test_two_groups_three_worlds_a_quiz_that_loops_and_a_questionnaire_after_each_world(tmp_path: Path) -> None:
     study = tmp_path / "rooms.toml"
     with at_the_page(tmp_path) as (hand, _):

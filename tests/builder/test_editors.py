@@ -33,6 +33,7 @@ def read(study: Path) -> dict[str, Any]:
     return tomllib.loads(study.read_text())
 
 
+@pytest.mark.nightly
 def test_a_stimulus_is_moved_and_lengthened_by_mouse_and_by_keys(tmp_path: Path) -> None:
     study = make_study(NewStudyRequest("stop", template="trials/stop-signal"), tmp_path, None)
     with at_the_page(tmp_path) as (hand, address):
@@ -60,6 +61,7 @@ def test_a_stimulus_is_moved_and_lengthened_by_mouse_and_by_keys(tmp_path: Path)
         assert judge(hand) == []
 
 
+@pytest.mark.nightly
 def test_a_consent_is_filled_in_and_its_record_names_what_is_missing(tmp_path: Path) -> None:
     study = make_study(NewStudyRequest("schlaf", template="one-world", language="de"), tmp_path, None)
     with at_the_page(tmp_path) as (hand, address):

@@ -10,6 +10,7 @@ from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.runtime.simulated_session import simulate
 from tests.builder.hand import Hand, at_the_page, open_desk
 from tests.builder.test_data import TOML as ROOMS
+from tests.counts import count
 from tests.machine import needs
 from tests.web.browser import browsing
 from tests.web.test_accessible import serious
@@ -49,15 +50,16 @@ def instructions(hand: Hand) -> Any:
     return hand.page.get_by_label("Instructions", exact=True)
 
 
+@pytest.mark.nightly(sample=True)
 def test_no_view_has_a_serious_finding_or_is_wider_than_a_tablet(lab: Path) -> None:
     found: dict[str, list[str]] = {}
     (lab / "rooms.toml").write_text(ROOMS)
     list(simulate(decode_protocol(ROOMS.encode()), lab / "sessions", participants=1, seed=1, player="random"))
     too_wide = []
     with at_the_page(lab, size=TABLET_PX) as (hand, address):
-        for colours in ("light", "dark"):
+        for colours in count(("dark",), ("light", "dark")):
             hand.page.emulate_media(color_scheme=colours)
-            for view in VIEWS:
+            for view in count(VIEWS[::3], VIEWS):
                 show(hand, address + view)
                 if view == PART:
                     instructions(hand).wait_for()
@@ -168,6 +170,7 @@ def test_the_desk_leads_to_the_builder_and_back(lab: Path) -> None:
         hand.page.get_by_role("heading", name="Next participant").wait_for()
 
 
+@pytest.mark.nightly
 def test_an_address_that_changes_while_the_page_is_first_drawn_is_followed(lab: Path) -> None:
     with at_the_page(lab) as (hand, address):
         hand.page.add_init_script(

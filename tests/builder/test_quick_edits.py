@@ -136,6 +136,7 @@ def test_two_quick_edits_of_a_list_a_map_or_the_line_of_parts_are_both_kept(tmp_
     assert cook["team"]["seats"] == ["scripted:cook", "scripted:cook"]
 
 
+@pytest.mark.nightly
 def test_two_quick_edits_of_cells_of_a_table_are_both_kept(tmp_path: Path) -> None:
     (tmp_path / "study.toml").write_text(STUDY)
     (tmp_path / "words.csv").write_text("text,correct\nRED,red\nGREEN,green\n")

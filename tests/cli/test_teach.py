@@ -46,6 +46,7 @@ def test_a_world_in_which_nobody_taught_is_named(tmp_path: Path) -> None:
     assert not (tmp_path / "taught.pt").exists()
 
 
+@pytest.mark.nightly
 def test_trials_that_are_there_are_tabled_and_not_run_again(tmp_path: Path) -> None:
     (tmp_path / "rows").mkdir()
     known = [row for row in json.loads((ROOT / "analysis" / "takeovers.json").read_text())["rows"] if row["seed"] == 1]

@@ -495,7 +495,7 @@ def find_in_flight(data: Path) -> set[tuple[str, int]]:
 KILLS = 100 if os.environ.get("MINIHUMAN_NIGHTLY") else 3
 
 
-@pytest.mark.nightly(sample=True)
+@pytest.mark.nightly
 def test_after_a_kill_no_stored_answer_is_asked_again(tmp_path: Path, environment: pytest.MonkeyPatch) -> None:
     """Eight sessions at a time are killed again and again, a few requests after each start and with one to eight calls
     in flight, until all are done.

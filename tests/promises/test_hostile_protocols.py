@@ -16,7 +16,7 @@ from tests.machine import needs
 @pytest.mark.nightly(sample=True)
 @pytest.mark.program
 def test_a_strangers_protocol_runs_nothing_reads_only_its_folder_and_stays_under_512_mb(tmp_path: Path) -> None:
-    number = count(60, 1_000)
+    number = count(20, 1_000)
     done = subprocess.run(
         [sys.executable, "-P", "-m", "tests.promises.hostile_protocols", tmp_path / "cases", "0", str(number)],
         env=os.environ

@@ -86,6 +86,7 @@ def pages() -> Iterator[list[Page]]:
         page.kill()
 
 
+@pytest.mark.nightly
 @pytest.mark.program
 def test_the_page_shows_a_session_takes_notes_pauses_dies_comes_back_and_aborts(
     typist_and_display: tuple[Typist, str],

@@ -43,7 +43,7 @@ def test_bounds_lie_around_zero():
         check_equivalence(np.zeros(3), np.ones(3), (0.1, 0.3))
 
 
-@pytest.mark.nightly(sample=True)
+@pytest.mark.nightly
 def test_a_difference_on_the_bound_is_called_alike_as_rarely_as_it_should_be():
     rng, studies = np.random.default_rng(6), count(200, 2000)
     alike = sum(

@@ -76,7 +76,7 @@ def test_people_who_are_all_alike_have_an_estimate_and_no_interval():
     assert all(math.isnan(term.p) for term in terms.values())
 
 
-@pytest.mark.nightly(sample=True)
+@pytest.mark.nightly
 def test_where_peoples_own_slopes_differ_a_true_null_is_rejected_as_rarely_as_it_should_be():
     rng, studies = np.random.default_rng(5), count(60, 1000)
     small = {"b: change an episode": 0, "a minus b: change an episode": 0}

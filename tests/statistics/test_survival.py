@@ -139,7 +139,7 @@ def test_of_censored_times_p_is_the_share_of_regroupings_not_refused_that_are_as
     assert (found.p < 0.05) == (found.interval[0] > 0 or found.interval[1] < 0)
 
 
-@pytest.mark.nightly(sample=True)
+@pytest.mark.nightly
 def test_of_waits_censored_at_random_a_true_null_is_seldom_rejected():
     rejected, studies, rng = 0, count(300, 3000), np.random.default_rng(12)
     for _ in range(studies):

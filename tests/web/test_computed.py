@@ -521,7 +521,7 @@ def test_real_time_at_thirty_steps_a_second_is_stepped_in_the_page_over_a_long_l
     assert list(find_log_differences(log, World)) == []
 
 
-@pytest.mark.nightly(by_day=["grid"])
+@pytest.mark.nightly
 @pytest.mark.program
 @pytest.mark.parametrize(
     ("world", "noop"), [(GRID, 'noop_action = "done"'), (FIRST_PERSON_WORLD, "")], ids=["grid", "3d"]
@@ -617,6 +617,7 @@ WATCHES = """(ms) => {
 }"""
 
 
+@pytest.mark.nightly
 @pytest.mark.program
 @needs("chromium")
 def test_a_view_moves_to_the_next_picture_and_a_step_counts_as_seen_from_the_beginning_of_it(tmp_path: Path) -> None:

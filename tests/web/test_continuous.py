@@ -56,6 +56,7 @@ space = "pickup"
 """
 
 
+@pytest.mark.nightly
 def test_free_motion_at_sixty_steps_a_second_is_stepped_in_the_page_over_a_long_line(tmp_path: Path) -> None:
     path = tmp_path / "roam.toml"
     path.write_text(_TOML.format(steps=STEPS))

@@ -59,6 +59,7 @@ def play_in(sit_down: Any, language: str, folder: Path, *, phone: bool) -> Any:
         return person.page.evaluate(_PLACES, selector), person.page.screenshot()
 
 
+@pytest.mark.nightly
 @pytest.mark.program
 @needs("chromium")
 def test_on_a_phone_the_arrows_make_a_pad_at_the_same_places_in_every_language(tmp_path: Path) -> None:

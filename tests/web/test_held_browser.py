@@ -19,7 +19,7 @@ _CODES = dict(zip(KEYS, ("ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown"), str
 SECONDS = count(6, 60)
 
 
-@pytest.mark.nightly(by_day=["66.66666666666667"])
+@pytest.mark.nightly
 @pytest.mark.parametrize("period_ms", [1000 / 15, 1000 / 60])
 def test_keys_held_over_300_ms_give_the_steps_that_the_log_says(period_ms: float, tmp_path: Path) -> None:
     path = tmp_path / "levers.toml"

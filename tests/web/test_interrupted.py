@@ -42,7 +42,7 @@ def test_cut_killed_and_loaded_again_each_press_is_logged_once_and_the_log_is_pr
     assert found.segments == 1
 
 
-@pytest.mark.nightly(by_day=["kill-50-world1"])
+@pytest.mark.nightly
 @pytest.mark.program
 @pytest.mark.parametrize(
     ("kind", "full", "world"),

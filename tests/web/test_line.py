@@ -20,7 +20,7 @@ pytestmark = needs("chromium")
 RTT_MS = 1_200.0  # far longer than a picture takes, on a busy machine too
 
 
-@pytest.mark.nightly(by_day=["first-person"])
+@pytest.mark.nightly
 @pytest.mark.program
 @pytest.mark.parametrize(("world", "keys_hz"), [(GRID, 6.0), (FIRST_PERSON, 4.0)], ids=["grid", "first-person"])
 def test_over_a_long_line_no_key_is_lost_and_pictures_do_not_wait_for_it(tmp_path: Path, world, keys_hz) -> None:

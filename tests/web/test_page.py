@@ -126,6 +126,7 @@ def test_what_a_page_reports_while_it_is_left_does_not_keep_the_next_participant
         assert somebody.errors == []
 
 
+@pytest.mark.nightly
 def test_keys_that_come_before_the_welcome_of_a_page_that_was_loaded_again_have_their_names(tmp_path: Path) -> None:
     holding = """
         const send = WebSocket.prototype.send, held = [];
@@ -195,6 +196,7 @@ BOXES = """() => {
 NAMED = {"agent": (1, 1), "goal": (3, 3)}  # the cells, of five by five
 
 
+@pytest.mark.nightly(by_day=["768-lines"])
 @pytest.mark.parametrize("size", [(1366, 768), (3840, 2160), (390, 844)], ids=["768-lines", "4K", "phone"])
 def test_the_marks_of_an_example_point_at_what_they_name_and_cover_none_of_it(
     tmp_path: Path, size: tuple[int, int]
@@ -240,7 +242,7 @@ def test_where_a_browser_blocks_site_data_the_study_is_played_all_the_same(tmp_p
         assert set(somebody.errors) == {"blocked"}  # of what counts the keys here
 
 
-@pytest.mark.nightly(by_day=["False"])
+@pytest.mark.nightly
 @pytest.mark.parametrize("was_welcomed", [False, True])
 def test_another_link_in_a_tab_that_waits_for_its_welcome_lets_the_next_participant_in(
     tmp_path: Path, was_welcomed: bool

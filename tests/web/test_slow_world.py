@@ -60,7 +60,7 @@ async ([button, down]) => {
 """
 
 
-@pytest.mark.nightly(by_day=["200.0-once"])
+@pytest.mark.nightly
 @pytest.mark.parametrize("hold", ["once", "repeat"])
 @pytest.mark.parametrize("rtt_ms", [0.0, 200.0])
 def test_key_to_picture_stays_within_a_few_steps_though_each_takes_longer_than_its_period(

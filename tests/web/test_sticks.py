@@ -52,6 +52,7 @@ _MIDDLES = """[...document.querySelectorAll(".stick")].map((stick) => {
 })"""
 
 
+@pytest.mark.nightly
 def test_two_thumbs_move_and_turn_and_let_go(tmp_path: Path) -> None:
     path = tmp_path / "thumbs.toml"
     path.write_text(_TOML)

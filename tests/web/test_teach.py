@@ -72,6 +72,7 @@ def take_part(somebody: Somebody) -> None:
         somebody.page.wait_for_timeout(60)
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("rtt_ms", [300, 0][: count(1, 2)])
 def test_a_person_teaches_in_the_browser_and_the_log_verifies(tmp_path: Path, rtt_ms: int) -> None:
     with (

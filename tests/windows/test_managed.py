@@ -82,6 +82,9 @@ def _full_screen_and_back(desk: Desktop, window: HostedWindow) -> None:
         window.wait(time.monotonic_ns() + 200_000_000)
 
 
+@pytest.mark.nightly(
+    by_day=[f"managed{number}-play-{act}" for number in range(4) for act in ("_minimise", "_full_screen_and_back")]
+)
 @pytest.mark.parametrize("done", [_minimise, _cover, _move, _resize, _full_screen_and_back])
 @pytest.mark.parametrize("screen", [WORDS, PLAY], ids=("text", "play"))
 def test_the_screen_is_as_bright_afterwards_as_before(

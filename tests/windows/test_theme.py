@@ -91,6 +91,7 @@ def test_a_light_screen_is_the_dark_one_in_other_colours():
         assert ((light == LIGHT[BACKGROUND]).all(axis=2) == is_ground).mean() > 0.999
 
 
+@pytest.mark.nightly
 @pytest.mark.program
 @needs("chromium")
 def test_a_light_study_is_light_in_the_browser_accessible_and_proven(tmp_path: Path):

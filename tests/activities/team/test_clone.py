@@ -142,6 +142,7 @@ def test_the_policy_of_one_group_is_read_and_missed_like_one_of_all(tmp_path: Pa
     assert {episode.team.partner for episode in read_log(log).episodes} == {"policy:clone.pt"}
 
 
+@pytest.mark.nightly
 @needs("chromium")
 def test_the_study_of_four_partners_plays_in_browsers(tmp_path: Path, clone: tuple[Path, str], capsys: Any) -> None:
     for name in ("clone.pt", "self-play.pt"):

@@ -36,6 +36,7 @@ def until_shown(somebody: Somebody, right: np.ndarray) -> None:
         somebody.page.wait_for_timeout(10)
 
 
+@pytest.mark.nightly
 @pytest.mark.program
 def test_both_pages_show_the_kitchen_to_the_pixel_also_after_they_were_loaded_again(tmp_path: Path) -> None:
     steps = count(16, 200)

@@ -140,6 +140,7 @@ def start_talk(people: list[Somebody]) -> None:
             somebody.page.wait_for_selector(".chat [data-target=field]", state="detached")
 
 
+@pytest.mark.nightly
 @pytest.mark.program
 def test_a_message_is_edited_by_the_browser_while_the_partners_words_come(tmp_path: Path) -> None:
     with serving(talk_study(tmp_path), tmp_path, links=2) as server, browsing() as sit_down:

@@ -148,6 +148,7 @@ def test_a_record_reaches_datapipe_once_though_an_answer_is_lost(tmp_path):
     assert answers == {"age": "35", "work": '"Köchin" \\ 厨师', "goal": "1", "why": "2"}
 
 
+@pytest.mark.nightly
 @needs("chromium")
 @pytest.mark.program
 def test_a_component_of_jatos_takes_the_record_and_ends(tmp_path):

@@ -203,6 +203,7 @@ def press_through(person: Any, keys: list[str]) -> None:
     assert person.errors == []
 
 
+@pytest.mark.nightly
 @needs("chromium")
 @pytest.mark.program
 def test_a_classic_of_a_site_has_the_tables_of_a_served_study(tmp_path):

@@ -67,6 +67,7 @@ def test_the_radial_maze_tells_an_arm_without_food_from_one_that_was_visited():
     assert world.info() == {"working_errors": 2, "reference_errors": 1}
 
 
+@pytest.mark.nightly(by_day=["water-maze-quadrant_share"])
 @pytest.mark.program
 @pytest.mark.parametrize(
     ("name", "key"),
