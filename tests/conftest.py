@@ -40,7 +40,7 @@ def pytest_configure(config: pytest.Config) -> None:
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_auto_num_workers() -> int:
     """Run a process more than there are cores: browsers, windows and servers keep a third of the time waiting."""
-    return len(os.sched_getaffinity(0)) + 1 if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return (os.cpu_count() or 1) + 1
 
 
 _ALLOCATIONS_PER_COLLECTION = 20_000  # of 700: a worker's heap is large, and searching it took 6 % of the time
