@@ -20,6 +20,7 @@ _LOOK = """(() => {
     caps: [...document.querySelectorAll(".keyboard .cap span")].map((cap) => cap.innerText.toLowerCase()),
   };
 })()"""
+_PASSING = "One moment, please."  # until the page has a screen that it was told of
 _SEE = """new Promise((resolve) => {
   requestAnimationFrame(() => requestAnimationFrame(() => resolve(true)));
   setTimeout(() => resolve(false), 2000);
@@ -166,7 +167,8 @@ class StudyWalk:
             if look["finished"]:
                 return True
             in_play = look["playing"] and look["kind"] == "play" and not look["ended"]
-            asks = not look["playing"] and look["kind"] not in ("", "play", "blank") and look["words"] != ""
+            asks = not look["playing"] and look["kind"] not in ("", "play", "blank")
+            asks &= look["words"] not in ("", _PASSING)
             is_other = any(look[name] != before.get(name) for name in ("words", "kind", "playing"))
             is_other &= not (look["caps"] and before.get("caps"))  # a keyboard whose keys are marked one by one
             return bool(look["welcomed"] and is_other and (in_play or asks))
