@@ -17,7 +17,7 @@ from minihuman.builder.durations import estimate_durations
 from minihuman.builder.edit_errors import EditRefusedError
 from minihuman.builder.messages import EditRefusal, NewStudyRequest, Template
 from minihuman.builder.shipped_studies import ShippedStudy, list_shipped_studies
-from minihuman.builder.study_notebook import write_notebook
+from minihuman.builder.study_notebook import format_notebook
 from minihuman.errors import MinihumanError
 from minihuman.experiment.machine.activity import find_installed_kind
 from minihuman.experiment.protocol.model import BlockSpec
@@ -93,7 +93,7 @@ def make_study(request: NewStudyRequest, folder: Path, source: Path | None) -> P
         _require_new(folder / f"{name}.toml")
         if request.template == _NOTEBOOK:
             _require_new(folder / f"{name}.ipynb")
-            _write(folder / f"{name}.ipynb", write_notebook(name).encode())
+            _write(folder / f"{name}.ipynb", format_notebook(name).encode())
         return write_draft(ProtocolDraft(name, templates=templates, language=request.language), folder)
     except EditRefusedError:
         raise

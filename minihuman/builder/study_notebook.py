@@ -28,8 +28,12 @@ _CELLS = (
 )
 
 
-def write_notebook(name: str) -> str:
-    """Return the text of a notebook (nbformat 4) for the study of a name, beside whose protocol it lies."""
+def format_notebook(name: str) -> str:
+    """Return the text of a notebook (nbformat 4) that analyses a study; it is to lie beside the study's protocol.
+
+    Args:
+        name: the study's name.
+    """
     cells: list[dict[str, Any]] = []
     for number, (kind, source) in enumerate(_CELLS):
         text = source.replace("{name}", name)

@@ -31,7 +31,7 @@ _GYMNASIUM = 2  # robomimic's EnvType.GYM_TYPE
 
 
 def export(chosen: IncludedEpisodes, out: Path) -> ExportResult:
-    """Write every episode that has a step.
+    """Write a robomimic data set for each world, ``NAME.hdf5``, of its episodes that have a step.
 
     Raises:
         ExportError: if an episode does not replay.

@@ -7,7 +7,7 @@ are excluded.
 
 import json
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -37,33 +37,41 @@ def export_pettingzoo(chosen: IncludedEpisodes, out: Path) -> ExportResult:
     Raises:
         ExportError: if an episode does not replay.
     """
-    files: dict[str, list[dict[str, Any]]] = defaultdict(list)
+    episodes_by_folder: dict[str, list[dict[str, Any]]] = defaultdict(list)
     left_out: list[str] = []
     paths = []
     steps = 0
     for item, team, people in _team_episodes(chosen, left_out):
-        folder = item.episode.plan.world.rpartition("/")[-1].rpartition(":")[-1].lower()
+        folder = _name_world_folder(item.episode.plan.world)
         agents = [f"body_{seat}" for seat in range(len(team.seats))]
-        observations: list[list[Any]] = [[] for _ in agents]
-        for world in _play(item):
-            for seat, body_observations in enumerate(observations):
-                body_observations.append(world.unwrapped.team.observation(seat))
-        number = len(files[folder])
+        number = len(episodes_by_folder[folder])
         path = out / folder / f"episode_{number:05d}.npz"
-        path.parent.mkdir(exist_ok=True)
-        arrays: dict[str, Any] = {
-            agent: np.stack(body_observations) for agent, body_observations in zip(agents, observations, strict=True)
-        }
-        np.savez_compressed(path, **arrays)
+        _write_observations(path, item, agents)
         paths.append(path)
         facts = {"episode": number, "observations": path.name, "people": people}
-        files[folder].append(facts | _describe_team_episode(item, team, agents))
+        episodes_by_folder[folder].append(facts | _describe_team_episode(item, team, agents))
         steps += len(team.actions)
-    for folder, episodes in files.items():
+    for folder, episodes in episodes_by_folder.items():
         path = out / folder / "episodes.jsonl"
         path.write_text("".join(json.dumps(episode) + "\n" for episode in episodes), encoding="utf-8", newline="\n")
         paths.append(path)
-    return ExportResult(tuple(paths), sum(map(len, files.values())), steps, left_out=tuple(left_out))
+    return ExportResult(tuple(paths), sum(map(len, episodes_by_folder.values())), steps, left_out=tuple(left_out))
+
+
+def _name_world_folder(world: str) -> str:
+    """Return the last part of a world's id in lower case: ``team-crampedroom-v0``."""
+    return world.rpartition("/")[-1].rpartition(":")[-1].lower()
+
+
+def _write_observations(path: Path, included: IncludedEpisode, agents: Sequence[str]) -> None:
+    """Replay an episode, and write what each body observed as an array of its agent's name."""
+    observations: dict[str, list[Any]] = {agent: [] for agent in agents}
+    for world in _play(included):
+        for seat, agent in enumerate(agents):
+            observations[agent].append(world.unwrapped.team.observation(seat))
+    path.parent.mkdir(exist_ok=True)
+    arrays: dict[str, Any] = {agent: np.stack(frames) for agent, frames in observations.items()}
+    np.savez_compressed(path, **arrays)
 
 
 def _describe_team_episode(included: IncludedEpisode, team: TeamRecord, agents: list[str]) -> dict[str, Any]:

@@ -69,20 +69,26 @@ class TrainingWorlds(abc.ABC):
     def replay(self, levels: Sequence[TrainingLevel], actions: Sequence[Sequence[Any]]) -> None:
         """Bring each world to where these actions lead from the beginning of its level.
 
-        The episodes are aligned at their ends; until its own episode begins, a world plays anything.
+        The episodes are aligned at their ends. A world whose own episode begins later plays an idle action until then,
+        and is begun anew for it, and whenever idling has ended an episode before.
         """
         longest = max(map(len, actions))
         everywhere = range(self.num_envs)
         first = next((episode[0] for episode in actions if episode), 0)
-        rest: Any = [0.0] * len(first) if isinstance(first, list) else 0
-        kind = np.float32 if isinstance(first, list) else np.int64
+        idle_action: Any = [0.0] * len(first) if isinstance(first, list) else 0
+        dtype = np.float32 if isinstance(first, list) else np.int64
         self.begin(everywhere, levels)
         for t in range(longest):
-            played = [t - longest + len(episode) for episode in actions]
-            joint = [episode[max(at, 0)] if at >= 0 else rest for episode, at in zip(actions, played, strict=True)]
-            joint_step = self.step(np.array(joint, kind))
+            own_steps = [t - (longest - len(episode)) for episode in actions]  # negative before a world's own episode
+            joint_action = [
+                episode[own_step] if own_step >= 0 else idle_action
+                for episode, own_step in zip(actions, own_steps, strict=True)
+            ]
+            joint_step = self.step(np.array(joint_action, dtype))
             over = joint_step.terminated | joint_step.truncated
-            starting = [i for i in everywhere if played[i] == -1 or (played[i] < -1 and over[i])]
+            begins_next = [own_step == -1 for own_step in own_steps]
+            idled_to_end = [own_step < -1 and over[i] for i, own_step in enumerate(own_steps)]
+            starting = [i for i in everywhere if begins_next[i] or idled_to_end[i]]
             if starting:
                 self.begin(starting, [levels[number] for number in starting])
 

@@ -116,7 +116,7 @@ class LearnerProcess:
         self._until_s = None
 
     def _poll_answer(self, timeout_s: float) -> LearnerAnswer | None:
-        """Wait up to ``timeout_s`` for an answer; return it, or the reason why there will be none; None before."""
+        """Return an answer, or one with the reason why none will come; None if neither came within ``timeout_s``."""
         assert self._process is not None
         assert self._reader is not None
         assert self._until_s is not None

@@ -249,7 +249,11 @@ def two_parts_p(a: Values, b: Values) -> float:
 
 
 def _find_lower_limit(together: Values, n: int, observed: float) -> float:
-    """Return the least p of small groups that differ in size, from the sum of two squared t; 0 for other groups."""
+    """Return the p below which no permutation test of groups so small and unequal may go; 0 for other groups.
+
+    It is the share of sums of two squared draws from Student's t, with the groups' degrees of freedom, that reach the
+    observed sum.
+    """
     if not floor_freedom((n, len(together) - n), 1.0):
         return 0.0
     rng = np.random.default_rng(SEED)

@@ -85,7 +85,7 @@ def build_rules(
 
 
 def _list_sounds(session: SessionMachine, screen: Screen) -> list[messages.ScreenSound]:
-    """List the sounds that begin with a screen; a screen of an activity's own has its sounds itself."""
+    """List the sounds that begin with a screen; none of an activity's screen, whose own message lists them."""
     if isinstance(screen, ActivityScreen):
         return []
     files = session.plan.files
@@ -239,12 +239,12 @@ class Outbox:
         self._ahead.stop_if_slow(self._pace_ns)
 
     def grow(self, rtt_ns: int) -> bool:
-        """Draw one picture of a film, or look one scene or screen further ahead; return False if nothing is left.
+        """Prepare one more picture of a film, or a scene or screen that may be needed; return False if none is left.
 
-        ``send_prefetched`` sends what was found.
+        ``send_prefetched`` sends what was prepared.
 
         Args:
-            rtt_ns: the round-trip time in nanoseconds.
+            rtt_ns: the round-trip time in nanoseconds, which says how far ahead the page needs them.
         """
         session = self._session
         if session.over or self.outgoing.n_unacknowledged > PREFETCH_BACKLOG:

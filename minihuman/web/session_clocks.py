@@ -113,14 +113,23 @@ class PageClock:
         if arrival_ns - self._looked_ns < _LOOK_INTERVAL_NS:
             return ""
         is_early = arrival_ns - self._began_ns < _DRIFT_AFTER_NS
-        return self._compare(arrival_ns, error_ns=_UNMEASURED_ERROR_NS, is_early=is_early)
+        return self._note_drift(arrival_ns, error_ns=_UNMEASURED_ERROR_NS, is_early=is_early)
 
     def look(self, link: Linked, arrival_ns: int) -> str:
         """Compare the clocks after a measured round trip; return a note if the page's moved too far, otherwise ""."""
-        return self._compare(arrival_ns, error_ns=link.error_ns, is_early=link.drift_ppm is None)
+        return self._note_drift(arrival_ns, error_ns=link.error_ns, is_early=link.drift_ppm is None)
 
-    def _compare(self, arrival_ns: int, *, error_ns: int, is_early: bool) -> str:
-        """Return a note if the least lag since the last comparison differs too much from the least early lag."""
+    def _note_drift(self, arrival_ns: int, *, error_ns: int, is_early: bool) -> str:
+        """Return a note if the page's clock has drifted against the server's, otherwise ""; begin the next comparison.
+
+        A message's lag is its delay on the way plus the difference of the clocks. The least lag of the last two
+        intervals, that of a message without delay, is compared with the least of the session's beginning.
+
+        Args:
+            arrival_ns: the time now, by the server's clock.
+            error_ns: by how much a lag may be wrong.
+            is_early: whether the session is still at its beginning.
+        """
         self._looked_ns = arrival_ns
         lag_ns = min(self._lag_ns, self._last_lag_ns)
         self._last_lag_ns = self._lag_ns

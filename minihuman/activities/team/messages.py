@@ -50,9 +50,9 @@ class TeamMessages:
 
     @property
     def marks(self) -> list[MessageShown]:
-        """Return the marks that are visible now."""
-        over_ns = self.context.now_ns - INTERVAL_NS
-        return [message for message in self.messages.values() if message.cell and message.t_ns > over_ns]
+        """Return the messages with a marked cell that are visible now."""
+        visible_since_ns = self.context.now_ns - INTERVAL_NS
+        return [message for message in self.messages.values() if message.cell and message.t_ns > visible_since_ns]
 
     def take_key(self, press: KeyDown, play: RunningEpisode) -> bool:
         """Handle a key press and return whether it concerned messages."""

@@ -72,7 +72,10 @@ class TrialRun:
         return self.schedule.find_visible(self.changes_ns[frame], has_response=has_response)
 
     def find_due_ns(self, frame: int) -> int | None:
-        """Return when a picture is due in session time; None if it is due at once, or not known yet."""
+        """Return when a picture is due, in session time.
+
+        None stands for a first picture that is due at once, and for any other before the first has reached the display.
+        """
         if frame <= 0:
             return self._start_ns
         if self.first_flip_ns is None:

@@ -89,13 +89,12 @@ class VerificationRecord:
         self._software = f"{minihuman.__version__} {digest_sources()} {options}".strip()
         self._verified: dict[str, _VerifiedLog] = {}
         self._digests: dict[Path, str] = {}
-        self._ends_with_line = True
         try:
             content = file.read_bytes() if file.exists() else b""
         except OSError as error:
             raise LogError(f"{file} cannot be read: {error.strerror}") from error
         *whole_lines, rest = content.split(b"\n")
-        self._ends_with_line = not rest
+        self._ends_with_newline = not rest  # an empty file, too, may be appended to as it is
         for number, line in enumerate(whole_lines, 1):
             self._read_line(line, number)
 
@@ -137,13 +136,13 @@ class VerificationRecord:
             return
         at = datetime.now(UTC).isoformat(timespec="seconds")
         verified = _VerifiedLog(str(log.absolute()), self._digests[log], self._software, at, tuple(lines))
-        start = b"" if self._ends_with_line else b"\n"
+        start = b"" if self._ends_with_newline else b"\n"
         try:
             with self._file.open("ab") as file:
                 file.write(start + msgspec.json.encode(verified) + b"\n")
         except OSError as error:
             raise LogError(f"{self._file} cannot be written: {error.strerror}") from error
-        self._ends_with_line = True
+        self._ends_with_newline = True
         self._verified[verified.log] = verified
 
 

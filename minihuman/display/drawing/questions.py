@@ -318,7 +318,7 @@ def _draw_matrix_heads(sheet: Sheet, matrix: RatingMatrix, columns: tuple[float,
 def _draw_matrix_points(
     sheet: Sheet, matrix: RatingMatrix, row: int, columns: tuple[float, float], y: float, tall: float
 ) -> None:
-    """Draw the points of one statement, and add a spot for each."""
+    """Draw the points of one statement, and add to the sheet the area of each that a click chooses."""
     left, right = columns
     count = len(matrix.points)
     unit = (right - left) / count

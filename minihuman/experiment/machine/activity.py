@@ -251,7 +251,10 @@ class Activity(abc.ABC):
 
     @property
     def history(self) -> tuple[object, ...]:
-        """Return the state on which the part's future depends beside what its screen and earlier texts show."""
+        """Return what else decides how the part goes on, beyond its screen and the texts that it has shown.
+
+        Two runs with equal screens, texts and history go on alike.
+        """
         return ()
 
     def suspend(self, reason: PauseReason) -> None:  # noqa: B027 - most kinds have nothing to stop

@@ -1,6 +1,6 @@
 """Checks exclusion rules on answers: whether the question exists, and whether its kind allows the comparison."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import msgspec
 
@@ -67,26 +67,41 @@ def _check_comparison(rule: ExclusionSpec, question: QuestionItemSpec, path: str
         answer_type = find_question_kind(question.kind).answer_type
     except ProtocolError:  # the question's own check names it
         return
-    place = f"{rule.measure!r} is of kind {question.kind!r}"
+    measured = f"{rule.measure!r} is of kind {question.kind!r}"
     for field in ("below", "above"):
         if getattr(rule, field) is not None and answer_type not in _ORDERED:
-            yield f"{path}.{field}", f"compares numbers, but {place}; {_suggest_comparison(answer_type)}"
+            yield f"{path}.{field}", f"compares numbers, but {measured}; {_suggest_comparison(answer_type)}"
     for field in ("is_one_of", "is_none_of"):
-        codes = getattr(rule, field)
-        if codes and answer_type == "text":
-            yield f"{path}.{field}", f"compares codes, but {place}; use is_missing, or ask a choice"
-        elif answer_type in ANSWER_TYPES_WITH_CODES:
-            known = list_codes(question)
-            unknown = [code for code in codes if code not in known]
-            if unknown:
-                known_codes = ", ".join(map(repr, known))
-                yield f"{path}.{field}", f"has {unknown[0]!r}, which is not an option's code; codes: {known_codes}"
-        elif answer_type == "number":
-            texts = [code for code in codes if isinstance(code, str)]
-            if texts:
-                yield f"{path}.{field}", f"has {texts[0]!r}, but {place}; give numbers"
+        problem = _find_code_problem(getattr(rule, field), question, answer_type, measured)
+        if problem:
+            yield f"{path}.{field}", problem
     if rule.is_missing and question.required:
         yield f"{path}.is_missing", f"is true, but {rule.question} is required; set required = false in the question"
+
+
+def _find_code_problem(
+    codes: Sequence[str | float], question: QuestionItemSpec, answer_type: str, measured: str
+) -> str:
+    """Say why an answer can be none of the codes that a rule names; "" if it can.
+
+    Args:
+        codes: what the rule names.
+        question: the question that is asked.
+        answer_type: the type of its answers.
+        measured: what the rule measures, and of which kind it is, for the sentence.
+    """
+    if codes and answer_type == "text":
+        return f"compares codes, but {measured}; use is_missing, or ask a choice"
+    if answer_type in ANSWER_TYPES_WITH_CODES:
+        known = list_codes(question)
+        unknown = [code for code in codes if code not in known]
+        if unknown:
+            return f"has {unknown[0]!r}, which is not an option's code; codes: {', '.join(map(repr, known))}"
+    elif answer_type == "number":
+        texts = [code for code in codes if isinstance(code, str)]
+        if texts:
+            return f"has {texts[0]!r}, but {measured}; give numbers"
+    return ""
 
 
 def _suggest_comparison(answer_type: str) -> str:

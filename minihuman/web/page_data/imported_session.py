@@ -247,7 +247,7 @@ def _format_table(head: str, table: dict[str, Any]) -> list[str]:
 
 
 def _format_toml(value: Any) -> str:
-    """Format a value as TOML, which is JSON except for tables and the one character that JSON leaves unescaped."""
+    """Format a value as TOML: as JSON, but with inline tables, and with DEL (U+007F) escaped, as TOML asks."""
     if isinstance(value, dict):
         return "{" + ", ".join(f"{_format_toml(name)} = {_format_toml(field)}" for name, field in value.items()) + "}"
     if isinstance(value, list | tuple):

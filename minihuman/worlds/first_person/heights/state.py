@@ -231,7 +231,7 @@ class BuildingState(WorldState):
         return room
 
     def _arrive(self, entity: Entity, x: float, z: float, radius: Length) -> Footing | None:
-        """Return the sector to which an entity comes that goes to a place; None if walls or edges stop it."""
+        """Return where an entity stands after going to a place; None if a wall, an edge or a low ceiling stops it."""
         plan = self.floor
         body = self.body_of(entity, radius)
         arrival = trace(plan, self._room_of(entity), (entity.pos[0], entity.pos[2]), (x, z), body)
