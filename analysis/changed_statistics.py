@@ -50,6 +50,7 @@ CHANGED_CELLS = (  # cell, old, new, why
         "the difference alone has one",
         "one shown and one not do not differ by that",
     ),
+    ("p (Holm) of groups on differences between levels", "a measure by itself", "over measures", "as its caption says"),
     ("p (Holm) of the measures left in such blocks", "over all", "over those that are left", "fewer comparisons"),
 )
 COLUMNS = ("study", "cell", "old", "new", "why")

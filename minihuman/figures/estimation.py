@@ -124,6 +124,7 @@ def estimation_figure(
     measure: str,
     title: str = "",
     limits: tuple[float, float] | None = None,
+    unit: str = "participant",
 ) -> Figure:
     """Draw every participant's value by group, and beside them the differences between groups.
 
@@ -135,6 +136,7 @@ def estimation_figure(
         measure: the name of the measure.
         title: the title of the figure, which names the block and the measure.
         limits: the lowest and the highest possible value of the measure; None if it has no bounds.
+        unit: what a dot stands for, such as ``team``.
     """
     with figure_style():
         figure = new_figure(width_cm=PAGE_CM, height_cm=7.4)
@@ -142,9 +144,7 @@ def estimation_figure(
         left, right = figure.subplots(1, 2, width_ratios=(3, 2))
         draw_participants(left, groups, measure=measure, limits=limits)
         draw_differences(right, differences)
-        for place, (ax, name) in enumerate(
-            ((left, "every participant, mean and 95 % interval"), (right, "difference"))
-        ):
+        for place, (ax, name) in enumerate(((left, f"every {unit}, mean and 95 % interval"), (right, "difference"))):
             ax.set_title(name, loc="left")
             label_panel(ax, place)
     return figure

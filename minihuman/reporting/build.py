@@ -113,8 +113,8 @@ def build_report(
         scripts: ``r`` and ``python``, for scripts of mixed models beside the tables.
 
     Raises:
-        LogError: if there is no such folder.
-        ReportError: if no log in the folder can be read, or the logs are of different studies.
+        LogError: if the study's folder does not exist.
+        ReportError: if no log in the study's folder can be read, or the logs are of different studies.
     """
     names = [name for name in TABLES if name not in EVERY_MOMENT]  # the others are too long to be read in a report
     tables.require((*names, "steps"), shortest_paths=True)

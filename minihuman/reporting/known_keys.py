@@ -81,13 +81,22 @@ def _map_key_effects(block_plan: EpisodePlan) -> dict[str, int]:
 
 
 def find_blocks_without_discovery(plans: Sequence[PlanOutline], protocols: Sequence[Protocol] = ()) -> frozenset[str]:
-    """Return the blocks in which nobody had to discover a key: all keys were shown, or those of an earlier block.
+    """Return the blocks in which the discovery of keys tells nothing of the groups.
 
-    A block counts as one with discovery if a single group, session or preceding block made a difference.
+    All keys were shown or known from before, or a group's participants knew them in one session or order of blocks and
+    not in another.
     """
     shown: dict[str, bool] = {}
     for plan in plans:
         for block_plan in plan.blocks:
             shown[block_plan.block_name] = shown.get(block_plan.block_name, True) and block_plan.show_keys
-    known = {block: all(cells.values()) for block, cells in find_known_cells(plans, BlockSpecs(protocols)).items()}
-    return frozenset(block for block in shown if shown[block] or known[block])
+    cells_by_block = find_known_cells(plans, BlockSpecs(protocols))
+    return frozenset(block for block in shown if shown[block] or not _tells_groups_apart(cells_by_block[block]))
+
+
+def _tells_groups_apart(cells: Mapping[Cell, bool]) -> bool:
+    """Return whether each group either knew all keys or had to discover them, and one had to."""
+    by_group: dict[str, set[bool]] = {}
+    for (group, _, _), is_known in cells.items():
+        by_group.setdefault(group, set()).add(is_known)
+    return all(len(known) == 1 for known in by_group.values()) and {False} in by_group.values()

@@ -32,7 +32,7 @@ from minihuman.worlds.outcomes import LAST_REWARD
 
 _STATISTICS = ("pandas", "scipy")
 _TO_FIND = "the actions of the keys had to be discovered"
-_WHO_KEPT = "who kept the keys of an earlier block"
+_WHO_KEPT = "who kept the keys that they had before"
 _KEPT = "the keys were those of an earlier block"
 _SHOWN = "the keys and their actions were shown on the screen"
 _LABELS: dict[str, Callable[[PlanOutline], str]] = {

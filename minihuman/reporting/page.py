@@ -280,7 +280,7 @@ def _show_block(block: BlockResults, results: Results, content: PageContent) -> 
         "only_pair": _name_only_pair(block),
         "not_compared": _list_notes(block, "reason"),
         "cautions": _list_notes(block, "caution"),
-        "groups_with_keys": content.known_keys.get(block.block, ()) if has_comparisons else (),
+        "groups_with_keys": _list_groups_with_keys(block, content),
         "set_aside": [f"{label_measure(name)} ({reason})" for name, reason in block.set_aside.items()],
         "without_goal": block.waits.without_goal,
         "several_sessions": block.by_session["session"].nunique() > 1,
@@ -294,6 +294,13 @@ def _show_block(block: BlockResults, results: Results, content: PageContent) -> 
         "reliability_notes": list_reliability_notes(block.reliabilities),
         "powers": [power_statement(power, block.unit_name) for power in block.powers],
     }
+
+
+def _list_groups_with_keys(block: BlockResults, content: PageContent) -> Sequence[str]:
+    """Return the groups that kept earlier keys in a block whose table states when all keys were discovered."""
+    if not block.comparisons or not block.waits.keys:
+        return ()
+    return content.known_keys.get(block.block, ())
 
 
 def _find_only_group(block: BlockResults, results: Results) -> str:

@@ -88,6 +88,7 @@ def draw_estimates(
             measure=_shorten(label),
             title=name_measure(label, block.block, width=110),
             limits=_find_limits(measure, rows[measure]),
+            unit="team or participant" if "team or" in _name_unit(block) else _name_unit(block),
         )
         of_means = "differences of the means, with the intervals"
         if len(differences) == 1:
@@ -128,8 +129,9 @@ def draw_interaction(interaction: InteractionResults, out: Path, condition_label
     )
     caption = (
         f"{_begin_sentence(label)} by group and condition. A: a dot per participant and condition, a thin line "
-        "through the dots of each; large symbols: the cells' means with 95 % intervals. B: differences of groups in "
-        "participants' contrast scores, with the intervals of the comparison."
+        "through the dots of each; large symbols: the cells' means with 95 % intervals. "
+        f"B: {'ratios' if is_log else 'differences'} between groups of participants' contrasts between conditions, "
+        "with the intervals of the comparison."
     )
     return ReportFigure("", png, caption)
 

@@ -43,7 +43,7 @@ BLOCK = re.compile(
     r"(?P<view>\w+) view, at most (?P<steps>\d+) steps(?: or (?P<seconds>[\d.]+) s)? each; (?P<pace>[^;]+); "
     r"actions (?P<actions>[\w, ]+) on (?P<keys>\d+) keys of (?P<pool>\d+)"
     r"(?:, (?P<distractors>[\w, ]+) on the other (?P<others>\d+))?; (?P<legend>[^(;]+?)"
-    r"(?: \(except by (?P<known>[^:]+), who kept the keys of an earlier block\))?"
+    r"(?: \(except by (?P<known>[^:]+), who kept the keys that they had before\))?"
 )
 ENDS = re.compile(
     r"(?:until (?P<successes>\d+) of the last (?P<of>\d+) reached the goal)?(?:, )?"

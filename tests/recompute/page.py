@@ -479,13 +479,22 @@ def known_keys(sessions: Sequence[Session]) -> dict[str, list[str]]:
 
 
 def blocks_without_discovery(sessions: Sequence[Session]) -> set[str]:
-    """The blocks whose keys were shown to all who played them, or were those of an earlier block to all of them."""
+    """The blocks whose keys were shown to all, or known to everybody or to a part of a group."""
     shown: dict[str, bool] = {}
-    kept: dict[str, bool] = {}
-    for _, block, was_known, was_shown in plays_of_keys(sessions):
+    parts: dict[tuple[str, str, int, str], bool] = {}  # by block, group, session and the block before
+    last: dict[str, str] = {}
+    for session, block, was_known, was_shown in plays_of_keys(sessions):
         shown[block] = shown.get(block, True) and was_shown
-        kept[block] = kept.get(block, True) and was_known
-    return {block for block in shown if shown[block] or kept[block]}
+        person = session.plan.participant
+        part = block, person.group, session.plan.session, last.get(person.id, "")
+        parts[part] = parts.get(part, True) and was_known
+        last[person.id] = block
+    groups: dict[str, dict[str, set[bool]]] = defaultdict(lambda: defaultdict(set))
+    for (block, group, _, _), was_known in parts.items():
+        groups[block][group].add(was_known)
+    mixed = {block for block, knew in groups.items() if any(len(known) == 2 for known in knew.values())}
+    kept = {block for block, knew in groups.items() if all(known == {True} for known in knew.values())}
+    return {block for block in shown if shown[block]} | mixed | kept
 
 
 def plays_of_keys(sessions: Sequence[Session]) -> Iterator[tuple[Session, str, bool, bool]]:
@@ -594,7 +603,8 @@ def expected_answer(study: Study) -> Iterator[tuple[str, Any]]:
             f"Participants excluded: {excluded}. The p values of these sentences are not corrected for multiple "
             f"comparisons{', unless they say so' if interaction else ''}, and intervals (95 %) never are. In the "
             "tables, p (Holm) is corrected over the comparisons that the caption names. Every p value that no sentence "
-            "here states is exploratory, and none is corrected across blocks. Methods define the measures."
+            "here states is exploratory, unless its table calls the measure primary or secondary, and comparisons of "
+            "groups are not corrected across blocks. Methods define the measures."
         ),
     )
     if study.blocks:
@@ -936,8 +946,8 @@ def expected_block(study: Study, block: str) -> Iterator[tuple[str, Any]]:
         yield (
             "p",
             (
-                "The interaction answers the study's question: comparisons of groups in this block are exploratory"
-                f"{uncorrected}."
+                "The interaction answers the study's question, and comparisons of groups in this block do not"
+                f"{uncorrected.replace(', and', ';', 1)}."
             ),
         )
     elif comparisons and primary not in roles:
@@ -967,7 +977,7 @@ def expected_block(study: Study, block: str) -> Iterator[tuple[str, Any]]:
     for why in sorted({f"{pair(one.groups)} ({one.caution})" for one in doubtful}):
         told = "; ".join(MEASURES[one.measure] for one in doubtful if f"{pair(one.groups)} ({one.caution})" == why)
         yield "p", f"To be read with care: {why} in {told}."
-    if comparisons and study.known.get(block):
+    if comparisons and study.known.get(block) and rows["all_keys_discovered_s"].notna().any():
         yield (
             "p",
             (

@@ -61,7 +61,7 @@ def test_who_came_with_the_keys_of_the_block_before_is_named():
     assert find_blocks_without_discovery(plans) == frozenset()
     grid, rooms = build_methods(plans, [])[1:3]  # in the order of play, whoever came first
     assert grid.startswith("Block grid")
-    assert "except by grid-first, who kept the keys of an earlier block" in rooms
+    assert "except by grid-first, who kept the keys that they had before" in rooms
     (kept,) = build_methods([plan for plan in plans if plan.group == "grid-first"], [], block_order=["grid"])[2:3]
     assert kept.endswith("; the keys were those of an earlier block.")
 
@@ -75,7 +75,7 @@ def test_where_blocks_are_in_random_order_who_played_another_before_is_said_to_k
     study = decode_protocol(f"{text}{groups}{order}{blocks}".encode())
     plans = [PlanOutline.of(expand_protocol(study, enrol_participant(study, index))) for index in range(12)]
     texts = [paragraph for paragraph in build_methods(plans, [], protocols=[study]) if paragraph.startswith("Block ")]
-    exception = "(except by those who had played another block, who kept the keys of an earlier block)."
+    exception = "(except by those who had played another block, who kept the keys that they had before)."
     assert [text.endswith(exception) for text in texts] == [True] * 3
 
 

@@ -291,15 +291,16 @@ def _tabulate_group_differences(people: pd.DataFrame) -> list[CaptionedTable]:
     for block, part in overall.groupby("block", sort=False):
         measures = [name for name in (*COMPARED, "d_prime", "criterion") if part[name].notna().any()]
         rows += _format_group_comparisons(str(block), "all trials", part, measures)
-    for measure in COMPARED:
-        effects = compute_effects(people, measure)
-        for (name, label, levels), part in effects.groupby(["block", "label", "levels"], sort=False):
-            of_effect = part.rename(columns={"effect": measure})
-            rows += _format_group_comparisons(str(name), f"{label}: {levels}", of_effect, [measure])
+    effects = pd.concat([compute_effects(people, measure).assign(measure=measure) for measure in COMPARED])
+    for (name, label, levels), part in effects.groupby(["block", "label", "levels"], sort=False):
+        of_people = part.pivot_table("effect", ["participant", "group"], "measure").reset_index()
+        measures = [measure for measure in COMPARED if measure in of_people]
+        rows += _format_group_comparisons(str(name), f"{label}: {levels}", of_people, measures)
     heads = ("block", "trials", "measure", "groups", "n", "difference (95 %)", "p", "p (Holm)")
     caption = (
         "Groups compared, on all trials and on the differences between levels (the interaction of group and label): "
-        "two-sided permutation test of Welch's t; p (Holm) is corrected over the comparisons of one block and kind."
+        "two-sided permutation test of Welch's t; p (Holm) is corrected over the measures and pairs of groups of the "
+        "same trials."
     )
     if rows:
         return [CaptionedTable(Table(heads, rows, words=4), caption)]
