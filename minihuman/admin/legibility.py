@@ -8,7 +8,7 @@ import msgspec
 from minihuman.activities.pages.plan import PagePlan
 from minihuman.activities.play.plan import PlayPlan
 from minihuman.activities.questions.plan import QuestionsPlan
-from minihuman.activities.questions.question import build_draft
+from minihuman.activities.questions.question import QuestionItemSpec, build_draft
 from minihuman.activities.questions.screens import build_question_screen, build_wrong_answer_screen
 from minihuman.display.drawing.questions import question_fits
 from minihuman.display.drawing.text_screens import text_fits
@@ -135,7 +135,7 @@ def _find_long_texts(part: PlannedPart, words: InterfaceWords, faces: TypefaceSe
                 draft = build_draft(item, rtl=words.rtl)
                 empty: Any = build_question_screen(words, title="", draft=draft, number=0, count=1, note="")
                 if not question_fits(empty, NARROWEST_SCREEN_PX):
-                    yield f"{part.name}, question {item.name!r}: {_does_not_fit(item.ask)}"
+                    yield f"{part.name}, question {item.name!r}: {_describe_full_question(item)}"
     for title in _list_titles(part):
         width = measure_width_px(title, faces, _SMALLEST_TYPE_PX) / _MEASURED_HEIGHT_PX
         if width > _LONGEST_TITLE:
@@ -144,6 +144,17 @@ def _find_long_texts(part: PlannedPart, words: InterfaceWords, faces: TypefaceSe
 
 def _does_not_fit(text: str) -> str:
     return f"does not fit a screen in type of 1/40 of its height: {text[:40]!r}...; shorten it, or give it a page"
+
+
+def _describe_full_question(question: QuestionItemSpec) -> str:
+    """Say which of a question's texts are too long for one screen."""
+    if not isinstance(question.statements, dict):
+        return _does_not_fit(question.ask)
+    count = len(question.statements)
+    return (
+        f"does not fit a screen in type of 1/40 of its height, with its {count} statements and its points; "
+        "shorten them, or divide the statements between two questions"
+    )
 
 
 def _list_titles(part: PlannedPart) -> Iterator[str]:

@@ -92,8 +92,8 @@ def question_fits(screen: QuestionScreen, size_px: Size) -> bool:
     if type_px < round(sheet.high * MIN_TYPE_SIZE) or len(lines) * type_px * LINE_HEIGHT > room:
         return False
     if isinstance(screen.item, RatingMatrix):
-        statements = _statement_lines(sheet, screen.item, wide)
-        return all(len(lines) <= _MOST_STATEMENT_LINES for lines in statements)
+        answers_high = (_BOTTOM - _TOP - _GAP_BEFORE_ANSWERS - _GAP_AFTER_ANSWERS) * sheet.high - room
+        return _matrix_fits(sheet, screen.item, wide, answers_high)
     if isinstance(screen.item, OptionList):
         answers_high = (_BOTTOM - _TOP - 0.06) * sheet.high - room
         return _fit_options(sheet, screen.item, wide, answers_high) is not None
@@ -267,10 +267,37 @@ def _draw_point_words(sheet: Sheet, words: str, place: tuple[float, float], unit
 
 
 _STATEMENT_SHARE = 0.42  # of the width; the points have the rest
+_INK_HEIGHT = 0.97  # of the type size: from a line's capitals to what hangs below it
 
 
 def _statement_lines(sheet: Sheet, item: RatingMatrix, wide: float) -> list[list[str]]:
     return [sheet.wrap(row, sheet.min_type_px, wide * _STATEMENT_SHARE - sheet.high * 0.03) for row in item.rows]
+
+
+def _matrix_fits(sheet: Sheet, matrix: RatingMatrix, wide: float, high: float) -> bool:
+    """Return whether no statement has too many lines, or more than a row is high."""
+    most_lines = max(map(len, _statement_lines(sheet, matrix, wide)))
+    unit = wide * (1 - _STATEMENT_SHARE) / len(matrix.points)
+    row_px = (high - _measure_matrix_heads(sheet, matrix, unit)) / len(matrix.rows)
+    text_px = sheet.min_type_px * ((most_lines - 1) * TIGHT_LINE_HEIGHT + _INK_HEIGHT)
+    return most_lines <= _MOST_STATEMENT_LINES and text_px <= row_px
+
+
+def _matrix_heads(sheet: Sheet, matrix: RatingMatrix, unit: float) -> list[list[str]]:
+    """Return the lines of the meaning of each point in a column of ``unit`` pixels; none if they are numbers."""
+    if not _has_words(matrix):
+        return []
+    return [sheet.wrap(point, sheet.min_type_px, unit * 0.96) for point in matrix.points]
+
+
+def _measure_matrix_heads(sheet: Sheet, matrix: RatingMatrix, unit: float) -> float:
+    """Return the height in pixels of the meaning of the points, above the statements."""
+    small = sheet.min_type_px
+    heads = _matrix_heads(sheet, matrix, unit)
+    if not heads:
+        return small * 2.4
+    most_lines = max(2, *map(len, heads))
+    return small * TIGHT_LINE_HEIGHT * most_lines + small * 0.6
 
 
 def _draw_matrix(sheet: Sheet, item: RatingMatrix, box: Box) -> None:
@@ -300,19 +327,17 @@ def _draw_matrix(sheet: Sheet, item: RatingMatrix, box: Box) -> None:
 def _draw_matrix_heads(sheet: Sheet, matrix: RatingMatrix, columns: tuple[float, float], top: float) -> float:
     """Write the meaning of the points above their columns; return the height of this head in pixels."""
     small = sheet.min_type_px
-    if not _has_words(matrix):
-        _draw_end_texts(sheet, matrix.low, matrix.high, columns, top)
-        return small * 2.4
     left, right = columns
     unit = (right - left) / len(matrix.points)
-    heads = [sheet.wrap(point, small, unit * 0.96) for point in matrix.points]
+    heads = _matrix_heads(sheet, matrix, unit)
+    if not heads:
+        _draw_end_texts(sheet, matrix.low, matrix.high, columns, top)
     for point, lines in enumerate(heads):
         x = left + unit * (sheet.place_from_left(point, len(heads)) + 0.5)
         for number, line in enumerate(lines):
             line_y = top + small * (number * TIGHT_LINE_HEIGHT + TIGHT_LINE_HEIGHT / 2)
             sheet.put((x, line_y), line, small, theme.INK, "m")
-    most_lines = max(2, *map(len, heads))
-    return small * TIGHT_LINE_HEIGHT * most_lines + small * 0.6
+    return _measure_matrix_heads(sheet, matrix, unit)
 
 
 def _draw_matrix_points(

@@ -60,7 +60,7 @@ const widgets = {
     el("div", {
       class: "slider", "data-target": "slider", "data-drag": true, role: "slider", tabindex: "-1", "aria-labelledby": "ask",
       "aria-valuemin": 0, "aria-valuemax": 100, "aria-valuenow": Math.round((item.position ?? 0.5) * 100),
-      "aria-valuetext": item.value || "–",
+      "aria-valuetext": item.value || (item.position === null ? "–" : `${Math.round(item.position * 100)} %`),
     }, el("div", { class: "track" }),
     Array.from({ length: item.ticks + 1 }, (_, tick) =>
       el("div", { class: "tick", style: { insetInlineStart: percent(tick / item.ticks) } })),

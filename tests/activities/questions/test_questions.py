@@ -5,6 +5,7 @@ from types import MappingProxyType
 
 import pytest
 
+from minihuman.admin.legibility import find_illegible_in_plan
 from minihuman.display.drawing.screen import find_spot
 from minihuman.experiment.machine.events import (
     AnswerChanged,
@@ -407,3 +408,45 @@ def test_the_text_of_another_field_than_the_present_ones_does_nothing() -> None:
     assert desk.of(TextChanged) == []
     desk.give(TextEdited(desk.now_ns + 2, "here", ("typed",), 4, 0, "text"))
     assert [change.text for change in desk.of(TextChanged)] == ["here"]
+
+
+LONG_STATEMENT = "I knew at each moment where in the building I was"
+LONG_POINTS = [
+    "not at all, or only now and then",
+    "partly, as far as I know",
+    "mostly",
+    "completely, from start to end",
+]
+
+
+def matrix_of(statement: str, count: int, points: list[str]) -> str:
+    """A matrix of so many statements, each numbered, rated on named points."""
+    statements = ", ".join(f's{number} = "{statement} {number}"' for number in range(count))
+    return f"""
+[[questions]]
+name = "rating"
+[[questions.items]]
+name = "views"
+kind = "likert"
+ask = "How much do you agree?"
+statements = {{ {statements} }}
+options = {points}
+"""
+
+
+@pytest.mark.parametrize(
+    ("statement", "count", "points", "fits"),
+    [
+        ("I knew where I was", 8, ["no", "partly", "yes"], True),
+        (LONG_STATEMENT, 4, ["no", "partly", "yes"], True),
+        (LONG_STATEMENT, 8, LONG_POINTS, False),
+    ],
+)
+def test_statements_fit_the_rows_that_heads_and_their_number_leave(statement, count, points, fits):
+    plan = plan_of(matrix_of(statement, count, points), ["rating"])
+    problems = [problem for problem in find_illegible_in_plan(plan) if "views" in problem]
+    if fits:
+        assert problems == []
+    else:
+        [problem] = problems
+        assert f"with its {count} statements" in problem
