@@ -39,7 +39,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_auto_num_workers() -> int:
-    """Run a process more than there are cores: browsers, windows and servers keep a third of the time waiting."""
+    """Run a process more than there are cores: browsers, windows and servers keep a quarter of the time waiting."""
     return (os.cpu_count() or 1) + 1
 
 

@@ -9,7 +9,7 @@ from minihuman.errors import ReportError
 from minihuman.experiment.protocol.protocol import Protocol
 from minihuman.experiment.protocol.specs import AnalysisSpec, apply_overrides
 from minihuman.reporting.block_measures import GOAL_MEASURES, MEASURES, TRIAL_BLOCK_MEASURES
-from minihuman.reporting.block_results import lacks_goal
+from minihuman.reporting.block_results import lacks_goal, list_named_measures
 
 
 def leave_out_navigation(
@@ -43,7 +43,7 @@ def leave_out_discovery(blocks: pd.DataFrame, known_blocks: Collection[str]) -> 
 
 def leave_out_goals(blocks: pd.DataFrame, episodes: pd.DataFrame, analysis: AnalysisSpec) -> pd.DataFrame:
     """Clear the measures of reaching a goal in blocks that have none, unless the protocol names them."""
-    named = {analysis.primary_measure, *analysis.secondary_measures, *analysis.covariates}
+    named = {*list_named_measures(analysis), *analysis.covariates}
     cleared = [name for name in GOAL_MEASURES if name in blocks and name not in named]
     included = episodes[episodes["exclusion_reason"].isna()]
     goalless = [name for name, played in included.groupby("block") if lacks_goal(played)]

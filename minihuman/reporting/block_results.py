@@ -255,7 +255,7 @@ def compute_block_results(
     episodes = all_episodes[all_episodes["exclusion_reason"].isna()]
     rows = _order_by_group(rows.sort_values(["participant", "session"]), order)
     set_aside = _list_set_aside(rows, episodes, analysis)
-    columns = list(dict.fromkeys([*MEASURES, *_list_named(analysis), *analysis.covariates]))
+    columns = list(dict.fromkeys([*MEASURES, *list_named_measures(analysis), *analysis.covariates]))
     measured = _select_measures(rows, columns, analysis, set_aside)
     roles = assign_roles(measured, analysis)
     means = _average_sessions(rows, columns)
@@ -287,7 +287,7 @@ def compute_block_results(
     )
 
 
-def _list_named(analysis: AnalysisSpec) -> list[str]:
+def list_named_measures(analysis: AnalysisSpec) -> list[str]:
     """Return the measures that the protocol names, the primary one first."""
     return [name for name in (analysis.primary_measure, *analysis.secondary_measures) if name]
 
@@ -298,7 +298,7 @@ def _list_set_aside(rows: pd.DataFrame, episodes: pd.DataFrame, analysis: Analys
     Named measures are kept.
     """
     late = int(episodes["success"].eq(False).sum())
-    named = _list_named(analysis)
+    named = list_named_measures(analysis)
     return {name: reason for name, reason in set_measures_aside(rows, late=late).items() if name not in named}
 
 
@@ -306,7 +306,7 @@ def _select_measures(
     rows: pd.DataFrame, columns: Sequence[str], analysis: AnalysisSpec, set_aside: Collection[str]
 ) -> list[str]:
     """Return the measures on which groups are compared: the named and the default ones, if they have values."""
-    named = _list_named(analysis)
+    named = list_named_measures(analysis)
     default = [name for name in MEASURES if name not in ONLY_IF_NAMED and name not in set_aside]
     return [name for name in columns if (name in named or name in default) and rows[name].notna().any()]
 

@@ -88,7 +88,7 @@ def draw_estimates(
             measure=_shorten(label),
             title=name_measure(label, block.block, width=110),
             limits=_find_limits(measure, rows[measure]),
-            unit="team or participant" if "team or" in _name_unit(block) else _name_unit(block),
+            unit=_name_unit(block),
         )
         of_means = "differences of the means, with the intervals"
         if len(differences) == 1:
@@ -148,7 +148,7 @@ def _name_unit(block: BlockResults) -> str:
         return "participant"
     if all(group in block.team_units for group in block.groups["group"]):
         return "team"
-    return "team or, in groups without teams, participant"
+    return "team or participant"
 
 
 def draw_conditions(within: WithinResults, out: Path) -> ReportFigure:

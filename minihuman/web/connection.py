@@ -79,7 +79,7 @@ class Connection(PageSession):
         self.loop = asyncio.get_running_loop()
         self._threads = threads
         self._turn = asyncio.Lock()  # one thread at a time
-        self._polling: asyncio.Task[bool] | None = None
+        self._polling: asyncio.Task[Any] | None = None
         self.changed = asyncio.Event()  # there is something to send
         self.network = ""  # from which it was made, in memory only
         self.over: messages.SessionOver | None = None  # the last message to the page
@@ -344,12 +344,11 @@ class Connection(PageSession):
         else:
             self._polling = self.loop.create_task(self.run(self._end_without_log))
 
-    def _end_without_log(self) -> bool:
-        """End the session because a write to its log failed; return True."""
+    def _end_without_log(self) -> None:
+        """End the session because a write to its log failed."""
         if not self.host.over:
             self._guarded(self.hosted.require_log)
         self._say_changed()
-        return True
 
     def poll(self) -> bool:
         """Check whether a learner has produced something; return True if there is news for the page."""
