@@ -351,7 +351,7 @@ def _compare_with_published(results: Results) -> dict[str, Any] | None:
         "source": PUBLISHED_SOURCE,
         "table": Table(("group", "subject", "reward"), rows, words=2),
         "statements": [difference_statement(comparison, block.block) for comparison in rewards],
-        "block": {"name": block.block, **_show_subjects(block)},
+        "block": {"name": block.block, "teams": block.teams, **_show_subjects(block)},
     }
 
 

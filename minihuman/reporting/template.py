@@ -180,4 +180,5 @@ def render_template(name: str, context: Mapping[str, Any], templates: Path | Non
         return environment.get_template(name).render(context)
     except TemplateError as error:
         line = f":{error.lineno}" if isinstance(error, TemplateSyntaxError) else ""
-        raise ReportError(f"{templates}: {name}{line}: {error.message}") from error
+        folder = templates or "minihuman's own template"
+        raise ReportError(f"{folder}: {name}{line}: {error.message}") from error
