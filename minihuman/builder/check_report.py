@@ -19,6 +19,7 @@ from minihuman.experiment.plan.dry_run import (
 )
 from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
 from minihuman.experiment.plan.outcome_check import check_outcome_rules
+from minihuman.experiment.plan.protocol_notices import list_protocol_notices
 
 
 def check_study(path: Path) -> CheckReport:
@@ -44,6 +45,12 @@ def check_study(path: Path) -> CheckReport:
         except MinihumanError as error:
             return CheckReport(version, list_mistakes(error, source, content), [], [])
     old_names = [str(warning.message) for warning in caught if issubclass(warning.category, FutureWarning)]
-    notices = [*old_names, *list_missing_words(protocol), *outcomes, *describe_worlds(protocol, world_notices)]
+    notices = [
+        *old_names,
+        *list_missing_words(protocol),
+        *list_protocol_notices(protocol),
+        *outcomes,
+        *describe_worlds(protocol, world_notices),
+    ]
     plan = [line for session_plan in plans for line in describe_plan(session_plan)]
     return CheckReport(version, [], notices, [*plan, *describe_strata(protocol)])

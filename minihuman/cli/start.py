@@ -144,7 +144,6 @@ def check(
     from minihuman.admin.legibility import require_legible
     from minihuman.admin.protocol_file import read_protocol
     from minihuman.dataset.selection import check_exclusion_measures
-    from minihuman.experiment.plan.ambiguous_texts import list_text_warnings
     from minihuman.experiment.plan.dry_run import (
         check_worlds,
         describe_plan,
@@ -154,6 +153,7 @@ def check(
     from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
     from minihuman.experiment.plan.outcome_check import check_outcome_rules
     from minihuman.experiment.plan.participant_codes import parse_participant_code
+    from minihuman.experiment.plan.protocol_notices import list_protocol_notices
 
     if effect and preregistration is None:
         raise MinihumanError(f"--effect {effect} only adds to a preregistration; add --preregistration FILE as well")
@@ -169,7 +169,7 @@ def check(
     lines = (
         *describe_plan(plan),
         *describe_strata(study),
-        *list_text_warnings(study),
+        *list_protocol_notices(study),
         *outcomes,
         *describe_worlds(study, notices),
     )

@@ -169,6 +169,8 @@ def find_answer_rule(screen: Screen, session: SessionMachine) -> AnswerRule | No
             if find_question_kind(part.draft.question.kind).answer_type == "order":
                 request = "Answer with the numbers of all, in your order, the first first."
                 rule = replace(rule, request=request, many=True, ordered=True)
+            if part.draft.model_request:
+                rule = replace(rule, request=part.draft.model_request)
             if _read_answer_rules(session) >= 2 and part.draft.question.required:
                 return rule
             return replace(rule, request=f"{rule.request} '{SKIP}' leaves it out.", may_skip=True)

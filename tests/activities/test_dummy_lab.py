@@ -379,6 +379,7 @@ def test_a_language_model_gives_an_order_in_its_order(lab):
     items = 'name = "a"\nkind = "wishes"\nask = "?"\noptions = ["x", "y", "z"]\n'
     desk = Desk(plan_of(f'[[questions]]\nname = "q"\n[[questions.items]]\n{items}', ["q"]))
     rule = find_answer_rule(desk.session.screen, desk.session)
+    assert rule.request.startswith("Answer with the numbers of all wishes, the dearest first.")
     for happened in list_inputs(rule.read("3, 1, 2"), rule, 1_000):
         desk.give(happened)
     assert desk.of(Answered)[0].value == "[3,1,2]"

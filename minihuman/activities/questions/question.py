@@ -27,22 +27,22 @@ class QuestionItemSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     name: str  # in the log and the table
     kind: str
     ask: str  # what the participant reads
-    options: tuple[str, ...] = ()  # choice, choices; likert: a word for each point
+    options: tuple[str, ...] = ()  # `QuestionKind.item_fields` says which of these a kind uses
     codes: tuple[str | int, ...] = ()  # what the table holds for each option; absent: 1, 2, ...
-    low: str = ""  # likert, slider: the words at the ends
+    low: str = ""  # the words at the ends of a scale
     high: str = ""
-    points: int = 7  # likert without options
-    minimum: float = 0.0  # slider, number
+    points: int = 7  # of a scale without options
+    minimum: float = 0.0
     maximum: float = 100.0
     step: float = 1.0
-    show_value: bool = False  # slider: the number is on the screen
-    whole: bool = True  # number: no decimals
-    unit: str = ""  # number
-    longest: int = 2000  # text: characters
+    show_value: bool = False  # the number is on the screen
+    whole: bool = True  # no decimals
+    unit: str = ""
+    longest: int = 2000  # characters
     required: bool = True
     right: str | int | float | tuple[str | int, ...] | None = None  # the right answer's code or value
     settings: dict[str, Any] | msgspec.UnsetType = msgspec.UNSET  # a kind's own fields; not in plans without any
-    statements: dict[str, str] | msgspec.UnsetType = msgspec.UNSET  # an answer for each; likert: a matrix
+    statements: dict[str, str] | msgspec.UnsetType = msgspec.UNSET  # an answer for each
     only_if: dict[str, tuple[str | int | float, ...]] | msgspec.UnsetType = msgspec.UNSET  # earlier item -> answers
 
     @property
@@ -125,6 +125,14 @@ class AnswerDraft(abc.ABC):
         """Return the answer so far, as the participant sees it."""
 
     @property
+    def model_request(self) -> str:
+        """Return what a language model is asked to answer with; "" for the sentence of the widget.
+
+        A log's prompts are proved, so a kind that has been used keeps its sentence.
+        """
+        return ""
+
+    @property
     def answers(self) -> tuple[tuple[str, AnswerValue, str], ...]:
         """Return the name, value and text of each answer to log; the names are those of `QuestionItemSpec.asked`.
 
@@ -180,6 +188,8 @@ class QuestionKind:
         answer_type: the type of answers: an option's code, several codes, several codes in a meaningful order, a code
             that has a mean, a number, or text.
         check: yields the errors of a question in a protocol.
+        item_fields: the fields of a question that the kind uses, of those that not every kind has: protocols' reference
+            and forms name them, and `minihuman check` says which others have no effect.
         settings: the type of a question's ``settings``; None if the kind has none.
         prompt: the text that says how to answer, for a kind without ``prompt.NAME`` in the ``words.toml`` of its folder
             or among the interface texts.
@@ -199,6 +209,7 @@ class QuestionKind:
     draft: Callable[..., AnswerDraft]
     answer_type: AnswerType
     check: Callable[[QuestionItemSpec], ItemErrors] = _no_errors
+    item_fields: tuple[str, ...] = field(default=(), kw_only=True)
     settings: type[msgspec.Struct] | None = None
     prompt: str = ""
     takes_text: bool = False

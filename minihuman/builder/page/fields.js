@@ -10,7 +10,7 @@ import { formatContent, renderSentence, spellName } from "./words.js";
 import { NestedForm, NestedForms } from "./form.js";
 import { describeWorld, listMedia } from "./requests.js";
 
-const TYPING_MS = 600; // without a key, after which a text is saved
+const TYPING_MS = 500; // without a key, after which a text is saved
 
 /**
  * @typedef {object} ControlProperties

@@ -14,6 +14,7 @@ from typing import Any
 
 import msgspec
 
+from minihuman.activities.questions.question import find_question_kind
 from minihuman.errors import ProtocolError
 from minihuman.experiment.keys import BUTTON_NAMES, KEY_NAMES_TEXT, RESERVED_KEYS
 from minihuman.experiment.protocol import specs, strata
@@ -293,8 +294,18 @@ def _list_fields(table: str, definition: dict[str, Any], schema: dict[str, Any])
 @cache
 def _read_fields() -> dict[str, dict[str, tuple[str, str]]]:
     text = (files(__package__) / "fields.toml").read_text(encoding="utf-8")
-    kinds = ", ".join(f"`{kind}`" for kind in list_plugin_names(QUESTION_GROUP, built_in=True))
-    return tomllib.loads(text.replace("{question_kinds}", kinds))
+    names = list_plugin_names(QUESTION_GROUP, built_in=True)
+    tables: dict[str, dict[str, tuple[str, str]]] = tomllib.loads(text.replace("{question_kinds}", _join_names(names)))
+    items = tables["questions.items"]
+    for field, (meaning, example) in items.items():
+        kinds = [name for name in names if field in find_question_kind(name).item_fields]
+        if kinds:
+            items[field] = (f"of {_join_names(kinds)}: {meaning}", example)
+    return tables
+
+
+def _join_names(names: Iterable[str]) -> str:
+    return ", ".join(f"`{name}`" for name in names)
 
 
 def walk_tables(schema: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any], bool]]:

@@ -170,7 +170,7 @@ def _check_answer(protocol: Protocol) -> Iterator[FieldError]:
     else:
         yield (
             "stratify_by",
-            f"is {allocation.stratify_by!r}, of kind {question.kind!r}; use a choice, a likert, a number or a slider",
+            f"is {allocation.stratify_by!r}, a {question.kind}; use a question whose answer is a number or an option",
         )
 
 

@@ -10,6 +10,10 @@ class WishesDraft(AnswerDraft):
         super().__init__(question, settings, rtl=rtl, language=language)
         self.places = []
 
+    @property
+    def model_request(self):
+        return "Answer with the numbers of all wishes, the dearest first."
+
     def key(self, press):
         digit = parse_digit(press.key)
         if 1 <= digit <= len(self.question.options):

@@ -17,8 +17,9 @@ from minihuman.experiment.machine.events import (
 )
 from minihuman.experiment.machine.inputs import TEXT_RULES, KeyDown, PointerMoved, PointerPressed, TextEdited, TextInput
 from minihuman.experiment.machine.transitions import Phase
+from minihuman.experiment.plan.protocol_notices import list_useless_item_fields
 from tests.study.sessions import Desk
-from tests.study.studies import plan_of
+from tests.study.studies import plan_of, protocol
 
 HD = (1280, 720)
 ITEMS = {
@@ -450,3 +451,28 @@ def test_statements_fit_the_rows_that_heads_and_their_number_leave(statement, co
     else:
         [problem] = problems
         assert f"with its {count} statements" in problem
+
+
+def test_fields_that_a_kind_does_not_use_are_named():
+    study = """
+[[groups]]
+name = "all"
+parts = ["about"]
+[[questions]]
+name = "about"
+[[questions.items]]
+name = "tilt"
+kind = "slider"
+ask = "How far?"
+unit = "degrees"
+low = "not at all"
+[[questions.items]]
+name = "hand"
+kind = "choice"
+ask = "Which hand?"
+options = ["left", "right"]
+"""
+    [notice] = list_useless_item_fields(protocol(study))
+    assert notice.startswith(
+        "questions 'about': 'tilt': unit has no effect on a slider, which uses low, high, minimum,"
+    )

@@ -113,6 +113,7 @@ CHOICE = QuestionKind(
     ChoiceDraft,
     "code",
     _check,
+    item_fields=("options", "codes"),
     example={"options": ("left", "right")},
     find_server_needs=needs_no_server,
 )
@@ -121,6 +122,7 @@ CHOICES = QuestionKind(
     ChoicesDraft,
     "codes",
     _check,
+    item_fields=("options", "codes"),
     example={"options": ("cat", "dog", "none"), "codes": ("C", "D", "N")},
     find_server_needs=needs_no_server,
 )

@@ -122,8 +122,20 @@ class LongTextDraft(TextDraft):
 
 
 TEXT = QuestionKind(
-    "text", TextDraft, "text", takes_text=True, find_server_needs=needs_no_server, is_judged_by_page=True
+    "text",
+    TextDraft,
+    "text",
+    item_fields=("longest",),
+    takes_text=True,
+    find_server_needs=needs_no_server,
+    is_judged_by_page=True,
 )
 LONG_TEXT = QuestionKind(
-    "long_text", LongTextDraft, "text", takes_text=True, find_server_needs=needs_no_server, is_judged_by_page=True
+    "long_text",
+    LongTextDraft,
+    "text",
+    item_fields=("longest",),
+    takes_text=True,
+    find_server_needs=needs_no_server,
+    is_judged_by_page=True,
 )

@@ -167,4 +167,12 @@ def _check_scale(question: QuestionItemSpec) -> ItemErrors:
         yield "points", f"is {n_points}; use 2 to 11"
 
 
-LIKERT = QuestionKind("likert", _build, "rating", _check_scale, has_statements=True, find_server_needs=needs_no_server)
+LIKERT = QuestionKind(
+    "likert",
+    _build,
+    "rating",
+    _check_scale,
+    item_fields=("options", "codes", "low", "high", "points", "statements"),
+    has_statements=True,
+    find_server_needs=needs_no_server,
+)

@@ -139,6 +139,7 @@ NUMBER = QuestionKind(
     NumberDraft,
     "number",
     check_range,
+    item_fields=("minimum", "maximum", "whole", "unit"),
     takes_text=True,
     find_server_needs=needs_no_server,
     is_judged_by_page=True,

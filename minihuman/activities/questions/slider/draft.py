@@ -96,5 +96,11 @@ def _find_server_needs(question: QuestionItemSpec) -> Iterator[str]:
 
 
 SLIDER = QuestionKind(
-    "slider", SliderDraft, "number", check_range, find_server_needs=_find_server_needs, is_judged_by_page=True
+    "slider",
+    SliderDraft,
+    "number",
+    check_range,
+    item_fields=("low", "high", "minimum", "maximum", "step", "show_value"),
+    find_server_needs=_find_server_needs,
+    is_judged_by_page=True,
 )
