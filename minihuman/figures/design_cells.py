@@ -3,7 +3,6 @@
 In a mixed design, the differences are those of groups in each contrast between conditions.
 """
 
-import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -103,9 +102,7 @@ def _name_difference(difference: Difference) -> str:
     return "\n".join(filter(None, (difference.first, difference.second)))
 
 
-def _label_differences(ax: Axes, differences: Sequence[Difference], title: str, *, are_ratios: bool) -> None:
-    if are_ratios:
-        ax.xaxis.set_major_formatter(lambda log_ratio, _: f"\N{MULTIPLICATION SIGN}{math.exp(log_ratio):.3g}")
+def _label_differences(ax: Axes, differences: Sequence[Difference], title: str) -> None:
     ax.set_yticks(range(len(differences)), [*map(_name_difference, differences)])
     ax.set_title(title, loc="left")
 
@@ -145,8 +142,8 @@ def cells_figure(
         left, right = figure.subplots(1, 2, width_ratios=(3, 2))
         draw_cells(left, groups, conditions, measure=measure, limits=limits)
         left.set_xlabel(condition)
-        draw_differences(right, differences, level=level)
-        _label_differences(right, differences, comparison, are_ratios=are_ratios)
+        draw_differences(right, differences, level=level, are_ratios=are_ratios)
+        _label_differences(right, differences, comparison)
         for place, ax in enumerate((left, right)):
             label_panel(ax, place)
     return figure

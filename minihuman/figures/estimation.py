@@ -7,6 +7,7 @@ success, human-normalised score and relative efficiency with their intervals.
 Sources: Gardner and Altman (1986), Confidence intervals rather than P values; Ho et al. (2019), Moving beyond P values.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -17,14 +18,13 @@ from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from minihuman.figures.figure_data import Difference
+from minihuman.figures.figure_data import Difference, are_few
 from minihuman.figures.style import MUTED, PAGE_CM, SERIES, figure_style, label_panel, new_figure
 from minihuman.statistics.comparison import compare_groups
 from minihuman.statistics.scores import Estimate, PlayerScore
 
 Values = NDArray[np.float64]
 _TICKS_MS = (50, 100, 200, 500, 1000, 2000, 5000, 10_000, 20_000, 50_000)
-_FEW = 12  # participants of a group: of more, their lines of reaction times hide each other
 _MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 _LINE_STYLES = ("-", "--", ":", "-.")
 
@@ -100,18 +100,26 @@ def _choose_dot_size(n: int) -> float:
     return 1.8
 
 
-def draw_differences(ax: Axes, differences: Sequence[Difference], *, level: str = "difference of means") -> Axes:
-    """Draw the differences of pairs of groups with their intervals, one below the other, and a line at zero."""
+def draw_differences(
+    ax: Axes, differences: Sequence[Difference], *, level: str = "difference of means", are_ratios: bool = False
+) -> Axes:
+    """Draw the differences of pairs of groups with their intervals, one below the other, and a line at zero.
+
+    If ``are_ratios`` is true, the differences are of natural logarithms, and the axis shows them as ratios.
+    """
     ax.axvline(0, color=MUTED, lw=0.8, ls="--")
     for row, difference in enumerate(differences):
         groups = f"{difference.first}, {difference.second}"
         if np.isfinite(difference.interval[0]):
             ax.plot(difference.interval, [row, row], color="black", lw=1.4, gid=f"interval: {groups}")
         ax.plot(difference.estimate, row, "D", color="black", ms=4.5, gid=f"difference: {groups}")
-    names = [f"{difference.first}\n\N{MINUS SIGN} {difference.second}" for difference in differences]
+    sign = "/" if are_ratios else "\N{MINUS SIGN}"
+    names = [f"{difference.first}\n{sign} {difference.second}" for difference in differences]
     ax.set_yticks(range(len(differences)), names)
     ax.set(ylim=(len(differences) - 0.4, -0.6), xlabel=level)
     ax.xaxis.set_major_locator(MaxNLocator(5))
+    if are_ratios:
+        ax.xaxis.set_major_formatter(lambda log_ratio, _: f"\N{MULTIPLICATION SIGN}{math.exp(log_ratio):.3g}")
     low, high = ax.get_xlim()
     ax.set_xlim(min(low, -0.05 * (high - low)), max(high, 0.05 * (high - low)))
     return ax
@@ -125,6 +133,7 @@ def estimation_figure(
     title: str = "",
     limits: tuple[float, float] | None = None,
     unit: str = "participant",
+    are_ratios: bool = False,
 ) -> Figure:
     """Draw every participant's value by group, and beside them the differences between groups.
 
@@ -137,14 +146,17 @@ def estimation_figure(
         title: the title of the figure, which names the block and the measure.
         limits: the lowest and the highest possible value of the measure; None if it has no bounds.
         unit: what a dot stands for, such as ``team``.
+        are_ratios: whether the differences are of natural logarithms; they are then shown as ratios.
     """
     with figure_style():
         figure = new_figure(width_cm=PAGE_CM, height_cm=7.4)
         figure.suptitle(title)
         left, right = figure.subplots(1, 2, width_ratios=(3, 2))
         draw_participants(left, groups, measure=measure, limits=limits)
-        draw_differences(right, differences)
-        for place, (ax, name) in enumerate(((left, f"every {unit}, mean and 95 % interval"), (right, "difference"))):
+        level = "ratio of geometric means" if are_ratios else "difference of means"
+        draw_differences(right, differences, level=level, are_ratios=are_ratios)
+        titles = (f"every {unit}, mean and 95 % interval", level.partition(" ")[0])
+        for place, (ax, name) in enumerate(zip((left, right), titles, strict=True)):
             ax.set_title(name, loc="left")
             label_panel(ax, place)
     return figure
@@ -153,8 +165,8 @@ def estimation_figure(
 def draw_reaction_times(ax: Axes, groups: Mapping[str, NDArray[np.float64]], edges_ms: Values) -> Axes:
     """Draw each participant's distribution of reaction times as a thin line, and each group's mean as a thick one.
 
-    If a group has more than 12 participants, a band from their 10th to their 90th percentile replaces the thin lines,
-    which would hide each other.
+    If any group has more than `figure_data.MOST_LINES` participants, whose lines would hide each other, each has a
+    band from its participants' 10th to their 90th percentile instead.
 
     Args:
         ax: the axes to draw on.
@@ -162,10 +174,10 @@ def draw_reaction_times(ax: Axes, groups: Mapping[str, NDArray[np.float64]], edg
         edges_ms: the edges of the bins, (bins + 1,).
     """
     middles = np.sqrt(edges_ms[:-1] * edges_ms[1:])
-    are_few = max(map(len, groups.values())) <= _FEW
+    has_lines = are_few(groups)
     for place, (group, shares) in enumerate(groups.items()):
         colour = SERIES[place % len(SERIES)]
-        if are_few:
+        if has_lines:
             ax.plot(middles, 100 * shares.T, color=colour, lw=0.4, alpha=0.5)
         else:
             low, high = np.percentile(100 * shares, (10, 90), axis=0)

@@ -7,7 +7,7 @@ are imported only when a figure is drawn, which takes half a second with the imp
 
 import importlib
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 from hashlib import blake2b
@@ -27,6 +27,8 @@ from minihuman.log.model.session_log import EpisodeLog, SessionLog
 
 if TYPE_CHECKING:
     import pandas as pd
+
+MOST_LINES = 12  # participants of the largest group; with more, thin lines of each would hide each other
 
 
 _PANELS = 10  # episodes of one block in a session's figure
@@ -163,3 +165,13 @@ def _encode_for_digest(value: Any) -> object:
     if isinstance(value, Sequence):  # of our own: columns of a log
         return list(value)
     raise TypeError(f"a figure's data contain a {type(value).__qualname__}, which has no digest; use plain values")
+
+
+def are_all_zero_or_one(curves: Mapping[str, NDArray[np.float64]]) -> bool:
+    """Return whether every value of every group that is not missing is 0 or 1."""
+    return all(np.isin(values[~np.isnan(values)], (0, 1)).all() for values in curves.values())
+
+
+def are_few(groups: Mapping[str, NDArray[np.float64]]) -> bool:
+    """Return whether no group has more participants (the first axis) than can have a thin line each."""
+    return max(map(len, groups.values())) <= MOST_LINES

@@ -11,12 +11,12 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
+from minihuman.figures.figure_data import are_all_zero_or_one, are_few
 from minihuman.figures.style import SERIES, figure_style, new_figure
 from minihuman.statistics.scores import wilson_interval
 
 _DASHES = ("-", "--", ":", "-.")
 _LONG_NAME = 14  # characters; with a longer group name, the legend has one column
-_FEW = 12  # participants of a group up to which each has a thin line, too
 _MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 
 
@@ -71,7 +71,7 @@ def draw_learning(
     """Draw each group's mean over its participants against the episode in the block, or against ``numbers``.
 
     Means have bands at the confidence level ``level`` (Student's t), clipped to ``limits``. If all values are 0 or 1,
-    and the measure has no other limits, the means are shares with Wilson's 95 % intervals.
+    and the measure has no other limits, the means are shares with Wilson's 95 % intervals and no thin lines.
 
     Args:
         ax: the axes to draw on.
@@ -82,18 +82,18 @@ def draw_learning(
         xlabel: the label of the horizontal axis.
         numbers: the places of the episodes on the horizontal axis; by default 1, 2 and so on.
     """
-    are_shares = limits in (None, (0, 1)) and _are_all_zero_or_one(curves)
+    are_shares = limits in (None, (0, 1)) and are_all_zero_or_one(curves)
+    has_lines = are_few(curves) and not are_shares
     for place, (group, values) in enumerate(curves.items()):
         colour = SERIES[place % len(SERIES)]
         mean, low, high = share_and_band(values) if are_shares else mean_and_band(values, level=level)
         low, high = _clip_band(low, high, limits)
         at = np.arange(1, values.shape[1] + 1) if numbers is None else np.asarray(numbers)
-        if len(values) <= _FEW and not are_shares:
+        if has_lines:
             ax.plot(at, values.T, color=colour, lw=0.4, alpha=0.35, gid=f"participant: {group}")
-        ax.plot(
-            at, mean, _DASHES[place % len(_DASHES)], marker=_MARKERS[place % len(_MARKERS)], ms=3.2, color=colour,
-            label=f"{group} (n = {len(values)})",
-        )  # fmt: skip
+        line, marker = _DASHES[place % len(_DASHES)], _MARKERS[place % len(_MARKERS)]
+        label = f"{group} (n = {len(values)})"
+        ax.plot(at, mean, line, marker=marker, ms=3.2, color=colour, label=label)
         ax.fill_between(at, low, high, color=colour, alpha=0.18, lw=0, gid=f"band: {group}")
     ax.set(xlabel=xlabel, ylabel=measure)
     _set_limits(ax, limits)
@@ -105,11 +105,6 @@ def draw_learning(
 def _count_columns(groups: Collection[str]) -> int:
     """Return the number of the legend's columns: one where names are long."""
     return 1 if max(map(len, groups)) > _LONG_NAME else min(2, len(groups))
-
-
-def _are_all_zero_or_one(curves: Mapping[str, NDArray[np.float64]]) -> bool:
-    """Return whether every value of every group that is not missing is 0 or 1."""
-    return all(np.isin(values[~np.isnan(values)], (0, 1)).all() for values in curves.values())
 
 
 def _clip_band(

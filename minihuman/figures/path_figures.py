@@ -218,7 +218,7 @@ def draw_goal(ax: Axes, episode: EpisodeLog) -> Axes:
 def find_goal(episode: EpisodeLog) -> tuple[float, float] | None:
     """Return the position (x, z) of the episode's goal, or None if the map does not show it.
 
-    The goal is the object that is called a goal, or else the one that the mission names, or else the only object.
+    The goal is the object that is called a goal, or else the only one that the mission names, or else the only object.
     """
     if episode.start.map is None:
         return None
@@ -226,6 +226,8 @@ def find_goal(episode: EpisodeLog) -> tuple[float, float] | None:
     named = [thing for thing in things if "goal" in thing.name]
     mentioned = [thing for thing in things if thing.name and thing.name in episode.start.mission]
     only = list(things) if len(things) == 1 else []
+    if len(mentioned) > 1:  # "put the ball near the box", or a kitchen's mission, has no one place to reach
+        mentioned = []
     candidates = [*named, *mentioned, *only]
     if not candidates:
         return None

@@ -67,9 +67,22 @@ def draw_survival(ax: Axes, groups: Mapping[str, SurvivalTimes], *, label: str, 
 
 
 def survival_figure(
-    groups: Mapping[str, SurvivalTimes], *, label: str, title: str = "", independent: bool = False
+    groups: Mapping[str, SurvivalTimes],
+    *,
+    label: str,
+    title: str = "",
+    independent: bool = False,
+    count: str = "at risk",
 ) -> Figure:
-    """Draw the survival curves of one event in a figure one column wide, with the number at risk under the axis."""
+    """Draw the survival curves of one event in a figure one column wide, with the number at risk under the axis.
+
+    Args:
+        groups: per group, the survival times.
+        label: the label of the time axis.
+        title: the title of the figure.
+        independent: whether each observation is from another participant; intervals are drawn only then.
+        count: what is counted under the axis.
+    """
     with figure_style():
         figure = new_figure(height_cm=6.2 + 0.45 * len(groups) + 0.4 * len(title.splitlines()))
         axes, below = figure.subplots(2, height_ratios=(6, len(groups) + 0.6))
@@ -84,5 +97,5 @@ def survival_figure(
             colour = SERIES[place % len(SERIES)]
             for time, count in zip(at, survival_times.waiting(at), strict=True):
                 below.text(time, line, str(count), ha="center", va="center", color=colour, fontsize=6.5)
-            below.text(0, line + 0.45, f"at risk, {group}:", ha="left", va="center", color=colour, fontsize=6)
+            below.text(0, line + 0.45, f"{count}, {group}:", ha="left", va="center", color=colour, fontsize=6)
     return figure

@@ -48,13 +48,19 @@ FORMULAS = {  # of one episode, where a measure's name does not tell it
     "log_excess_steps_mean": "ln(1 + steps \N{MINUS SIGN} shortest), shortest: steps of the shortest known path",
     "log_steps_ratio_mean": "ln(steps / shortest)",
     "spl_mean": "shortest / steps with the goal, 0 without",
+    "success": "episodes that ended at the goal / all",
     "reward_mean": "the rewards of the world, summed over the episode",
+    "steps_at_limit_mean": "steps with the goal, the step limit without",
+    "reward_first": "the rewards of the first included episode",
     "reward_slope": "slope of a straight line",
     "excess_steps_mean": "steps \N{MINUS SIGN} shortest",
+    "playing_s_mean": "from the reset to the last step, without pauses",
     "response_median_ms": "key press minus stimulus onset, of all responses, right or wrong: the flip of the latest "
     "picture; in real time, of the picture from which the world or the block counts",
     "reaction_median_ms": "key press minus the flip of the latest picture, in real time of a tick's",
-    "ineffective_share": "steps without a visible effect",
+    "path_efficiency_mean": "straight distance from start to end / distance covered",
+    "ineffective_share": "steps without a visible effect / steps",
+    "all_keys_discovered_s": "playing time until the action of every key had shown",
 }
 TRIAL_FORMULAS = {  # of one trial, in place of those of an episode
     "reward_mean": "the rewards of the world, summed over the trial",

@@ -68,7 +68,7 @@ from minihuman.reporting.study_figures import (
 from minihuman.reporting.study_measures import add_measures
 from minihuman.reporting.template import ReportFigure, Table
 from minihuman.reporting.within_results import measure_levels, select_measures, unite_teams
-from minihuman.statistics.paired import MixedModel, fit_mixed_model
+from minihuman.statistics.mixed_model import MixedModel, fit_mixed_model
 
 _EPISODE_COLUMNS = [  # all that the results and the curves need; a big study has many episodes
     "participant", "group", "session", "segment", "block", "episode", "attempt", "episode_in_block",

@@ -50,8 +50,12 @@ def _describe_order(order: OrderSpec, *, has_groups: bool) -> str:
     if order.order == "shuffled":
         return f"The order of {parts} was drawn for each participant."
     people = "participants of a group" if has_groups else "participants"
-    size = len(units) if len(units) % 2 == 0 else 2 * len(units)
-    return f"The order of {parts} followed Latin squares (Williams, 1949), one for each {size} successive {people}."
+    n_units = len(units)
+    if n_units % 2 == 0:
+        squares = f"a Latin square (Williams, 1949) for each {n_units} successive {people}"
+    else:
+        squares = f"two Latin squares (Williams, 1949) for each {2 * n_units} successive {people}"
+    return f"The order of {parts} followed {squares}."
 
 
 def _name_units(order: OrderSpec) -> Iterator[str]:

@@ -357,17 +357,10 @@ def interaction_table(interaction: InteractionResults) -> Table:
             for compared in interaction.contrasts
             if compared.groups.measure == measure
         ]
-    heads = (
-        "measure",
-        "named before",
-        "contrast",
-        "groups",
-        "n",
-        "difference",
-        "p",
-        "p (Holm)",
-        "g; W: \N{GREEK SMALL LETTER OMEGA}\N{SUPERSCRIPT TWO}",
-    )
+    effect = "g"
+    if interaction.omnibus:
+        effect = "g; W: \N{GREEK SMALL LETTER OMEGA}\N{SUPERSCRIPT TWO}"
+    heads = ("measure", "named before", "contrast", "groups", "n", "difference", "p", "p (Holm)", effect)
     return Table(heads, rows, words=4)
 
 

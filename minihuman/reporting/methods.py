@@ -22,6 +22,7 @@ from minihuman.reporting.design_methods import (
     name_allocated,
 )
 from minihuman.reporting.known_keys import DRAWN_ANEW, BlockSpecs, Cell, find_known_cells
+from minihuman.reporting.study_measures import find_measure
 from minihuman.reporting.trial_methods import (
     describe_stimuli,
     describe_trials,
@@ -389,14 +390,17 @@ def _describe_measures(plans: Sequence[PlanOutline], specs: BlockSpecs, measures
     shown = measures or FORMULAS
     names = [name for name in FORMULAS if name in shown and (name in TRIAL_BLOCK_MEASURES or not are_trials)]
     formulas = FORMULAS | (TRIAL_FORMULAS if are_trials else {})
-    parts = "; ".join(f"{MEASURES[name]} = {formulas[name]}" for name in names)
+    definitions = [f"{MEASURES[name]} = {formulas[name]}" for name in names]
+    study_measures = [find_measure(name) for name in sorted(measures) if ":" in name]
+    definitions += [f"{measure.label} = {measure.formula}" for measure in study_measures if measure.formula]
     session_note = ""
     if len({plan.session for plan in plans}) > 1:
         session_note = "; of several sessions it is the mean of theirs"
     included = "trials" if are_trials else "episodes"
     start = f"Unless stated otherwise, a participant's value is the mean over the included {included}"
-    definitions = f" The measures: {parts}." if parts else ""
-    return f"{start}{session_note}.{definitions}"
+    if not definitions:
+        return f"{start}{session_note}."
+    return f"{start}{session_note}. The measures: {'; '.join(definitions)}."
 
 
 _SOFTWARE = {  # what a log says of its software, and how the methods call it

@@ -55,7 +55,8 @@ from minihuman.reporting.template import (
 )
 from minihuman.reporting.within_results import WithinResults
 from minihuman.statistics.comparison import GroupComparison
-from minihuman.statistics.paired import MIN_EPISODES, GrowthTerm, MixedModel
+from minihuman.statistics.mixed_model import MixedModel
+from minihuman.statistics.paired import MIN_EPISODES, GrowthTerm
 
 _PUBLISHED_PROTOCOLS = frozenset(  # SHA-256 of the shipped file, by its fields' present and earlier names
     {
@@ -218,6 +219,7 @@ def _show_interaction(interaction: InteractionResults | None, *, are_trials: boo
         "cells": cells_table(interaction),
         "table": interaction_table(interaction),
         "has_response_times": are_trials and interaction.measure == "response_median_ms",
+        "has_overall_test": bool(interaction.omnibus),
     }
 
 
@@ -289,8 +291,8 @@ def _show_block(block: BlockResults, results: Results, content: PageContent) -> 
         "survival": survival_table(block.waits),
         "parts": parts_table(block.parts),
         "parts_missing": list_missing_parts(block.parts),
-        **_show_growth(block, content.mixed.get(block.block)),
-        "reliability": reliability_table(block.reliabilities),
+        **_show_growth(block, content.mixed.get(block.block), are_trials=results.are_trials),
+        "reliability": reliability_table(block.reliabilities, are_trials=results.are_trials),
         "reliability_notes": list_reliability_notes(block.reliabilities),
         "powers": [power_statement(power, block.unit_name) for power in block.powers],
     }
@@ -378,9 +380,10 @@ def _has_roles(block: BlockResults) -> bool:
     return set(block.roles.values()) != {"exploratory"}
 
 
-def _unbroken(first: str, second: str) -> str:
-    """Format a difference of two groups without line breaks."""
-    return f"{first}\N{NO-BREAK SPACE}\N{MINUS SIGN}\N{NO-BREAK SPACE}{second}"
+def _unbroken(first: str, second: str, *, is_log: bool = False) -> str:
+    """Format a difference of two groups, or their ratio, without line breaks."""
+    sign = "/" if is_log else "\N{MINUS SIGN}"
+    return f"{first}\N{NO-BREAK SPACE}{sign}\N{NO-BREAK SPACE}{second}"
 
 
 def _comparisons_table(block: BlockResults) -> Table:
@@ -413,7 +416,7 @@ def _list_comparison_cells(comparison: GroupComparison, *, role: str, has_severa
         words.append(role)
     means = [format_number(mean) for mean in comparison.means]
     if has_several_pairs:
-        words.append(_unbroken(comparison.first, comparison.second))
+        words.append(_unbroken(comparison.first, comparison.second, is_log=comparison.is_log))
         means = [", ".join(means)]
     return (
         *words,
@@ -427,16 +430,16 @@ def _list_comparison_cells(comparison: GroupComparison, *, role: str, has_severa
     )
 
 
-def _show_growth(block: BlockResults, mixed: MixedModel | None) -> dict[str, Any]:
-    """Return the growth over a block's episodes as variables of the template."""
+def _show_growth(block: BlockResults, mixed: MixedModel | None, *, are_trials: bool) -> dict[str, Any]:
+    """Return the growth over a block's episodes or trials as variables of the template."""
     growth = block.growth
     if growth is None:
         return {"growth": None}
     estimates = None
     if mixed is not None and mixed.terms:
-        estimates = _mixed_model_table(mixed.terms)
+        estimates = _mixed_model_table(mixed.terms, are_trials=are_trials)
     return {
-        "growth": _growth_table(growth.terms),
+        "growth": _growth_table(growth.terms, are_trials=are_trials),
         "growth_measure": growth.measure.capitalize(),
         "growth_reference": growth.reference,
         "growth_left_out": growth.left_out,
@@ -445,18 +448,25 @@ def _show_growth(block: BlockResults, mixed: MixedModel | None) -> dict[str, Any
     }
 
 
-def _mixed_model_table(terms: Sequence[GrowthTerm]) -> Table:
+def _mixed_model_table(terms: Sequence[GrowthTerm], *, are_trials: bool) -> Table:
     """Tabulate a mixed model's terms, without Wald intervals and p values.
 
     With groups of 2 and 18 people and SDs of 3 to 1, these reject a true null hypothesis in a third of studies.
     """
-    return Table(("term", "estimate"), [(term.name, format_number(term.estimate)) for term in terms])
+    return Table(
+        ("term", "estimate"),
+        [(_name_growth(term, are_trials=are_trials), format_number(term.estimate)) for term in terms],
+    )
 
 
-def _growth_table(terms: Sequence[GrowthTerm]) -> Table:
+def _name_growth(term: GrowthTerm, *, are_trials: bool) -> str:
+    return term.name.replace("change an episode", "change a trial") if are_trials else term.name
+
+
+def _growth_table(terms: Sequence[GrowthTerm], *, are_trials: bool) -> Table:
     rows = [
         (
-            term.name,
+            _name_growth(term, are_trials=are_trials),
             str(term.people),
             format_number(term.estimate),
             format_interval(term.interval),

@@ -92,7 +92,7 @@ def survival_table(survival: BlockSurvival) -> Table | None:
     return Table(heads, rows)
 
 
-def reliability_table(reliabilities: Sequence[Reliability]) -> Table | None:
+def reliability_table(reliabilities: Sequence[Reliability], *, are_trials: bool = False) -> Table | None:
     """Tabulate how well each measure distinguishes participants; None if there are no measures."""
     rows = [
         (
@@ -106,7 +106,8 @@ def reliability_table(reliabilities: Sequence[Reliability]) -> Table | None:
     ]
     if not rows:
         return None
-    return Table(("measure", "participants", "episodes", "one episode: ICC", "all: split-half"), rows)
+    unit = "trial" if are_trials else "episode"
+    return Table(("measure", "participants", f"{unit}s", f"one {unit}: ICC", "all: split-half"), rows)
 
 
 def list_reliability_notes(reliabilities: Sequence[Reliability]) -> list[str]:

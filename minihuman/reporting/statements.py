@@ -127,7 +127,7 @@ def _state_ratio(comparison: GroupComparison | PairedComparison) -> str:
         return ""
     ratio = math.exp(comparison.difference)
     bounds = (math.exp(comparison.interval[0]), math.exp(comparison.interval[1]))
-    return f"; as a ratio of {quantity}: {format_number(ratio, 2)}, {format_interval(bounds, 2)}"
+    return f"; as a ratio of {quantity}: {format_number(ratio)}, {format_interval(bounds)}"
 
 
 def paired_statement(comparison: PairedComparison) -> str:

@@ -11,6 +11,8 @@ from minihuman.dataset.cached_sessions import CachedSession
 from minihuman.dataset.tables import Tables
 from minihuman.figures.figure_data import (
     Difference,
+    are_all_zero_or_one,
+    are_few,
     collect_learning_curves,
     draw_figure_files,
     group_by_block,
@@ -80,6 +82,7 @@ def draw_estimates(
             for comparison in block.headline
         ]
         label = label_measure(measure)
+        are_ratios = block.headline[0].is_log
         png, _ = draw_figure_files(
             out / f"{block.block}_result",
             "estimation.estimation_figure",
@@ -89,10 +92,12 @@ def draw_estimates(
             title=name_measure(label, block.block, width=110),
             limits=_find_limits(measure, rows[measure]),
             unit=_name_unit(block),
+            are_ratios=are_ratios,
         )
-        of_means = "differences of the means, with the intervals"
+        compared = "ratio" if are_ratios else "difference"
+        of_means = f"{compared}s of the {'geometric ' * are_ratios}means, with the intervals"
         if len(differences) == 1:
-            of_means = "the difference of the means, with the interval"
+            of_means = f"the {compared} of the {'geometric ' * are_ratios}means, with the interval"
         caption = (
             f"{_begin_sentence(label)} in block {block.block}. A: a dot per {_name_unit(block)}, beside them the "
             f"group's mean with its 95 % interval. B: {of_means} of the comparison."
@@ -214,11 +219,13 @@ def draw_reaction_times(times: pd.DataFrame, results: Results, out: Path) -> Ite
         edges_ms = 2.0 ** (np.arange(bins.start, bins.stop + 1) / _BINS_PER_OCTAVE)
         stem = out / f"{block.block}_reaction_times"
         title = name_measure("reaction times", block.block)
+        participants = "Thin lines: participants"
+        if not are_few(groups):
+            participants = "Band: from the 10th to the 90th percentile of the participants"
         png, _ = draw_figure_files(stem, "estimation.reaction_time_figure", groups, edges_ms, title=title)
         caption = (
-            f"Reaction times in block {block.block}, {_BINS_PER_OCTAVE} bins per doubling. Thin lines: participants "
-            "(of groups above 12, a band from their 10th to their 90th percentile); thick line: the mean over the "
-            "group's participants."
+            f"Reaction times in block {block.block}, {_BINS_PER_OCTAVE} bins per doubling. {participants}; thick line: "
+            "the mean over the group's participants."
         )
         yield ReportFigure(block.block, png, caption)
 
@@ -246,8 +253,13 @@ def draw_learning_curves(
                 measure=_AXIS[measure],
                 limits=limits,
                 title=name_measure(label, block.block),
+                xlabel="trial in the block" if results.are_trials else "episode in the block",
             )
-            caption = f"{_begin_sentence(label)} over the episodes of block {block.block}: mean, 95 % interval."
+            units = "trials" if results.are_trials else "episodes"
+            caption = f"{_begin_sentence(label)} over the {units} of block {block.block}: mean, 95 % interval"
+            if are_few(curves) and not are_all_zero_or_one(curves):
+                caption += "; thin lines: participants"
+            caption += "."
             yield ReportFigure(block.block, png, caption)
 
 
@@ -288,35 +300,47 @@ def draw_sessions(blocks: pd.DataFrame, results: Results, out: Path) -> Iterator
             numbers=sessions,
             title=name_measure(label, block.block),
         )
-        caption = f"{_begin_sentence(label)} in block {block.block}, session by session: mean, 95 % interval."
+        caption = f"{_begin_sentence(label)} in block {block.block}, session by session: mean, 95 % interval"
+        if are_few(curves) and not are_all_zero_or_one(curves):
+            caption += "; thin lines: participants"
+        caption += "."
         yield ReportFigure(block.block, png, caption)
 
 
 def draw_waiting_times(results: Results, out: Path) -> Iterator[ReportFigure]:
     """Draw the survival curves of reaching the goal and of discovering all keys, block by block."""
     for block in results.blocks:
-        kinds = (
-            ("goal", block.waits.goal, "steps of an episode", "episodes that have not reached the goal"),
-            ("keys", block.waits.keys, "playing time (s)", "participants who have not discovered all keys"),
-        )
-        for name, groups, label, waiting in kinds:
-            if groups:
-                is_independent = name == "keys"  # a time per participant; episodes of one are not independent
-                title = name_measure(f"share of {waiting}", block.block)
-                stem = out / f"{block.block}_waiting_{name}"
-                png, _ = draw_figure_files(
-                    stem,
-                    "survival_curves.survival_figure",
-                    groups,
-                    independent=is_independent,
-                    label=label,
-                    title=title,
-                )
-                band = ""
-                if is_independent:
-                    band = "95 % intervals (Greenwood, log-log); "
-                caption = f"Share of {waiting} (Kaplan and Meier); {band}ticks: censored. Below: the number at risk."
-                yield ReportFigure(block.block, png, caption)
+        if block.waits.goal:
+            waiting = "episodes that have not reached the goal"
+            png, _ = draw_figure_files(
+                out / f"{block.block}_waiting_goal",
+                "survival_curves.survival_figure",
+                block.waits.goal,
+                label="steps of an episode",
+                title=name_measure(f"share of {waiting}", block.block),
+                count="without the goal",
+            )
+            caption = (
+                f"Share of {waiting} (Kaplan and Meier). Ticks: episodes that never reached it, at their last step; "
+                "one that failed can no longer reach it, and counts as without the goal to its step limit. Below: the "
+                "number without the goal so far."
+            )
+            yield ReportFigure(block.block, png, caption)
+        if block.waits.keys:
+            waiting = "participants who have not discovered all keys"
+            png, _ = draw_figure_files(
+                out / f"{block.block}_waiting_keys",
+                "survival_curves.survival_figure",
+                block.waits.keys,
+                label="playing time (s)",
+                title=name_measure(f"share of {waiting}", block.block),
+                independent=True,  # a time per participant
+            )
+            caption = (
+                f"Share of {waiting} (Kaplan and Meier); 95 % intervals (Greenwood, log-log); ticks: censored. Below: "
+                "the number at risk."
+            )
+            yield ReportFigure(block.block, png, caption)
 
 
 def draw_paths(tables: Tables, out: Path) -> Iterator[ReportFigure]:
@@ -325,10 +349,16 @@ def draw_paths(tables: Tables, out: Path) -> Iterator[ReportFigure]:
     for candidate in sorted(tables.sessions, key=lambda session: -session.blocks):
         if candidate.blocks and candidate.outline is not None:
             examples.setdefault(candidate.outline.group, candidate)
+    several_sessions = len({candidate.outline.session for candidate in tables.sessions if candidate.outline}) > 1
     for group, example in sorted(examples.items()):
         session = tables.read_session(example).session
         if not any(episode.start.map for episode in session.episodes):  # trials, for instance
             continue
         png, _ = draw_figure_files(out / f"paths_{group}", "path_figures.blocks_figure", group_by_block(session))
-        caption = f"Paths of {session.plan.participant.id} (group {group}), the first participant with the most blocks."
+        participant = session.plan.participant.id
+        day = f" in session {session.plan.session}" if several_sessions else ""
+        caption = (
+            f"Paths of {participant} (group {group}), the first participant with the most blocks{day}; practice is "
+            "included."
+        )
         yield ReportFigure("", png, caption)

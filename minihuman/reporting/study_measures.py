@@ -7,7 +7,7 @@ those of a lab's own package (entry-point group `minihuman.measures`). A name is
 
 import json
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from importlib import import_module
 
 import numpy as np
@@ -32,6 +32,7 @@ class StudyMeasure(ABC):
 
     label: str  # in the report: "mental demand (0 to 100)"
     is_log = False  # whether groups are compared on its logarithm; for times
+    formula = ""  # in the methods, where the label does not say it
 
     @abstractmethod
     def __init__(self, argument: str) -> None: ...
@@ -197,6 +198,7 @@ class TrialMeasure(StudyMeasure):
             raise ReportError(f"measure 'trials:{argument}' is unknown; after trials:, use one of {', '.join(labels)}")
         self.name = argument
         self.label = labels[argument]
+        self.formula = load_trial_formulas().get(argument, "")
 
     def compute(self, tables: Tables) -> pd.DataFrame:
         """Return the measure over all trials of each block."""
@@ -207,10 +209,24 @@ class TrialMeasure(StudyMeasure):
 def load_trial_measures() -> dict[str, str]:
     """Return the labels of the trial measures that activity kinds define, by name."""
     labels: dict[str, str] = {}
-    for kind in list_kinds(lambda kind: bool(kind.measures)):
-        module, _, name = find_kind(kind).measures.partition(":")
+    for module, name in _list_trial_measure_sources():
         labels |= getattr(import_module(module), name)
     return labels
+
+
+def load_trial_formulas() -> dict[str, str]:
+    """Return how trial measures are computed, by name, where their kind has ``FORMULAS`` beside the labels."""
+    formulas: dict[str, str] = {}
+    for module, _ in _list_trial_measure_sources():
+        formulas |= getattr(import_module(module), "FORMULAS", {})
+    return formulas
+
+
+def _list_trial_measure_sources() -> Iterator[tuple[str, str]]:
+    """Yield the module and the name of each table of labels that an activity kind registers."""
+    for kind in list_kinds(lambda kind: bool(kind.measures)):
+        module, _, name = find_kind(kind).measures.partition(":")
+        yield module, name
 
 
 _BUILT_IN: Mapping[str, type[StudyMeasure]] = {

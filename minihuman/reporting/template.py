@@ -92,6 +92,7 @@ def format_number(value: float, digits: int = 3, *, sign: str = "-") -> str:
     """
     if math.isnan(value):
         return "n/a"
+    value = round(value, 12)  # the same mean, summed in another order, is written alike
     before = 0
     if abs(value) >= 1:
         before = len(f"{int(abs(value))}")

@@ -63,13 +63,19 @@ FORMULAS = {
     "log_excess_steps_mean": "ln(1 + steps \N{MINUS SIGN} shortest), shortest: steps of the shortest known path",
     "log_steps_ratio_mean": "ln(steps / shortest)",
     "spl_mean": "shortest / steps with the goal, 0 without",
+    "success": "episodes that ended at the goal / all",
     "reward_mean": "the rewards of the world, summed over the episode",
+    "steps_at_limit_mean": "steps with the goal, the step limit without",
+    "reward_first": "the rewards of the first included episode",
     "reward_slope": "slope of a straight line",
     "excess_steps_mean": "steps \N{MINUS SIGN} shortest",
+    "playing_s_mean": "from the reset to the last step, without pauses",
     "response_median_ms": "key press minus stimulus onset, of all responses, right or wrong: the flip of the latest "
     "picture; in real time, of the picture from which the world or the block counts",
     "reaction_median_ms": "key press minus the flip of the latest picture, in real time of a tick's",
-    "ineffective_share": "steps without a visible effect",
+    "path_efficiency_mean": "straight distance from start to end / distance covered",
+    "ineffective_share": "steps without a visible effect / steps",
+    "all_keys_discovered_s": "playing time until the action of every key had shown",
 }
 SOFTWARE = {
     "version_minihuman": "minihuman", "git_commit": "commit", "rules": "rules of the worlds", "python": "Python",
@@ -146,8 +152,8 @@ def parts_by_group(protocol: Mapping[str, Any]) -> str:
 def check_orders(text: str, sessions: Sequence[Session], tally: Tally) -> None:
     """Check that participants had the parts in several orders, which the protocol says how to draw."""
     its = re.fullmatch(
-        r"The order of (?P<parts>.+) (?:followed Latin squares \(Williams, 1949\), "
-        r"one for each (?P<size>\d+) successive participants(?: of a group)?"
+        r"The order of (?P<parts>.+) (?:followed (?P<squares>a Latin square|two Latin squares) \(Williams, 1949\) "
+        r"for each (?P<size>\d+) successive participants(?: of a group)?"
         r"|(?P<drawn>was drawn for each participant))\.",
         text,
     )
@@ -159,7 +165,9 @@ def check_orders(text: str, sessions: Sequence[Session], tally: Tally) -> None:
     units = [unit if isinstance(unit, str) else unit[0] for unit in order["parts"]]
     tally.same("methods, parts in order", named, units)
     if its["size"] is not None:
-        tally.same("methods, rows of a square", int(its["size"]), len(units) * (1 + len(units) % 2))
+        is_odd = len(units) % 2
+        tally.same("methods, rows of a square", int(its["size"]), len(units) * (1 + is_odd))
+        tally.same("methods, squares", its["squares"], ("a Latin square", "two Latin squares")[is_odd])
     tally.same("methods, order drawn", its["drawn"] is not None, order.get("order") == "shuffled")
 
 

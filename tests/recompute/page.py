@@ -539,7 +539,7 @@ def expected_page(study: Study) -> Iterator[tuple[str, Any]]:
     )  # fmt: skip
     if practised:
         told = ", ".join(f"block {block} ({many} episodes)" for block, many in practised.items())
-        yield "p", f"Practice, excluded from all results below: {told}."
+        yield "p", f"Practice, excluded from everything below but the drawn paths: {told}."
     others = [player for player in players if player != "human"]
     yield (
         "p",
@@ -1014,8 +1014,8 @@ def expected_block(study: Study, block: str) -> Iterator[tuple[str, Any]]:
         yield "p", power(one.n)
 
 
-def pair(groups: tuple[str, str]) -> str:
-    return f"{groups[0]} {MINUS} {groups[1]}"
+def pair(groups: tuple[str, str], sign: str = MINUS) -> str:
+    return f"{groups[0]} {sign} {groups[1]}"
 
 
 def compare_all(
@@ -1048,7 +1048,7 @@ def difference(one: Compared, block: str) -> Expected:
         bounds = ("95 % interval ", low, " to ", high)
         if one.measure in FACTORS:
             low, high = map(exponential, one.interval)
-            ratio = number(math.exp(one.difference), 2)
+            ratio = number(math.exp(one.difference))
             factor = (f"; as a ratio of {FACTORS[one.measure]}: {ratio}, ", low, " to ", high)
     g: tuple[str | Near, ...] = ()
     if one.g_interval is not None:
@@ -1201,7 +1201,7 @@ def comparison_table(comparisons: Sequence[Compared], roles: Mapping[str, str]) 
         table.append(
             [
                 MEASURES[one.measure], *([roles[one.measure]] if named else []),
-                *([pair(one.groups)] if several else []), f"{one.n[0]}, {one.n[1]}",
+                *([pair(one.groups, "/" if one.is_log else MINUS)] if several else []), f"{one.n[0]}, {one.n[1]}",
                 *([", ".join(means)] if several else means),
                 near_interval(one.difference, one.interval, is_log=one.is_log), one.p,
                 Holm(roles[one.measure]), p_value(one.smallest_p), g,
@@ -1297,7 +1297,7 @@ def expected_sessions(found: Block) -> Iterator[tuple[str, Any]]:
     for session, change in told.items():
         for one in compare_all(change, roles, order, found.logs):
             label = MEASURES[one.measure] + (f", session {sessions[0]} to {session}" if len(told) > 1 else "")
-            groups = pair(one.groups).replace(MINUS, "/") if one.is_log else pair(one.groups)
+            groups = pair(one.groups, "/" if one.is_log else MINUS)
             rows.append(
                 [
                     label, groups, f"{one.n[0]}, {one.n[1]}",
@@ -1617,7 +1617,7 @@ def expected_growth(episodes: Sequence[Row], order: Sequence[str]) -> Iterator[t
     if not groups:
         yield (
             "p",
-            "Change over the episodes: not estimated; it needs two participants of a group with 3 or more episodes.",
+            "Change over the episodes: not estimated; it needs two participants of a group with 3 or more.",
         )
         return
     *others, reference = groups

@@ -110,7 +110,7 @@ def test_a_difference_within_participants_that_correction_undoes_is_not_shown_af
     undone = paired_statement(replace(comparison, p=0.03, p_holm=0.06))
     assert undone.endswith("12 participants). After Holm's correction no difference is shown.")
     ratio = math.exp(comparison.difference)
-    assert f"; as a ratio of excess steps + 1: {format_number(ratio, 2)}, " in undone
+    assert f"; as a ratio of excess steps + 1: {format_number(ratio)}, " in undone
 
 
 def conditions(shift: float = 1.0) -> pd.DataFrame:

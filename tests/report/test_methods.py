@@ -191,9 +191,7 @@ def test_without_strata_nothing_is_said_of_them():
 def test_balanced_orders_and_teams_are_named():
     protocol = decode_protocol(find_shipped_protocol("two-days").read_bytes())
     plans = [PlanOutline.of(expand_protocol(protocol, enrol_participant(protocol, index))) for index in range(4)]
-    order = (
-        "The order of open, rooms, crossing and lava followed Latin squares (Williams, 1949), one for each 4 successive"
-    )
+    order = "The order of open, rooms, crossing and lava followed a Latin square (Williams, 1949) for each 4 successive"
     assert f"{order} participants of a group." in " ".join(build_methods(plans, [], protocols=[protocol]))
     team = decode_protocol(find_shipped_protocol("team").read_bytes())
     plans = [PlanOutline.of(expand_protocol(team, enrol_participant(team, index))) for index in range(4)]

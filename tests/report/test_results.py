@@ -105,7 +105,7 @@ def test_the_ratio_of_steps_is_compared_where_it_is_named_alone():
     ).comparisons
     assert named.measure == "log_steps_ratio_mean"
     factor = math.exp(named.difference)
-    assert f"as a ratio of steps: {factor:.2f}" in difference_statement(named, "grid")
+    assert f"as a ratio of steps: {factor:.3f}" in difference_statement(named, "grid")
 
 
 def test_the_measures_of_a_protocol_are_the_reports():

@@ -7,7 +7,8 @@ import pytest
 import scipy
 
 from minihuman.statistics.comparison import compare_groups
-from minihuman.statistics.paired import compare_growth, fit_mixed_model
+from minihuman.statistics.mixed_model import fit_mixed_model
+from minihuman.statistics.paired import compare_growth
 from tests.counts import count
 from tests.recompute.page import mixed_model
 
@@ -123,6 +124,28 @@ def test_too_few_people_have_no_mixed_model_and_a_constant_none_that_converges()
     assert fit_mixed_model(rows[rows["participant"] != "p0"], "value", ["a", "b"]) is None
     constant = mixed_rows(np.random.default_rng(4), 6, 0.1).assign(value=1.0)
     assert fit_mixed_model(constant, "value", ["a", "b"]).terms == ()
+
+
+def test_what_participants_differ_in_by_little_is_found_where_an_analysis_of_variance_finds_it():
+    """The likelihood is level at an SD of 0, where one long step from the start once ended."""
+    rng, n, episodes = np.random.default_rng(1), 24, 16
+    n_found = 0
+    for _ in range(40):
+        values = rng.normal(0, 0.23, n)[:, None] + rng.normal(0, 1, (n, episodes))
+        rows = pd.DataFrame(
+            {
+                "participant": np.repeat([f"p{number}" for number in range(n)], episodes),
+                "group": np.repeat(["a", "b"], n * episodes // 2),
+                "episode_in_block": np.tile(np.arange(1, episodes + 1), n),
+                "value": values.ravel(),
+            }
+        )
+        between = episodes * sum(np.var(half.mean(axis=1), ddof=1) for half in np.split(values, 2)) / 2
+        within = float(np.var(values, axis=1, ddof=1).mean())
+        if between > 1.3 * within:
+            n_found += 1
+            assert len(fit_mixed_model(rows, "value", ["a", "b"]).terms) == 4
+    assert n_found >= 20
 
 
 @pytest.mark.nightly

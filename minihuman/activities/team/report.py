@@ -24,7 +24,7 @@ def build_section(source: SectionSource) -> ReportSection | None:
     if teams.empty:
         return None
     rows = [_describe_block(block, played) for block, played in teams.groupby("block", sort=False)]
-    heads = ("block", "team episodes", "person", "idle", "agent", "mean absent", f"absent over {_ABSENT_ENOUGH:.0%}")
+    heads = ("block", "joint episodes", "person", "idle", "agent", "mean absent", f"absent over {_ABSENT_ENOUGH:.0%}")
     filled_rows = [row for row in rows if row is not None]
     if filled_rows:
         return ReportSection("Who played", [CaptionedTable(Table(heads, filled_rows), _CAPTION)])
