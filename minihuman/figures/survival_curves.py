@@ -72,7 +72,7 @@ def survival_figure(
     label: str,
     title: str = "",
     independent: bool = False,
-    count: str = "at risk",
+    counted: str = "at risk",
 ) -> Figure:
     """Draw the survival curves of one event in a figure one column wide, with the number at risk under the axis.
 
@@ -81,7 +81,7 @@ def survival_figure(
         label: the label of the time axis.
         title: the title of the figure.
         independent: whether each observation is from another participant; intervals are drawn only then.
-        count: what is counted under the axis.
+        counted: what is counted under the axis.
     """
     with figure_style():
         figure = new_figure(height_cm=6.2 + 0.45 * len(groups) + 0.4 * len(title.splitlines()))
@@ -97,5 +97,5 @@ def survival_figure(
             colour = SERIES[place % len(SERIES)]
             for time, count in zip(at, survival_times.waiting(at), strict=True):
                 below.text(time, line, str(count), ha="center", va="center", color=colour, fontsize=6.5)
-            below.text(0, line + 0.45, f"{count}, {group}:", ha="left", va="center", color=colour, fontsize=6)
+            below.text(0, line + 0.45, f"{counted}, {group}:", ha="left", va="center", color=colour, fontsize=6)
     return figure

@@ -318,7 +318,7 @@ def draw_waiting_times(results: Results, out: Path) -> Iterator[ReportFigure]:
                 block.waits.goal,
                 label="steps of an episode",
                 title=name_measure(f"share of {waiting}", block.block),
-                count="without the goal",
+                counted="without the goal",
             )
             caption = (
                 f"Share of {waiting} (Kaplan and Meier). Ticks: episodes that never reached it, at their last step; "

@@ -82,6 +82,15 @@ def test_panels_have_letters_and_say_block_and_measure_and_a_pdf_has_text(tmp_pa
     assert b"/FontFile2" in pdf.read_bytes()
 
 
+def test_differences_of_logarithms_are_told_as_ratios():
+    found = [Difference("group 0", "group 1", np.log(0.5), (np.log(0.25), 0.0))]
+    figure = estimation_figure(groups(4, 5), found, measure="ms", are_ratios=True)
+    compared = figure.axes[1]
+    assert (compared.get_xlabel(), compared.get_title("left")) == ("ratio of geometric means", "ratio")
+    assert [label.get_text() for label in compared.get_yticklabels()] == ["group 0\n/ group 1"]
+    assert compared.xaxis.get_major_formatter()(np.log(0.5), 0) == "\N{MULTIPLICATION SIGN}0.5"
+
+
 def test_reaction_times_have_a_line_per_participant_and_their_mean():
     shares = np.array([[0.5, 0.5, 0.0], [0.1, 0.2, 0.7]])
     (ax,) = reaction_time_figure({"a": shares}, np.array([100.0, 200.0, 400.0, 800.0]), title="t").axes

@@ -112,7 +112,8 @@ def test_a_measure_that_goes_beyond_1_is_no_share_where_everybody_is_perfect():
 
 def test_how_many_wait_is_told_below_the_axis_numbers_that_it_is_of():
     waited = SurvivalTimes(np.array([30.0, 120.0, 250.0]), np.array([True, True, False]))
-    axes, below = survival_figure({"a": waited}, label="steps").axes
+    axes, below = survival_figure({"a": waited}, label="steps", counted="without the goal").axes
+    assert "without the goal, a:" in [text.get_text() for text in below.texts]
     told = {float(text.get_position()[0]): text.get_text() for text in below.texts if text.get_text().isdigit()}
     assert set(told) == {float(tick) for tick in axes.get_xticks() if 0 <= tick <= 250}
     assert told[0.0] == "3"

@@ -15,7 +15,7 @@ from tests.counts import PATIENCE_S
 _LOOK = """(() => {
   const s = minihuman.state, shows = (selector) => document.querySelector(selector)?.getClientRects().length > 0;
   return {
-    ...s, words: document.querySelector("#screen").innerText,
+    ...s, has_focus: document.hasFocus(), words: document.querySelector("#screen").innerText,
     has_field: shows("[data-target=field]"), has_slider: shows("[data-target=slider]"), has_options: shows(".option"),
     caps: [...document.querySelectorAll(".keyboard .cap span")].map((cap) => cap.innerText.toLowerCase()),
   };
@@ -171,7 +171,7 @@ class StudyWalk:
             asks &= look["words"] not in ("", _PASSING)
             is_other = any(look[name] != before.get(name) for name in ("words", "kind", "playing"))
             is_other &= not (look["caps"] and before.get("caps"))  # a keyboard whose keys are marked one by one
-            return bool(look["welcomed"] and is_other and (in_play or asks))
+            return bool(look["welcomed"] and look["has_focus"] and is_other and (in_play or asks))
 
         return self._wait_until(waits)
 
