@@ -86,7 +86,7 @@ def build_form(table: str, kind: str = "") -> FieldForm:
     heading, definition = _list_tables()[table]
     used = list_used_fields(table, kind if table in ("blocks", "questions.items", "activities") else "")
     if table == "questions.items" and kind:
-        used |= frozenset(find_question_kind(kind).item_fields)
+        used |= frozenset(find_question_kind(kind).item_fields or ())
     fields = [
         _build_field(f"{table}.{name}", field, name in definition.get("required", ()), name in used)
         for name, field in definition["properties"].items()

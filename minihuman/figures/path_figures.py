@@ -269,9 +269,9 @@ def paths_figure(
     rows = max((math.ceil(len(episodes) / across) for _, episodes in groups), default=1)
     panels_cm = rows * (width_cm / max(1, across * len(groups)) + 0.3) + 0.5
     all_episodes = [episode for _, episodes in groups for episode in episodes]
-    things = build_object_legend(episode.start.map for episode in all_episodes)
-    partners = _build_partner_legend(all_episodes)
-    key_cm = _KEY_CM + _NAMES_CM * math.ceil((len(partners) + len(things)) / _ACROSS)
+    marks = _build_mark_legend(has_goal=any(find_goal(episode) is not None for episode in all_episodes))
+    things = [*_build_partner_legend(all_episodes), *build_object_legend(episode.start.map for episode in all_episodes)]
+    key_cm = _KEY_CM + _NAMES_CM * math.ceil(len(things) / _ACROSS)
     with figure_style():
         figure = new_figure(width_cm=width_cm, height_cm=panels_cm + key_cm)
         figure.set_layout_engine("constrained", w_pad=0.01, h_pad=0.01, wspace=0.0, hspace=0.0)
@@ -284,7 +284,7 @@ def paths_figure(
                 ax.axis("off")
             for ax, episode in zip(axes, episodes, strict=False):
                 episode_panel(ax, episode)
-        _draw_key(below, partners, things, key_cm)
+        _draw_key(below, [*marks, *things], key_cm)
     return figure
 
 
@@ -309,8 +309,8 @@ def blocks_figure(blocks: Sequence[tuple[str, Sequence[EpisodeLog]]]) -> Figure:
     return paths_figure(blocks, across=max(1, _ACROSS // max(1, len(blocks))))
 
 
-def _draw_key(part: SubFigure, partners: Sequence[Line2D], things: Sequence[Line2D], key_cm: float) -> None:
-    """Draw the key to colours, marks and objects in the strip below the panels."""
+def _draw_key(part: SubFigure, entries: Sequence[Line2D], key_cm: float) -> None:
+    """Draw the key to colours, marks, partners and objects in the strip below the panels."""
     from_top = 0.25 / key_cm  # the colour bar keeps its size whatever is named below it
     bar = part.colorbar(
         ScalarMappable(cmap=TIME_COLOURS),
@@ -320,7 +320,7 @@ def _draw_key(part: SubFigure, partners: Sequence[Line2D], things: Sequence[Line
     bar.set_ticks([0, 1], labels=["first step", "last step"])
     bar.set_label("time within the episode", labelpad=-8)
     part.legend(
-        handles=[*_build_mark_legend(), *partners, *things],
+        handles=[*entries],
         loc="lower center",
         ncols=_ACROSS,
         handletextpad=0.2,
@@ -328,15 +328,16 @@ def _draw_key(part: SubFigure, partners: Sequence[Line2D], things: Sequence[Line
     )
 
 
-def _build_mark_legend() -> list[Line2D]:
-    """Return legend entries for the marks that every path has."""
+def _build_mark_legend(*, has_goal: bool) -> list[Line2D]:
+    """Return legend entries for the marks that every path has, and for the goal where one is drawn."""
 
     def mark(label: str, marker: str, size: float, face: str, edge: str = "black") -> Line2D:
         return Line2D([], [], ls="", marker=marker, ms=size, mfc=face, mec=edge, mew=0.6, label=label)
 
+    goals = [mark("goal", "*", 7, GOAL)] if has_goal else []
     return [
         mark("start", "o", 4, START),
-        mark("goal", "*", 7, GOAL),
+        *goals,
         mark("end", "X", 5, END),
         mark("turned in place", "o", 5, "none", WALL),
     ]

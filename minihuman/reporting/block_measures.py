@@ -59,7 +59,7 @@ FORMULAS = {  # of one episode, where a measure's name does not tell it
     "picture; in real time, of the picture from which the world or the block counts",
     "reaction_median_ms": "key press minus the flip of the latest picture, in real time of a tick's",
     "path_efficiency_mean": "straight distance from start to end / distance covered",
-    "ineffective_share": "steps without a visible effect / steps",
+    "ineffective_share": "steps after which the participant's view was as before / steps",
     "all_keys_discovered_s": "playing time until the action of every key had shown",
 }
 TRIAL_FORMULAS = {  # of one trial, in place of those of an episode

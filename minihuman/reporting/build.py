@@ -311,7 +311,7 @@ def _draw_figures(
 ) -> list[ReportFigure]:
     """Draw all figures except those of estimates and sessions; ``analysed`` is episodes and blocks without practice."""
     episodes, _ = analysed
-    paths = draw_paths(tables, out)
+    paths = draw_paths(tables, out, has_practice=len(episodes) < len(report_input.episodes))
     sections = sorted(report_input.sections, key=lambda section: not section.is_leading)
     figures = [(section.is_leading, figure) for section in sections for figure in section.figures]
     return [

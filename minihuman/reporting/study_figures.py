@@ -321,9 +321,9 @@ def draw_waiting_times(results: Results, out: Path) -> Iterator[ReportFigure]:
                 counted="without the goal",
             )
             caption = (
-                f"Share of {waiting} (Kaplan and Meier). Ticks: episodes that never reached it, at their last step; "
-                "one that failed can no longer reach it, and counts as without the goal to its step limit. Below: the "
-                "number without the goal so far."
+                f"Share of {waiting} (Kaplan and Meier). Ticks: episodes that never reached it, at their last step, "
+                "or at the step limit if they failed, as they can no longer reach it. Below: the number without the "
+                "goal just before that step."
             )
             yield ReportFigure(block.block, png, caption)
         if block.waits.keys:
@@ -343,8 +343,8 @@ def draw_waiting_times(results: Results, out: Path) -> Iterator[ReportFigure]:
             yield ReportFigure(block.block, png, caption)
 
 
-def draw_paths(tables: Tables, out: Path) -> Iterator[ReportFigure]:
-    """Draw the paths of one session per group, the one with the most blocks, over its included episodes."""
+def draw_paths(tables: Tables, out: Path, *, has_practice: bool = False) -> Iterator[ReportFigure]:
+    """Draw the paths of one session per group, the one with the most blocks, practice included."""
     examples: dict[str, CachedSession] = {}
     for candidate in sorted(tables.sessions, key=lambda session: -session.blocks):
         if candidate.blocks and candidate.outline is not None:
@@ -358,7 +358,7 @@ def draw_paths(tables: Tables, out: Path) -> Iterator[ReportFigure]:
         participant = session.plan.participant.id
         day = f" in session {session.plan.session}" if several_sessions else ""
         caption = (
-            f"Paths of {participant} (group {group}), the first participant with the most blocks{day}; practice is "
-            "included."
+            f"Paths of {participant} (group {group}), the first participant with the most blocks{day}"
+            f"{'; practice is included' if has_practice else ''}."
         )
         yield ReportFigure("", png, caption)

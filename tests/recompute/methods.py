@@ -74,7 +74,7 @@ FORMULAS = {
     "picture; in real time, of the picture from which the world or the block counts",
     "reaction_median_ms": "key press minus the flip of the latest picture, in real time of a tick's",
     "path_efficiency_mean": "straight distance from start to end / distance covered",
-    "ineffective_share": "steps without a visible effect / steps",
+    "ineffective_share": "steps after which the participant's view was as before / steps",
     "all_keys_discovered_s": "playing time until the action of every key had shown",
 }
 SOFTWARE = {

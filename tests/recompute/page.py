@@ -539,7 +539,7 @@ def expected_page(study: Study) -> Iterator[tuple[str, Any]]:
     )  # fmt: skip
     if practised:
         told = ", ".join(f"block {block} ({many} episodes)" for block, many in practised.items())
-        yield "p", f"Practice, excluded from everything below but the drawn paths: {told}."
+        yield "p", f"Practice, excluded from everything below but the drawn paths and the quality of the data: {told}."
     others = [player for player in players if player != "human"]
     yield (
         "p",
@@ -597,14 +597,18 @@ def expected_answer(study: Study) -> Iterator[tuple[str, Any]]:
         if row["exclusion_reason"] is not None and row["participant"] not in included:
             reasons[row["exclusion_reason"]].add(row["participant"])
     excluded = ", ".join(f"{len(codes)} ({reason})" for reason, codes in reasons.items()) or "none"
+    calling = "tables for measures that they call"
+    if interaction:
+        calling = "the table of the interaction for measures that it calls"
     yield (
         "p",
         (
             f"Participants excluded: {excluded}. The p values of these sentences are not corrected for multiple "
             f"comparisons{', unless they say so' if interaction else ''}, and intervals (95 %) never are. In the "
             "tables, p (Holm) is corrected over the comparisons that the caption names. Every p value that no sentence "
-            "here states is exploratory, unless its table calls the measure primary or secondary, and comparisons of "
-            "groups are not corrected across blocks. Methods define the measures."
+            f"here states is exploratory, but those of {calling} primary or secondary, and comparisons of groups are "
+            "not corrected across blocks. "
+            "Methods define the measures."
         ),
     )
     if study.blocks:

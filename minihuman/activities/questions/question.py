@@ -189,7 +189,7 @@ class QuestionKind:
             that has a mean, a number, or text.
         check: yields the errors of a question in a protocol.
         item_fields: the fields of a question that the kind uses, of those that not every kind has: protocols' reference
-            and forms name them, and `minihuman check` says which others have no effect.
+            and forms name them, and `minihuman check` says which others have no effect. None if the kind does not say.
         settings: the type of a question's ``settings``; None if the kind has none.
         prompt: the text that says how to answer, for a kind without ``prompt.NAME`` in the ``words.toml`` of its folder
             or among the interface texts.
@@ -209,7 +209,7 @@ class QuestionKind:
     draft: Callable[..., AnswerDraft]
     answer_type: AnswerType
     check: Callable[[QuestionItemSpec], ItemErrors] = _no_errors
-    item_fields: tuple[str, ...] = field(default=(), kw_only=True)
+    item_fields: tuple[str, ...] | None = field(default=None, kw_only=True)
     settings: type[msgspec.Struct] | None = None
     prompt: str = ""
     takes_text: bool = False

@@ -11,9 +11,10 @@ from minihuman.reporting.activity_sections import CaptionedTable, ReportSection,
 from minihuman.reporting.template import Table
 
 _CAPTION = (
-    "Who acted in the seats of people, in included episodes; each episode of a team counts once. Idle: no input had "
-    "come, and the body stood still. Agent: a program had the seat of a person who was away. Absent: share of joint "
-    "steps in which a person's seat idled or an agent had it."
+    "Who acted in the seats of people, in included episodes: steps of seats, each episode of a team counted once. "
+    "Idle: nothing had come from the person's page in time, not even that no key was down, and the body stood still. "
+    "Agent: a program had the seat of a person who was away. Absent: share of joint steps in which a person's seat "
+    "idled or an agent had it."
 )
 _ABSENT_ENOUGH = 0.1  # the share of joint steps above which an episode counts in the last column
 

@@ -24,10 +24,11 @@ def list_useless_item_fields(protocol: Protocol) -> Iterator[str]:
     for questionnaire in protocol.questions:
         for question in questionnaire.items:
             used = find_question_kind(question.kind).item_fields
-            if used:  # a plug-in need not say what it uses
+            if used is not None:  # a plug-in need not say what it uses
                 for name in _list_given(question, [field for field in specific if field not in used]):
                     place = f"questions {questionnaire.name!r}: {question.name!r}: {name}"
-                    yield f"{place} has no effect on a {question.kind}, which uses {', '.join(used)}"
+                    uses = ", ".join(used) or "none of the fields of other kinds"
+                    yield f"{place} has no effect on a {question.kind}, which uses {uses}"
 
 
 def _list_specific_fields() -> list[str]:
@@ -35,7 +36,7 @@ def _list_specific_fields() -> list[str]:
     used: set[str] = set()
     for name in list_plugin_names(QUESTION_GROUP):
         with suppress(ProtocolError):  # a plug-in that cannot be loaded matters only to who asks its questions
-            used.update(find_question_kind(name).item_fields)
+            used.update(find_question_kind(name).item_fields or ())
     return [field.name for field in msgspec.structs.fields(QuestionItemSpec) if field.name in used]
 
 

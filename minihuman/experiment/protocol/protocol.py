@@ -298,7 +298,7 @@ def _read_fields() -> dict[str, dict[str, tuple[str, str]]]:
     tables: dict[str, dict[str, tuple[str, str]]] = tomllib.loads(text.replace("{question_kinds}", _join_names(names)))
     items = tables["questions.items"]
     for field, (meaning, example) in items.items():
-        kinds = [name for name in names if field in find_question_kind(name).item_fields]
+        kinds = [name for name in names if field in (find_question_kind(name).item_fields or ())]
         if kinds:
             items[field] = (f"of {_join_names(kinds)}: {meaning}", example)
     return tables
