@@ -11,8 +11,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import gymnasium
 import msgspec
 import pytest
+from gymnasium.utils.env_checker import data_equivalence
 
 import minihuman
 from minihuman.admin.enrolment_entries import SlotTaken
@@ -37,11 +39,12 @@ from tests.machine import need
 
 HERE = Path(__file__).parent
 SMALL = ["MiniGrid-FourRooms-v0", "MiniGrid-DoorKey-5x5-v0", "BabyAI-GoToLocal-v0", "MiniWorld-OneRoom-v0"]
-FULL = [
+OTHERS = [
     *(entry.name for entry in GRID_WORLDS[::4] if entry.name != "MiniGrid-GoToObj-Transfer-v0"),
     *(entry.name for entry in BABYAI_WORLDS[::12]),
     *(entry.name for entry in FIRST_PERSON_WORLDS[::4]),
 ]
+FULL = [*SMALL, *(name for name in OTHERS if name not in SMALL)]
 WORLDS = count(SMALL, FULL)
 EPISODES = count(36, 20_000)
 CHANGES = count(40, 1_000)
@@ -119,6 +122,15 @@ def _change_seed(trial: dict[str, Any], rng: random.Random) -> None:
     trial["seed"] += rng.randint(1, 10_000)
 
 
+def _observe_play(trial: dict[str, Any]) -> list[Any]:
+    """Return what Python's world shows and gives over the actions of a trial."""
+    env = gymnasium.make(trial["world"], **trial["options"])
+    observations = [env.reset(seed=trial["seed"])[0]]
+    observations += [env.step(action)[:4] for action in trial["actions"]]
+    env.close()
+    return observations
+
+
 def _change_reward(trial: dict[str, Any], rng: random.Random) -> None:
     trial["rewards"][rng.randrange(len(trial["rewards"]))] += rng.choice([1e-9, 0.5, 1.0])
 
@@ -183,12 +195,20 @@ FOUND: dict[str, Change] = {
 def test_every_drawn_change_of_what_can_be_proved_is_found(played: Played) -> None:
     rng = random.Random(52)
     long = [trial for trial in played.trials if len(set(trial["actions"])) > 1]
+    n_alike = 0
     for number in range(CHANGES):
         name = list(FOUND)[number % len(FOUND)]
-        trial = json.loads(json.dumps(rng.choice(long)))
+        original = rng.choice(long)
+        trial = json.loads(json.dumps(original))
         FOUND[name](trial, rng)
-        assert _difference(trial), (name, trial["world"], trial["seed"])
-    print(f"{CHANGES} drawn changes of {len(FOUND)} kinds ({', '.join(FOUND)}): 0 not found")
+        if not _difference(trial):  # two seeds of a world with few layouts may be one world, played alike
+            assert name == "seed", (name, trial["world"], trial["seed"])
+            assert data_equivalence(_observe_play(trial), _observe_play(original)), (trial["world"], trial["seed"])
+            n_alike += 1
+    print(
+        f"{CHANGES} drawn changes of {len(FOUND)} kinds ({', '.join(FOUND)}): all found but {n_alike} seeds, whose "
+        "worlds and plays are the same as with the seed before"
+    )
 
 
 def test_what_cannot_be_proved_is_named(played: Played) -> None:
