@@ -75,11 +75,11 @@ class FirefoxHands(Hands):
         return self._page.find(expression)
 
     def take_focus(self) -> None:
-        self._page.until(
-            "document.hasFocus() || document.querySelector('#screen').innerText.startsWith('Your keys do not')"
-        )
+        notice = "document.querySelector('#screen').innerText.startsWith('Your keys do not')"
+        self._page.until(f"s.welcomed && (document.hasFocus() || {notice})")
         if not self._page.find("document.hasFocus()"):
             self.press("enter")  # the page's notice that keys do not arrive goes with the first that does
+            self._page.until(f"!{notice}")
 
     def press(self, *keys: str) -> None:
         self._page.press(*keys)
