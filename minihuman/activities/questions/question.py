@@ -389,3 +389,21 @@ def horizontal_step(key: str, *, rtl: bool) -> int:
     if rtl:
         return -by
     return by
+
+
+def list_kinds_using(field_name: str) -> list[str]:
+    """List the built-in kinds that use a field of `QuestionItemSpec`, of those that not every kind has."""
+    names = list_plugin_names(QUESTION_GROUP, built_in=True)
+    return [name for name in names if field_name in (find_question_kind(name).item_fields or ())]
+
+
+def describe_useless_fields(question: QuestionItemSpec) -> Iterator[str]:
+    """Yield a text for each field of a question that other kinds use and its own does not, so that it has no effect."""
+    used = find_question_kind(question.kind).item_fields
+    if used is None:  # a plug-in need not say what it uses
+        return
+    for specified in msgspec.structs.fields(QuestionItemSpec):
+        is_given = getattr(question, specified.name) != specified.default
+        if is_given and specified.name not in used and list_kinds_using(specified.name):
+            uses = ", ".join(used) or "none of the fields of other kinds"
+            yield f"{specified.name} has no effect on a {question.kind}, which uses {uses}"

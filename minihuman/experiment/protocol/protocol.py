@@ -14,7 +14,6 @@ from typing import Any
 
 import msgspec
 
-from minihuman.activities.questions.question import find_question_kind
 from minihuman.errors import ProtocolError
 from minihuman.experiment.keys import BUTTON_NAMES, KEY_NAMES_TEXT, RESERVED_KEYS
 from minihuman.experiment.protocol import specs, strata
@@ -298,7 +297,7 @@ def _read_fields() -> dict[str, dict[str, tuple[str, str]]]:
     tables: dict[str, dict[str, tuple[str, str]]] = tomllib.loads(text.replace("{question_kinds}", _join_names(names)))
     items = tables["questions.items"]
     for field, (meaning, example) in items.items():
-        kinds = [name for name in names if field in (find_question_kind(name).item_fields or ())]
+        kinds = specs.list_question_kinds_using(field)
         if kinds:
             items[field] = (f"of {_join_names(kinds)}: {meaning}", example)
     return tables

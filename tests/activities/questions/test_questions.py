@@ -17,7 +17,7 @@ from minihuman.experiment.machine.events import (
 )
 from minihuman.experiment.machine.inputs import TEXT_RULES, KeyDown, PointerMoved, PointerPressed, TextEdited, TextInput
 from minihuman.experiment.machine.transitions import Phase
-from minihuman.experiment.plan.protocol_notices import list_useless_item_fields
+from minihuman.experiment.plan.protocol_notices import list_protocol_notices
 from tests.study.sessions import Desk
 from tests.study.studies import plan_of, protocol
 
@@ -472,7 +472,7 @@ kind = "choice"
 ask = "Which hand?"
 options = ["left", "right"]
 """
-    [notice] = list_useless_item_fields(protocol(study))
+    [notice] = list_protocol_notices(protocol(study))
     assert notice.startswith(
         "questions 'about': 'tilt': unit has no effect on a slider, which uses low, high, minimum,"
     )
