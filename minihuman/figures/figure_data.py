@@ -167,9 +167,19 @@ def _encode_for_digest(value: Any) -> object:
     raise TypeError(f"a figure's data contain a {type(value).__qualname__}, which has no digest; use plain values")
 
 
-def are_all_zero_or_one(curves: Mapping[str, NDArray[np.float64]]) -> bool:
+def _are_all_zero_or_one(curves: Mapping[str, NDArray[np.float64]]) -> bool:
     """Return whether every value of every group that is not missing is 0 or 1."""
     return all(np.isin(values[~np.isnan(values)], (0, 1)).all() for values in curves.values())
+
+
+def are_shares(curves: Mapping[str, NDArray[np.float64]], limits: tuple[float, float] | None) -> bool:
+    """Return whether means of curves are shares: all values are 0 or 1, and the measure has no other limits."""
+    return limits in (None, (0, 1)) and _are_all_zero_or_one(curves)
+
+
+def has_participant_lines(curves: Mapping[str, NDArray[np.float64]], limits: tuple[float, float] | None) -> bool:
+    """Return whether learning curves have a thin line for each participant: of few, and not of shares."""
+    return are_few(curves) and not are_shares(curves, limits)
 
 
 def are_few(groups: Mapping[str, NDArray[np.float64]]) -> bool:

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from minihuman.figures.figure_data import are_all_zero_or_one, are_few
+from minihuman.figures.figure_data import are_shares, has_participant_lines
 from minihuman.figures.style import SERIES, figure_style, new_figure
 from minihuman.statistics.scores import wilson_interval
 
@@ -82,11 +82,11 @@ def draw_learning(
         xlabel: the label of the horizontal axis.
         numbers: the places of the episodes on the horizontal axis; by default 1, 2 and so on.
     """
-    are_shares = limits in (None, (0, 1)) and are_all_zero_or_one(curves)
-    has_lines = are_few(curves) and not are_shares
+    draws_shares = are_shares(curves, limits)
+    has_lines = has_participant_lines(curves, limits)
     for place, (group, values) in enumerate(curves.items()):
         colour = SERIES[place % len(SERIES)]
-        mean, low, high = share_and_band(values) if are_shares else mean_and_band(values, level=level)
+        mean, low, high = share_and_band(values) if draws_shares else mean_and_band(values, level=level)
         low, high = _clip_band(low, high, limits)
         at = np.arange(1, values.shape[1] + 1) if numbers is None else np.asarray(numbers)
         if has_lines:

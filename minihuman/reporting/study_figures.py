@@ -11,11 +11,11 @@ from minihuman.dataset.cached_sessions import CachedSession
 from minihuman.dataset.tables import Tables
 from minihuman.figures.figure_data import (
     Difference,
-    are_all_zero_or_one,
     are_few,
     collect_learning_curves,
     draw_figure_files,
     group_by_block,
+    has_participant_lines,
     name_measure,
 )
 from minihuman.reporting.block_measures import label_measure, phrase_measure
@@ -94,15 +94,22 @@ def draw_estimates(
             unit=_name_unit(block),
             are_ratios=are_ratios,
         )
-        compared = "ratio" if are_ratios else "difference"
-        of_means = f"{compared}s of the {'geometric ' * are_ratios}means, with the intervals"
-        if len(differences) == 1:
-            of_means = f"the {compared} of the {'geometric ' * are_ratios}means, with the interval"
+        of_means = _describe_differences(n=len(differences), are_ratios=are_ratios)
         caption = (
             f"{_begin_sentence(label)} in block {block.block}. A: a dot per {_name_unit(block)}, beside them the "
             f"group's mean with its 95 % interval. B: {of_means} of the comparison."
         )
         yield ReportFigure(block.block, png, caption)
+
+
+def _describe_differences(*, n: int, are_ratios: bool) -> str:
+    """Return what panel B of a block's figure shows, as its caption has it."""
+    name, averages = "difference", "means"
+    if are_ratios:
+        name, averages = "ratio", "geometric means"
+    if n == 1:
+        return f"the {name} of the {averages}, with the interval"
+    return f"{name}s of the {averages}, with the intervals"
 
 
 def draw_interaction(interaction: InteractionResults, out: Path, condition_label: str = "") -> ReportFigure:
@@ -256,10 +263,8 @@ def draw_learning_curves(
                 xlabel="trial in the block" if results.are_trials else "episode in the block",
             )
             units = "trials" if results.are_trials else "episodes"
-            caption = f"{_begin_sentence(label)} over the {units} of block {block.block}: mean, 95 % interval"
-            if are_few(curves) and not are_all_zero_or_one(curves):
-                caption += "; thin lines: participants"
-            caption += "."
+            marks = _describe_curves(has_lines=has_participant_lines(curves, limits))
+            caption = f"{_begin_sentence(label)} over the {units} of block {block.block}: {marks}."
             yield ReportFigure(block.block, png, caption)
 
 
@@ -271,6 +276,13 @@ def _average_members(episodes: pd.DataFrame, teams: pd.DataFrame | None) -> pd.D
     measures = [measure for measure, _, _ in CURVES]
     united = unite_teams(episodes.drop_duplicates(keys, keep="last").reset_index(drop=True), teams)
     return united.astype(dict.fromkeys(measures, float)).groupby(keys, sort=False)[measures].mean().reset_index()
+
+
+def _describe_curves(*, has_lines: bool) -> str:
+    """Return what a figure of learning curves draws, as its caption has it."""
+    if has_lines:
+        return "mean, 95 % interval; thin lines: participants"
+    return "mean, 95 % interval"
 
 
 def draw_sessions(blocks: pd.DataFrame, results: Results, out: Path) -> Iterator[ReportFigure]:
@@ -290,20 +302,19 @@ def draw_sessions(blocks: pd.DataFrame, results: Results, out: Path) -> Iterator
                 table = group_rows.pivot(index="participant", columns="session", values=measure)
                 curves[group] = table.reindex(columns=sessions).to_numpy(float)
         label = label_measure(measure)
+        limits = _find_limits(measure, rows[measure])
         png, _ = draw_figure_files(
             out / f"{block.block}_sessions",
             "learning_curves.learning_figure",
             curves,
             measure=_shorten(label),
-            limits=_find_limits(measure, rows[measure]),
+            limits=limits,
             xlabel="session",
             numbers=sessions,
             title=name_measure(label, block.block),
         )
-        caption = f"{_begin_sentence(label)} in block {block.block}, session by session: mean, 95 % interval"
-        if are_few(curves) and not are_all_zero_or_one(curves):
-            caption += "; thin lines: participants"
-        caption += "."
+        marks = _describe_curves(has_lines=has_participant_lines(curves, limits))
+        caption = f"{_begin_sentence(label)} in block {block.block}, session by session: {marks}."
         yield ReportFigure(block.block, png, caption)
 
 

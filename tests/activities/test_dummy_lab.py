@@ -25,6 +25,7 @@ from minihuman.experiment.machine.events import Answered
 from minihuman.experiment.machine.inputs import PointerPressed
 from minihuman.experiment.machine.screens import TextLocale
 from minihuman.experiment.plan.dry_run import list_missing_words
+from minihuman.experiment.plan.protocol_notices import list_protocol_notices
 from minihuman.experiment.protocol.protocol import decode_protocol
 from minihuman.log.codec import find_topic, list_activity_topics
 from minihuman.log.read.session_reader import read_log
@@ -383,6 +384,12 @@ def test_a_language_model_gives_an_order_in_its_order(lab):
     for happened in list_inputs(rule.read("3, 1, 2"), rule, 1_000):
         desk.give(happened)
     assert desk.of(Answered)[0].value == "[3,1,2]"
+
+
+def test_a_kind_that_uses_no_field_of_others_has_each_named(lab):
+    study = decode_protocol(STUDY.replace('kind = "mood"', 'kind = "mood"\nlow = "bad"').encode())
+    [notice] = list_protocol_notices(study)
+    assert notice.endswith("of kind 'mood', which uses none of the fields of other kinds")
 
 
 def test_a_protocol_may_name_them(lab, tmp_path):

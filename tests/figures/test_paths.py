@@ -112,6 +112,19 @@ def test_the_goal_is_the_thing_the_mission_names_where_none_is_called_goal():
     assert find_goal(room) == (room.start.map.things[0].x, room.start.map.things[0].z)
 
 
+def test_where_the_mission_names_several_things_no_goal_is_drawn_or_in_the_legend():
+    room = episode(kind="room")
+    (box,) = room.start.map.things
+    two_things = replace(room.start.map, things=(box, replace(box, name="blue ball", x=box.x + 1)))
+    start = replace(room.start, mission=f"put the {box.name} near the blue ball", map=two_things)
+    several = replace(room, start=start)
+    assert find_goal(several) is None
+    for played, is_named in ((room, True), (several, False)):
+        legends = [legend for part in paths_figure([("room", [played])]).subfigs for legend in part.legends]
+        labels = [text.get_text() for legend in legends for text in legend.get_texts()]
+        assert ("goal" in labels) is is_named
+
+
 @pytest.mark.parametrize("bounds", [(5.0, 0.0, 1.0, 9.0), (0.0, float("nan"), 9.0, 9.0), (0.0, 0.0, float("inf"), 9.0)])
 def test_a_map_whose_bounds_were_changed_is_refused_in_one_sentence(bounds):
     log = session(episodes=2, blocks=("grid",))

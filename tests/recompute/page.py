@@ -607,8 +607,7 @@ def expected_answer(study: Study) -> Iterator[tuple[str, Any]]:
             f"comparisons{', unless they say so' if interaction else ''}, and intervals (95 %) never are. In the "
             "tables, p (Holm) is corrected over the comparisons that the caption names. Every p value that no sentence "
             f"here states is exploratory, but those of {calling} primary or secondary, and comparisons of groups are "
-            "not corrected across blocks. "
-            "Methods define the measures."
+            "not corrected across blocks. Methods define the measures."
         ),
     )
     if study.blocks:

@@ -154,7 +154,7 @@ HELLO = '[[pages]]\nname = "hello"\ntext = "Hello"\n'
             '[allocation]\nstratify_by = "you.why"\n',
             GROUPS,
             "",
-            "a text; use a question whose answer is a number or an option",
+            "of kind 'text'; use a question whose answer is a number or an option",
         ),
         ('[allocation]\nstratify_by = "you.age"\n', GROUPS, "", "cut_points is missing, but 'you.age' is a number"),
         ('[allocation]\nstratify_by = "you"\n', GROUPS, "", "cut_points is missing"),

@@ -391,7 +391,7 @@ def horizontal_step(key: str, *, rtl: bool) -> int:
     return by
 
 
-def list_kinds_using(field_name: str) -> list[str]:
+def _list_kinds_using(field_name: str) -> list[str]:
     """List the built-in kinds that use a field of `QuestionItemSpec`, of those that not every kind has."""
     names = list_plugin_names(QUESTION_GROUP, built_in=True)
     return [name for name in names if field_name in (find_question_kind(name).item_fields or ())]
@@ -404,6 +404,6 @@ def describe_useless_fields(question: QuestionItemSpec) -> Iterator[str]:
         return
     for specified in msgspec.structs.fields(QuestionItemSpec):
         is_given = getattr(question, specified.name) != specified.default
-        if is_given and specified.name not in used and list_kinds_using(specified.name):
+        if is_given and specified.name not in used and _list_kinds_using(specified.name):
             uses = ", ".join(used) or "none of the fields of other kinds"
-            yield f"{specified.name} has no effect on a {question.kind}, which uses {uses}"
+            yield f"{specified.name} has no effect on a question of kind {question.kind!r}, which uses {uses}"

@@ -28,13 +28,13 @@ MEASURES = {  # of a participant in a condition, with what they are called
     "criterion": "criterion c",
 }
 FORMULAS = {  # of a participant's trials, where the label does not say it
-    "accuracy": "correct responses, and responses rightly withheld, / trials in which one is correct",
+    "accuracy": "trials with the correct response, or rightly without any / trials that have a correct response",
     "response_mean_ms": "key press minus onset, the mean over correct responses without those trimmed",
     "response_median_ms": "key press minus onset, the median over correct responses",
     "hit_rate": "responses in trials that ask for one / these trials",
     "false_alarm_rate": "responses in trials that ask for none / these trials",
-    "d_prime": "z(hits) \N{MINUS SIGN} z(false alarms), with half a trial more of each",
-    "criterion": "\N{MINUS SIGN}(z(hits) + z(false alarms)) / 2",
+    "d_prime": "z(hits) \N{MINUS SIGN} z(false alarms), rates with the log-linear correction",
+    "criterion": "\N{MINUS SIGN}(z(hits) + z(false alarms)) / 2, of the same rates",
 }
 COMPARED = ("accuracy", "response_mean_ms")  # between the levels of a label
 _PERSON = ["participant", "session", "group", "block"]

@@ -44,7 +44,7 @@ from minihuman.experiment.protocol.validation_errors import (
     find_structural_errors,
     format_field_errors,
 )
-from minihuman.plugins import QUESTION_GROUP, list_plugin_names
+from minihuman.plugins import QUESTION_GROUP, list_plugin_names, load_plugin
 
 MAX_ALLOCATED_BLOCKS = 1_000_000  # blocks of all participants, for each of which the allocation list draws keys
 
@@ -296,8 +296,9 @@ def _read_fields() -> dict[str, dict[str, tuple[str, str]]]:
     names = list_plugin_names(QUESTION_GROUP, built_in=True)
     tables: dict[str, dict[str, tuple[str, str]]] = tomllib.loads(text.replace("{question_kinds}", _join_names(names)))
     items = tables["questions.items"]
+    registered = {name: load_plugin(QUESTION_GROUP, name, ProtocolError, noun="question kind") for name in names}
     for field, (meaning, example) in items.items():
-        kinds = specs.list_question_kinds_using(field)
+        kinds = [name for name, kind in registered.items() if field in (kind.item_fields or ())]
         if kinds:
             items[field] = (f"of {_join_names(kinds)}: {meaning}", example)
     return tables

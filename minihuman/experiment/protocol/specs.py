@@ -15,7 +15,7 @@ from typing import Any, ClassVar, Literal, Protocol, TypeVar
 import msgspec
 
 from minihuman.activities.pages.plan import ExampleSpec
-from minihuman.activities.questions.question import QuestionItemSpec, describe_useless_fields, list_kinds_using
+from minihuman.activities.questions.question import QuestionItemSpec, describe_useless_fields
 from minihuman.errors import ProtocolError
 from minihuman.experiment.plan.designs import DesignSpec
 from minihuman.experiment.protocol.about_spec import (
@@ -250,11 +250,6 @@ def list_useless_item_fields(questionnaires: Sequence[QuestionnaireSpec]) -> Ite
         for question in questionnaire.items:
             for text in describe_useless_fields(question):
                 yield f"questions {questionnaire.name!r}: {question.name!r}: {text}"
-
-
-def list_question_kinds_using(field: str) -> list[str]:
-    """List the built-in kinds of question that use a field of an item, of those that not every kind has."""
-    return list_kinds_using(field)
 
 
 def load_form(name: str, language: str) -> ShippedForm:

@@ -168,10 +168,8 @@ def _check_answer(protocol: Protocol) -> Iterator[FieldError]:
     elif answer_type in _CODED:
         yield from _check_codes(allocation, question)
     else:
-        yield (
-            "stratify_by",
-            f"is {allocation.stratify_by!r}, a {question.kind}; use a question whose answer is a number or an option",
-        )
+        way_out = "use a question whose answer is a number or an option"
+        yield "stratify_by", f"is {allocation.stratify_by!r}, of kind {question.kind!r}; {way_out}"
 
 
 def _check_number_of_strata(protocol: Protocol) -> Iterator[FieldError]:

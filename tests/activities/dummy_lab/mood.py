@@ -52,4 +52,4 @@ def list_codes(settings):
     return tuple(settings.colours)
 
 
-MOOD = QuestionKind("mood", MoodDraft, "code", settings=MoodSettings, codes=list_codes)
+MOOD = QuestionKind("mood", MoodDraft, "code", item_fields=(), settings=MoodSettings, codes=list_codes)

@@ -474,5 +474,5 @@ options = ["left", "right"]
 """
     [notice] = list_protocol_notices(protocol(study))
     assert notice.startswith(
-        "questions 'about': 'tilt': unit has no effect on a slider, which uses low, high, minimum,"
+        "questions 'about': 'tilt': unit has no effect on a question of kind 'slider', which uses "
     )
