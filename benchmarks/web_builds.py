@@ -1,9 +1,10 @@
-"""CPU of a key in a browser session, by this checkout's server and by another's, in turn in one run.
+"""CPU of a key in a browser session, by this checkout's server and by another's, side by side in one run.
 
     python -m benchmarks.web_builds ../earlier ../earlier/.venv/bin/python grid ahead --rounds 3
 
 Each checkout's own `benchmarks.web_load` starts its server and its pages, which speak the messages of that checkout;
-the order changes with each round. CPU seconds of the server count, so that a busy machine changes little.
+both run at the same time, the one that starts first changing with each round, so that what slows the machine down slows
+both. In turn, the ratio of a build to itself varied by a tenth. CPU seconds of the server count.
 """
 
 import argparse
@@ -12,6 +13,7 @@ import re
 import statistics
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 HERE = Path(__file__).parents[1]
@@ -57,7 +59,9 @@ def main() -> None:
         ratios = []
         for number in range(asked.rounds):
             order = [*builds] if number % 2 == 0 else [*reversed(builds)]
-            figures = {name: measure(*builds[name], kind, options) for name in order}
+            with ThreadPoolExecutor() as pool:
+                started = {name: pool.submit(measure, *builds[name], kind, options) for name in order}
+                figures = {name: measured.result() for name, measured in started.items()}
             ratios.append(figures["ours"][0] / figures["earlier"][0])
             texts = [
                 f"{name} {cpu_ms:.2f} ms a step, {people:.0f} a core" for name, (cpu_ms, people) in figures.items()

@@ -29,7 +29,6 @@ from minihuman.web.page_presence import PagePresence, find_sign_interval_ms
 from minihuman.web.page_protocol import PageProtocol, PageSession, ServerMessages, StreamNames
 from minihuman.web.session_budget import SessionBudget
 from minihuman.web.session_clocks import SegmentClock
-from minihuman.web.session_host import SessionHost
 from minihuman.worlds.adapters.foreign_code import WorldCodeError
 from minihuman.worlds.source_digest import kernels_digest
 
@@ -71,6 +70,7 @@ class Connection(PageSession):
         self.key = admission.key
         self.admission = admission
         self.hosted = hosted
+        self.host = hosted.host
         self.lease: Lease | None = None
         if leases is not None:
             self.lease = admission.lease
@@ -90,11 +90,6 @@ class Connection(PageSession):
         self._clock = _start_clock(hosted, max_outage_s)
         self._budget = SessionBudget(hosted.host.session.plan)
         self.is_over_budget = False  # the page sent more than its session can need, and the session was ended
-
-    @property
-    def host(self) -> SessionHost:
-        """Return the session's host."""
-        return self.hosted.host
 
     @property
     def outgoing(self) -> ServerMessages:
@@ -268,11 +263,10 @@ class Connection(PageSession):
             return False
         if number <= self._streams.incoming.received:
             return True
-        now_ns = self.now_ns()
-        if self._budget.spend(n_bytes, now_ns, is_text=is_text):
+        if self._budget.spend(n_bytes, self.now_ns, is_text=is_text):
             return True
         self.is_over_budget = True
-        limit_bytes = self._budget.find_limit_bytes(now_ns)
+        limit_bytes = self._budget.find_limit_bytes(self.now_ns())
         self.stop("aborted", f"the page sent more than the {limit_bytes} bytes that this session can need by now")
         return False
 

@@ -4,6 +4,8 @@ A rate limit on messages alone would let one page write a gigabyte in twenty min
 So would a long plan's bytes if a page had them all at once: its steps' are granted as fast as steps can be made.
 """
 
+from collections.abc import Callable
+
 from minihuman.experiment.keys import MOUSE_AXES, TOUCH_AXES
 from minihuman.experiment.plan.session_plan import EpisodePlan, SessionPlan, list_axes, needs_gamepad
 
@@ -31,6 +33,7 @@ class SessionBudget:
 
     def __init__(self, plan: SessionPlan) -> None:
         self.spent_bytes = 0
+        self._granted_bytes = 0  # the limit when it was last found; it grows with time
         self._text_bytes = 0  # the part of these that was typed, which may not use the bytes granted for steps
         self._step_bytes = _FACTOR * _estimate_step_bytes(plan)  # for all steps, granted at the rate below
         self._step_bytes_per_s = _FACTOR * _STEP_BYTES * max(map(_estimate_steps_per_s, plan.episodes), default=0)
@@ -43,19 +46,24 @@ class SessionBudget:
         if any(getattr(part.plan, "has_text_entry", False) for part in plan.parts):
             self._bytes_per_s += _TEXT_BYTES_PER_S
 
-    def spend(self, n_bytes: int, session_ns: int, *, is_text: bool = False) -> bool:
+    def spend(self, n_bytes: int, read_session_ns: Callable[[], int], *, is_text: bool = False) -> bool:
         """Count a message's bytes; return False if the session has sent more than it can need by this time.
 
         Args:
             n_bytes: the size of the message.
-            session_ns: the session's time in nanoseconds.
+            read_session_ns: returns the session's time in nanoseconds; called only if the earlier limit is reached.
             is_text: whether the message holds what was typed, which is also limited by itself.
         """
         self.spent_bytes += n_bytes + MESSAGE_COST_BYTES
+        if not is_text and self.spent_bytes <= self._granted_bytes:
+            return True
+        session_ns = read_session_ns()
+        self._granted_bytes = self.find_limit_bytes(session_ns)
         if is_text:
             self._text_bytes += n_bytes + MESSAGE_COST_BYTES
-        is_text_within = self._text_bytes <= self._find_other_bytes(session_ns)
-        return is_text_within and self.spent_bytes <= self.find_limit_bytes(session_ns)
+            if self._text_bytes > self._find_other_bytes(session_ns):
+                return False
+        return self.spent_bytes <= self._granted_bytes
 
     def find_limit_bytes(self, session_ns: int) -> int:
         """Return the number of bytes that a session can need up to a time in it, given in nanoseconds."""

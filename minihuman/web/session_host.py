@@ -169,7 +169,7 @@ class SessionHost:
         self.outbox.follow(events)
         if not waits:
             self._answer_requests()
-        is_step = any(isinstance(event, Stepped) for event in events)
+        is_step = Stepped in map(type, events)
         self.has_stepped |= is_step
         return is_step
 
@@ -179,6 +179,8 @@ class SessionHost:
         self._notes = []
         if difference := self.outbox.compare(message, events):
             notes.append(difference)
+        if not notes:
+            return events
         return [*(Noted(at_ns, BROWSER_NOTE, note) for note in notes), *events]
 
     def _advance(self, number: int, at_ns: int, message: messages.PageMessage, arrival_ns: int | None) -> None:

@@ -91,19 +91,23 @@ def test_a_page_on_a_bad_line_may_repeat_what_it_sent_as_often_as_it_reconnects(
     assert not connection.host.over
 
 
+def spend_at(budget: SessionBudget, n_bytes: int, session_ns: int, *, is_text: bool = False) -> bool:
+    return budget.spend(n_bytes, lambda: session_ns, is_text=is_text)
+
+
 def test_a_person_who_plays_all_of_a_plan_and_types_long_answers_stays_within_the_budget() -> None:
     plan = corridor_plan(consent="May we?")
     budget = SessionBudget(plan)
     steps = sum(episode.max_steps for episode in plan.episodes)
-    assert all(budget.spend(KEY_MESSAGE_BYTES, number * S // 8) for number in range(4 * steps))
-    assert all(budget.spend(KEY_MESSAGE_BYTES, 3_600 * S + number * S // 6) for number in range(6 * 3_600))
+    assert all(spend_at(budget, KEY_MESSAGE_BYTES, number * S // 8) for number in range(4 * steps))
+    assert all(spend_at(budget, KEY_MESSAGE_BYTES, 3_600 * S + number * S // 6) for number in range(6 * 3_600))
 
 
 def test_a_page_at_the_full_rate_is_within_the_budget_for_a_few_minutes_at_most() -> None:
     plan = corridor_plan(consent="May we?")
     budget = SessionBudget(plan)
     per_s = int(MESSAGES_PER_S)
-    assert not all(budget.spend(KEY_MESSAGE_BYTES, number * S // per_s) for number in range(600 * per_s))
+    assert not all(spend_at(budget, KEY_MESSAGE_BYTES, number * S // per_s) for number in range(600 * per_s))
     assert budget.find_limit_bytes(600 * S) < 5_000_000
 
 
@@ -113,18 +117,20 @@ def test_a_long_plan_does_not_let_a_page_write_all_of_it_at_once() -> None:
         corridor_plan(consent="May we?"), episodes=(msgspec.structs.replace(episode, max_steps=20_000),) * 10
     )
     budget = SessionBudget(plan)
-    assert not all(budget.spend(2_000, number * S // int(MESSAGES_PER_S)) for number in range(10 * int(MESSAGES_PER_S)))
+    assert not all(
+        spend_at(budget, 2_000, number * S // int(MESSAGES_PER_S)) for number in range(10 * int(MESSAGES_PER_S))
+    )
     assert budget.spent_bytes < 2_000_000
     budget = SessionBudget(plan)  # at a server so busy that it takes ten messages a second
-    assert not all(budget.spend(2_000, number * S // 10, is_text=True) for number in range(6_000))
+    assert not all(spend_at(budget, 2_000, number * S // 10, is_text=True) for number in range(6_000))
     assert budget.spent_bytes < 3_000_000
     in_real_time = (msgspec.structs.replace(episode, max_steps=20_000, pace="real_time", step_period_ms=1_000 / 60),)
     budget = SessionBudget(msgspec.structs.replace(plan, episodes=in_real_time * 10))
     per_s = 150  # steps, their pictures, and the keys
-    assert all(budget.spend(KEY_MESSAGE_BYTES, number * S // per_s) for number in range(1_200 * per_s))
+    assert all(spend_at(budget, KEY_MESSAGE_BYTES, number * S // per_s) for number in range(1_200 * per_s))
     budget = SessionBudget(plan)
     per_s = 3 * 15  # a key of a quick participant goes down, is seen, and comes up
-    assert all(budget.spend(KEY_MESSAGE_BYTES, number * S // per_s) for number in range(3_600 * per_s))
+    assert all(spend_at(budget, KEY_MESSAGE_BYTES, number * S // per_s) for number in range(3_600 * per_s))
 
 
 def test_a_plan_that_asks_for_more_has_a_larger_budget(tmp_path: Path) -> None:

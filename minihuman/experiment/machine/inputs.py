@@ -212,6 +212,9 @@ Input = (
 )
 
 
+_TIMELESS = (Stop, ScreenShown, TextInput, TextEdited, PointerInput)
+
+
 def is_timeless(happened: Input, facts: Mapping[str, str]) -> bool:
     """Return whether everything that is due by now is processed after an input rather than before it.
 
@@ -223,4 +226,4 @@ def is_timeless(happened: Input, facts: Mapping[str, str]) -> bool:
     """
     if isinstance(happened, SoundStarted):
         return facts.get("trial_rules", "1") == TRIAL_RULES
-    return isinstance(happened, Stop | ScreenShown | TextInput | TextEdited | PointerInput)
+    return isinstance(happened, _TIMELESS)

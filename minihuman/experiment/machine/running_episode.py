@@ -55,6 +55,8 @@ class catch_world_errors:  # noqa: N801 - used as `contextlib.suppress` is
     def __enter__(self) -> None: ...
 
     def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        if error is None:  # every step
+            return
         if isinstance(error, WorldCodeError):
             if isinstance(error.__cause__, Exception):
                 cause = error.__cause__

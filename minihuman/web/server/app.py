@@ -254,7 +254,8 @@ class WebServer:
             answer = await connection.run(partial(protocol.receive, line, more=place < len(lines)))
             if answer is not None:
                 await page.send(answer)
-        await self._finish_if_over(connection)
+        if connection.host.over:
+            await self._finish_if_over(connection)
         effect = await connection.run(protocol.end_text)
         if effect.has_answer:
             connection.changed.set()
