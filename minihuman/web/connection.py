@@ -35,12 +35,12 @@ from minihuman.worlds.source_digest import kernels_digest
 LOG = logging.getLogger("minihuman")
 T = TypeVar("T")
 _ACTS = (
-    messages.KeyMessage
-    | messages.PointerMessage
-    | messages.TextMessage
-    | messages.FieldMessage
-    | messages.AxisMessage
-    | messages.MouseMotionMessage
+    messages.KeyMessage,
+    messages.PointerMessage,
+    messages.TextMessage,
+    messages.FieldMessage,
+    messages.AxisMessage,
+    messages.MouseMotionMessage,
 )  # messages that show that the participant does something
 
 
@@ -94,7 +94,7 @@ class Connection(PageSession):
     @property
     def outgoing(self) -> ServerMessages:
         """Return the stream of messages to the page; a restart replaces it."""
-        return self.host.outgoing
+        return self.host.outbox.outgoing
 
     @property
     def agreed(self) -> bool:
@@ -236,9 +236,9 @@ class Connection(PageSession):
         rtt_ms = rtt_ns / 1e6
         return rtt_ms > play.plan.step_period_ms
 
-    def hear(self) -> None:
-        """Record that the page is alive."""
-        self.presence.hear(monotonic_s())
+    def hear(self, now_s: float) -> None:
+        """Record that the page is alive at a monotonic time in seconds."""
+        self.presence.hear(now_s)
 
     def record_act(self) -> None:
         """Record that the participant typed something that has not settled yet."""

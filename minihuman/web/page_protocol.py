@@ -16,7 +16,7 @@ from minihuman.web.traffic_limits import MAX_BACKLOG, PREFETCH_BACKLOG, RateLimi
 
 MAX_BATCH_BYTES = 65_536  # of messages that are sent as one
 
-_TEXTS = messages.TextMessage | messages.FieldMessage  # what a participant typed
+_TEXTS = (messages.TextMessage, messages.FieldMessage)  # what a participant typed
 ServerMessages = OutgoingStream[messages.ServerMessage | messages.PictureMessage]
 
 
@@ -75,8 +75,8 @@ class PageSession(abc.ABC):
         """
 
     @abc.abstractmethod
-    def hear(self) -> None:
-        """Record that the page is alive."""
+    def hear(self, now_s: float) -> None:
+        """Record that the page is alive at a monotonic time in seconds."""
 
     @abc.abstractmethod
     def record_act(self) -> None:
@@ -131,9 +131,9 @@ class PageProtocol:
 
     # From the page
 
-    def begin_text(self) -> None:
-        """Begin to receive a text, which may contain several messages."""
-        self._session.hear()
+    def begin_text(self, now_s: float) -> None:
+        """Begin to receive a text, which may contain several messages, at a monotonic time in seconds."""
+        self._session.hear(now_s)
         self._last_number = self._session.outgoing.last_number
         self._safe = self._session.safe()
         self._was_behind = False

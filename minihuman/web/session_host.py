@@ -60,6 +60,7 @@ class SessionHost:
         self.outbox = Outbox(session, make_world, settings, logged)
         self.link = PageClock()
         self._agent = agent
+        self.has_agent = agent is not None
         self._prepared: inputs.ActivityInput | None = None  # the answer to a long request, until the session has it
         self._is_announced = False  # whether the page was asked to set that answer's time
         self._inputs = PageInputs((*logged, *unwritten))
@@ -87,7 +88,7 @@ class SessionHost:
     @property
     def is_polled(self) -> bool:
         """Return whether the host must be polled for answers, which in joint turns the page's ticks do."""
-        if self._agent is None:
+        if not self.has_agent:
             return False
         play = self.session.play
         plays_joint_turns = play is not None and play.is_joint and not play.real_time

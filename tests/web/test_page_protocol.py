@@ -39,7 +39,7 @@ class EchoSession(PageSession):
         if not isinstance(numbered.what, messages.RoundTripMessage):
             self.outgoing.add(messages.EpisodeState(numbered.n, None))
 
-    def hear(self) -> None:
+    def hear(self, now_s: float) -> None:
         self.texts += 1
 
     def record_act(self) -> None:
@@ -64,7 +64,7 @@ def protocol_of(session: PageSession, after: int = 0) -> PageProtocol:
 
 def receive(protocol: PageProtocol, *lines: str) -> tuple[bool, bool]:
     """Have a text received; whether there is an answer, and more to look for ahead."""
-    protocol.begin_text()
+    protocol.begin_text(0.0)
     for place, line in enumerate(lines, 1):
         protocol.receive(line, more=place < len(lines))
     effect = protocol.end_text()

@@ -75,7 +75,7 @@ class VirtualConnection(PageSession):
         if self._streams.incoming.take(numbered.n) and not self.host.over:
             self.host.receive(numbered.n, numbered.at, numbered.what, more=more)
 
-    def hear(self) -> None:
+    def hear(self, now_s: float) -> None:
         """Take no note: no seat waits for this page."""
 
     def record_act(self) -> None:
@@ -99,7 +99,7 @@ class VirtualConnection(PageSession):
             hello = decode_page_message(texts.pop(0))
             assert isinstance(hello, messages.Hello)
             return [self._greet(hello)]
-        self._protocol.begin_text()
+        self._protocol.begin_text(at_ms / 1e3)
         answers: list[object] = []
         for place, line in enumerate(texts, 1):
             if answer := self._protocol.receive(line, more=place < len(texts)):

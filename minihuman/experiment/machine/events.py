@@ -3,7 +3,6 @@
 Times are integer nanoseconds on the monotonic clock since the session's segment started.
 """
 
-import abc
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -74,15 +73,15 @@ class TimedEvent:
     t_ns: int
 
 
-class EpisodeBeginning(abc.ABC):
+class EpisodeBeginning:
     """An event at which an episode begins: a reset, or a return to a state that an earlier episode was in."""
 
     __slots__ = ()
+    if TYPE_CHECKING:  # an abstract class would be slow to test each event for
 
-    @property
-    @abc.abstractmethod
-    def begins_at(self) -> tuple[int, int]:
-        """Return the episode's index, and the step after which it begins."""
+        @property
+        def begins_at(self) -> tuple[int, int]:
+            """Return the episode's index, and the step after which it begins."""
 
 
 class EpisodeStep:

@@ -218,7 +218,7 @@ class SessionMachine:
         """
         if self.over:
             return []
-        play = self.play
+        play = None if draws else self.play
         self._context.now_ns = max(self.now_ns, happened.t_ns, at_ns)
         try:
             if self._phase is Phase.START:

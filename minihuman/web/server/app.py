@@ -246,7 +246,7 @@ class WebServer:
         """Handle the messages in a text; then finish the session, wake the writer or look ahead if necessary."""
         lines = text.split("\n")
         now_s = monotonic_s()
-        protocol.begin_text()
+        protocol.begin_text(now_s)
         for place, line in enumerate(lines, 1):
             while not protocol.admits(now_s):
                 await asyncio.sleep(0.1)  # backpressure; a page that reconnects sends a lot at once
@@ -367,7 +367,7 @@ class WebServer:
         """Poll the sessions that wait for an answer from outside, such as a learner's policy."""
         while True:
             await asyncio.sleep(LEARNER_POLL_INTERVAL_S)
-            for connection in tuple(self.connections.values()):
+            for connection in [each for each in self.connections.values() if each.host.has_agent]:
                 if connection.host.is_polled:
                     await self._run_for(connection, self._poll_one(connection))
 

@@ -3,6 +3,7 @@
 The server prints its links and runs until it is stopped. Each worker hosts sessions of its own.
 """
 
+import gc
 import socket
 import subprocess
 import sys
@@ -125,6 +126,8 @@ def run_server(
         address = f"http://{HOST}:{listening_socket.getsockname()[1]}/"
     _say_links(arrivals, links, address, say)
     server = WebServer(arrivals, data, worlds=worlds)
+    gc.collect()
+    gc.freeze()  # what was loaded so far stays, and looking through it would keep all pages waiting, now and then
     with suppress(KeyboardInterrupt):  # uvicorn has shut down, and raises the signal again
         QueueingServer(_configure(server.app())).run(sockets=[listening_socket])
 
