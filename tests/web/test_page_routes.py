@@ -26,8 +26,7 @@ def list_modules_needed(name: str, found: set[str]) -> set[str]:
 def test_every_module_that_the_page_needs_is_asked_for_at_once() -> None:
     page = Path(PAGE_FOLDER, "page.html").read_text(encoding="utf-8")
     asked_for = re.findall(r'(?:modulepreload" href|module" src)="/static/([^"]+)"', page)
-    assert asked_for == ["page.js", *sorted(asked_for[1:])]
-    assert set(asked_for) == list_modules_needed("page.js", set())
+    assert sorted(asked_for) == sorted(list_modules_needed("page.js", set()))
 
 
 @pytest.mark.parametrize(
