@@ -272,5 +272,6 @@ def _first_paragraph(definition: Schema) -> str:
     return str(definition.get("description", "")).partition("\n\n")[0].replace("\n", " ")
 
 
-def _first_line(described: type) -> str:
+def _first_line(described: object) -> str:
+    """Return the first line of the docstring of a class or function."""
     return (described.__doc__ or "").partition("\n")[0]
