@@ -72,9 +72,9 @@ def simulate(
 
     def begin() -> tuple[SessionPlan, SimulatedParticipant]:
         plan = plan_next_session(protocol, data)
-        place = plan.participant.index
-        taken_over = int(plan.participant.id.partition("-")[2]) - 1 - place  # 0 for the slot's first participant
-        stream_key = (place, *filter(None, (without_data[place], taken_over)))
+        slot_index = plan.participant.index
+        n_replaced = int(plan.participant.id.partition("-")[2]) - 1 - slot_index  # 0 for the slot's first participant
+        stream_key = (slot_index, *filter(None, (without_data[slot_index], n_replaced)))
         rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=stream_key))
         return plan, make_participant(player, rng)
 
@@ -118,13 +118,13 @@ def _play_sessions(
 
     If the first session leaves no data, free the person's slot and count the person in ``without_data``.
     """
-    place = plan.participant.index
+    slot_index = plan.participant.index
     log, reason = _play_session(
-        protocol, plan, person, data, facts, before=without_data[place], teams=teams, make_world=make_world
+        protocol, plan, person, data, facts, before=without_data[slot_index], teams=teams, make_world=make_world
     )
     if log is None:
         free_slot(data / plan.study, plan.participant.id, reason)
-        without_data[place] += 1
+        without_data[slot_index] += 1
     else:
         yield log
     for session in range(2, len(protocol.sessions) + 1):
@@ -174,7 +174,7 @@ def _play_session(
     teams: TeamTable | None = None,
     make_world: WorldFactory = World,
 ) -> tuple[Path | None, str]:
-    """Play one session; return its log, None if it ended before anything was recorded, and the reason why it ended."""
+    """Play one session; return its log, None if nothing was recorded, and the reason why it ended."""
     clock = VirtualClock()
     facts = facts | collect_world_facts(list_world_ids(plan)) | {"window": "simulated"}
     session = build_session(plan, make_world, facts, picture_px=None)
@@ -196,14 +196,14 @@ def _free_slot(data: Path, plan: SessionPlan, error: PlayerFailedError) -> str:
     """Free the slot of a player that failed; return a sentence that says where its log is."""
     study_dir = data / plan.study
     code = plan.participant.id
-    why = f"player_failed: {error.reason}"
+    departure_reason = f"player_failed: {error.reason}"
     log = SegmentPath.of_plan(data, plan).log
     if not log.exists():
         if plan.session == 1:
             free_slot(study_dir, code, "player_failed")
         return "nothing was recorded, and the slot is free again"
     record_log_end(log)
-    record_departure(study_dir, ParticipantReplaced(code, now_text(), reason=why))
+    record_departure(study_dir, ParticipantReplaced(code, now_text(), reason=departure_reason))
     return f"{log} has the session up to there, and the slot is free again"
 
 

@@ -8,7 +8,7 @@ from minihuman.experiment.protocol.protocol import Protocol
 
 
 def count_seats_at_machine(protocol: Protocol, group: str | None = None) -> int:
-    """Return how many people share one machine: the most people in a team whose seats have keys of their own.
+    """Return how many people share one machine: the largest number in a team whose seats have different keys.
 
     Without such teams it is 1.
     """
