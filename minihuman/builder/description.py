@@ -46,7 +46,7 @@ def is_trusted(tree: dict[str, Any], folder: Path) -> bool:
 
 
 def check_file(path: Path, content: bytes) -> tuple[Protocol | None, list[Mistake]]:
-    """Decode a protocol with the files that it names; return None and the mistakes if it is not valid."""
+    """Decode a protocol with the files that it names; return it without mistakes, or None with the mistakes."""
     source = str(path)
     try:
         decode_protocol(content, source)
@@ -97,7 +97,7 @@ def _split_message(line: str, source: str, tree: Mapping[str, Any]) -> tuple[Ste
 
 
 def parse_path(path: str) -> Steps:
-    """Parse a path as errors write it: "$.blocks[1].episodes"."""
+    """Parse a path in the form of errors, such as "$.blocks[1].episodes", into its steps."""
     return tuple(name or int(number) for name, number in _STEP.findall(path.removeprefix("$")))
 
 
@@ -116,15 +116,20 @@ def list_parts(tree: dict[str, Any], document: TomlDocument | None) -> list[Part
             name = str(row.get("name", ""))
             kind = str(row.get("kind", usual_kind)) if table in _TABLES_WITH_KIND else usual_kind
             line = document.find_line(path) if document else 1
-            uses = [lane.group for lane in lanes if name in lane.parts or name in lane.replaced.values()]
-            uses += [str(order.get("name")) for order in _list_rows(tree, "orders") if name in str(order.get("parts"))]
-            title = row.get("title", "")
-            parts.append(Part(name, kind, list(path), str(title), list(dict.fromkeys(uses)), line))
+            title = str(row.get("title", ""))
+            parts.append(Part(name, kind, list(path), title, _list_uses(tree, lanes, name), line))
     return parts
 
 
+def _list_uses(tree: dict[str, Any], lanes: list[Lane], part_name: str) -> list[str]:
+    """Return the names of the groups and orders that list a part, each once."""
+    groups = [lane.group for lane in lanes if part_name in lane.parts or part_name in lane.replaced.values()]
+    orders = [str(order.get("name")) for order in _list_rows(tree, "orders") if part_name in str(order.get("parts"))]
+    return list(dict.fromkeys([*groups, *orders]))
+
+
 def list_lanes(tree: dict[str, Any]) -> list[Lane]:
-    """Return the parts of each group in each session, as the file lists them."""
+    """Return a lane for each group and session: the parts that the file lists there, in order."""
     lanes = []
     for number, group in enumerate(_list_rows(tree, "groups")):
         replaced = {str(part): str(substitute) for part, substitute in _get_table(group, "replace_parts").items()}

@@ -8,7 +8,7 @@ from minihuman.builder.messages import FieldDifference, Path
 
 
 def list_differences(before: dict[str, Any], after: dict[str, Any]) -> Iterator[FieldDifference]:
-    """Yield the fields in which two protocols differ; a field that one of them lacks is None there."""
+    """Yield the fields in which the values of two protocols differ; a missing field has the value None."""
     yield from _list_value_differences(before, after, [])
 
 

@@ -48,7 +48,7 @@ class TomlDocument:
 
     @classmethod
     def parse(cls, text: str) -> "TomlDocument":
-        """Parse a text.
+        """Parse a TOML text.
 
         Raises:
             NotEditableError: if it is not valid TOML.
@@ -83,7 +83,7 @@ class TomlDocument:
         return self.spans.find_line(self.spans.position_of(path))
 
     def literal(self, path: Steps) -> str:
-        """Return how the value at a path is written; "" if it is a table with a header, or missing."""
+        """Return the text of the value at a path; "" if it is a table with a header, or missing."""
         span = self.spans.values.get(path)
         if span is None:
             return ""
@@ -142,7 +142,7 @@ class TomlDocument:
         Args:
             path: the list, and the element's number in it.
             content: the element.
-            literal: the element's text, if it is one that was taken from the file.
+            literal: the element's text if it was copied from the file; "" formats the element.
 
         Raises:
             NotEditableError: if there is no list at the path, or the number is beyond its end.
@@ -185,7 +185,7 @@ class TomlDocument:
         return self._rewrite(replacements, path, lambda tree: _move(_get(tree, array), number, to))
 
     def duplicate(self, path: Steps) -> "TomlDocument":
-        """Insert a copy of an element of a list behind it, written as the element is.
+        """Insert a copy of an element of a list behind it, with the same text.
 
         Raises:
             NotEditableError: if there is no such element, or its lines are in several places.
@@ -208,7 +208,7 @@ class TomlDocument:
         return document
 
     def _set_elements(self, path: Steps, current: Sequence[Any], content: Sequence[Any]) -> "TomlDocument":
-        """Change the elements between those that the old and the new list have in common at both ends."""
+        """Edit only the elements between those that the old and the new list have in common at both ends."""
         shorter = min(len(current), len(content))
         n_same_before = _count_same_start(current, content)
         n_same_after = min(_count_same_start(current[::-1], content[::-1]), shorter - n_same_before)
@@ -465,7 +465,7 @@ def _is_list_of_tables(content: Any) -> bool:
 
 
 def _needs_header(content: Any) -> bool:
-    """Return whether a value is written with a header: lists of tables, tables of tables, and long ones."""
+    """Return whether a value has a header: a list of tables, a table of tables only, or a table too long for a line."""
     if _is_list_of_tables(content):
         return True
     if not isinstance(content, Mapping) or not content:

@@ -101,7 +101,7 @@ def _estimate_page(page: PageSpec) -> Seconds:
 
 
 def _estimate_reading(text: str) -> Seconds:
-    """Estimate the reading of a text and the key that goes on; nothing for an empty one."""
+    """Estimate the time to read a text and press the key that leads on; 0 s for an empty text."""
     if not text.strip():
         return _NOTHING
     n_ideographs = sum(letter >= _FIRST_IDEOGRAPH for letter in text)
@@ -122,6 +122,7 @@ def _estimate_questions(questionnaire: QuestionnaireSpec, language: str) -> Seco
 
 
 def _estimate_block(block: BlockSpec, rest_s: float) -> Seconds:
+    """Estimate a block with its instructions and its rest, within its limits of successes and time."""
     total = _estimate_reading(f"{block.title} {block.instructions}").plus(_estimate_rest(block, rest_s))
     episodes = _estimate_episode(block).times(block.episodes)
     if block.stop_criterion is not None:

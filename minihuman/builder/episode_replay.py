@@ -29,13 +29,13 @@ from minihuman.replay.frames import render_frames
 from minihuman.worlds.pose import Map
 
 FRAME_PX = (480, 360)
-_KEPT_EPISODES = 2  # whose pictures are kept, as a page asks for them one by one
+_KEPT_EPISODES = 2  # whose pictures are cached, as a page requests them one by one
 _POINT_DIGITS = 3
 _Point = tuple[float, float]
 
 
 def describe_session(log: SessionLog) -> SessionDetails:
-    """Return a session's episodes, the last attempt of each, and the answers that the participant gave."""
+    """Return the last attempt at each of a session's episodes, and all answers of the participant."""
     last_attempts = {episode.number: episode for episode in log.episodes}
     episodes = [
         EpisodeSummary(
@@ -97,7 +97,7 @@ def draw_step(log: Path, number: int, step: int) -> bytes:
 
 @lru_cache(maxsize=_KEPT_EPISODES)
 def _draw_episode(log: Path, modified_ns: int, number: int) -> tuple[bytes, ...]:
-    """Draw every picture of an episode; ``modified_ns`` lets a log that has grown be drawn anew."""
+    """Draw every picture of an episode; ``modified_ns`` is in the cache's key, as a log may have grown since."""
     return tuple(_encode_png(picture) for picture in render_frames(_find_episode(read_log(log), number), FRAME_PX))
 
 

@@ -96,7 +96,7 @@ def build_form(table: str, kind: str = "") -> FieldForm:
 
 
 def list_kinds() -> Kinds:
-    """Return everything that can be added to a study."""
+    """Return what can be added to a study: kinds of parts and questions, languages, worlds and consent pages."""
     consents = {language: dict(page) for language, page in load_consent_pages().items()}
     parts = [
         PartKind("page", "pages", "A text to read: instructions, a pause, the last words.", {"text": ""}),
@@ -126,7 +126,7 @@ def _describe_question_kind(name: str) -> PartKind:
 
 
 def _build_new_part(table: str, kind: str) -> dict[str, Any]:
-    """Return the fields of a new part of a kind: those of an example, without its name and texts of its study."""
+    """Return the fields of a new part of a kind: those of an example, without its name, overrides and seeds."""
     new = find_example(table, kind) or {"kind": kind}
     for name in ("name", "group_overrides", "seeds"):
         new.pop(name, None)
@@ -135,7 +135,7 @@ def _build_new_part(table: str, kind: str) -> dict[str, Any]:
 
 @cache
 def _list_tables() -> dict[str, tuple[str, Schema]]:
-    """Return the heading and the schema of each table, by path."""
+    """Return the TOML heading and the JSON schema of each table of a protocol, by its path without numbers."""
     tables: dict[str, tuple[str, Schema]] = {}
     for table, definition, is_repeated in walk_tables(build_json_schema()):
         tables[table] = (f"[[{table}]]" if is_repeated else f"[{table}]", definition)
@@ -143,7 +143,7 @@ def _list_tables() -> dict[str, tuple[str, Schema]]:
 
 
 def _is_inapplicable(table: str, name: str, kind: str) -> bool:
-    """Return whether a field of a block has no meaning for its kind."""
+    """Return whether a field is one of a block's optional tables that the block's kind does not use."""
     if table != "blocks" or name not in _OPTIONAL_TABLES or not kind:
         return False
     installed = find_installed_kind(kind)

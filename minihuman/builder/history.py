@@ -68,7 +68,7 @@ class FileHistory:
     def step(self, content: bytes, by: int) -> bytes:
         """Return the version before (-1) or after (+1) the present content, which the file is about to become.
 
-        There must be one, as `can_step` says.
+        ``can_step`` must have returned True for it.
 
         Raises:
             OSError: if the history cannot be read or written.

@@ -34,7 +34,7 @@ class StudyImports:
         self._lock = Lock()
 
     def write(self, name: str, place: str, content: bytes) -> CopiedFile:
-        """Write a file of a folder that is imported.
+        """Write one file of an imported folder, creating the folder with its first file.
 
         Args:
             name: the folder's name.
@@ -42,7 +42,7 @@ class StudyImports:
             content: the file's bytes.
 
         Raises:
-            EditRefusedError: if a name is not valid, the kind of file is none that a study has, or something exists.
+            EditRefusedError: if a name is not valid, the kind of file is none that a study has, or the file exists.
             OSError: if the file cannot be written.
         """
         parts = place.split("/")

@@ -74,7 +74,7 @@ def make_study(request: NewStudyRequest, folder: Path, source: Path | None) -> P
     """Write a new study into a folder, and return its file.
 
     Args:
-        request: the name, and what it begins from.
+        request: the name of the study, and its template and language.
         folder: the folder of the protocols.
         source: the protocol of which this is a new version; None for a template.
 

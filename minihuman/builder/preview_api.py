@@ -155,6 +155,7 @@ class PreviewApi:
         return trial.describe()
 
     async def _describe_trial(self, request: Request) -> Response:
+        """Answer with the state of the simulation whose number the request has."""
         number = request.query_params.get("number", "")
         if not number.isdecimal() or int(number) >= len(self._trials):
             return _build_response(
@@ -206,7 +207,7 @@ async def _send_world_info(request: Request) -> Response:
 
 
 async def _send_cell_picture(request: Request) -> Response:
-    """Answer with a picture of a cell of a level, which stays the same as long as the desk runs."""
+    """Answer with a picture of a cell of a level; a blank one if the cell does not have two characters."""
     cell = request.query_params.get("cell", "")
     if len(cell) != 2:
         return _build_png_response(BLANK_PNG)

@@ -39,7 +39,7 @@ class PreviewProcess:
             self._start_if_needed()
 
     def show(self, request: PreviewRequest) -> Preview:
-        """Return a session that is served for a request.
+        """Serve a session in the process, and return its address and parts.
 
         Raises:
             ProtocolError: if the protocol cannot be shown, or its world ended the process.

@@ -99,7 +99,11 @@ def plan_preview(protocol: Protocol, request: PreviewRequest) -> tuple[SessionPl
 
 
 def _plan_session(protocol: Protocol, request: PreviewRequest) -> SessionPlan:
-    """Plan the whole session of the requested group, or of the first group that has the requested part."""
+    """Plan the whole session of the requested group, or of the first group that has the requested part.
+
+    Raises:
+        ProtocolError: if no group has the part.
+    """
     groups = (request.group,) if request.group else tuple(group.name for group in protocol.groups)
     for group in groups:
         participant = enrol_participant(protocol, _find_first_slot(protocol, group), group)
@@ -173,11 +177,14 @@ def _restrict_to_desk(protocol: Protocol, desk: str) -> Protocol:
 
 @dataclass
 class _RunningPreview:
+    """A preview with its server, the server's thread and the folder of its recordings."""
+
     server: uvicorn.Server
     thread: threading.Thread
     data_folder: Path
 
     def close(self) -> None:
+        """Stop the server, and erase what was recorded."""
         self.server.should_exit = True
         self.thread.join(_STOP_S)
         shutil.rmtree(self.data_folder, ignore_errors=True)

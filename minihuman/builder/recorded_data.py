@@ -71,7 +71,7 @@ class RecordedStudy:
         self._folder = study_entry.folder
 
     def describe(self) -> RecordedData:
-        """Describe every recorded session, and what can be asked and exported.
+        """Describe every recorded session, and list example queries and the formats of exports.
 
         Raises:
             EditRefusedError: if the folder cannot be read.
@@ -237,6 +237,7 @@ class RecordedStudy:
         raise _refuse("not_there", f"the study has no log {log!r} any more; reload the page")
 
     def _describe_session(self, row: SessionRow, running: set[str]) -> RecordedSession:
+        """Describe a session of the index; without facts, but with the problem, if its log cannot be read."""
         log = row.path.relative_to(self._folder).as_posix()
         state = describe_state(row, running)
         replay = _format_command("replay", _format_path(row.path))

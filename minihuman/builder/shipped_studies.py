@@ -74,7 +74,7 @@ def _find_modules(tree: dict[str, Any], folder: Path) -> tuple[Path, ...]:
 
 @cache
 def list_used_fields(table: str, kind: str = "") -> frozenset[str]:
-    """Return the fields of a table ("blocks.stimuli") that any shipped protocol uses, in tables of a kind if given."""
+    """Return the fields that shipped protocols use in a table ("blocks.stimuli"), or only in tables of a kind."""
     fields: set[str] = set()
     for row in _list_rows(table):
         if not kind or row.get("kind", _USUAL_KIND) == kind:
@@ -83,7 +83,7 @@ def list_used_fields(table: str, kind: str = "") -> frozenset[str]:
 
 
 def find_example(table: str, kind: str) -> dict[str, Any] | None:
-    """Return a copy of the smallest table of a kind in any shipped protocol, without files; None if there is none."""
+    """Return a copy of the smallest table of a kind, without files, in the shipped protocols; None if there is none."""
     rows = [row for row in _list_rows(table) if row.get("kind", _USUAL_KIND) == kind and "file" not in str(row)]
     if not rows:
         return None

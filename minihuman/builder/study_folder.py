@@ -44,7 +44,7 @@ from minihuman.web.server.desk import StudyEntry, find_studies
 
 @dataclass(slots=True)
 class _FileState:
-    """What this process keeps of a file between requests."""
+    """What this process keeps about a file between requests."""
 
     history: FileHistory
     lock: Lock = field(default_factory=Lock)
@@ -108,7 +108,7 @@ class StudyFolder:
         """Write a new study from a template, or as a new version of a study of the folder.
 
         Raises:
-            EditRefusedError: if there is a study of that name already, or nothing to begin from.
+            EditRefusedError: if there is a study of that name already, or no such template or study.
             OSError: if it cannot be written.
         """
         if request.source_key:
@@ -399,7 +399,7 @@ def _make_comparable(content: object) -> str:
 
 
 def _decode(content: bytes) -> str:
-    """Decode a file so that encoding it gives the same bytes.
+    """Decode a file from UTF-8, so that encoding the text gives the same bytes.
 
     Raises:
         EditRefusedError: if it is not UTF-8.

@@ -25,7 +25,7 @@ def format_literal(content: Any, old: str = "", newline: str = "\n") -> str:
 
     Args:
         content: the value; a table becomes an inline table.
-        old: the literal that it replaces: its quotes stay, and a number with a point stays one.
+        old: the literal that it replaces, whose quotes and, for a number, decimal point are kept; "" for none.
         newline: how lines end in the file.
 
     Raises:

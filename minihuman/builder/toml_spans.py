@@ -110,6 +110,7 @@ class _Scanner:
         self._counts: dict[Steps, int] = {}  # of the elements of each array of tables
 
     def scan(self) -> Spans:
+        """Scan the whole text, and return the spans of its tables and values."""
         while self.position < len(self.text):
             begin = self.position
             self._skip(_SPACE)
