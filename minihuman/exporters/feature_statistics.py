@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 QUANTILES = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
+_LEVELS = list(QUANTILES.values())
 
 
 class FeatureStatistics:
@@ -19,27 +20,31 @@ class FeatureStatistics:
     def __init__(self, values: NDArray[Any]) -> None:
         self._is_picture = values.ndim == 4
         self._n_frames = len(values)
-        levels = list(QUANTILES.values())
-        if self._is_picture:
-            counts = np.array([_count_levels(channel) for channel in values.reshape(-1, 3).T])
-            scale = np.arange(256) / 255.0
-            occurs = counts > 0
-            share = np.cumsum(counts, axis=1) / counts[0].sum()
-            self._n_samples = int(counts[0].sum())
-            self._low = scale[occurs.argmax(axis=1)]
-            self._high = scale[255 - occurs[:, ::-1].argmax(axis=1)]
-            self._sum = counts @ scale
-            self._squares = counts @ scale**2
-            quantiles = np.array([scale[np.searchsorted(channel, levels)] for channel in share]).T
-        else:
-            samples = values.reshape(len(values), -1).astype(np.float64)
-            self._n_samples = len(samples)
-            self._low = samples.min(axis=0)
-            self._high = samples.max(axis=0)
-            self._sum = samples.sum(axis=0)
-            self._squares = (samples**2).sum(axis=0)
-            quantiles = np.quantile(samples, levels, axis=0)
+        quantiles = self._measure_pictures(values) if self._is_picture else self._measure_numbers(values)
         self._quantiles = quantiles * len(values)  # (5, numbers) times frames
+
+    def _measure_pictures(self, pictures: NDArray[np.uint8]) -> NDArray[np.float64]:
+        """Set the statistics of pictures, of shape (frames, H, W, 3); return the quantiles, of shape (5, 3)."""
+        counts = np.array([_count_levels(channel) for channel in pictures.reshape(-1, 3).T])
+        scale = np.arange(256) / 255.0
+        occurs = counts > 0
+        share = np.cumsum(counts, axis=1) / counts[0].sum()
+        self._n_samples = int(counts[0].sum())
+        self._low = scale[occurs.argmax(axis=1)]
+        self._high = scale[255 - occurs[:, ::-1].argmax(axis=1)]
+        self._sum = counts @ scale
+        self._squares = counts @ scale**2
+        return np.array([scale[np.searchsorted(channel, _LEVELS)] for channel in share]).T
+
+    def _measure_numbers(self, rows: NDArray[Any]) -> NDArray[np.float64]:
+        """Set the statistics of numbers, one row per frame; return the quantiles, of shape (5, numbers)."""
+        samples = rows.reshape(len(rows), -1).astype(np.float64)
+        self._n_samples = len(samples)
+        self._low = samples.min(axis=0)
+        self._high = samples.max(axis=0)
+        self._sum = samples.sum(axis=0)
+        self._squares = (samples**2).sum(axis=0)
+        return np.quantile(samples, _LEVELS, axis=0)
 
     def add(self, other: "FeatureStatistics") -> None:
         """Merge another episode's statistics into these."""

@@ -141,7 +141,7 @@ def build_columns(
         "next.reward": episode.rewards,
         "next.done": is_last,
         "next.success": _build_success(episode, is_last),
-        **_build_info(included, features),
+        **_convert_info(included, features),
         "time_s": (episode.t_ns[1:] - episode.t_ns[0]) / 1e9,
     }
 
@@ -168,7 +168,7 @@ def _build_success(episode: EpisodeLog, is_last: NDArray[np.bool_]) -> NDArray[A
     return is_last & episode.success
 
 
-def _build_info(included: IncludedEpisode, features: dict[str, Any]) -> dict[str, NDArray[Any]]:
+def _convert_info(included: IncludedEpisode, features: dict[str, Any]) -> dict[str, NDArray[Any]]:
     """Build the columns of the recorded keys of ``info``, in the dataset's types.
 
     Raises:
@@ -264,7 +264,7 @@ VIDEO_PATH = "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.m
 
 
 def export(chosen: IncludedEpisodes, out: Path) -> ExportResult:
-    """Write every episode that has a step, many episodes to a file.
+    """Write a LeRobot dataset for each world, of its episodes that have a step, with many episodes to a file.
 
     Raises:
         ExportError: if an episode does not replay.
@@ -407,7 +407,14 @@ class _Dataset:
         )
         totals = {name: total.statistics() for name, total in self._totals.items()}
         (meta / "stats.json").write_text(json.dumps(totals, indent=4), encoding="utf-8", newline="\n")
-        info = {
+        info = self._build_info()
+        (meta / "info.json").write_text(json.dumps(info, indent=4), encoding="utf-8", newline="\n")
+        card = build_card(self._study_facts, self._world, info, list(self._tasks))
+        (self.root / "README.md").write_text(card, encoding="utf-8", newline="\n")
+
+    def _build_info(self) -> dict[str, Any]:
+        """Build the content of ``info.json``."""
+        return {
             "codebase_version": FORMAT_VERSION,
             "robot_type": "minihuman",
             "total_episodes": len(self.rows),
@@ -422,9 +429,6 @@ class _Dataset:
             "video_path": VIDEO_PATH if PICTURE in self.features else None,
             "features": self.features,
         }
-        (meta / "info.json").write_text(json.dumps(info, indent=4), encoding="utf-8", newline="\n")
-        card = build_card(self._study_facts, self._world, info, list(self._tasks))
-        (self.root / "README.md").write_text(card, encoding="utf-8", newline="\n")
 
 
 def _build_table(columns: dict[str, NDArray[Any]], features: dict[str, Any]) -> pa.Table:

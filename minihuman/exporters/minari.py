@@ -104,7 +104,7 @@ class _Dataset:
         self._n_bytes = 0  # of the waiting episodes
 
     def add(self, included: IncludedEpisode, demonstration: ReplayedEpisode) -> None:
-        """Add an episode."""
+        """Add an episode, and write the waiting episodes if there are enough of them."""
         self._players.add(included.log.player)
         buffer = _build_buffer(demonstration)
         facts = get_plain_facts(included)
@@ -135,7 +135,7 @@ class _Dataset:
 
 
 def _add_version(world: str) -> str:
-    """Return a world's id with a version, in which Minari's ids must end."""
+    """Return a world's id, with "-v0" if it has no version, since Minari's ids must end with one."""
     has_version = world.rpartition("-v")[2].isdigit()
     return world if has_version else f"{world}-v0"
 

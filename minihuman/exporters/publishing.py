@@ -49,7 +49,7 @@ ARCHIVES = {
 
 
 def find_archive(name: str) -> Archive:
-    """Return the archive of a name.
+    """Return the archive with a given name, such as "zenodo".
 
     Raises:
         ExportError: if there is none.
@@ -127,7 +127,7 @@ def _format_json(content: dict[str, Any]) -> str:
 
 
 def prepare_publication(study: Path, archive: str) -> Publication:
-    """Read what is stated about a study, and check that it is enough for an archive.
+    """Read the facts about a study, and check that they include all that an archive requires.
 
     Raises:
         ExportError: if the archive is unknown, the study has no session, or a required fact is missing.

@@ -40,7 +40,7 @@ _FEATURES = "tensorflow_datasets.core.features."
 
 
 def export(chosen: IncludedEpisodes, out: Path) -> ExportResult:
-    """Write every episode that has a step.
+    """Write an RLDS dataset for each world, of its episodes that have a step.
 
     Raises:
         ExportError: if an episode does not replay.

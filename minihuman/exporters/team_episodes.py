@@ -64,7 +64,7 @@ def _name_world_folder(world: str) -> str:
 
 
 def _write_observations(path: Path, included: IncludedEpisode, agents: Sequence[str]) -> None:
-    """Replay an episode, and write what each body observed as an array of its agent's name."""
+    """Replay an episode, and write each body's observations as an array with its agent's name."""
     observations: dict[str, list[Any]] = {agent: [] for agent in agents}
     for world in _replay_states(included):
         for seat, agent in enumerate(agents):
@@ -171,7 +171,7 @@ def _describe_trajectory(
         actions.append([ACTIONS[action] for action in joint_action])
     params = {
         "layout_name": layout_name,
-        "terrain": _draw_terrain(kitchen),
+        "terrain": _list_terrain(kitchen),
         "start_player_positions": [player["position"] for player in states[0]["players"]],
     }
     params |= {f"start_{kind}": recipes for kind, recipes in _describe_orders(kitchen).items()}
@@ -246,8 +246,8 @@ def _describe_recipe(recipe: str) -> dict[str, list[str]]:
     return {"ingredients": [_INGREDIENTS[letter] for letter in recipe]}
 
 
-def _draw_terrain(kitchen: "Kitchen") -> list[list[str]]:
-    """Return the letter of each cell of a kitchen, row by row."""
+def _list_terrain(kitchen: "Kitchen") -> list[list[str]]:
+    """Return the letters of a kitchen's cells in Overcooked-AI's layouts, row by row."""
     from minihuman.worlds.grid.core import kitchen_rules as rules
 
     width, height, n_cooks = kitchen.row[:3].tolist()

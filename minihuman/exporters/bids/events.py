@@ -150,7 +150,7 @@ def _list_presentation_events(episode: EpisodeLog, segment: Segment, stimuli: Se
 
 
 def _list_key_events(segment: Segment, episodes: Sequence[EpisodeLog]) -> Iterator[_Row]:
-    """Yield a row for every key press of the segment, with its duration and the episode in which it happened."""
+    """Yield a row for each key press of a segment, with its duration and the episode in which it happened, if any."""
     begins = np.array([episode.t_ns[0] for episode in episodes], np.int64)
     pressed: dict[str, _Row] = {}
     for press in segment.keys:

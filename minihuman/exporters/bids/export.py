@@ -154,7 +154,7 @@ class _Dataset:
         self._station = first.log.facts
 
     def add(self, selected: SelectedSession) -> None:
-        """Write one session."""
+        """Write the files of one session: events, motion, devices' samples, the source log and a figure."""
         log = selected.log
         out = self._out
         if log.plan.study != self._study:

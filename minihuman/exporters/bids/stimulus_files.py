@@ -40,7 +40,7 @@ class StimulusFiles:
         return not self._digests
 
     def add(self, name: str, files: Mapping[str, bytes]) -> str:
-        """Write a protocol's file unless it is there; return its name below the folder, "" if the log lacks it.
+        """Write a protocol's file unless it is written; return its name below the folder, "" if ``files`` lacks it.
 
         Raises:
             OutsideNameError: if the name would lead out of the folder.
