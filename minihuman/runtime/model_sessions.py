@@ -87,7 +87,7 @@ def simulate_models(
 
 
 def _yield_done(waiting: set[Future[list[Path]]]) -> Generator[Path, None, set[Future[list[Path]]]]:
-    """Yield the logs of finished sessions; return the unfinished ones."""
+    """Wait until a session is over; yield the logs of the sessions that are over, and return the others."""
     finished, unfinished = wait(waiting, return_when=FIRST_COMPLETED)
     for session in finished:
         yield from session.result()

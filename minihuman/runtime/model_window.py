@@ -73,12 +73,17 @@ class ModelWindow(Window):
         self._last_step: tuple[int, int] | None = None  # episode and step at the last key
         self._last_question = ""
         self._n_times_asked = 0  # how often that question was asked in a row
-        last = record.call
-        if last is not None and last.state == "answered":  # the session is resumed
-            self._attempt = last.attempt + (last.verdict == "invalid")
-        elif last is not None and last.state == "asked":
-            price = count_price(spec, last.prompt_tokens, spec.max_tokens)
-            self._record_call(replace(last, state="unknown", completion_tokens=spec.max_tokens, price=price))
+        if record.call is not None:
+            self._resume_after(record.call)
+
+    def _resume_after(self, last_call: ModelCall) -> None:
+        """Continue a resumed session after its last call; the answer to a call without one in the log is lost."""
+        spec = self._spec
+        if last_call.state == "answered":
+            self._attempt = last_call.attempt + (1 if last_call.verdict == "invalid" else 0)
+        elif last_call.state == "asked":
+            price = count_price(spec, last_call.prompt_tokens, spec.max_tokens)
+            self._record_call(replace(last_call, state="unknown", completion_tokens=spec.max_tokens, price=price))
             if spec.unknown == "end":
                 self._end_session("a call's answer was lost")
 

@@ -236,6 +236,7 @@ class _SessionLoop:
         self._play_sounds()
 
     def _begin_writing(self, events: Sequence[Event]) -> None:
+        """Begin to write events to the log; stop the session if that fails."""
         try:
             self._recorder.begin(events)
         except LogError as error:
@@ -284,6 +285,7 @@ class _SessionLoop:
             return None
 
     def _settle_log(self) -> None:
+        """Wait until the events are written, unless the log has failed before."""
         if not self.log_error:
             self._recorder.settle()
 

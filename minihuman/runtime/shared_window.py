@@ -170,6 +170,7 @@ class SharedWindow:
         return [run.result() for run in runs]
 
     def _stop(self, reason: Literal["window_closed", "signal"], detail: str) -> None:
+        """End the sessions of all seats."""
         for seat in self.seats:
             seat.put(Stop(self._clock(), reason, detail))
 

@@ -172,7 +172,7 @@ class LslMarkerRecorder(WrappedRecorder):
         return self._recorder.close()
 
     def has_listener(self, timeout_s: float) -> bool:
-        """Wait for a listener; return False if none came in time."""
+        """Wait for a program that receives the stream; return whether there is one within ``timeout_s`` seconds."""
         return bool(self._outlet.wait_for_consumers(timeout_s))
 
     def _send_markers(self) -> None:

@@ -138,7 +138,7 @@ class LiveSession:
             self.notes.append((note.t_ns, note.kind, note.text))
 
     def _take_episode_event(self, event: events.EpisodeStarted | events.Stepped | events.EpisodeEnded) -> None:
-        """Update the present episode with an event."""
+        """Update what is known of the latest episode: that it began, took a step or ended."""
         match event:
             case events.EpisodeStarted():
                 self.episode = event
