@@ -279,7 +279,7 @@ class HumanLikeParticipant(SimulatedParticipant):
                 self._understood[key] = action
 
     def _choose_key(self, search: GoalSearch) -> str:
-        """Return the key of the next planned action, or a key pressed by a lapse, on a detour or as a trial."""
+        """Return the key of the next planned action, an untried key if it is unknown, or one of a lapse or detour."""
         path = self._plan_path(search)
         if self._rng.random() < self.person.lapse:
             return self._draw_key(self._pool)

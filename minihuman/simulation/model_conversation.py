@@ -253,7 +253,7 @@ def list_inputs(reading: str, rule: AnswerRule, t_ns: int) -> list[Input]:
 
 
 def _list_chosen(argument: str, rule: AnswerRule) -> list[int]:
-    """Return the indices of the options to click on for the answer's option numbers."""
+    """Return the indices of the options to click on, so that an answer's options are the chosen ones."""
     indices = [int(number) - 1 for number in argument.split()]
     if rule.ordered:  # earlier choices are undone first, the last one first
         return [*reversed(rule.chosen), *indices]
@@ -451,7 +451,7 @@ class ConversationRecord:
         return difference
 
     def take(self, call: ModelCall) -> None:
-        """Record a call."""
+        """Record a call, its cost and its answer; schedule the inputs that a valid answer stands for."""
         self.call = call
         self.spent = self.spent.add(call)
         if call.state == "answered":

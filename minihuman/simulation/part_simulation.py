@@ -32,7 +32,7 @@ class SimulatedPerson(abc.ABC):
     @property
     @abc.abstractmethod
     def now_ns(self) -> int:
-        """The session's time in nanoseconds."""
+        """Return the session's time in nanoseconds."""
 
     @abc.abstractmethod
     def begin_episode(self, play: RunningEpisode) -> None:

@@ -66,7 +66,7 @@ class OptimalParticipant(SimulatedParticipant):
 
 
 def press_action(action: str, key_of: Mapping[str, str], world: World, delay_ms: float) -> KeyPress:
-    """Return a press of the key of an action.
+    """Return the press of the key that carries out an action.
 
     Raises:
         SimulationError: if the action has no key.
@@ -94,7 +94,7 @@ class GridExplorer:
 
     @property
     def n_seen_cells(self) -> int:
-        """The number of cells that have been in sight so far."""
+        """Return the number of cells that have been in sight so far."""
         return int(self._explorer.memory.seen.sum())
 
     def plan(self) -> list[str]:

@@ -87,17 +87,17 @@ class Supervisor:
 
     @property
     def patience_steps(self) -> int:
-        """The number of excess steps at which the supervisor takes over."""
+        """Return the number of excess steps at which the supervisor takes over."""
         return self._parameters.patience_steps
 
     @property
     def excess_steps(self) -> int:
-        """The number of steps by which the agent is worse than the supervisor would have been."""
+        """Return the number of steps that the agent has made in excess of the supervisor's path."""
         return self._n_counted + len(self._path) - self._initial_path_length
 
     @property
     def exceeds_patience(self) -> bool:
-        """Whether the agent's excess steps warrant a takeover and the supervisor has a plan."""
+        """Return whether the agent's excess steps warrant a takeover and the supervisor has a plan."""
         return bool(self._path) and self.excess_steps >= self._parameters.patience_steps
 
     def takes_over(self, t_ms: float) -> bool:
@@ -151,7 +151,7 @@ class CriticParameters:
 
     @property
     def delay_ms(self) -> float:
-        """The mean delay in milliseconds, which a learner has to estimate."""
+        """Return the mean delay in milliseconds, which a learner has to estimate."""
         return self.mu_ms + self.tau_ms
 
 
@@ -312,7 +312,7 @@ class SupervisorParticipant(SimulatedTeacher):
         return self._rater.answer(left_gain, right_gain), COMPARISON_MS
 
     def _rate_step(self, world: World, watched: WatchedStep) -> KeyPress | None:
-        """Return the key press that rates the last step, or None.
+        """Return the key press that rates the last step; None for no rating.
 
         A step is not rated if the state before it was not seen, as when a press was still due.
         """
