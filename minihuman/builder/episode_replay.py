@@ -30,7 +30,8 @@ from minihuman.worlds.pose import Map
 
 FRAME_PX = (480, 360)
 _KEPT_EPISODES = 2  # whose pictures are cached, as a page requests them one by one
-_POINT_DIGITS = 3
+_POINT_DIGITS = 3  # of a position and a yaw
+_NS_PER_MS = 1e6
 _Point = tuple[float, float]
 
 
@@ -69,9 +70,10 @@ def describe_episode(log: SessionLog, number: int) -> EpisodeReplay:
     for index in range(len(episode.actions)):
         action = episode.start.action_names[int(episode.actions[index])] if episode.action_vectors is None else ""
         reaction_ms = float(reaction_times[index])
+        since_reset_ns = int(episode.t_ns[index + 1]) - int(episode.t_ns[0])
         steps.append(
             ReplayStep(
-                (int(episode.t_ns[index + 1]) - int(episode.t_ns[0])) / 1e6,
+                since_reset_ns / _NS_PER_MS,
                 episode.step_keys[index],
                 action,
                 float(episode.rewards[index]),
@@ -115,7 +117,8 @@ def _find_episode(log: SessionLog, number: int) -> EpisodeLog:
     """
     attempts = [episode for episode in log.episodes if episode.number == number]
     if not attempts:
-        numbers = ", ".join(str(present) for present in sorted({episode.number for episode in log.episodes})) or "none"
+        recorded_numbers = sorted({episode.number for episode in log.episodes})
+        numbers = ", ".join(map(str, recorded_numbers)) or "none"
         raise LogError(f"{log.path} has no episode {number}; its episodes are {numbers}")
     return attempts[-1]
 

@@ -149,6 +149,7 @@ def _decode_draft(name: str) -> Protocol:
 
 
 def _describe_draft(name: str, summary: str) -> Template:
+    """Describe a template that is written from answers."""
     protocol = _decode_draft(name)
     title = name.replace("-", " ")
     topics = _list_topics(protocol)
@@ -158,6 +159,7 @@ def _describe_draft(name: str, summary: str) -> Template:
 
 
 def _describe_shipped(study: ShippedStudy) -> Template:
+    """Describe a template that is a protocol of the package."""
     protocol = study.read()
     title = protocol.about.title or protocol.study.name.replace("-", " ")
     return Template(

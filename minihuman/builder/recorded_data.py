@@ -246,20 +246,20 @@ class RecordedStudy:
         summary = row.summary
         notes, problem = _read_notes(row.path)
         return RecordedSession(
-            log,
-            summary.participant,
-            summary.group,
-            summary.session,
-            state,
-            summary.started_at,
-            summary.episodes_completed,
-            summary.episodes_planned,
-            summary.duration_s / 60,
-            notes,
-            problem,
-            replay,
-            _format_command("annotate", _format_path(row.path)),
-            _format_command("film", _format_path(row.path)),
+            log=log,
+            participant=summary.participant,
+            group=summary.group,
+            session=summary.session,
+            state=state,
+            started_at=summary.started_at,
+            episodes_completed=summary.episodes_completed,
+            episodes_planned=summary.episodes_planned,
+            minutes=summary.duration_s / 60,
+            notes=notes,
+            problem=problem,
+            replay_command=replay,
+            annotate_command=_format_command("annotate", _format_path(row.path)),
+            film_command=_format_command("film", _format_path(row.path)),
         )
 
 

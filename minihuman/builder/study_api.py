@@ -165,7 +165,8 @@ class BuilderApi:
 
     async def _send_frame(self, request: Request) -> Response:
         query = request.query_params
-        episode, step = (_parse_number(query.get(name, "")) for name in ("episode", "step"))
+        episode = _parse_number(query.get("episode", ""))
+        step = _parse_number(query.get("step", ""))
         return await _send_bytes(
             lambda: (
                 self._studies.open_data(query.get("key", "")).draw_step(query.get("log", ""), episode, step),

@@ -54,13 +54,13 @@ def _list_tables(tables: Tables) -> Iterator[tuple[str, list[TableColumn], "pa.T
     for name, columns in TABLES.items():
         if name in EVERY_MOMENT or not tables.count(name):
             continue
-        described = [column for column in columns if column.name not in COLUMNS_NEEDING_WORLD]
-        rows = tables.arrow(name, [column.name for column in described])
+        written_columns = [column for column in columns if column.name not in COLUMNS_NEEDING_WORLD]
+        rows = tables.arrow(name, [column.name for column in written_columns])
         if name in LABELLED_TABLES:
             label_columns = list_info_columns(tables.store.tables.connection, name)
             rows = add_info_columns(rows, name, label_columns)
-            described += label_columns.values()
-        yield name, described, rows
+            written_columns += label_columns.values()
+        yield name, written_columns, rows
     if tables.people is not None and tables.people.rows.num_rows:
         yield PERSON_TABLE, list(tables.people.columns), tables.people.rows
 

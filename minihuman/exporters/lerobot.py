@@ -217,16 +217,16 @@ def build_card(study_facts: AboutSpec, world: str, info: Mapping[str, Any], task
 
 def _build_front_matter(study_facts: AboutSpec) -> list[str]:
     """Return the lines of the card's YAML, by which the Hugging Face hub finds the dataset."""
-    front: dict[str, Any] = {
+    front_matter: dict[str, Any] = {
         "license": get_licence_id(study_facts),
         "task_categories": ["robotics"],
         "tags": ["LeRobot", "minihuman", *study_facts.keywords],
         "configs": [{"config_name": "default", "data_files": "data/*/*.parquet"}],
     }
     if study_facts.title:
-        front["pretty_name"] = study_facts.title
+        front_matter["pretty_name"] = study_facts.title
     lines = ["---"]
-    for name, content in front.items():
+    for name, content in front_matter.items():
         encoded = msgspec.json.encode(content).decode()  # JSON is YAML
         lines.append(f"{name}: {encoded}")
     return [*lines, "---"]

@@ -75,6 +75,7 @@ def _write_observations(path: Path, included: IncludedEpisode, agents: Sequence[
 
 
 def _describe_team_episode(included: IncludedEpisode, team: TeamRecord, agents: list[str]) -> dict[str, Any]:
+    """Describe a team's episode for its line in ``episodes.jsonl``."""
     plan = included.episode.plan
     return {
         "world": plan.world,

@@ -26,6 +26,7 @@ from minihuman.worlds.contract import CLAUSES_VERSION, PICTURES_VERSION
 from minihuman.worlds.source_digest import rules_digest
 
 _DRAWING_PACKAGES = {"gymnasium.envs.mujoco": "mujoco", "gymnasium.envs.box2d": "Box2D"}  # by a module's beginning
+_GIT_TIMEOUT_S = 5.0
 _PACKAGES = ("numpy", "gymnasium", "mcap", "pygame-ce", "pyglet", "minigrid", "miniworld")
 
 
@@ -152,6 +153,8 @@ def _find_git_commit(folder: Path) -> str:
         return ""
     command = ("git", "-C", str(folder), "describe", "--always", "--abbrev=40", "--exclude=*", "--dirty=+")
     try:
-        return subprocess.run(command, capture_output=True, text=True, check=True, timeout=5).stdout.strip()
+        return subprocess.run(
+            command, capture_output=True, text=True, check=True, timeout=_GIT_TIMEOUT_S
+        ).stdout.strip()
     except (OSError, subprocess.SubprocessError):
         return ""

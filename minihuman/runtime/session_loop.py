@@ -122,7 +122,7 @@ def run_session(
 
     Raises:
         LogError: if the log could not be written; what was written before is kept.
-        Exception: an error of the window, or a bug of ours.
+        Exception: an error of the window, or a defect of this package.
     """
     loop = _SessionLoop(session, window, recorder, clock, inbox, agent, sound or SimulatedOutput(clock))
     with receive_end_signals(loop.note_signal):  # to the end, so that a second Ctrl-C does not cut the log off
@@ -197,7 +197,7 @@ class _SessionLoop:
         """Run until the session is over; an error first ends the session in its log, then is raised.
 
         Raises:
-            Exception: an error of the window or the player, or a bug of ours.
+            Exception: an error of the window or the player, or a defect of this package.
         """
         try:
             self.run()

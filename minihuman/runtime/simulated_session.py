@@ -180,7 +180,10 @@ def _play_session(
     teams: TeamTable | None = None,
     make_world: WorldFactory = World,
 ) -> tuple[Path | None, str]:
-    """Play one session; return its log, None if nothing was recorded, and the reason why it ended."""
+    """Play one session; return its log, None if nothing was recorded, and the reason why it ended.
+
+    ``before`` is the number of earlier participants of the slot who left no data.
+    """
     clock = VirtualClock()
     facts = facts | collect_world_facts(list_world_ids(plan)) | {"window": "simulated"}
     session = build_session(plan, make_world, facts, picture_px=None)

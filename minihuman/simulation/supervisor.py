@@ -55,11 +55,11 @@ class Supervisor:
         self._rng = rng
         self._searcher: GridExplorer | None = None
         self._path: list[str] = []
-        self._initial_path_length = 0  # length of the path when counting began
+        self._initial_path_length = 0  # when counting began
         self._n_counted = 0  # steps made since
         self._is_counting = False  # whether counting has begun in this episode
         self._due_ms: float | None = None  # when the key will go down
-        self._n_own_steps = 0  # own steps since taking over
+        self._n_own_steps = 0  # since taking over
 
     def begin(self, world: World) -> None:
         """Start an episode in which the agent is in control."""
@@ -378,13 +378,13 @@ def _parse_settings(argument: str) -> dict[str, dict[str, Any]]:
     Raises:
         SimulationError: if a name is not a setting, or a value is not valid.
     """
-    role_of = {
+    roles_by_setting = {
         prefix + field.name: (prefix, field) for prefix, role in PARAMETERS_BY_PREFIX.items() for field in fields(role)
     }
-    defaults = {name: field.default for name, (_, field) in role_of.items()}
+    defaults = {name: field.default for name, (_, field) in roles_by_setting.items()}
     settings = read_settings(argument, defaults, SimulationError, owner="supervisor", aliases=EARLIER_NAMES)
     settings_by_prefix: dict[str, dict[str, Any]] = {prefix: {} for prefix in PARAMETERS_BY_PREFIX}
     for name, setting in settings.items():
-        prefix, field = role_of[name]
+        prefix, field = roles_by_setting[name]
         settings_by_prefix[prefix][field.name] = setting
     return settings_by_prefix

@@ -105,7 +105,7 @@ def _list_pauses(segment: Segment) -> Iterator[_Row]:
 
 def _list_episode_events(episode: EpisodeLog, segment: Segment, counting: frozenset[tuple[int, int]]) -> Iterator[_Row]:
     """Yield a row for the episode and for each of its steps."""
-    place = _identify_episode(episode) | list_labels(episode)
+    episode_columns = _identify_episode(episode) | list_labels(episode)
     begin_ns, *step_times_ns = episode.t_ns.tolist()
     yield _build_event_row(
         "episode",
@@ -115,7 +115,7 @@ def _list_episode_events(episode: EpisodeLog, segment: Segment, counting: frozen
         outcome=episode.outcome_word,
         counts=(episode.number, episode.attempt) in counting,
         detail=episode.plan.world,
-        **place,
+        **episode_columns,
     )
     names = episode.start.action_names
     actions = episode.actions.tolist()
@@ -131,22 +131,22 @@ def _list_episode_events(episode: EpisodeLog, segment: Segment, counting: frozen
             key=table_key_name(episode.step_keys[index]),
             reward=rewards[index],
             response_time=responses_ms[index] / 1e3,
-            **place,
+            **episode_columns,
         )
 
 
 def _list_presentation_events(episode: EpisodeLog, segment: Segment, stimuli: SessionStimuli) -> Iterator[_Row]:
     """Yield a row for each picture of an episode on the display, and for each sound that began."""
-    place = _identify_episode(episode) | list_labels(episode)
+    episode_columns = _identify_episode(episode) | list_labels(episode)
     image = stimuli.find_image(episode.plan.options)
     flips = zip(episode.frames.column("flip_ns").tolist(), episode.frames.column("step").tolist(), strict=True)
     for flip_ns, step in flips:
-        row = _build_event_row("flip", flip_ns, segment, step=step, **place)
+        row = _build_event_row("flip", flip_ns, segment, step=step, **episode_columns)
         if step == 0 and image:
             row[STIM_FILE] = image
         yield row
     for presentation, columns in stimuli.list_presented(episode.number, episode.attempt):
-        yield _build_event_row(presentation.kind, presentation.onset_ns, segment, **place) | columns
+        yield _build_event_row(presentation.kind, presentation.onset_ns, segment, **episode_columns) | columns
 
 
 def _list_key_events(segment: Segment, episodes: Sequence[EpisodeLog]) -> Iterator[_Row]:
@@ -162,16 +162,22 @@ def _list_key_events(segment: Segment, episodes: Sequence[EpisodeLog]) -> Iterat
             continue
         if press.key in pressed:
             yield pressed.pop(press.key)  # its release was not recorded
-        place = {}
+        episode_columns = {}
         action = ""
         # the last episode that began before the press; the press that begins an episode is outside it
         index = int(np.searchsorted(begins, press.t_ns, side="left")) - 1
         if index >= 0 and press.t_ns <= episodes[index].t_ns[-1]:
-            place = _identify_episode(episodes[index])
+            episode_columns = _identify_episode(episodes[index])
             if press.action is not None:
                 action = episodes[index].start.action_names[press.action]
         pressed[press.key] = _build_event_row(
-            "key", press.t_ns, segment, key=table_key_name(press.key), action=action, verdict=press.verdict, **place
+            "key",
+            press.t_ns,
+            segment,
+            key=table_key_name(press.key),
+            action=action,
+            verdict=press.verdict,
+            **episode_columns,
         )
     yield from pressed.values()
 

@@ -23,6 +23,7 @@ from minihuman.experiment.protocol.specs import DeviceSpec
 from minihuman.log.model.session_log import EpisodeLog, Segment, SessionLog
 
 MISSING = "n/a"
+_S_PER_NS = 1e-9
 _MAX_DECIMAL = 1e9  # larger numbers are written with the digits that a double needs
 
 
@@ -137,7 +138,7 @@ def _list_motion_rows(segment: Segment, episodes: Sequence[EpisodeLog], unit: st
         for t_ns, pose in zip(episode.t_ns, episode.poses, strict=True):
             if not np.isnan(pose).any():
                 x, _, z, yaw = pose
-                latency_s = int(t_ns - segment.start_ns) * 1e-9
+                latency_s = int(t_ns - segment.start_ns) * _S_PER_NS
                 rows.append({"x": float(x), "z": float(z), "yaw": float(yaw), "latency": latency_s})
     return rows
 
@@ -224,7 +225,7 @@ def _write_recording(
     if any(sampled.text for sampled in samples):
         text_columns = [_TEXT_COLUMN]
     rows: list[dict[str, Any]] = [
-        {"timestamp": (sampled.t_ns - segment.start_ns) * 1e-9, _TEXT_COLUMN: sampled.text}
+        {"timestamp": (sampled.t_ns - segment.start_ns) * _S_PER_NS, _TEXT_COLUMN: sampled.text}
         | dict(zip(names, sampled.values, strict=False))
         for sampled in samples
     ]

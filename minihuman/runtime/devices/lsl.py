@@ -60,9 +60,8 @@ class LslDevice(Device):
         if self._name:
             streams = lsl.resolve_byprop("name", self._name, timeout=STREAM_TIMEOUT_S)
         else:
-            streams = [
-                stream for stream in lsl.resolve_streams(wait_time=STREAM_TIMEOUT_S) if stream.name() != "minihuman"
-            ]
+            streams = lsl.resolve_streams(wait_time=STREAM_TIMEOUT_S)
+            streams = [stream for stream in streams if stream.name() != MARKER_STREAM_NAME]
         if len(streams) != 1:
             names = ", ".join(stream.name() for stream in streams) or "none"
             raise DeviceError(
