@@ -19,7 +19,7 @@ _POLICY = (
     "default-src 'self'; img-src 'self' blob: data:; media-src 'self' blob:; object-src 'none'; base-uri 'none'; "
     "form-action 'self'; frame-src http://127.0.0.1:*; frame-ancestors 'none'"
 )
-_TYPES = {
+_MEDIA_TYPES = {
     ".html": "text/html",
     ".css": "text/css",
     ".js": "text/javascript",
@@ -30,7 +30,7 @@ _TYPES = {
 
 
 class BuilderApplication:
-    """The builder of a folder of protocols, as an ASGI application that is closed with the desk.
+    """The ASGI application of the builder for a folder of protocols; the desk closes it when it ends.
 
     Args:
         folder: the folder of the protocols.
@@ -54,13 +54,15 @@ class BuilderApplication:
 def _build_page_routes() -> Iterator[Route]:
     """Yield the routes of the page's files, with the page itself at the root."""
     for path in sorted(PAGE_FOLDER.rglob("*")):
-        if path.suffix in _TYPES:
+        if path.suffix in _MEDIA_TYPES:
             address = f"/{path.relative_to(PAGE_FOLDER).as_posix()}"
-            yield _route(address.replace("/index.html", "/"), path)
+            yield _build_file_route(address.replace("/index.html", "/"), path)
 
 
-def _route(address: str, path: Path) -> Route:
+def _build_file_route(address: str, path: Path) -> Route:
+    """Build the route that serves a file of the page, which is read anew for each request."""
+
     async def answer(_: Request) -> Response:
-        return Response(path.read_bytes(), media_type=_TYPES[path.suffix])
+        return Response(path.read_bytes(), media_type=_MEDIA_TYPES[path.suffix])
 
     return Route(address, answer)

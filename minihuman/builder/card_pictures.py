@@ -1,8 +1,8 @@
-"""Pictures for cards: of a built-in world, and of what participants of a template see.
+"""Pictures for the cards of worlds and templates: a built-in world, and what participants of a template see.
 
     python -m minihuman.builder.card_pictures TEMPLATE     # writes a PNG to standard output
 
-A template with Python of its own is drawn in a process of its own, so that no other protocol meets its modules.
+A template with Python files is drawn in another process, so that its modules are not imported for other protocols.
 """
 
 import io
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from minihuman.builder.new_study import read_template
-from minihuman.builder.shipped_studies import list_shipped_studies
+from minihuman.builder.shipped_studies import ShippedStudy, list_shipped_studies
 from minihuman.display.drawing.screen import compose_screen
 from minihuman.errors import MinihumanError
 from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
@@ -33,9 +33,10 @@ THUMB_PX = (320, 180)
 CELL_PX = 48  # a side of a level's cell
 LEVEL_WORLD = DRAWN_LEVEL.id
 AGENT_CELLS = (">>", "vv", "<<", "^^")
+_BLANK_GREY = 96
 _LEAST_COLOURS = 12  # of a world's first picture; one with fewer shows a fixation cross or nothing
-_PHASE = "playing"  # of the screens that show a stimulus
-_PATIENCE_S = 120.0  # for a process that draws
+_STIMULUS_PHASE = "playing"  # the end of the phase's name on screens that show a stimulus
+_DRAWING_TIMEOUT_S = 120.0  # of the other process
 
 
 def _encode_png(pixels: NDArray[np.uint8]) -> bytes:
@@ -44,17 +45,17 @@ def _encode_png(pixels: NDArray[np.uint8]) -> bytes:
     return png.getvalue()
 
 
-BLANK_PNG = _encode_png(np.full((THUMB_PX[1], THUMB_PX[0], 3), 96, np.uint8))
+BLANK_PNG = _encode_png(np.full((THUMB_PX[1], THUMB_PX[0], 3), _BLANK_GREY, np.uint8))
 
 
 @cache
 def draw_world(world_id: str, options: str = "{}", seed: int = 1) -> bytes:
-    """Draw a world's first picture as a PNG; a blank one if it has none.
+    """Draw the picture of a world after its reset as a PNG; a blank one if the world cannot be created or drawn.
 
     Args:
-        world_id: the world.
-        options: its options as JSON.
-        seed: of its layout.
+        world_id: the id of the world.
+        options: the world's options, as the text of a JSON object.
+        seed: the seed of the world's layout.
     """
     try:
         with closing(World(world_id, json.loads(options))) as world:
@@ -67,9 +68,10 @@ def draw_world(world_id: str, options: str = "{}", seed: int = 1) -> bytes:
 
 @cache
 def draw_cell(cell: str) -> bytes:
-    """Draw a cell of a level ("Ky", ">>") as a PNG; a blank one for characters that mean nothing."""
-    agent = "WW" if cell in AGENT_CELLS else "^^"  # which looks away, as what it sees is lit
-    diagram = f"{agent}WWWW\nWW{cell}WW\nWWWWWW"
+    """Draw one cell of a level's diagram ("Ky", ">>") as a PNG; a blank one if its two characters mean nothing."""
+    # a level needs one agent; it faces away from the cell, as the cells that it sees are drawn brighter
+    corner = "WW" if cell in AGENT_CELLS else "^^"
+    diagram = f"{corner}WWWW\nWW{cell}WW\nWWWWWW"
     try:
         with closing(World(LEVEL_WORLD, {"diagram": diagram})) as world:
             world.reset(1)
@@ -82,21 +84,23 @@ def draw_cell(cell: str) -> bytes:
 
 @cache
 def draw_template(name: str) -> bytes:
-    """Draw a picture of a template as a PNG: its first world, or the fullest stimulus; a blank one if none is drawn."""
+    """Draw the picture for a template's card as a PNG; a blank one if the template cannot be drawn.
+
+    It is the world of the first episode after its reset or, if that has few colours, the session's fullest stimulus.
+    """
     for study in list_shipped_studies():
         if study.name == name and study.modules:
-            modules = ",".join(path.stem for path in study.modules)
-            return _draw_elsewhere(name, {"PYTHONPATH": str(study.path.parent), TRUST_VARIABLE: modules})
-    return _draw_here(name)
+            return _draw_in_other_process(study)
+    return _draw_in_this_process(name)
 
 
-def _draw_here(name: str) -> bytes:
+def _draw_in_this_process(name: str) -> bytes:
     """Draw a template whose modules this process can import."""
     try:
         protocol = read_template(name)
         plan = expand_protocol(protocol, enrol_participant(protocol, 0))
-        first = plan.episodes[0]
-        picture = draw_world(first.world, json.dumps(first.options), first.seed)
+        episode = plan.episodes[0]
+        picture = draw_world(episode.world, json.dumps(episode.options), episode.seed)
         if _count_colours(picture) >= _LEAST_COLOURS:
             return picture
         return _draw_fullest_screen(plan) or picture
@@ -104,17 +108,18 @@ def _draw_here(name: str) -> bytes:
         return BLANK_PNG
 
 
-def _draw_elsewhere(name: str, environment: dict[str, str]) -> bytes:
-    """Draw a template in a process with further variables in its environment."""
-    search_path = os.pathsep.join(filter(None, (environment["PYTHONPATH"], os.environ.get("PYTHONPATH", ""))))
+def _draw_in_other_process(study: ShippedStudy) -> bytes:
+    """Draw a template with Python files in a process that can import them and trusts them."""
+    search_path = os.pathsep.join(filter(None, (str(study.path.parent), os.environ.get("PYTHONPATH", ""))))
+    modules = ",".join(path.stem for path in study.modules)
     try:
         process = subprocess.run(
-            [sys.executable, "-m", "minihuman.builder.card_pictures", name],
-            env={**os.environ, **environment, "PYTHONPATH": search_path},
+            [sys.executable, "-m", "minihuman.builder.card_pictures", study.name],
+            env={**os.environ, "PYTHONPATH": search_path, TRUST_VARIABLE: modules},
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
-            timeout=_PATIENCE_S,
+            timeout=_DRAWING_TIMEOUT_S,
             check=True,
         )
     except (subprocess.SubprocessError, OSError):
@@ -123,23 +128,24 @@ def _draw_elsewhere(name: str, environment: dict[str, str]) -> bytes:
 
 
 def _draw_fullest_screen(plan: SessionPlan) -> bytes:
-    """Draw the stimulus of a session that has the most to see; b"" if no screen shows one."""
+    """Draw the stimulus screen of a session with the most pixels off the background; b"" if no screen shows one."""
     screens, _ = render_screens([plan], THUMB_PX)
-    pictures = [compose_screen(screen, THUMB_PX) for phase, screen in screens if phase.endswith(_PHASE)]
+    pictures = [compose_screen(screen, THUMB_PX) for phase, screen in screens if phase.endswith(_STIMULUS_PHASE)]
     if not pictures:
         return b""
     return _encode_png(max(pictures, key=_count_drawn_pixels))
 
 
 def _count_drawn_pixels(pixels: NDArray[np.uint8]) -> int:
-    """Count the pixels that differ from the corner's."""
+    """Count the pixels whose colour differs from that of the top left corner, which is background."""
     return int((pixels != pixels[0, 0]).any(axis=-1).sum())
 
 
 def _count_colours(png: bytes) -> int:
+    """Count the colours of a picture; ``_LEAST_COLOURS`` stands for that number or more."""
     colours = Image.open(io.BytesIO(png)).convert("RGB").getcolors(_LEAST_COLOURS)
     return _LEAST_COLOURS if colours is None else len(colours)
 
 
 if __name__ == "__main__":
-    sys.stdout.buffer.write(_draw_here(sys.argv[1]))
+    sys.stdout.buffer.write(_draw_in_this_process(sys.argv[1]))

@@ -1,4 +1,4 @@
-"""What `minihuman check` says of a protocol file, as values: mistakes at their fields, notices, and a plan."""
+"""The results of `minihuman check` for a protocol file, as values: mistakes at their fields, notices, and a plan."""
 
 import hashlib
 import warnings
@@ -25,31 +25,33 @@ from minihuman.experiment.plan.protocol_notices import list_protocol_notices
 def check_study(path: Path) -> CheckReport:
     """Check a protocol with its worlds and texts as `minihuman check` does; worlds that are not trusted do not run.
 
+    The report has either mistakes, or notices and the plan of the first participant.
+
     Raises:
         OSError: if the file cannot be read.
     """
     content = path.read_bytes()
     version = hashlib.sha256(content).hexdigest()
     source = str(path)
-    with warnings.catch_warnings(record=True) as caught:
+    with warnings.catch_warnings(record=True) as caught_warnings:
         warnings.simplefilter("always", FutureWarning)
         try:
             protocol = read_protocol(path)
             check_exclusion_measures(protocol.exclusions, source)
             world_notices = check_worlds(protocol, source, provable=True)
-            outcomes = check_outcome_rules(protocol, source)
+            outcome_notices = check_outcome_rules(protocol, source)
             sessions = range(1, max(1, len(protocol.sessions)) + 1)
-            enrolled = enrol_participant(protocol, 0, None)
-            plans = [expand_protocol(protocol, enrolled, session=number) for number in sessions]
+            participant = enrol_participant(protocol, 0, None)
+            plans = [expand_protocol(protocol, participant, session=number) for number in sessions]
             require_legible(protocol, source)
         except MinihumanError as error:
             return CheckReport(version, list_mistakes(error, source, content), [], [])
-    old_names = [str(warning.message) for warning in caught if issubclass(warning.category, FutureWarning)]
+    old_names = [str(warning.message) for warning in caught_warnings if issubclass(warning.category, FutureWarning)]
     notices = [
         *old_names,
         *list_missing_words(protocol),
         *list_protocol_notices(protocol),
-        *outcomes,
+        *outcome_notices,
         *describe_worlds(protocol, world_notices),
     ]
     plan = [line for session_plan in plans for line in describe_plan(session_plan)]

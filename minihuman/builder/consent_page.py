@@ -1,7 +1,7 @@
-"""Pages of informed consent to begin with, in each of the package's languages; brackets hold what only a lab knows.
+"""Drafts of consent pages in each of the package's languages; a lab replaces the texts in brackets.
 
-They have what the Declaration of Helsinki (2013, paragraph 26) and the GDPR (article 13) ask for: purpose, procedure,
-storage, rights and contact. What they say of storage is what a session's log contains.
+They state what the Declaration of Helsinki (2013, paragraph 26) and the GDPR (article 13) require: purpose, procedure,
+storage, rights and contact. What they state about storage is what a session's log contains.
 """
 
 import tomllib
@@ -15,7 +15,7 @@ _PATH = Path(__file__).with_name("consent_texts.toml")
 
 @cache
 def load_consent_pages() -> Mapping[str, Mapping[str, str | bool]]:
-    """Return the fields of a page of consent by language code."""
+    """Return the fields of a consent page, "title", "text" and "asks_consent", by language code."""
     texts = tomllib.loads(_PATH.read_text(encoding="utf-8"))
     return MappingProxyType(
         {

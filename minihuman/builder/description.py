@@ -19,14 +19,15 @@ from minihuman.experiment.protocol.validation_errors import InvalidFieldsError
 from minihuman.trust import admit_worlds
 
 _PART_KINDS = {"blocks": "play", "pages": "page", "questions": "questions", "activities": "activity", "orders": "order"}
-_OWN_KINDS = ("blocks", "activities")  # tables with a field that says the kind
+_TABLES_WITH_KIND = ("blocks", "activities")  # tables with a field that says the kind
 _STEP = re.compile(r"\.?([^.\[\]]+)|\[(\d+)\]")
-_PLACE = re.compile(r"(?::(?P<line>\d+))?:\s*(?P<path>\$[\w.\[\]-]*)?:?\s*")
-_BLOCK = re.compile(r"block '(?P<name>[^']*)'")
+# between the file's name and the message of an error: ":12: $.blocks[1].episodes: "
+_FIELD_PREFIX = re.compile(r"(?::(?P<line>\d+))?:\s*(?P<path>\$[\w.\[\]-]*)?:?\s*")
+_BLOCK_NAME = re.compile(r"block '(?P<name>[^']*)'")
 
 
 def read_values(content: bytes) -> tuple[str, dict[str, Any]]:
-    """Return a file's text and its values; no values if it is not valid TOML."""
+    """Decode a file's bytes; return its text and its values, which are {} if it is not valid TOML."""
     text = content.decode("utf-8-sig", "replace")
     try:
         return text, tomllib.loads(text)
@@ -35,12 +36,17 @@ def read_values(content: bytes) -> tuple[str, dict[str, Any]]:
 
 
 def is_trusted(tree: dict[str, Any], folder: Path) -> bool:
-    """Return whether the user trusts all Python and files that the worlds of a protocol would load."""
+    """Return whether the user trusts all Python modules and files that the worlds of a protocol would load.
+
+    Args:
+        tree: the protocol's values.
+        folder: the folder of the protocol.
+    """
     return not admit_worlds(list_named_worlds(tree), folder.resolve(), False)
 
 
 def check_file(path: Path, content: bytes) -> tuple[Protocol | None, list[Mistake]]:
-    """Decode a protocol with the files that it names; return None and the mistakes if it is not valid."""
+    """Decode a protocol with the files that it names; return it without mistakes, or None with the mistakes."""
     source = str(path)
     try:
         decode_protocol(content, source)
@@ -54,7 +60,13 @@ def check_file(path: Path, content: bytes) -> tuple[Protocol | None, list[Mistak
 
 
 def list_mistakes(error: MinihumanError, source: str, content: bytes) -> list[Mistake]:
-    """Return the mistakes that an error names, each at its field."""
+    """Return the mistakes that an error names, each with its field and line.
+
+    Args:
+        error: the error of reading or checking a protocol.
+        source: the protocol's path, with which the lines of the error's text may begin.
+        content: the bytes of the protocol's file.
+    """
     text, tree = read_values(content)
     try:
         document = TomlDocument.parse(text)
@@ -64,68 +76,78 @@ def list_mistakes(error: MinihumanError, source: str, content: bytes) -> list[Mi
         places = [(parse_path(path), message) for path, message in error.field_errors]
     else:
         lines = getattr(error, "mistakes", ()) or (str(error),)
-        places = [_place_message(line, source, tree) for line in lines]
+        places = [_split_message(line, source, tree) for line in lines]
     return [Mistake(list(path), document.find_line(path), message) for path, message in places]
 
 
-def _place_message(line: str, source: str, tree: Mapping[str, Any]) -> tuple[Steps, str]:
-    """Return the field that a line of `check` names, and what it says of it."""
-    rest = line.removeprefix(source)
-    place = _PLACE.match(rest)
-    if place is None:
+def _split_message(line: str, source: str, tree: Mapping[str, Any]) -> tuple[Steps, str]:
+    """Split a line of an error into the path of the field or block that it names, () if none, and the message."""
+    line_without_source = line.removeprefix(source)
+    prefix = _FIELD_PREFIX.match(line_without_source)
+    if prefix is None:
         return (), line
-    message = rest[place.end() :]
-    if place["path"]:
-        return parse_path(place["path"].rstrip(".")), message
-    block = _BLOCK.match(message)
-    for number, row in enumerate(_rows(tree, "blocks")):
+    message = line_without_source[prefix.end() :]
+    if prefix["path"]:
+        return parse_path(prefix["path"].rstrip(".")), message
+    block = _BLOCK_NAME.match(message)
+    for number, row in enumerate(_list_rows(tree, "blocks")):
         if block is not None and row.get("name") == block["name"]:
             return ("blocks", number), message
     return (), message or line
 
 
 def parse_path(path: str) -> Steps:
-    """Parse a path as errors write it: "$.blocks[1].episodes"."""
+    """Parse a path in the form of errors, such as "$.blocks[1].episodes", into its steps."""
     return tuple(name or int(number) for name, number in _STEP.findall(path.removeprefix("$")))
 
 
 def list_parts(tree: dict[str, Any], document: TomlDocument | None) -> list[Part]:
-    """Return the parts of a protocol in the order of its tables."""
+    """Return the parts of a protocol, table by table.
+
+    Args:
+        tree: the protocol's values.
+        document: the file with the positions of its tables; None if it cannot be parsed, so that each line is 1.
+    """
     lanes = list_lanes(tree)
     parts = []
     for table, usual_kind in _PART_KINDS.items():
-        for number, row in enumerate(_rows(tree, table)):
+        for number, row in enumerate(_list_rows(tree, table)):
             path: Steps = (table, number)
             name = str(row.get("name", ""))
-            kind = str(row.get("kind", usual_kind)) if table in _OWN_KINDS else usual_kind
+            kind = str(row.get("kind", usual_kind)) if table in _TABLES_WITH_KIND else usual_kind
             line = document.find_line(path) if document else 1
-            uses = [lane.group for lane in lanes if name in lane.parts or name in lane.replaced.values()]
-            uses += [str(order.get("name")) for order in _rows(tree, "orders") if name in str(order.get("parts"))]
-            title = row.get("title", "")
-            parts.append(Part(name, kind, list(path), str(title), list(dict.fromkeys(uses)), line))
+            title = str(row.get("title", ""))
+            parts.append(Part(name, kind, list(path), title, _list_uses(tree, lanes, name), line))
     return parts
 
 
+def _list_uses(tree: dict[str, Any], lanes: list[Lane], part_name: str) -> list[str]:
+    """Return the names of the groups and orders that list a part, each once."""
+    groups = [lane.group for lane in lanes if part_name in lane.parts or part_name in lane.replaced.values()]
+    orders = [str(order.get("name")) for order in _list_rows(tree, "orders") if part_name in str(order.get("parts"))]
+    return list(dict.fromkeys([*groups, *orders]))
+
+
 def list_lanes(tree: dict[str, Any]) -> list[Lane]:
-    """Return the parts of each group in each session, as the file lists them."""
+    """Return a lane for each group and session: the parts that the file lists there, in order."""
     lanes = []
-    for number, group in enumerate(_rows(tree, "groups")):
-        replaced = {str(part): str(other) for part, other in _table(group, "replace_parts").items()}
+    for number, group in enumerate(_list_rows(tree, "groups")):
+        replaced = {str(part): str(substitute) for part, substitute in _get_table(group, "replace_parts").items()}
         name = str(group.get("name", ""))
-        for session_number, session in enumerate(_rows(tree, "sessions")):
-            parts = _names(session.get("parts"))
+        for session_number, session in enumerate(_list_rows(tree, "sessions")):
+            parts = _list_names(session.get("parts"))
             lanes.append(
                 Lane(name, str(session.get("name", "")), parts, ["sessions", session_number, "parts"], replaced)
             )
         if not tree.get("sessions"):
             field = "parts" if "parts" in group else "blocks"
-            lanes.append(Lane(name, "", _names(group.get(field)), ["groups", number, field], replaced))
+            lanes.append(Lane(name, "", _list_names(group.get(field)), ["groups", number, field], replaced))
     return lanes
 
 
 def describe_pay(tree: dict[str, Any]) -> Pay | None:
-    """Return what the file says of payment; None if it pays nothing, or the table is not valid."""
-    bonus = _table(tree, "bonus")
+    """Return the payment that the table [bonus] states; None if it is missing, or an amount is not a number."""
+    bonus = _get_table(tree, "bonus")
     numbers = {name: bonus.get(name) for name in ("base", "per_point", "most")}
     if not bonus or not all(isinstance(number, int | float | None) for number in numbers.values()):
         return None
@@ -139,14 +161,14 @@ def describe_pay(tree: dict[str, Any]) -> Pay | None:
 
 
 def list_old_names(tree: dict[str, Any], document: TomlDocument) -> list[Mistake]:
-    """Return a mistake for each field and value that has an earlier version's name, as the forms do not show it."""
+    """Return a mistake for each field and value with an earlier version's name, since the forms do not show these."""
     renamed = use_current_names(tree).renamed
     places = [(parse_path(path), message) for path, message in renamed]
     return [Mistake(list(path), document.find_line(path), message) for path, message in places]
 
 
 def list_lines(document: TomlDocument) -> dict[str, int]:
-    """Return the line of every field and table of a file, by its path as errors write it."""
+    """Return the line of every field and table of a file, from 1, by its path as text: "blocks[1].episodes"."""
     lines = {}
     position = 0
     line = 1
@@ -157,7 +179,7 @@ def list_lines(document: TomlDocument) -> dict[str, int]:
     return lines
 
 
-def _rows(tree: Mapping[str, Any], table: str) -> list[dict[str, Any]]:
+def _list_rows(tree: Mapping[str, Any], table: str) -> list[dict[str, Any]]:
     """Return the tables of an array; none if the file has something else there."""
     rows = tree.get(table)
     if not isinstance(rows, list):
@@ -165,12 +187,14 @@ def _rows(tree: Mapping[str, Any], table: str) -> list[dict[str, Any]]:
     return [row for row in rows if isinstance(row, dict)]
 
 
-def _table(tree: Mapping[str, Any], name: str) -> dict[str, Any]:
+def _get_table(tree: Mapping[str, Any], name: str) -> dict[str, Any]:
+    """Return a table by its name; {} if the file has something else there, or nothing."""
     table = tree.get(name)
     return table if isinstance(table, dict) else {}
 
 
-def _names(value: object) -> list[str]:
-    if not isinstance(value, list):
+def _list_names(content: object) -> list[str]:
+    """Return the texts in a list of names; none if the content is not a list."""
+    if not isinstance(content, list):
         return []
-    return [name for name in value if isinstance(name, str)]
+    return [name for name in content if isinstance(name, str)]

@@ -1,4 +1,4 @@
-"""What differs between two protocols, field by field. Tables with names are compared by name, wherever they stand."""
+"""The differences of two protocols, field by field. Tables with names are compared by name, whatever their order."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -8,16 +8,17 @@ from minihuman.builder.messages import FieldDifference, Path
 
 
 def list_differences(before: dict[str, Any], after: dict[str, Any]) -> Iterator[FieldDifference]:
-    """Yield the fields in which two protocols differ; a field that one of them lacks is None there."""
-    yield from _compare(before, after, [])
+    """Yield the fields in which the values of two protocols differ; a missing field has the value None."""
+    yield from _list_value_differences(before, after, [])
 
 
-def _compare(before: Any, after: Any, path: Path) -> Iterator[FieldDifference]:
+def _list_value_differences(before: Any, after: Any, path: Path) -> Iterator[FieldDifference]:
+    """Yield the differences of two values at a path: of tables by key, and of arrays of named tables by name."""
     if is_same_value(before, after):
         return
     if isinstance(before, dict) and isinstance(after, dict):
         for key in dict.fromkeys([*before, *after]):
-            yield from _compare(before.get(key), after.get(key), [*path, key])
+            yield from _list_value_differences(before.get(key), after.get(key), [*path, key])
         return
     names_before = _index_by_name(before)
     names_after = _index_by_name(after)
@@ -27,14 +28,18 @@ def _compare(before: Any, after: Any, path: Path) -> Iterator[FieldDifference]:
     for name in dict.fromkeys([*names_before, *names_after]):
         number_before, table_before = names_before.get(name, (0, None))
         number, table_after = names_after.get(name, (number_before, None))
-        yield from _compare(table_before, table_after, [*path, number])
-    common = [name for name in names_before if name in names_after]
-    if common != [name for name in names_after if name in names_before]:
+        yield from _list_value_differences(table_before, table_after, [*path, number])
+    order_before = [name for name in names_before if name in names_after]
+    order_after = [name for name in names_after if name in names_before]
+    if order_before != order_after:
         yield FieldDifference(path, list(names_before), list(names_after))
 
 
 def _index_by_name(content: Any) -> dict[str, tuple[int, dict[str, Any]]] | None:
-    """Return the tables of an array with their numbers, by name; None if it is not an array of tables with names."""
+    """Return the tables of an array with their numbers, by name; none of them for None, a missing array.
+
+    Return None if the content is not an array of tables with names.
+    """
     if content is None:
         return {}
     if not isinstance(content, list) or not all(isinstance(row, dict) and "name" in row for row in content):

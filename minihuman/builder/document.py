@@ -12,12 +12,12 @@ from copy import deepcopy
 from dataclasses import dataclass
 from typing import Any
 
-from minihuman.builder.toml_blocks import cut_block, find_core, list_runs
+from minihuman.builder.toml_blocks import find_core, find_removable_span, list_runs
 from minihuman.builder.toml_literals import LONGEST_LINE, format_key, format_literal
 from minihuman.builder.toml_spans import Pair, Spans, Steps, is_below, list_members, scan_toml
 from minihuman.errors import MinihumanError
 
-_MISSING = object()
+MISSING = object()  # stands for a value that is absent, since no value of TOML can
 _REST_OF_LINE = re.compile(r"[ \t]*,?[ \t]*(?:#[^\n]*)?")
 _SPACE_AND_COMMA = re.compile(r"\s*,[ \t]*")
 
@@ -28,8 +28,8 @@ class NotEditableError(MinihumanError, ValueError):
     """A text cannot be edited in the way that was requested.
 
     Attributes:
-        path: the field.
-        line: where it is.
+        path: the path of the field.
+        line: the line of the field, from 1.
     """
 
     def __init__(self, message: str, path: Steps = (), line: int = 1) -> None:
@@ -40,7 +40,7 @@ class NotEditableError(MinihumanError, ValueError):
 
 @dataclass(frozen=True, slots=True)
 class TomlDocument:
-    """A TOML text with its values and their spans."""
+    """A TOML text with its values and their spans. Each edit returns a new document."""
 
     text: str
     tree: dict[str, Any]
@@ -48,7 +48,7 @@ class TomlDocument:
 
     @classmethod
     def parse(cls, text: str) -> "TomlDocument":
-        """Parse a text.
+        """Parse a TOML text.
 
         Raises:
             NotEditableError: if it is not valid TOML.
@@ -56,12 +56,12 @@ class TomlDocument:
         try:
             tree = tomllib.loads(text.removeprefix("\ufeff"))
         except (tomllib.TOMLDecodeError, RecursionError) as error:
-            raise NotEditableError(f"this is not valid TOML: {error}", (), _read_line(str(error))) from None
+            raise NotEditableError(f"this is not valid TOML: {error}", (), _parse_line_number(str(error))) from None
         return cls(text, tree, scan_toml(text))
 
     @property
     def newline(self) -> str:
-        """Return how lines end."""
+        """Return the line break of the text: "\\r\\n" if it has any, else "\\n"."""
         if "\r\n" in self.text:
             return "\r\n"
         return "\n"
@@ -79,23 +79,24 @@ class TomlDocument:
         return content
 
     def find_line(self, path: Steps) -> int:
-        """Return the line of a path, or of the nearest table around it."""
+        """Return the line of a path, from 1, or that of the nearest table around it."""
         return self.spans.find_line(self.spans.position_of(path))
 
     def literal(self, path: Steps) -> str:
-        """Return how the value at a path is written; "" if it is a table with a header, or missing."""
+        """Return the text of the value at a path; "" if it is a table with a header, or missing."""
         span = self.spans.values.get(path)
         if span is None:
             return ""
         return self.text[span.begin : span.end]
 
     def set(self, path: Steps, content: Any, literal: str = "") -> "TomlDocument":
-        """Give a field a value; a field that is missing is added.
+        """Set a field to a value; a field that is missing is added.
 
         Args:
             path: the field.
             content: the value, which may be a table or a list.
-            literal: how to write the value, if it is written in one place.
+            literal: the text that replaces the present value's text, if the field is not a table or list; "" formats
+                the value.
 
         Raises:
             NotEditableError: if that is not possible.
@@ -124,16 +125,16 @@ class TomlDocument:
         Raises:
             NotEditableError: if there is nothing at the path, or it cannot be removed alone.
         """
-        self._require(path)
-        if path in self.spans.values and (pair := self._find_pair(path)) is not None:
-            ranges = [(*pair, "")]
+        self._require_present(path)
+        if path in self.spans.values and (lines := self._find_statement(path)) is not None:
+            replacements = [(*lines, "")]
         elif path in self.spans.values:
-            ranges = [self._cut_member(path)]
+            replacements = [self._cut_member(path)]
         else:
-            ranges = [(*cut_block(self.spans, run), "") for run in list_runs(self.spans, path)]
+            replacements = [(*find_removable_span(self.spans, run), "") for run in list_runs(self.spans, path)]
             dotted = self._list_dotted_pairs(path)
-            ranges += [(*self._keep_last_line_open(pair.begin, pair.end), "") for pair in dotted]
-        return self._rewrite(ranges, path, lambda tree: self._delete(tree, path))
+            replacements += [(*self._include_line_break(pair.begin, pair.end), "") for pair in dotted]
+        return self._rewrite(replacements, path, lambda tree: self._delete(tree, path))
 
     def insert(self, path: Steps, content: Any, literal: str = "") -> "TomlDocument":
         """Insert an element into a list so that it gets the number with which the path ends.
@@ -141,7 +142,7 @@ class TomlDocument:
         Args:
             path: the list, and the element's number in it.
             content: the element.
-            literal: the element's text, if it is one that was taken from the file.
+            literal: the element's text if it was copied from the file; "" formats the element.
 
         Raises:
             NotEditableError: if there is no list at the path, or the number is beyond its end.
@@ -153,39 +154,43 @@ class TomlDocument:
         if not isinstance(current, list) or not isinstance(number, int) or not 0 <= number <= len(current):
             raise self._refuse(f"there is no place {number!r} in {format_path(array)}", path)
         if array in self.spans.values:
-            ranges = self._insert_inline(array, number, literal or self._format(path, content))
+            replacements = self._insert_inline(array, number, literal or self._format(path, content))
         elif not isinstance(content, Mapping):
             raise self._refuse(f"{content!r} is not a table, as the elements of {format_path(array)} are", path)
         else:
-            ranges = [self._insert_block(array, number, literal or self._format_section(array, content, True))]
-        return self._rewrite(ranges, path, lambda tree: _get(tree, array).insert(number, deepcopy(content)))
+            replacements = [self._insert_block(array, number, literal or self._format_section(array, content, True))]
+        return self._rewrite(replacements, path, lambda tree: _get(tree, array).insert(number, deepcopy(content)))
 
     def move(self, path: Steps, to: int) -> "TomlDocument":
         """Move an element of a list so that it gets another number; comments above a table's header go with it.
 
+        Args:
+            path: the element.
+            to: the number that it gets.
+
         Raises:
             NotEditableError: if there is no such element, or its lines are in several places.
         """
-        self._require(path)
+        self._require_present(path)
         array, number = path[:-1], path[-1]
         elements = self.find(array)
         if not isinstance(elements, list) or not isinstance(number, int) or not 0 <= to < len(elements):
             raise self._refuse(f"there is no place {to} in {format_path(array)}", path)
-        places = [self._find_element((*array, place)) for place in range(len(elements))]
+        spans = [self._find_element((*array, index)) for index in range(len(elements))]
         order = list(range(len(elements)))
         order.insert(to, order.pop(number))
-        ranges = [
-            (begin, end, self.text[slice(*places[source])]) for (begin, end), source in zip(places, order, strict=True)
+        replacements = [
+            (begin, end, self.text[slice(*spans[source])]) for (begin, end), source in zip(spans, order, strict=True)
         ]
-        return self._rewrite(ranges, path, lambda tree: _move(_get(tree, array), number, to))
+        return self._rewrite(replacements, path, lambda tree: _move(_get(tree, array), number, to))
 
     def duplicate(self, path: Steps) -> "TomlDocument":
-        """Insert a copy of an element of a list behind it, written as the element is.
+        """Insert a copy of an element of a list behind it, with the same text.
 
         Raises:
             NotEditableError: if there is no such element, or its lines are in several places.
         """
-        self._require(path)
+        self._require_present(path)
         number = path[-1]
         if not isinstance(number, int):
             raise self._refuse(f"{format_path(path)} is not an element of a list", path)
@@ -193,6 +198,7 @@ class TomlDocument:
         return self.insert((*path[:-1], number + 1), self.find(path), text)
 
     def _set_members(self, path: Steps, current: Mapping[str, Any], content: Mapping[str, Any]) -> "TomlDocument":
+        """Set the members of a table, and remove those that the new table lacks."""
         document = self
         for key, member in content.items():
             document = document.set((*path, key), member)
@@ -202,20 +208,17 @@ class TomlDocument:
         return document
 
     def _set_elements(self, path: Steps, current: Sequence[Any], content: Sequence[Any]) -> "TomlDocument":
-        """Change the elements between those that the old and the new list have in common at both ends."""
+        """Edit only the elements between those that the old and the new list have in common at both ends."""
         shorter = min(len(current), len(content))
-        same = (is_same_value(old, new) for old, new in zip(current, content, strict=False))
-        before = next((place for place, is_same in enumerate(same) if not is_same), shorter)
-        same = (is_same_value(old, new) for old, new in zip(reversed(current), reversed(content), strict=False))
-        after = next((place for place, is_same in enumerate(same) if not is_same), shorter)
-        after = min(after, shorter - before)
+        n_same_before = _count_same_start(current, content)
+        n_same_after = min(_count_same_start(current[::-1], content[::-1]), shorter - n_same_before)
         document = self
-        for place in range(before, shorter - after):
-            document = document.set((*path, place), content[place])
-        for place in range(shorter - after, len(content) - after):
-            document = document.insert((*path, place), content[place])
-        for place in reversed(range(shorter - after, len(current) - after)):
-            document = document.remove((*path, place))
+        for index in range(n_same_before, shorter - n_same_after):
+            document = document.set((*path, index), content[index])
+        for index in range(shorter - n_same_after, len(content) - n_same_after):
+            document = document.insert((*path, index), content[index])
+        for index in reversed(range(shorter - n_same_after, len(current) - n_same_after)):
+            document = document.remove((*path, index))
         return document
 
     def _add(self, path: Steps, content: Any) -> "TomlDocument":
@@ -229,10 +232,10 @@ class TomlDocument:
         if not isinstance(table, dict) or not isinstance(key, str):
             raise self._refuse(f"{format_path(parent)} is not a table, so it has no {key!r}", path)
         if parent in self.spans.values:
-            ranges = self._insert_inline(parent, len(table), f"{format_key(key)} = {self._format(path, content)}")
+            replacements = self._insert_inline(parent, len(table), f"{format_key(key)} = {self._format(path, content)}")
         else:
-            ranges = [self._insert_field(parent, key, content)]
-        return self._rewrite(ranges, path, lambda tree: _put(tree, path, content))
+            replacements = [self._insert_field(parent, key, content)]
+        return self._rewrite(replacements, path, lambda tree: _put(tree, path, content))
 
     def _insert_field(self, parent: Steps, key: str, content: Any) -> Replacement:
         """Return the replacement that adds a field to a table that is not inline."""
@@ -247,19 +250,21 @@ class TomlDocument:
             below = next(section for section in self.spans.sections if is_below(section.path, parent))
             begin, _ = find_core(self.spans, (below, below))
             return begin, begin, f"{header}{self.newline}{self.newline}"
-        names = format_key(key)
-        section = (sections or [self.spans.sections[pairs[-1].section]])[0]
-        own = section.pairs
-        if not sections:
-            own = pairs
-            names = ".".join(format_key(str(step)) for step in (*parent, key)[len(section.path) :])
-        position = own[-1].end if own else section.header_end
-        indent = re.match(r"[ \t]*", self.text[own[-1].begin :]) if own else None
-        line = f"{indent[0] if indent else ''}{names} = {self._format((*parent, key), content)}"
+        if sections:
+            section = sections[0]
+            neighbours = section.pairs
+            dotted_key = format_key(key)
+        else:  # the table has only statements with dotted keys, below the header of another table
+            section = self.spans.sections[pairs[-1].section]
+            neighbours = pairs
+            dotted_key = ".".join(format_key(str(step)) for step in (*parent, key)[len(section.path) :])
+        position = neighbours[-1].end if neighbours else section.header_end
+        indent = re.match(r"[ \t]*", self.text[neighbours[-1].begin :]) if neighbours else None
+        line = f"{indent[0] if indent else ''}{dotted_key} = {self._format((*parent, key), content)}"
         return position, position, self._fit_line(position, line)
 
     def _fit_line(self, position: int, line: str) -> str:
-        """Return a line with the line break that it needs at a position where a line begins, or the text ends."""
+        """Return a line with a line break before it if it is to follow an unfinished line, else behind it."""
         if position and self.text[position - 1] != "\n":
             return f"{self.newline}{line}"
         return f"{line}{self.newline}"
@@ -301,7 +306,7 @@ class TomlDocument:
             return begin, begin, f"{block}{gap}"
         run = list_runs(self.spans, (*array, number - 1))[-1]
         _, end = find_core(self.spans, run)
-        _, gap_end = cut_block(self.spans, run)
+        _, gap_end = find_removable_span(self.spans, run)
         if gap_end > end:  # other tables follow
             gap = self.text[end:gap_end]
         return end, end, f"{gap}{block}"
@@ -314,7 +319,7 @@ class TomlDocument:
             return end, end, f"{gap if end else ''}{block}"
         run = list_runs(self.spans, parent)[-1]
         _, end = find_core(self.spans, run)
-        _, gap_end = cut_block(self.spans, run)
+        _, gap_end = find_removable_span(self.spans, run)
         if gap_end > end:
             gap = self.text[end:gap_end]
         return end, end, f"{gap}{block}"
@@ -333,11 +338,11 @@ class TomlDocument:
         last = members[-1][1]
         if not self._begins_line(last.member_begin):
             return [(last.end, last.end, f", {literal}")]
-        rest = _REST_OF_LINE.match(self.text, last.end)
-        assert rest is not None
-        comma = "," if "," not in rest[0].partition("#")[0] else ""
+        rest_of_line = _REST_OF_LINE.match(self.text, last.end)
+        assert rest_of_line is not None
+        comma = "," if "," not in rest_of_line[0].partition("#")[0] else ""
         line = f"{self.newline}{self._indent(last.member_begin)}{literal}{'' if comma else ','}"
-        return [(last.end, rest.end(), f"{comma}{rest[0]}{line}")]
+        return [(last.end, rest_of_line.end(), f"{comma}{rest_of_line[0]}{line}")]
 
     def _begins_line(self, position: int) -> bool:
         line_begin = self.text.rfind("\n", 0, position) + 1
@@ -346,12 +351,12 @@ class TomlDocument:
     def _indent(self, position: int) -> str:
         return self.text[self.text.rfind("\n", 0, position) + 1 : position]
 
-    def _find_pair(self, path: Steps) -> tuple[int, int] | None:
-        """Return the lines of a field that is a statement; None if it is inside another value."""
+    def _find_statement(self, path: Steps) -> tuple[int, int] | None:
+        """Return the span of the lines of a field that is a statement; None if the field is inside another value."""
         for section in self.spans.sections:
             for pair in section.pairs:
                 if pair.path == path:
-                    return self._keep_last_line_open(pair.begin, pair.end)
+                    return self._include_line_break(pair.begin, pair.end)
         return None
 
     def _list_dotted_pairs(self, path: Steps) -> list[Pair]:
@@ -359,8 +364,8 @@ class TomlDocument:
         sections = (section for section in self.spans.sections if not is_below(section.path, path))
         return [pair for section in sections for pair in section.pairs if is_below(pair.path, path)]
 
-    def _keep_last_line_open(self, begin: int, end: int) -> tuple[int, int]:
-        """Return lines, with the line break before them where the text's last line has none."""
+    def _include_line_break(self, begin: int, end: int) -> tuple[int, int]:
+        """Extend a span of whole lines, for removal, by the line break before it if the text ends without one."""
         if end == len(self.text) and not self.text.endswith("\n"):
             return len(self.text[:begin].removesuffix("\n").removesuffix("\r")), end
         return begin, end
@@ -370,16 +375,18 @@ class TomlDocument:
         container = next(path[:length] for length in range(len(path) - 1, 0, -1) if path[:length] in self.spans.values)
         members = [span for _, span in list_members(self.spans, container)]
         span = self.spans.values[path]
-        place = members.index(span)
-        rest = _REST_OF_LINE.match(self.text, span.end)
-        assert rest is not None
+        index = members.index(span)
+        rest_of_line = _REST_OF_LINE.match(self.text, span.end)
+        assert rest_of_line is not None
         line_begin = self.text.rfind("\n", 0, span.member_begin) + 1
-        if self._begins_line(span.member_begin) and self.text[rest.end() : rest.end() + 2].strip(" \t\r") == "\n":
-            return line_begin, self.text.index("\n", rest.end()) + 1, ""
-        if place + 1 < len(members):
-            return span.member_begin, members[place + 1].member_begin, ""
-        if place:
-            return members[place - 1].end, span.end, ""
+        line_end = rest_of_line.end()
+        is_alone = self._begins_line(span.member_begin) and self.text[line_end : line_end + 2].strip(" \t\r") == "\n"
+        if is_alone:  # on its lines
+            return line_begin, self.text.index("\n", line_end) + 1, ""
+        if index + 1 < len(members):
+            return span.member_begin, members[index + 1].member_begin, ""
+        if index:
+            return members[index - 1].end, span.end, ""
         comma = _SPACE_AND_COMMA.match(self.text, span.end)
         return span.member_begin, comma.end() if comma else span.end, ""
 
@@ -387,7 +394,7 @@ class TomlDocument:
         """Return the span of an element of a list.
 
         Raises:
-            NotEditableError: if other tables are between its own.
+            NotEditableError: if the element's lines are in several places.
         """
         if path in self.spans.values:
             span = self.spans.values[path]
@@ -398,21 +405,21 @@ class TomlDocument:
         return find_core(self.spans, runs[0])
 
     def _delete(self, tree: dict[str, Any], path: Steps) -> None:
-        """Delete a path from a tree, with the tables above it that are left empty and are written nowhere."""
+        """Delete a value from a tree, and each table around it that is then empty and is not written in the text."""
         del _get(tree, path[:-1])[path[-1]]
         parent = path[:-1]
         is_written = parent in self.spans.values or any(section.path == parent for section in self.spans.sections)
         if parent and not is_written and not _get(tree, parent):
             self._delete(tree, parent)
 
-    def _require(self, path: Steps) -> None:
+    def _require_present(self, path: Steps) -> None:
         if not path or self.find(path) is MISSING:
             raise self._refuse(f"there is no {format_path(path)} in the file", path)
 
     def _rewrite(
         self, replacements: Sequence[Replacement], path: Steps, change: Callable[[dict[str, Any]], object]
     ) -> "TomlDocument":
-        """Return the text with replacements, after comparing its values with those that the change should lead to."""
+        """Return the text with replacements; refuse them if its values are not those that ``change`` makes."""
         text = self.text
         for begin, end, new_text in sorted(replacements, reverse=True):
             text = f"{text[:begin]}{new_text}{text[end:]}"
@@ -431,9 +438,6 @@ class TomlDocument:
         return NotEditableError(f"line {line}: {problem}; edit the file", path, line)
 
 
-MISSING = _MISSING
-
-
 def format_path(path: Steps) -> str:
     """Format a path as `check` writes it: blocks[1].episodes."""
     return "".join(f"[{step}]" if isinstance(step, int) else f".{step}" for step in path).lstrip(".")
@@ -450,12 +454,18 @@ def is_same_value(first: Any, second: Any) -> bool:
     return bool(first == second) or (first != first and second != second)  # not-a-numbers are the same
 
 
+def _count_same_start(first: Sequence[Any], second: Sequence[Any]) -> int:
+    """Return how many elements at the start of two lists are the same, up to the first that differs."""
+    pairs = enumerate(zip(first, second, strict=False))
+    return next((number for number, pair in pairs if not is_same_value(*pair)), min(len(first), len(second)))
+
+
 def _is_list_of_tables(content: Any) -> bool:
     return isinstance(content, list) and bool(content) and all(isinstance(element, Mapping) for element in content)
 
 
 def _needs_header(content: Any) -> bool:
-    """Return whether a value is written with a header: lists of tables, tables of tables, and long ones."""
+    """Return whether a value has a header: a list of tables, a table of tables only, or a table too long for a line."""
     if _is_list_of_tables(content):
         return True
     if not isinstance(content, Mapping) or not content:
@@ -482,6 +492,7 @@ def _move(elements: list[Any], number: int, to: int) -> None:
     elements.insert(to, elements.pop(number))
 
 
-def _read_line(message: str) -> int:
+def _parse_line_number(message: str) -> int:
+    """Return the line that an error of tomllib names; 1 if it names none."""
     match = re.search(r"line (\d+)", message)
     return int(match[1]) if match else 1

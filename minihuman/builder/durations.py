@@ -1,4 +1,4 @@
-"""How long a session will take, estimated from the protocol: reading, key presses, and the times that it states.
+"""An estimate of how long a session takes, from the protocol: reading, key presses, and the times that it states.
 
 The estimate is for planning; the report of simulated or real sessions has measured times. Silent reading is 180 to 260
 words a minute (Brysbaert, 2019, has 238 for English non-fiction), a key press in a world takes 0.3 to 1.2 s, a question
@@ -26,22 +26,23 @@ _QUESTION_S = (4.0, 20.0)
 _PRESS_S = (0.3, 1.2)
 _RESPONSE_S = (0.4, 1.5)  # of a trial without a deadline
 _STEPS_NEEDED = (0.1, 1.0)  # of an episode's longest
-_KEY_CHECK_S = (1.0, 3.0)
+_KEY_CHECK_S = (1.0, 3.0)  # for each key
+_LONGEST_REST_S = 60.0  # of a rest that the participant ends
 _FIRST_IDEOGRAPH = "\u2e80"
 
 
 class Seconds(NamedTuple):
-    """A least and a most duration."""
+    """The lower and the upper estimate of a duration, in seconds."""
 
     least: float
     most: float
 
     def plus(self, other: tuple[float, float]) -> "Seconds":
-        """Return the sum."""
+        """Return the sum with another pair of estimates, the lower and the upper one."""
         return Seconds(self.least + other[0], self.most + other[1])
 
     def times(self, count: float) -> "Seconds":
-        """Return a multiple."""
+        """Return the estimates of a duration that occurs ``count`` times."""
         return Seconds(self.least * count, self.most * count)
 
 
@@ -49,7 +50,10 @@ _NOTHING = Seconds(0.0, 0.0)
 
 
 def estimate_durations(protocol: Protocol) -> list[Duration]:
-    """Estimate the duration of each session of each group, for the first order of the parts."""
+    """Estimate the duration of each session of each group, for the first participant's order of the parts.
+
+    Return an empty list if the protocol has no valid allocation list.
+    """
     study = msgspec.structs.replace(protocol.study, participants=1)
     try:
         slot = build_allocation_list(msgspec.structs.replace(protocol, study=study))[0]
@@ -73,6 +77,7 @@ def estimate_durations(protocol: Protocol) -> list[Duration]:
 
 
 def _estimate_part(protocol: Protocol, name: str, group: str) -> Seconds:
+    """Estimate a part of a session by its name; 0 s for a part that the estimate cannot know."""
     page = protocol.page_for(name, group)
     if page is not None:
         return _estimate_page(page)
@@ -82,13 +87,12 @@ def _estimate_part(protocol: Protocol, name: str, group: str) -> Seconds:
     for block in protocol.blocks:
         if block.name == name:
             return _estimate_block(protocol.block_for(name, group), protocol.study.min_rest_s)
-    match name:
-        case _ if name == KEYBOARD:
-            return Seconds(*_KEY_CHECK_S).times(len(protocol.keys.pool))
-        case _ if name == CONSENT:
-            return _estimate_reading(protocol.study.consent)
-        case _ if name == CLOSING:
-            return _estimate_reading(protocol.study.closing or "")
+    if name == KEYBOARD:
+        return Seconds(*_KEY_CHECK_S).times(len(protocol.keys.pool))
+    if name == CONSENT:
+        return _estimate_reading(protocol.study.consent)
+    if name == CLOSING:
+        return _estimate_reading(protocol.study.closing or "")
     return _NOTHING  # of a plug-in's own kind, or found during the session
 
 
@@ -97,7 +101,7 @@ def _estimate_page(page: PageSpec) -> Seconds:
 
 
 def _estimate_reading(text: str) -> Seconds:
-    """Estimate the reading of a text and the key that goes on; nothing for an empty one."""
+    """Estimate the time to read a text and press the key that leads on; 0 s for an empty text."""
     if not text.strip():
         return _NOTHING
     n_ideographs = sum(letter >= _FIRST_IDEOGRAPH for letter in text)
@@ -118,20 +122,22 @@ def _estimate_questions(questionnaire: QuestionnaireSpec, language: str) -> Seco
 
 
 def _estimate_block(block: BlockSpec, rest_s: float) -> Seconds:
+    """Estimate a block with its instructions and its rest, within its limits of successes and time."""
     total = _estimate_reading(f"{block.title} {block.instructions}").plus(_estimate_rest(block, rest_s))
     episodes = _estimate_episode(block).times(block.episodes)
     if block.stop_criterion is not None:
-        shortest = block.stop_criterion.successes / max(block.episodes, 1)
-        episodes = Seconds(episodes.least * min(shortest, 1.0), episodes.most)
+        least_share = block.stop_criterion.successes / max(block.episodes, 1)  # of the episodes, all of them successes
+        episodes = Seconds(episodes.least * min(least_share, 1.0), episodes.most)
     if block.max_block_s:
         episodes = Seconds(min(episodes.least, block.max_block_s), min(episodes.most, block.max_block_s))
     return total.plus(episodes)
 
 
 def _estimate_rest(block: BlockSpec, rest_s: float) -> Seconds:
+    """Estimate the rest after a block, which takes at least ``rest_s``; with a text, the participant ends it."""
     if not block.rest_text:
         return Seconds(rest_s, rest_s)
-    return Seconds(max(rest_s, _SCREEN_S[0]), max(rest_s, 60.0))
+    return Seconds(max(rest_s, _SCREEN_S[0]), max(rest_s, _LONGEST_REST_S))
 
 
 def _estimate_episode(block: BlockSpec) -> Seconds:
@@ -143,7 +149,7 @@ def _estimate_episode(block: BlockSpec) -> Seconds:
     if block.ready == "each":
         total = total.plus(_SCREEN_S)
     feedback = block.feedback
-    if isinstance(feedback, Mapping):
+    if isinstance(feedback, Mapping):  # a text for each outcome
         feedback = next(iter(feedback.values()), "")
     if feedback and not block.feedback_ms:
         total = total.plus(_SCREEN_S)
@@ -151,7 +157,7 @@ def _estimate_episode(block: BlockSpec) -> Seconds:
 
 
 def _estimate_steps(block: BlockSpec) -> Seconds:
-    """Estimate the time of play of an episode."""
+    """Estimate the playing time of an episode, or of one with trials."""
     kind = find_installed_kind(block.kind)
     steps = [share * block.max_steps for share in _STEPS_NEEDED]
     if block.max_steps == 1 or (kind is not None and kind.has_trials):
@@ -168,11 +174,11 @@ def _estimate_steps(block: BlockSpec) -> Seconds:
 
 
 def _estimate_trial(block: BlockSpec) -> Seconds:
-    """Estimate a trial: what is shown before the response, and the response."""
+    """Estimate an episode's trials, one per step: the stimuli shown before each response, and the response."""
     before_s = 0.0
     if block.timeline is not None:
-        shown = [stimulus.duration_ms for stimulus in block.timeline.stimuli]
-        before_s = sum(duration for duration in shown if isinstance(duration, int | float)) / 1000
+        durations_ms = [stimulus.duration_ms for stimulus in block.timeline.stimuli]
+        before_s = sum(duration_ms for duration_ms in durations_ms if isinstance(duration_ms, int | float)) / 1000
     least, most = _RESPONSE_S
     if block.response_deadline_ms:
         most = block.response_deadline_ms / 1000

@@ -8,7 +8,7 @@ class EditRefusedError(MinihumanError, ValueError):
     """A request that was not carried out.
 
     Attributes:
-        refusal: what the page is answered.
+        refusal: the answer that the page receives.
     """
 
     def __init__(self, refusal: EditRefusal) -> None:

@@ -29,13 +29,14 @@ from minihuman.replay.frames import render_frames
 from minihuman.worlds.pose import Map
 
 FRAME_PX = (480, 360)
-_KEPT_EPISODES = 2  # whose pictures are kept, as a page asks for them one by one
-_POINT_DIGITS = 3
+_KEPT_EPISODES = 2  # whose pictures are cached, as a page requests them one by one
+_POINT_DIGITS = 3  # of a position and a yaw
+_NS_PER_MS = 1e6
 _Point = tuple[float, float]
 
 
 def describe_session(log: SessionLog) -> SessionDetails:
-    """Return a session's episodes, the last attempt of each, and the answers that the participant gave."""
+    """Return the last attempt at each of a session's episodes, and all answers of the participant."""
     last_attempts = {episode.number: episode for episode in log.episodes}
     episodes = [
         EpisodeSummary(
@@ -49,7 +50,7 @@ def describe_session(log: SessionLog) -> SessionDetails:
         for number, episode in sorted(last_attempts.items())
     ]
     answers = [
-        GivenAnswer(event.part_name, event.item, event.kind, _spell_answer(event), event.attempt, event.right)
+        GivenAnswer(event.part_name, event.item, event.kind, _format_answer(event), event.attempt, event.right)
         for segment in log.segments
         for event in segment.part_events
         if isinstance(event, Answered)
@@ -64,19 +65,20 @@ def describe_episode(log: SessionLog, number: int) -> EpisodeReplay:
         LogError: if the session has no such episode.
     """
     episode = _find_episode(log, number)
-    steps = [ReplayStep(0.0, "", "", 0.0, None, *_read_pose(episode, 0))]
+    steps = [ReplayStep(0.0, "", "", 0.0, None, *_get_pose(episode, 0))]
     reaction_times = response_ms(episode)
     for index in range(len(episode.actions)):
         action = episode.start.action_names[int(episode.actions[index])] if episode.action_vectors is None else ""
         reaction_ms = float(reaction_times[index])
+        since_reset_ns = int(episode.t_ns[index + 1]) - int(episode.t_ns[0])
         steps.append(
             ReplayStep(
-                (int(episode.t_ns[index + 1]) - int(episode.t_ns[0])) / 1e6,
+                since_reset_ns / _NS_PER_MS,
                 episode.step_keys[index],
                 action,
                 float(episode.rewards[index]),
                 None if np.isnan(reaction_ms) else reaction_ms,
-                *_read_pose(episode, index + 1),
+                *_get_pose(episode, index + 1),
             )
         )
     return EpisodeReplay(number, episode.start.mission, episode.outcome_word, steps, _describe_floor(episode.start.map))
@@ -97,27 +99,32 @@ def draw_step(log: Path, number: int, step: int) -> bytes:
 
 @lru_cache(maxsize=_KEPT_EPISODES)
 def _draw_episode(log: Path, modified_ns: int, number: int) -> tuple[bytes, ...]:
-    """Draw every picture of an episode; ``modified_ns`` lets a log that has grown be drawn anew."""
-    return tuple(_encode(picture) for picture in render_frames(_find_episode(read_log(log), number), FRAME_PX))
+    """Draw every picture of an episode; ``modified_ns`` is in the cache's key, as a log may have grown since."""
+    return tuple(_encode_png(picture) for picture in render_frames(_find_episode(read_log(log), number), FRAME_PX))
 
 
-def _encode(picture: np.ndarray) -> bytes:
+def _encode_png(picture: np.ndarray) -> bytes:
     png = io.BytesIO()
     Image.fromarray(picture).save(png, "PNG", compress_level=1)
     return png.getvalue()
 
 
 def _find_episode(log: SessionLog, number: int) -> EpisodeLog:
-    """Return the last attempt at an episode."""
+    """Return the last attempt at an episode.
+
+    Raises:
+        LogError: if the session has no such episode.
+    """
     attempts = [episode for episode in log.episodes if episode.number == number]
     if not attempts:
-        numbers = ", ".join(str(known) for known in sorted({episode.number for episode in log.episodes})) or "none"
+        recorded_numbers = sorted({episode.number for episode in log.episodes})
+        numbers = ", ".join(map(str, recorded_numbers)) or "none"
         raise LogError(f"{log.path} has no episode {number}; its episodes are {numbers}")
     return attempts[-1]
 
 
-def _read_pose(episode: EpisodeLog, state: int) -> tuple[_Point | None, float | None]:
-    """Return the place (x, z) and the direction of view in a state; None where the world cannot tell."""
+def _get_pose(episode: EpisodeLog, state: int) -> tuple[_Point | None, float | None]:
+    """Return the position (x, z) and the yaw in radians in a state, 0 for the reset; None for both without a pose."""
     x, _, z, yaw_rad = (float(number) for number in episode.poses[state])
     if np.isnan(x):
         return None, None
@@ -131,8 +138,8 @@ def _describe_floor(floor: Map | None) -> ReplayMap | None:
     return ReplayMap(floor.unit, floor.bounds, list(floor.walls), things)
 
 
-def _spell_answer(event: Answered) -> str:
-    """Return an answer as the participant saw it, or its value."""
+def _format_answer(event: Answered) -> str:
+    """Return an answer in the words that the participant saw, else its value as text; "" for no answer."""
     if event.words:
         return event.words
     answer = json.loads(event.value)

@@ -90,13 +90,13 @@ def build_form(table: str, kind: str = "") -> FieldForm:
     fields = [
         _build_field(f"{table}.{name}", field, name in definition.get("required", ()), name in used)
         for name, field in definition["properties"].items()
-        if not _is_useless(table, name, kind)
+        if not _is_inapplicable(table, name, kind)
     ]
     return FieldForm(table, heading, _first_paragraph(definition), fields)
 
 
 def list_kinds() -> Kinds:
-    """Return everything that can be added to a study."""
+    """Return what can be added to a study: kinds of parts and questions, languages, worlds and consent pages."""
     consents = {language: dict(page) for language, page in load_consent_pages().items()}
     parts = [
         PartKind("page", "pages", "A text to read: instructions, a pause, the last words.", {"text": ""}),
@@ -121,12 +121,12 @@ def list_kinds() -> Kinds:
 
 def _describe_question_kind(name: str) -> PartKind:
     kind = find_question_kind(name)
-    new = {"kind": name, "ask": "", **kind.example}
-    return PartKind(name, "questions.items", kind.prompt or (kind.draft.__doc__ or "").partition("\n")[0], new)
+    summary = kind.prompt or _first_line(kind.draft)
+    return PartKind(name, "questions.items", summary, {"kind": name, "ask": "", **kind.example})
 
 
 def _build_new_part(table: str, kind: str) -> dict[str, Any]:
-    """Return the fields of a new part of a kind: those of an example, without its name and texts of its study."""
+    """Return the fields of a new part of a kind: those of an example, without its name, overrides and seeds."""
     new = find_example(table, kind) or {"kind": kind}
     for name in ("name", "group_overrides", "seeds"):
         new.pop(name, None)
@@ -135,15 +135,15 @@ def _build_new_part(table: str, kind: str) -> dict[str, Any]:
 
 @cache
 def _list_tables() -> dict[str, tuple[str, Schema]]:
-    """Return the heading and the schema of each table, by path."""
+    """Return the TOML heading and the JSON schema of each table of a protocol, by its path without numbers."""
     tables: dict[str, tuple[str, Schema]] = {}
     for table, definition, is_repeated in walk_tables(build_json_schema()):
         tables[table] = (f"[[{table}]]" if is_repeated else f"[{table}]", definition)
     return tables
 
 
-def _is_useless(table: str, name: str, kind: str) -> bool:
-    """Return whether a field of a block has no meaning for its kind."""
+def _is_inapplicable(table: str, name: str, kind: str) -> bool:
+    """Return whether a field is one of a block's optional tables that the block's kind does not use."""
     if table != "blocks" or name not in _OPTIONAL_TABLES or not kind:
         return False
     installed = find_installed_kind(kind)
@@ -151,6 +151,7 @@ def _is_useless(table: str, name: str, kind: str) -> bool:
 
 
 def _build_field(path: str, schema: Schema, is_required: bool, is_common: bool) -> FormField:
+    """Build the field of a form from its path without numbers ("blocks.world") and its JSON schema."""
     options = [option for option in schema.get("anyOf", [schema]) if option.get("type") != "null"]
     name = path.rpartition(".")[2]
     types = [_name_type(path, option) for option in options]
@@ -158,13 +159,13 @@ def _build_field(path: str, schema: Schema, is_required: bool, is_common: bool) 
     return FormField(
         name=name,
         type=types[0],
-        item=_name_item(options[0]),
+        item=_name_element_type(options[0]),
         alternatives=types[1:],
         required=is_required,
         default=default,
         sentence=schema.get("description", ""),
         example=next(iter(schema.get("examples", ())), None),
-        unit=_OTHER_UNITS.get(path, _UNITS.get(name.rpartition("_")[2], "") if "_" in name else ""),
+        unit=_find_unit(path),
         choices=_list_choices(path, options),
         references=_REFERENCES.get(path, ""),
         table=path if types[0] in ("table", "tables") and path in _list_tables() else "",
@@ -172,8 +173,16 @@ def _build_field(path: str, schema: Schema, is_required: bool, is_common: bool) 
     )
 
 
+def _find_unit(path: str) -> str:
+    """Return the unit of a field, which the end of its name says ("rest_ms"); "" if it has none."""
+    if path in _OTHER_UNITS:
+        return _OTHER_UNITS[path]
+    stem, _, suffix = path.rpartition(".")[2].rpartition("_")
+    return _UNITS.get(suffix, "") if stem else ""
+
+
 def _name_type(path: str, schema: Schema) -> Any:
-    """Name the type of a field for the form."""
+    """Return the name of a field's type, by which the form chooses its input."""
     if "$ref" in schema:
         return "table"
     if "enum" in schema:
@@ -194,8 +203,8 @@ def _name_type(path: str, schema: Schema) -> Any:
     return "any"
 
 
-def _name_item(schema: Schema) -> str:
-    """Name the type of the elements of a list, a pair or a map; "" for other types."""
+def _name_element_type(schema: Schema) -> str:
+    """Return the name of the type of the elements of a list, a pair or a map; "" for other types."""
     if "prefixItems" in schema:
         return str(schema["prefixItems"][0]["type"])
     inner = schema.get("items") or schema.get("additionalProperties") or {}
@@ -212,7 +221,7 @@ def _name_item(schema: Schema) -> str:
 
 
 def _list_choices(path: str, options: list[Schema]) -> list[Choice]:
-    """List the values of a field of fixed words; for one that names something installed, what there is."""
+    """Return the values that a field accepts: its fixed words, and the names of what is installed; [] for any value."""
     values: list[Any] = []
     for option in options:
         values += option.get("enum", ()) or (option.get("items") or {}).get("enum", ())
@@ -243,7 +252,7 @@ def _list_agents() -> list[str]:
 
 
 def _build_settings_form(table: str, kind: str) -> FieldForm:
-    """Build the form of the settings of a kind of question, which has a struct of its own."""
+    """Build the form of the settings of a kind of question; without fields if the kind is unknown or has none."""
     try:
         settings = find_question_kind(kind).settings
     except ProtocolError:
@@ -263,5 +272,6 @@ def _first_paragraph(definition: Schema) -> str:
     return str(definition.get("description", "")).partition("\n\n")[0].replace("\n", " ")
 
 
-def _first_line(plan: type) -> str:
-    return (plan.__doc__ or "").partition("\n")[0]
+def _first_line(described: object) -> str:
+    """Return the first line of the docstring of a class or function."""
+    return (described.__doc__ or "").partition("\n")[0]

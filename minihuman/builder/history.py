@@ -15,7 +15,7 @@ _SUFFIX = ".version"  # no protocol, so that no list of studies shows it
 
 
 class FileHistory:
-    """The versions of one file, and which of them the file is.
+    """The versions of one file, and the position of the file's present content among them.
 
     Args:
         path: the file.
@@ -26,13 +26,17 @@ class FileHistory:
         self._position: int | None = None  # index of the version that this process wrote last
 
     def record(self, old: bytes, new: bytes) -> None:
-        """Add a version behind the present one; versions that had been undone are dropped.
+        """Add a version behind the present one, and delete the versions that had been undone.
+
+        Args:
+            old: the present content of the file, which is added too if another program has written it.
+            new: the content that the file is about to get.
 
         Raises:
             OSError: if the history cannot be written.
         """
         position = self._find_or_add(old)
-        versions = self._cut(self._list(), position + 1)
+        versions = self._truncate(self._list(), position + 1)
         versions.append(self._write(versions, new))
         if len(versions) > LONGEST:
             current_system().disk.unlink(versions.pop(0))
@@ -64,7 +68,7 @@ class FileHistory:
     def step(self, content: bytes, by: int) -> bytes:
         """Return the version before (-1) or after (+1) the present content, which the file is about to become.
 
-        There must be one, as `can_step` says.
+        ``can_step`` must have returned True for it.
 
         Raises:
             OSError: if the history cannot be read or written.
@@ -73,34 +77,37 @@ class FileHistory:
         return self._list()[self._position].read_bytes()
 
     def _find_or_add(self, content: bytes) -> int:
-        """Return the index of the version that the file is, after adding it if another program has written it."""
+        """Return the index of the version with a content, after adding it if another program has written it."""
         versions = self._list()
         position = self._locate(versions, content)
         if position is not None:
             return position
         if self._position is not None:
-            versions = self._cut(versions, self._position + 1)
+            versions = self._truncate(versions, self._position + 1)
         versions.append(self._write(versions, content))
         return len(versions) - 1
 
-    def _cut(self, versions: list[Path], length: int) -> list[Path]:
+    def _truncate(self, versions: list[Path], length: int) -> list[Path]:
+        """Delete all but the first ``length`` versions; return those."""
         for version in versions[length:]:
             current_system().disk.unlink(version)
         return versions[:length]
 
     def _locate(self, versions: list[Path], content: bytes) -> int | None:
-        """Return the index of the version that the file is: the one of the last step, or the last that is equal."""
-        order = list(reversed(range(len(versions))))
+        """Return the index of the version with a content: the one written last here, else the latest; else None."""
+        candidates = list(reversed(range(len(versions))))
         if self._position is not None and self._position < len(versions):
-            order.insert(0, self._position)
-        return next((place for place in order if versions[place].read_bytes() == content), None)
+            candidates.insert(0, self._position)
+        return next((index for index in candidates if versions[index].read_bytes() == content), None)
 
     def _list(self) -> list[Path]:
+        """Return the files of all versions, the oldest first."""
         if not self._folder.is_dir():
             return []
         return sorted(path for path in self._folder.iterdir() if path.suffix == _SUFFIX)
 
     def _write(self, versions: list[Path], content: bytes) -> Path:
+        """Write a version with the number after the last one's; return its file."""
         number = int(versions[-1].stem) + 1 if versions else 1
         path = self._folder / f"{number:08}{_SUFFIX}"
         with replace_durably(path) as file:

@@ -22,7 +22,7 @@ _MOST_PARTS = 3  # of a file's place in the folder
 
 
 class StudyImports:
-    """The folders that pages import into the desk's folder.
+    """Imports folders into the desk's folder, file by file.
 
     Args:
         folder: the desk's folder.
@@ -30,11 +30,11 @@ class StudyImports:
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
-        self._begun: set[str] = set()  # that this process has made, into which further files may come
+        self._created: set[str] = set()  # by this process: further files may be written into these folders
         self._lock = Lock()
 
     def write(self, name: str, place: str, content: bytes) -> CopiedFile:
-        """Write a file of a folder that is imported.
+        """Write one file of an imported folder, creating the folder with its first file.
 
         Args:
             name: the folder's name.
@@ -42,7 +42,7 @@ class StudyImports:
             content: the file's bytes.
 
         Raises:
-            EditRefusedError: if a name is not valid, the kind of file is none that a study has, or something exists.
+            EditRefusedError: if a name is not valid, the kind of file is none that a study has, or the file exists.
             OSError: if the file cannot be written.
         """
         parts = place.split("/")
@@ -57,7 +57,7 @@ class StudyImports:
         if suffix == ".toml" and len(content) > MAX_PROTOCOL_BYTES:
             raise _refuse("not_valid", f"{place} has {len(content)} bytes; a protocol has {MAX_PROTOCOL_BYTES} at most")
         with self._lock:
-            self._begin(name)
+            self._create_folder(name)
         path = self._folder.joinpath(name, *parts)
         if path.exists():
             raise _refuse("exists", f"{name}/{place} exists already; nothing is replaced")
@@ -66,17 +66,22 @@ class StudyImports:
             file.write(content)
         return CopiedFile(f"{name}/{place}", len(content))
 
-    def _begin(self, name: str) -> None:
-        if name in self._begun:
+    def _create_folder(self, name: str) -> None:
+        """Create the folder of an import, unless this process has created it before.
+
+        Raises:
+            EditRefusedError: if there is another folder of that name.
+        """
+        if name in self._created:
             return
         if (self._folder / name).exists():
             raise _refuse("exists", f"there is a folder {name} already; give the imported one another name")
         (self._folder / name).mkdir(parents=True)
-        self._begun.add(name)
+        self._created.add(name)
 
 
 def describe_trust(protocol: Path, tree: dict[str, Any]) -> TrustQuestion:
-    """Return what a protocol would run or read if it were trusted, with the code that lies beside it."""
+    """Return what a protocol would run or read if it were trusted, with the Python files in its folder."""
     folder = protocol.parent.resolve()
     untrusted = admit_worlds(list_named_worlds(tree), folder, False)
     files = []
@@ -89,8 +94,13 @@ def describe_trust(protocol: Path, tree: dict[str, Any]) -> TrustQuestion:
 def trust_study(protocol: Path, tree: dict[str, Any], seen_sha256: str) -> None:
     """Trust what a protocol runs and reads, if the code is still the one that the user has seen.
 
+    Args:
+        protocol: the protocol's file.
+        tree: the protocol's values.
+        seen_sha256: the digest of the code that the user has seen, from ``describe_trust``.
+
     Raises:
-        EditRefusedError: if it is not.
+        EditRefusedError: if the code has changed.
         OSError: if the record of trust cannot be written.
     """
     folder = protocol.parent.resolve()

@@ -50,7 +50,7 @@ class MediaFolder:
     def list_files(self) -> Media:
         """List the files of the kinds that a study shows or reads, with the fields that name them."""
         uses: dict[str, list[list[str | int]]] = {}
-        for field, text in _list_texts(self._tree):
+        for field, text in _yield_texts(self._tree):
             uses.setdefault(text, []).append(field)
         files = []
         for path in islice(self._find_files(), MAX_FILES):
@@ -64,7 +64,7 @@ class MediaFolder:
         Raises:
             EditRefusedError: if there is no such file.
         """
-        path = self._locate(name)
+        path = self._find_file(name)
         return path.read_bytes(), MEDIA_TYPES[path.suffix.lower()]
 
     def write(self, name: str, content: bytes, *, replace: bool = False) -> Media:
@@ -74,7 +74,7 @@ class MediaFolder:
             EditRefusedError: if the name is not valid, or a file with other content has it and is not to be replaced.
             OSError: if the file cannot be written.
         """
-        path = self._name_new(name)
+        path = self._find_target(name)
         if path.exists() and not replace and path.read_bytes() != content:
             raise EditRefusedError(
                 EditRefusal("exists", f"there is another {name} already; replace it, or rename the file")
@@ -91,17 +91,17 @@ class MediaFolder:
         """
         content, _ = self.read(name)
         rows, _ = _parse_table(content, name)
-        columns, *others = rows or [[]]
-        return StimulusTable(name, hashlib.sha256(content).hexdigest(), columns, [row for row in others if row])
+        columns, *stimuli = rows or [[]]
+        return StimulusTable(name, hashlib.sha256(content).hexdigest(), columns, [row for row in stimuli if row])
 
     def write_table(self, request: TableRequest) -> StimulusTable:
-        """Write a table of stimuli, and read it again.
+        """Write a table of stimuli unless its cells are the same, and return it as the file has it then.
 
         Raises:
             EditRefusedError: if the file has changed since it was read, or the rows do not fit the columns.
             OSError: if the file cannot be written.
         """
-        path = self._name_new(request.name)
+        path = self._find_target(request.name)
         old = path.read_bytes() if path.exists() else b""
         version = hashlib.sha256(old).hexdigest() if path.exists() else ""
         if version != request.version:
@@ -128,7 +128,12 @@ class MediaFolder:
                 if path.suffix.lower() in MEDIA_TYPES and path.is_file() and not is_hidden:
                     yield path
 
-    def _locate(self, name: str) -> Path:
+    def _find_file(self, name: str) -> Path:
+        """Return the path of an existing file.
+
+        Raises:
+            EditRefusedError: if there is no such file in the folder, or its kind is none that a study has.
+        """
         try:
             path = (self._folder / name).resolve()
             is_inside = path.is_relative_to(self._folder) and path.suffix.lower() in MEDIA_TYPES and path.is_file()
@@ -138,8 +143,12 @@ class MediaFolder:
             raise EditRefusedError(EditRefusal("not_there", f"there is no file {name!r} beside the protocol"))
         return path
 
-    def _name_new(self, name: str) -> Path:
-        """Return the path of a file that may be written."""
+    def _find_target(self, name: str) -> Path:
+        """Return the path of a file that may be written: an existing one, or a new one directly in the folder.
+
+        Raises:
+            EditRefusedError: if the name is not valid, or the kind of file is none that a study has.
+        """
         path = (self._folder / name).resolve()
         if path.is_file() and path.is_relative_to(self._folder) and path.suffix.lower() in MEDIA_TYPES:
             return path
@@ -155,28 +164,32 @@ class MediaFolder:
         return self._folder / name
 
 
-def _list_texts(value: Any, path: tuple[str | int, ...] = ()) -> Iterator[tuple[list[str | int], str]]:
-    """Yield each text of a protocol's values with its path."""
-    if isinstance(value, str):
-        yield list(path), value
-    elif isinstance(value, dict):
-        for key, member in value.items():
-            yield from _list_texts(member, (*path, key))
-    elif isinstance(value, list):
-        for number, element in enumerate(value):
-            yield from _list_texts(element, (*path, number))
+def _yield_texts(content: Any, path: tuple[str | int, ...] = ()) -> Iterator[tuple[list[str | int], str]]:
+    """Yield the path of each text in a protocol's values, and the text."""
+    if isinstance(content, str):
+        yield list(path), content
+    elif isinstance(content, dict):
+        for key, member in content.items():
+            yield from _yield_texts(member, (*path, key))
+    elif isinstance(content, list):
+        for number, element in enumerate(content):
+            yield from _yield_texts(element, (*path, number))
 
 
 def _parse_table(content: bytes, name: str) -> tuple[list[list[str]], str]:
-    """Return the rows of a CSV file, the first one with the columns' names, and what separates its cells."""
+    """Return the rows of a CSV file, the first one with the columns' names, and the separator of its cells.
+
+    Raises:
+        EditRefusedError: if the file is not CSV.
+    """
     encoding = "utf-16" if content.startswith((b"\xff\xfe", b"\xfe\xff")) else "utf-8-sig"
     try:
         text = content.decode(encoding)
-        first_line, _, rest = text.partition("\n")
+        first_line, _, further_lines = text.partition("\n")
         separator = max(_SEPARATORS, key=first_line.count)
-        if first_line.lower().startswith("sep="):  # by which Excel is told it
+        if first_line.lower().startswith("sep="):  # a line that declares the separator for Excel
             separator = first_line[4:5]
-            text = rest
+            text = further_lines
         return list(csv.reader(io.StringIO(text, newline=""), delimiter=separator, strict=True)), separator
     except (UnicodeDecodeError, csv.Error, TypeError) as error:
         message = f"{name} is not a table ({error}); save it as 'CSV UTF-8'"
@@ -184,7 +197,11 @@ def _parse_table(content: bytes, name: str) -> tuple[list[list[str]], str]:
 
 
 def _parse_pasted(text: str) -> list[list[str]]:
-    """Return the rows of cells that were copied from a spreadsheet, or of lines of CSV."""
+    """Return the rows of cells that were copied from a spreadsheet, or of lines of CSV, without empty rows.
+
+    Raises:
+        EditRefusedError: if no row has a text.
+    """
     separator = max(("\t", ",", ";"), key=text.partition("\n")[0].count)
     rows = [row for row in csv.reader(io.StringIO(text, newline=""), delimiter=separator) if any(map(str.strip, row))]
     if not rows:
@@ -193,6 +210,11 @@ def _parse_pasted(text: str) -> list[list[str]]:
 
 
 def _format_table(name: str, columns: Sequence[str], rows: Sequence[Sequence[str]], separator: str) -> bytes:
+    """Return a table as CSV in UTF-8; missing cells at the end of a row are empty.
+
+    Raises:
+        EditRefusedError: if the columns' names are not distinct texts, a row is too long, or the table is too large.
+    """
     if not all(columns) or len(set(columns)) < len(columns) or not columns:
         raise EditRefusedError(
             EditRefusal("not_valid", f"the columns of {name} are {', '.join(columns)}; give each a name")

@@ -52,10 +52,10 @@ _TO_PAGE = (
 _ALIASES: dict[str, Any] = {"FromPage": _FROM_PAGE, "ToPage": _TO_PAGE}
 
 
-def write_builder_types() -> str:
-    """Return the text of `page/messages.d.ts`."""
+def format_builder_types() -> str:
+    """Return the text of `page/messages.d.ts`, the TypeScript types of all messages."""
     return _HEAD + "\n" + write_types(_ALIASES, _FROM_PAGE)
 
 
 if __name__ == "__main__":
-    PATH.write_text(write_builder_types(), encoding="utf-8", newline="\n")
+    PATH.write_text(format_builder_types(), encoding="utf-8", newline="\n")

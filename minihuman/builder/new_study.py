@@ -41,7 +41,7 @@ def write_draft(draft: ProtocolDraft, folder: Path) -> Path:
     """
     text = draft.toml()
     folder.mkdir(parents=True, exist_ok=True)
-    is_new = not any(folder.iterdir())  # a folder with files in it may hold a stranger's Python
+    is_new = not any(folder.iterdir())  # a folder with files in it may hold Python that the user has not read
     path = folder / f"{draft.name}.toml"
     write_atomically(json.dumps(build_json_schema(), indent=1) + "\n", folder / SCHEMA_FILE)
     write_atomically(text, path)
@@ -52,9 +52,9 @@ def write_draft(draft: ProtocolDraft, folder: Path) -> Path:
 @cache
 def list_templates() -> tuple[Template, ...]:
     """Return the studies that can be copied: those that are written from answers, then those of the package."""
-    plain = [(_PLAIN, "one world, keys to be found out"), *TEMPLATES.items()]
-    plain.append((_NOTEBOOK, "one world, and a Jupyter notebook that simulates participants and looks at their data"))
-    starts = [_describe_draft(name, summary) for name, summary in plain]
+    drafts = [(_PLAIN, "one world, keys to be found out"), *TEMPLATES.items()]
+    drafts.append((_NOTEBOOK, "one world, and a Jupyter notebook that simulates participants and looks at their data"))
+    starts = [_describe_draft(name, summary) for name, summary in drafts]
     return (*starts, *(_describe_shipped(study) for study in list_shipped_studies()))
 
 
@@ -74,7 +74,7 @@ def make_study(request: NewStudyRequest, folder: Path, source: Path | None) -> P
     """Write a new study into a folder, and return its file.
 
     Args:
-        request: the name, and what it begins from.
+        request: the name of the study, and its template and language.
         folder: the folder of the protocols.
         source: the protocol of which this is a new version; None for a template.
 
@@ -93,7 +93,7 @@ def make_study(request: NewStudyRequest, folder: Path, source: Path | None) -> P
         _require_new(folder / f"{name}.toml")
         if request.template == _NOTEBOOK:
             _require_new(folder / f"{name}.ipynb")
-            _write(folder / f"{name}.ipynb", format_notebook(name).encode())
+            _write_file(folder / f"{name}.ipynb", format_notebook(name).encode())
         return write_draft(ProtocolDraft(name, templates=templates, language=request.language), folder)
     except EditRefusedError:
         raise
@@ -102,19 +102,19 @@ def make_study(request: NewStudyRequest, folder: Path, source: Path | None) -> P
 
 
 def _copy_version(source: Path, name: str) -> Path:
-    """Copy a protocol under another name into its own folder, whose files the new version uses, too."""
+    """Copy a protocol within its folder under another name, with the last number of its version one higher."""
     path = source.with_name(f"{name}.toml")
     _require_new(path)
     document = TomlDocument.parse(source.read_bytes().decode()).set(("study", "name"), name)
     version = _LAST_NUMBER.sub(lambda number: str(int(number[0]) + 1), str(document.find(("study", "version"))))
-    _write(path, document.set(("study", "version"), version).text.encode())
+    _write_file(path, document.set(("study", "version"), version).text.encode())
     return path
 
 
 def _copy_shipped(study: ShippedStudy, name: str, folder: Path) -> Path:
-    """Copy a protocol of the package under another name; one with files gets a folder of its own.
+    """Copy a protocol of the package and its files under another name; if it has files, into a new folder.
 
-    Python that is copied with it is not trusted yet: only who has read it may trust it.
+    Copied Python files are not trusted; users may trust them after reading them.
     """
     files = study.read_files()
     if files:
@@ -122,12 +122,12 @@ def _copy_shipped(study: ShippedStudy, name: str, folder: Path) -> Path:
     path = folder / f"{name}.toml"
     _require_new(path)
     for file_name, content in files.items():
-        _write(folder / file_name, content)
-    _write(path, TomlDocument.parse(study.path.read_bytes().decode()).set(("study", "name"), name).text.encode())
+        _write_file(folder / file_name, content)
+    _write_file(path, TomlDocument.parse(study.path.read_bytes().decode()).set(("study", "name"), name).text.encode())
     return path
 
 
-def _write(path: Path, content: bytes) -> None:
+def _write_file(path: Path, content: bytes) -> None:
     with replace_durably(path, mode=0o644) as file:
         file.write(content)
 
@@ -139,20 +139,27 @@ def _require_new(path: Path) -> None:
 
 @cache
 def _decode_draft(name: str) -> Protocol:
+    """Return the protocol that is written for a template which is not a file of the package.
+
+    Raises:
+        ProtocolError: if there is no such template.
+    """
     templates = () if name in _WITHOUT_TEMPLATE else (name,)
     return decode_protocol(ProtocolDraft("my-study", templates=templates).toml().encode())
 
 
 def _describe_draft(name: str, summary: str) -> Template:
+    """Describe a template that is written from answers."""
     protocol = _decode_draft(name)
     title = name.replace("-", " ")
     topics = _list_topics(protocol)
     if name == _NOTEBOOK:
         topics.append(_NOTEBOOK)
-    return Template(name, title, summary, "en", _find_minutes(protocol), [], "start", "", topics)
+    return Template(name, title, summary, "en", _estimate_minutes(protocol), [], "start", "", topics)
 
 
 def _describe_shipped(study: ShippedStudy) -> Template:
+    """Describe a template that is a protocol of the package."""
     protocol = study.read()
     title = protocol.about.title or protocol.study.name.replace("-", " ")
     return Template(
@@ -160,7 +167,7 @@ def _describe_shipped(study: ShippedStudy) -> Template:
         title,
         study.summary,
         protocol.study.language,
-        _find_minutes(protocol),
+        _estimate_minutes(protocol),
         list(study.read_files()),
         "trials" if study.name.startswith("trials/") else "example",
         _load_citations().get(study.name, ""),
@@ -179,7 +186,7 @@ def _has_trials(block: BlockSpec) -> bool:
 
 
 def _list_topics(protocol: Protocol) -> list[str]:
-    """Return what a study shows, for who looks for one like it."""
+    """Return the topics of a study's card, by which users find a template: "team", "adaptive", "two days"."""
     groups = [group.name for group in protocol.groups]
     blocks = [protocol.block_for(block.name, group) for block in protocol.blocks for group in groups]
     teams = [block.team for block in blocks if block.team]
@@ -199,9 +206,10 @@ def _list_topics(protocol: Protocol) -> list[str]:
         "adaptive": any(block.design for block in blocks) or protocol.allocation.design is not None,
         "own Python": any(":" in block.world for block in blocks),
     }
-    return [topic for topic, is_shown in topics.items() if is_shown]
+    return [topic for topic, applies in topics.items() if applies]
 
 
-def _find_minutes(protocol: Protocol) -> tuple[float, float] | None:
+def _estimate_minutes(protocol: Protocol) -> tuple[float, float] | None:
+    """Return the lower and the upper estimate of the longest session's minutes; None if there is no estimate."""
     minutes = [(duration.least_min, duration.most_min) for duration in estimate_durations(protocol)]
     return max(minutes, key=lambda pair: pair[1], default=None)

@@ -39,7 +39,7 @@ from minihuman.web.server.desk import REPORTS_FOLDER, StudyEntry, find_studies
 from minihuman.worlds.adapters.world import World
 from minihuman.worlds.catalogue import TEAM_WORLDS, WORLDS
 
-_LONGEST_BYTES = 10_000  # of a request
+_MAX_REQUEST_BYTES = 10_000  # of a request
 MOVES = ("left", "right", "forward", "turn_left", "turn_right", "move_forward", "up", "down", "interact")
 
 
@@ -120,29 +120,34 @@ class PreviewApi:
         self._temporary.cleanup()
 
     def _post(self, answer: Callable[[Request, bytes], msgspec.Struct]) -> Callable[[Request], object]:
+        """Return the handler of a POST request that encodes what a function answers in another thread.
+
+        It refuses requests that do not come from a page of the desk, and reports errors as refusals.
+        """
+
         async def respond(request: Request) -> Response:
-            length = read_length(request.headers.get("content-length", "0"), _LONGEST_BYTES)
+            length = read_length(request.headers.get("content-length", "0"), _MAX_REQUEST_BYTES)
             if not is_own_request(request.headers) or length is None:
                 refusal = EditRefusal("not_trusted", "the request is not of the desk's own page; reload the page")
-                return _encode(refusal, HTTPStatus.FORBIDDEN)
+                return _build_response(refusal, HTTPStatus.FORBIDDEN)
             body = await request.body()
             try:
-                return _encode(await asyncio.to_thread(answer, request, body), HTTPStatus.OK)
+                return _build_response(await asyncio.to_thread(answer, request, body), HTTPStatus.OK)
             except (MinihumanError, msgspec.DecodeError) as error:
-                return _encode(EditRefusal("not_valid", str(error)), HTTPStatus.BAD_REQUEST)
+                return _build_response(EditRefusal("not_valid", str(error)), HTTPStatus.BAD_REQUEST)
 
         return respond
 
     def _show(self, request: Request, body: bytes) -> msgspec.Struct:
         """Serve a session of a study's file as it is now."""
-        wanted = msgspec.json.decode(body, type=ShowRequest)
-        protocol = self._find_protocol(request).protocol
+        show_request = msgspec.json.decode(body, type=ShowRequest)
+        protocol = self._find_study(request).protocol
         desk = request.headers.get("host", "")
-        return self._previews.show(PreviewRequest(str(protocol), desk, **msgspec.structs.asdict(wanted)))
+        return self._previews.show(PreviewRequest(str(protocol), desk, **msgspec.structs.asdict(show_request)))
 
     def _simulate(self, request: Request, body: bytes) -> msgspec.Struct:
         """Start a simulation of a study."""
-        study = self._find_protocol(request)
+        study = self._find_study(request)
         assert study.protocol is not None
         reports = self._data.parent / REPORTS_FOLDER
         trial = SimulatedTrial(len(self._trials), study.protocol, study.name, Path(self._temporary.name), reports)
@@ -150,20 +155,21 @@ class PreviewApi:
         return trial.describe()
 
     async def _describe_trial(self, request: Request) -> Response:
+        """Answer with the state of the simulation whose number the request has."""
         number = request.query_params.get("number", "")
         if not number.isdecimal() or int(number) >= len(self._trials):
-            return _encode(
+            return _build_response(
                 EditRefusal("not_there", "there is no such simulation; start it again"), HTTPStatus.NOT_FOUND
             )
-        return _encode(self._trials[int(number)].describe(), HTTPStatus.OK)
+        return _build_response(self._trials[int(number)].describe(), HTTPStatus.OK)
 
     async def _describe_page(self, request: Request) -> Response:
         """Answer with the paths of the desk's other pages, and start the process of previews, which is needed next."""
         await asyncio.to_thread(self._previews.start)
         desk = str(request.scope["root_path"]).rpartition("/")[0]
-        return _encode(PageInfo(request.app.state.reports_path, f"{desk}/"), HTTPStatus.OK)
+        return _build_response(PageInfo(request.app.state.reports_path, f"{desk}/"), HTTPStatus.OK)
 
-    def _find_protocol(self, request: Request) -> StudyEntry:
+    def _find_study(self, request: Request) -> StudyEntry:
         """Return the study that a request names.
 
         Raises:
@@ -176,7 +182,7 @@ class PreviewApi:
         raise ProtocolError(f"there is no protocol {key!r} in the folder any more; reload the list of studies")
 
 
-def _encode(content: msgspec.Struct, status: HTTPStatus) -> Response:
+def _build_response(content: msgspec.Struct, status: HTTPStatus) -> Response:
     return Response(msgspec.json.encode(content), status, media_type="application/json")
 
 
@@ -184,8 +190,8 @@ async def _send_world_picture(request: Request) -> Response:
     """Answer with a picture of a built-in world; worlds of other packages are not loaded for it."""
     world_id = request.query_params.get("id", "")
     if world_id not in _list_world_ids():
-        return _send_picture(BLANK_PNG)
-    return _send_picture(await asyncio.to_thread(draw_world, world_id))
+        return _build_png_response(BLANK_PNG)
+    return _build_png_response(await asyncio.to_thread(draw_world, world_id))
 
 
 async def _send_world_info(request: Request) -> Response:
@@ -193,27 +199,27 @@ async def _send_world_info(request: Request) -> Response:
     world_id = request.query_params.get("id", "")
     if world_id not in _list_world_ids():
         message = f"{world_id!r} is not a built-in world; its actions are in its own documentation"
-        return _encode(EditRefusal("not_there", message), HTTPStatus.NOT_FOUND)
+        return _build_response(EditRefusal("not_there", message), HTTPStatus.NOT_FOUND)
     try:
-        return _encode(await asyncio.to_thread(_describe_world, world_id), HTTPStatus.OK)
+        return _build_response(await asyncio.to_thread(_describe_world, world_id), HTTPStatus.OK)
     except (MinihumanError, TypeError, ValueError) as error:  # a world that cannot be made without options
-        return _encode(EditRefusal("not_valid", str(error)), HTTPStatus.BAD_REQUEST)
+        return _build_response(EditRefusal("not_valid", str(error)), HTTPStatus.BAD_REQUEST)
 
 
 async def _send_cell_picture(request: Request) -> Response:
-    """Answer with a picture of a cell of a level, which stays the same as long as the desk runs."""
+    """Answer with a picture of a cell of a level; a blank one if the cell does not have two characters."""
     cell = request.query_params.get("cell", "")
     if len(cell) != 2:
-        return _send_picture(BLANK_PNG)
-    return _send_picture(await asyncio.to_thread(draw_cell, cell))
+        return _build_png_response(BLANK_PNG)
+    return _build_png_response(await asyncio.to_thread(draw_cell, cell))
 
 
 async def _send_template_picture(request: Request) -> Response:
     """Answer with a picture of a template."""
-    return _send_picture(await asyncio.to_thread(draw_template, request.query_params.get("name", "")))
+    return _build_png_response(await asyncio.to_thread(draw_template, request.query_params.get("name", "")))
 
 
-def _send_picture(png: bytes) -> Response:
+def _build_png_response(png: bytes) -> Response:
     return Response(png, media_type="image/png")
 
 
@@ -224,7 +230,10 @@ def _list_world_ids() -> frozenset[str]:
 
 @cache
 def _describe_world(world_id: str) -> WorldInfo:
-    """Describe a world for the block that is put into it: the actions that its shortest path needs, and moves."""
+    """Describe a world for a new block that uses it.
+
+    The usual actions are moves and those that the shortest path needs; all actions if the world has none of these.
+    """
     with closing(World(world_id)) as world:
         useful = {*MOVES, *find_needed_actions(world)}
         names = list(world.action_names)

@@ -1,4 +1,4 @@
-"""The participant's page in a preview's frame, where it leaves the focus to the form beside it."""
+"""The participant's page in a preview's frame, which must not take the keyboard focus from the form beside it."""
 
 from http import HTTPStatus
 from pathlib import Path
@@ -13,7 +13,7 @@ _SCRIPT = f'<script src="{_ADDRESS}"></script>'.encode()
 
 
 class UnfocusedPage:
-    """Adds a script to the page of an application, before the page's own; everything else is passed on.
+    """Middleware that adds a script to an application's page, before the page's own, and passes on all other requests.
 
     Args:
         app: the application, with the page at its root.
@@ -33,6 +33,7 @@ class UnfocusedPage:
             await self._answer_page(scope, receive, send)
 
     async def _answer_page(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer with the application's page after inserting the script at the beginning of its head."""
         messages: list[Message] = []
 
         async def collect(message: Message) -> None:

@@ -36,16 +36,16 @@ class PreviewProcess:
     def start(self) -> None:
         """Start the process, so that the first preview comes sooner."""
         with self._turn:
-            self._find_process()
+            self._start_if_needed()
 
     def show(self, request: PreviewRequest) -> Preview:
-        """Return a session that is served for a request.
+        """Serve a session in the process, and return its address and parts.
 
         Raises:
             ProtocolError: if the protocol cannot be shown, or its world ended the process.
         """
         with self._turn:
-            process = self._find_process()
+            process = self._start_if_needed()
             assert process.stdin is not None
             assert process.stdout is not None
             line = b""
@@ -61,7 +61,8 @@ class PreviewProcess:
             raise ProtocolError(answer.error)
         return answer.preview
 
-    def _find_process(self) -> subprocess.Popen[bytes]:
+    def _start_if_needed(self) -> subprocess.Popen[bytes]:
+        """Return the running process, after starting one if there is none."""
         if self._process is None or self._process.poll() is not None:
             self.close()
             self._process = subprocess.Popen(
@@ -90,7 +91,7 @@ class PreviewProcess:
 
 
 def answer_requests(requests: BinaryIO, answers: BinaryIO) -> None:
-    """Answer each line of ``requests`` with a line, until there are no more."""
+    """Serve the preview that each line of ``requests`` asks for, and answer it with a line, until there are no more."""
     with closing(PreviewServer()) as server:
         for line in requests:
             try:

@@ -95,11 +95,15 @@ def plan_preview(protocol: Protocol, request: PreviewRequest) -> tuple[SessionPl
     names = tuple(part.name for part in plan.parts)
     start = names.index(request.part) if request.part else 0
     end = len(names) if request.onward or not request.part else start + 1
-    return msgspec.structs.replace(plan, parts=_cut_parts(plan.parts, start, end)), names
+    return msgspec.structs.replace(plan, parts=_select_parts(plan.parts, start, end)), names
 
 
 def _plan_session(protocol: Protocol, request: PreviewRequest) -> SessionPlan:
-    """Plan the whole session of the requested group, or of the first group that has the requested part."""
+    """Plan the whole session of the requested group, or of the first group that has the requested part.
+
+    Raises:
+        ProtocolError: if no group has the part.
+    """
     groups = (request.group,) if request.group else tuple(group.name for group in protocol.groups)
     for group in groups:
         participant = enrol_participant(protocol, _find_first_slot(protocol, group), group)
@@ -112,13 +116,16 @@ def _plan_session(protocol: Protocol, request: PreviewRequest) -> SessionPlan:
 
 
 def _find_first_slot(protocol: Protocol, group: str) -> int:
-    """Return the place of a group's first participant on the allocation list; 0 if no slot has this group."""
+    """Return the index of a group's first slot on the allocation list; 0 if no slot has this group."""
     slots = build_allocation_list(protocol)
-    return next((place for place, slot in enumerate(slots) if slot.group == group), 0)
+    return next((index for index, slot in enumerate(slots) if slot.group == group), 0)
 
 
-def _cut_parts(parts: Sequence[PlannedPart], start: int, end: int) -> tuple[PlannedPart, ...]:
-    """Return some of a session's parts, whose references to earlier parts are numbered anew or left out."""
+def _select_parts(parts: Sequence[PlannedPart], start: int, end: int) -> tuple[PlannedPart, ...]:
+    """Return the parts from index ``start`` to before ``end``.
+
+    Their references to earlier parts are renumbered, or removed if the earlier part is omitted.
+    """
     kept = []
     for part in parts[start:end]:
         back_to = getattr(part.plan, "back_to", None)
@@ -156,8 +163,8 @@ class _PreviewArrivals(Arrivals):
         return Admission(key, participant, self._plan.session, None, self._plan, is_invited=True)
 
 
-def _admit_desk(protocol: Protocol, desk: str) -> Protocol:
-    """Return a protocol that every browser can open, and that the desk alone can frame."""
+def _restrict_to_desk(protocol: Protocol, desk: str) -> Protocol:
+    """Return a protocol whose page every browser can open, and only the pages of the desk's host can frame."""
     web = WebSpec(
         image_size_px=protocol.web.image_size_px,
         image_encoding=protocol.web.image_encoding,
@@ -170,11 +177,14 @@ def _admit_desk(protocol: Protocol, desk: str) -> Protocol:
 
 @dataclass
 class _RunningPreview:
+    """A preview with its server, the server's thread and the folder of its recordings."""
+
     server: uvicorn.Server
     thread: threading.Thread
     data_folder: Path
 
     def close(self) -> None:
+        """Stop the server, and erase what was recorded."""
         self.server.should_exit = True
         self.thread.join(_STOP_S)
         shutil.rmtree(self.data_folder, ignore_errors=True)
@@ -182,7 +192,7 @@ class _RunningPreview:
 
 @dataclass
 class PreviewServer:
-    """Runs previews of protocols and trial runs in processes; keeps the latest few of each kind and ends older ones."""
+    """Serves previews and trials, each in a thread; keeps the latest few of each kind, and ends older ones."""
 
     _running: dict[Kind, deque[_RunningPreview]] = field(default_factory=lambda: {"preview": deque(), "trial": deque()})
 
@@ -196,7 +206,7 @@ class PreviewServer:
         require_browser_support(protocol)
         plan, names = plan_preview(protocol, request)
         data_folder = Path(tempfile.mkdtemp(prefix="minihuman-preview-"))
-        allowed = _admit_desk(protocol, request.desk)
+        allowed = _restrict_to_desk(protocol, request.desk)
         server = WebServer(_PreviewArrivals(allowed, data_folder, plan), data_folder)
         app: ASGIApp = server.app()
         if request.kind == "preview":

@@ -1,4 +1,4 @@
-"""What a study has recorded, as the page shows it: sessions with their paths, queries, annotations and exports.
+"""The recorded sessions of a study, as the page shows them: sessions, queries, annotations and exports.
 
 Each answer has the command that does the same. A log is named by its path in the study's folder, and is opened only if
 the session index lists it.
@@ -56,7 +56,7 @@ EXAMPLES = (
     ),
 )
 _DOTS_PER_INCH = 130
-_DRAWING = threading.Lock()  # the settings of figures are those of the whole process
+_DRAWING = threading.Lock()  # matplotlib's settings are those of the whole process
 
 
 class RecordedStudy:
@@ -71,15 +71,15 @@ class RecordedStudy:
         self._folder = study_entry.folder
 
     def describe(self) -> RecordedData:
-        """Describe every recorded session, and what can be asked and exported.
+        """Describe every recorded session, and list example queries and the formats of exports.
 
         Raises:
             EditRefusedError: if the folder cannot be read.
         """
-        with _refusing():
+        with _refuse_errors():
             running = self._study_entry.running()
             sessions = [self._describe_session(row, running) for row in self._study_entry.sessions()]
-            return RecordedData(_spell_path(self._folder), sessions, list(EXAMPLES), list(list_exporters()))
+            return RecordedData(_format_path(self._folder), sessions, list(EXAMPLES), list(list_exporters()))
 
     def draw_paths(self, log: str) -> bytes:
         """Draw the paths of a session's episodes as a PNG.
@@ -93,7 +93,7 @@ class RecordedStudy:
         from minihuman.figures.path_figures import session_paths
         from minihuman.figures.style import figure_style
 
-        with _refusing():
+        with _refuse_errors():
             session = read_log(self._find_log(log))
             if not session.episodes:
                 raise _refuse("not_there", f"{log} has no episodes to draw")
@@ -110,7 +110,7 @@ class RecordedStudy:
         Raises:
             EditRefusedError: if there is no such log, or it cannot be read.
         """
-        with _refusing():
+        with _refuse_errors():
             return episode_replay.describe_session(read_log(self._find_log(log)))
 
     def describe_episode(self, log: str, number: int) -> EpisodeReplay:
@@ -119,7 +119,7 @@ class RecordedStudy:
         Raises:
             EditRefusedError: if there is no such log or episode.
         """
-        with _refusing():
+        with _refuse_errors():
             return episode_replay.describe_episode(read_log(self._find_log(log)), number)
 
     def draw_step(self, log: str, number: int, step: int) -> bytes:
@@ -128,7 +128,7 @@ class RecordedStudy:
         Raises:
             EditRefusedError: if there is no such step, or the world no longer shows what was seen.
         """
-        with _refusing():
+        with _refuse_errors():
             return episode_replay.draw_step(self._find_log(log), number, step)
 
     def depart(self, request: DepartureRequest) -> Departure:
@@ -137,20 +137,20 @@ class RecordedStudy:
         Raises:
             EditRefusedError: if there is no such participant, a session of theirs is running, or there is no reason.
         """
-        words = [request.participant, f"--study={_spell_path(self._folder)}", f"--reason={request.reason}"]
+        arguments = [request.participant, f"--study={_format_path(self._folder)}", f"--reason={request.reason}"]
         if request.experimenter:
-            words.append(f"--experimenter={request.experimenter}")
-        with _refusing():
+            arguments.append(f"--experimenter={request.experimenter}")
+        with _refuse_errors():
             if not request.reason.strip():
                 raise _refuse("not_valid", "a departure has no reason; write why, for the enrolment log")
             note = AuditNote(request.reason.strip(), request.experimenter)
-            lines = self._take_out(request, note)
+            lines = self._carry_out_departure(request, note)
         if request.kind == "withdraw":
-            words.append("--erase")
-        return Departure(lines, _write_command(request.kind, *words), self.describe())
+            arguments.append("--erase")
+        return Departure(lines, _format_command(request.kind, *arguments), self.describe())
 
-    def _take_out(self, request: DepartureRequest, note: AuditNote) -> list[str]:
-        """Carry out a departure; return what there is to say of it."""
+    def _carry_out_departure(self, request: DepartureRequest, note: AuditNote) -> list[str]:
+        """Carry out a departure; return the lines that report it."""
         if request.kind == "replace":
             replace_participant(self._folder, request.participant, note)
             return [f"The next session offers {request.participant}'s slot; their data stay."]
@@ -165,7 +165,7 @@ class RecordedStudy:
         """
         from minihuman.dataset.tables import answer_query, select
 
-        with _refusing(), select(self._folder) as tables:
+        with _refuse_errors(), select(self._folder) as tables:
             answer = answer_query(tables, sql)
             rows = [[_format_cell(cell) for cell in row.values()] for row in answer.slice(0, MOST_ROWS).to_pylist()]
             notes = [*(log.line() for log in tables.account.skipped), *tables.account.notes]
@@ -174,7 +174,7 @@ class RecordedStudy:
             rows,
             answer.num_rows,
             notes,
-            _write_command("query", _spell_path(self._folder), sql),
+            _format_command("query", _format_path(self._folder), sql),
         )
 
     def annotate(self, request: AnnotationRequest) -> RecordedData:
@@ -183,7 +183,7 @@ class RecordedStudy:
         Raises:
             EditRefusedError: if there is no such log or episode, the tag is not valid, or there is no reason.
         """
-        with _refusing():
+        with _refuse_errors():
             path = self._find_log(request.log)
             if not request.note.strip():
                 raise _refuse("not_valid", "an annotation has no reason; write why, for those who read the data later")
@@ -201,16 +201,16 @@ class RecordedStudy:
         """
         from minihuman.api import export
 
-        with _refusing():
+        with _refuse_errors():
             out = self._find_export_folder(format_name)
             export(format_name, self._folder, out)
         return DataExport(
-            _spell_path(out),
-            _write_command("export", format_name, _spell_path(self._folder), f"--out={_spell_path(out)}"),
+            _format_path(out),
+            _format_command("export", format_name, _format_path(self._folder), f"--out={_format_path(out)}"),
         )
 
     def _find_export_folder(self, format_name: str) -> Path:
-        """Return a folder that does not exist yet.
+        """Return the path of a folder for a new export, which does not exist yet.
 
         Raises:
             EditRefusedError: if the format is unknown.
@@ -226,49 +226,55 @@ class RecordedStudy:
         return out
 
     def _find_log(self, log: str) -> Path:
+        """Return the path of a log that is named by its path in the study's folder.
+
+        Raises:
+            EditRefusedError: if the session index does not list it.
+        """
         for row in self._study_entry.sessions():
             if row.path.relative_to(self._folder).as_posix() == log:
                 return row.path
         raise _refuse("not_there", f"the study has no log {log!r} any more; reload the page")
 
     def _describe_session(self, row: SessionRow, running: set[str]) -> RecordedSession:
+        """Describe a session of the index; without facts, but with the problem, if its log cannot be read."""
         log = row.path.relative_to(self._folder).as_posix()
         state = describe_state(row, running)
-        replay = _write_command("replay", _spell_path(row.path))
+        replay = _format_command("replay", _format_path(row.path))
         if row.summary is None:
             return RecordedSession(log, row.path.name, "", 0, state, "", 0, 0, 0.0, [], row.problem, replay, "", "")
         summary = row.summary
         notes, problem = _read_notes(row.path)
         return RecordedSession(
-            log,
-            summary.participant,
-            summary.group,
-            summary.session,
-            state,
-            summary.started_at,
-            summary.episodes_completed,
-            summary.episodes_planned,
-            summary.duration_s / 60,
-            notes,
-            problem,
-            replay,
-            _write_command("annotate", _spell_path(row.path)),
-            _write_command("film", _spell_path(row.path)),
+            log=log,
+            participant=summary.participant,
+            group=summary.group,
+            session=summary.session,
+            state=state,
+            started_at=summary.started_at,
+            episodes_completed=summary.episodes_completed,
+            episodes_planned=summary.episodes_planned,
+            minutes=summary.duration_s / 60,
+            notes=notes,
+            problem=problem,
+            replay_command=replay,
+            annotate_command=_format_command("annotate", _format_path(row.path)),
+            film_command=_format_command("film", _format_path(row.path)),
         )
 
 
 def _read_notes(log: Path) -> tuple[list[SessionNote], str]:
-    """Return the annotations of a log that are in force, and why they cannot be read."""
+    """Return the annotations of a log that are in force, and why they cannot be read, "" if they can."""
     try:
         annotations = read_annotations(log)
     except MinihumanError as error:
         return [], str(error)
     in_force: dict[tuple[int | None, str], SessionNote] = {}
     for annotation in annotations:
-        place = (annotation.episode, annotation.tag)
-        in_force.pop(place, None)
+        key = (annotation.episode, annotation.tag)
+        in_force.pop(key, None)  # so that a repeated annotation comes last
         if not annotation.taken_back:
-            in_force[place] = SessionNote(annotation.tag, annotation.episode, annotation.note)
+            in_force[key] = SessionNote(annotation.tag, annotation.episode, annotation.note)
     return list(in_force.values()), ""
 
 
@@ -280,16 +286,20 @@ def _format_cell(cell: object) -> str:
     return str(cell)
 
 
-def _spell_path(path: Path) -> str:
-    """Return a path as it is typed in the folder in which the desk was started, or whole if it lies elsewhere."""
-    started_in = Path.cwd()
-    if started_in != Path(started_in.anchor) and path.is_relative_to(started_in):
-        return str(path.relative_to(started_in))
+def _format_path(path: Path) -> str:
+    """Return a path relative to the working directory if it is inside, as users type commands there; else unchanged.
+
+    A desk that runs in the root directory was not started there by a user, so its paths are unchanged, too.
+    """
+    working_directory = Path.cwd()
+    is_root = working_directory == Path(working_directory.anchor)
+    if not is_root and path.is_relative_to(working_directory):
+        return str(path.relative_to(working_directory))
     return str(path)
 
 
-def _write_command(*words: str) -> str:
-    return shlex.join(["minihuman", *words])
+def _format_command(*arguments: str) -> str:
+    return shlex.join(["minihuman", *arguments])
 
 
 def _refuse(reason: RefusalReason, message: str) -> EditRefusedError:
@@ -297,8 +307,8 @@ def _refuse(reason: RefusalReason, message: str) -> EditRefusedError:
 
 
 @contextmanager
-def _refusing() -> Iterator[None]:
-    """Refuse with the words of an error of the package."""
+def _refuse_errors() -> Iterator[None]:
+    """Replace an error of the package that is raised in the context by an EditRefusedError with its message."""
     try:
         yield
     except EditRefusedError:

@@ -32,11 +32,16 @@ _KEYS: dict[Named, tuple[str, ...]] = {  # tables whose keys are names
         "design.contrasts.*.weights",
     ),
 }
-_PREFIXES = ("exclusions.*.measure", "allocation.stratify_by", "analysis.covariates.*", "analysis.secondary_measures.*")
+_MEASURES = ("exclusions.*.measure", "allocation.stratify_by", "analysis.covariates.*", "analysis.secondary_measures.*")
 
 
 def rename(document: TomlDocument, path: Steps, name: str) -> TomlDocument:
-    """Give a part or group a new name, in its table and wherever the file mentions it.
+    """Give a part or group a new name, in its table and wherever the file mentions it; a session, in its table only.
+
+    Args:
+        document: the protocol's file.
+        path: the path of the table with the name, such as ("blocks", 0).
+        name: the new name.
 
     Raises:
         NotEditableError: if a mention cannot be edited.
@@ -53,35 +58,43 @@ def rename(document: TomlDocument, path: Steps, name: str) -> TomlDocument:
         if isinstance(table, dict) and old in table:
             document = document.set((*place, name), table[old]).remove((*place, old))
     if named == "part":
-        document = _rename_prefixes(document, old, name)
+        document = _rename_in_measures(document, old, name)
     return document
 
 
-def _rename_prefixes(document: TomlDocument, old: str, name: str) -> TomlDocument:
-    """Rename a questionnaire in measures: answer:QUESTIONS.ITEM, and QUESTIONS.ITEM of strata."""
-    for place, measure in _list_matches(document.tree, _PREFIXES):
+def _rename_in_measures(document: TomlDocument, old: str, name: str) -> TomlDocument:
+    """Rename a questionnaire in measures, "answer:QUESTIONS.ITEM", and in strata, "QUESTIONS.ITEM" or "QUESTIONS"."""
+    for place, measure in _list_matches(document.tree, _MEASURES):
         kind, colon, question = str(measure).rpartition(":")
-        questions, point, rest = question.partition(".")
+        questions, point, item_name = question.partition(".")
         if questions == old and (point or place == ("allocation", "stratify_by")):
-            document = document.set(place, f"{kind}{colon}{name}{point}{rest}")
+            document = document.set(place, f"{kind}{colon}{name}{point}{item_name}")
     return document
 
 
 def _list_matches(tree: Any, patterns: tuple[str, ...]) -> Iterator[tuple[Steps, Any]]:
+    """Yield the path and the value of each match of any of the patterns, whose steps are separated by points."""
     for pattern in patterns:
         yield from list_values(tree, tuple(pattern.split(".")))
 
 
 def list_values(tree: Any, pattern: tuple[str, ...], path: Steps = ()) -> Iterator[tuple[Steps, Any]]:
-    """Yield the values of a tree whose paths fit a pattern, in which * is any key or number."""
+    """Yield the paths that match a pattern, with their values.
+
+    Args:
+        tree: the values, such as a protocol's.
+        pattern: the steps of a path, of which "*" matches any key or number.
+        path: the path of the tree itself, with which the yielded paths begin.
+    """
     if not pattern:
         yield path, tree
         return
-    step, rest = pattern[0], pattern[1:]
+    step = pattern[0]
+    further_steps = pattern[1:]
     if isinstance(tree, dict):
-        keys: list[Any] = list(tree) if step == "*" else [step] * (step in tree)
-        for key in keys:
-            yield from list_values(tree[key], rest, (*path, key))
+        for key, member in tree.items():
+            if step in ("*", key):
+                yield from list_values(member, further_steps, (*path, key))
     elif isinstance(tree, list) and step == "*":
         for number, element in enumerate(tree):
-            yield from list_values(element, rest, (*path, number))
+            yield from list_values(element, further_steps, (*path, number))

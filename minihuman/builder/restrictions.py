@@ -35,7 +35,12 @@ WAY_OUT = "make a new version of the study, with a name and data of its own"
 
 
 def find_restrictions(study_dir: Path, tree: dict[str, Any]) -> Restrictions:
-    """Return the fields that the enrolment of participants has fixed."""
+    """Return the fields that the enrolment of participants has fixed.
+
+    Args:
+        study_dir: the folder of the study's data, which need not exist.
+        tree: the protocol's values.
+    """
     enrolled = count_enrolled(study_dir)
     if not enrolled:
         return Restrictions(0, [], "")
@@ -72,18 +77,18 @@ def find_violation(study_dir: Path, old: dict[str, Any], new: dict[str, Any], to
         return None
     for pattern, reason in _FIXED.items():
         steps = tuple(pattern.split("."))
-        before = _collect(old, steps)
-        after = _collect(new, steps)
+        before = _collect_by_owner(old, steps)
+        after = _collect_by_owner(new, steps)
         for name, content in before.items():
             if name not in after or not is_same_value(content, after[name]):
-                return _place(old, steps, name), f"{format_path(steps)} cannot be changed, as {reason}"
+                return _find_path(old, steps, name), f"{format_path(steps)} cannot be changed, as {reason}"
         if "*" not in steps and after.keys() > before.keys():
             return steps, f"{format_path(steps)} cannot be added, as {reason}"
-    return _find_other_list(slots[-1], toml)
+    return _find_allocation_change(slots[-1], toml)
 
 
-def _collect(tree: dict[str, Any], pattern: Steps) -> dict[str, Any]:
-    """Return the values of a pattern by the name of the part that has them, so that a part may move."""
+def _collect_by_owner(tree: dict[str, Any], pattern: Steps) -> dict[str, Any]:
+    """Return the values at a pattern by the name of the table that has them, so that tables may be reordered."""
     values = {}
     for path, content in list_values(tree, tuple(map(str, pattern))):
         owner = tree
@@ -94,19 +99,20 @@ def _collect(tree: dict[str, Any], pattern: Steps) -> dict[str, Any]:
     return values
 
 
-def _place(tree: dict[str, Any], pattern: Steps, name: str) -> Steps:
+def _find_path(tree: dict[str, Any], pattern: Steps, name: str) -> Steps:
+    """Return the path that matches a pattern in the table of a name; the pattern itself if there is none."""
     for path, _ in list_values(tree, tuple(map(str, pattern))):
         if "*" not in pattern or tree[str(path[0])][path[1]].get("name") == name:
             return path
     return pattern
 
 
-def _find_other_list(slot: SlotTaken, toml: bytes) -> tuple[Steps, str] | None:
+def _find_allocation_change(slot: SlotTaken, toml: bytes) -> tuple[Steps, str] | None:
     """Return the steps to a field and its error if a file's allocation list differs from the one in use; else None."""
     try:
         protocol = decode_protocol(toml)
     except ProtocolError:
-        return None  # an error of its own, and no session can begin with it
+        return None  # reported as a mistake of the file, with which no session can begin
     if protocol.study.participants < slot.list_length:
         return ("study", "participants"), f"study.participants cannot be less than {slot.list_length} any more"
     study = msgspec.structs.replace(protocol.study, participants=slot.list_length)

@@ -16,7 +16,7 @@ from minihuman.experiment.protocol.protocol import Protocol, decode_protocol
 from minihuman.trust import list_foreign_modules
 
 _USUAL_KIND = next(field.default for field in msgspec.structs.fields(BlockSpec) if field.name == "kind")
-_ANY = "demo"  # a protocol that is in the folder of all of them
+_KNOWN_PROTOCOL = "demo"  # the name of a protocol in the folder that has all of them
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +30,7 @@ class ShippedStudy:
     modules: tuple[Path, ...]  # the Python files beside it that have its worlds
 
     def read(self) -> Protocol:
-        """Read the protocol; one with Python of its own is only decoded: only who has read it may trust it.
+        """Read the protocol; with Python files, only decode it, as the user must first read and trust these.
 
         Raises:
             ProtocolError: if it is not valid.
@@ -53,7 +53,7 @@ class ShippedStudy:
 @cache
 def list_shipped_studies() -> tuple[ShippedStudy, ...]:
     """Return the protocols that come with the package, by name."""
-    folder = find_shipped_protocol(_ANY).parent
+    folder = find_shipped_protocol(_KNOWN_PROTOCOL).parent
     studies = []
     for path in sorted(folder.rglob("*.toml")):
         text = path.read_text(encoding="utf-8")
@@ -66,7 +66,7 @@ def list_shipped_studies() -> tuple[ShippedStudy, ...]:
 
 
 def _find_modules(tree: dict[str, Any], folder: Path) -> tuple[Path, ...]:
-    """Return the Python files of a folder that have a protocol's worlds."""
+    """Return the Python files of a folder that define worlds which a protocol names."""
     modules = list_foreign_modules(world for world, _ in list_named_worlds(tree))
     paths = (folder / f"{module}.py" for module in sorted(modules))
     return tuple(path for path in paths if path.is_file())
@@ -74,7 +74,7 @@ def _find_modules(tree: dict[str, Any], folder: Path) -> tuple[Path, ...]:
 
 @cache
 def list_used_fields(table: str, kind: str = "") -> frozenset[str]:
-    """Return the fields of a table ("blocks.stimuli") that any shipped protocol uses, in tables of a kind if given."""
+    """Return the fields that shipped protocols use in a table ("blocks.stimuli"), or only in tables of a kind."""
     fields: set[str] = set()
     for row in _list_rows(table):
         if not kind or row.get("kind", _USUAL_KIND) == kind:
@@ -83,7 +83,7 @@ def list_used_fields(table: str, kind: str = "") -> frozenset[str]:
 
 
 def find_example(table: str, kind: str) -> dict[str, Any] | None:
-    """Return a copy of the smallest table of a kind in any shipped protocol, without files; None if there is none."""
+    """Return a copy of the smallest table of a kind, without files, in the shipped protocols; None if there is none."""
     rows = [row for row in _list_rows(table) if row.get("kind", _USUAL_KIND) == kind and "file" not in str(row)]
     if not rows:
         return None
@@ -91,13 +91,14 @@ def find_example(table: str, kind: str) -> dict[str, Any] | None:
 
 
 def _list_rows(table: str) -> Iterator[dict[str, Any]]:
+    """Yield each table at a path without numbers ("blocks.stimuli") in any shipped protocol."""
     for study in list_shipped_studies():
         rows: list[Any] = [study.tree]
         for step in table.split("."):
             tables = [row[step] for row in rows if isinstance(row, dict) and step in row]
             rows = []
-            for found in tables:
-                rows += found if isinstance(found, list) else [found]
+            for table_or_array in tables:
+                rows += table_or_array if isinstance(table_or_array, list) else [table_or_array]
         yield from (row for row in rows if isinstance(row, dict))
 
 
@@ -107,6 +108,6 @@ def _read_summary(text: str) -> str:
     for line in text.splitlines():
         if not line.startswith("#"):
             break
-        if not line.startswith("#:"):
+        if not line.startswith("#:"):  # a directive to editors: the file's schema
             lines.append(line.lstrip("# ").rstrip())
     return " ".join(lines)

@@ -154,7 +154,7 @@ class BuilderApi:
         return self._studies.open_data(query["key"]).describe_session(query["log"])
 
     def _describe_episode(self, query: Query) -> msgspec.Struct:
-        return self._studies.open_data(query["key"]).describe_episode(query["log"], _read_count(query["episode"]))
+        return self._studies.open_data(query["key"]).describe_episode(query["log"], _parse_number(query["episode"]))
 
     def _export(self, query: Query, request: data_messages.ExportRequest) -> msgspec.Struct:
         return self._studies.open_data(query["key"]).export(request.format)
@@ -165,7 +165,8 @@ class BuilderApi:
 
     async def _send_frame(self, request: Request) -> Response:
         query = request.query_params
-        episode, step = (_read_count(query.get(name, "")) for name in ("episode", "step"))
+        episode = _parse_number(query.get("episode", ""))
+        step = _parse_number(query.get("step", ""))
         return await _send_bytes(
             lambda: (
                 self._studies.open_data(query.get("key", "")).draw_step(query.get("log", ""), episode, step),
@@ -200,6 +201,8 @@ class BuilderApi:
         )
 
     def _get(self, path: str, answer: Callable[[Query], msgspec.Struct | None]) -> Route:
+        """Return the route of a GET request that a function answers from its query."""
+
         async def respond(request: Request) -> Response:
             return await _answer(partial(answer, dict(request.query_params)))
 
@@ -212,6 +215,8 @@ class BuilderApi:
         answer: Callable[[Query, Body], msgspec.Struct],
         status: HTTPStatus = HTTPStatus.OK,
     ) -> Route:
+        """Return the route of a POST request that a function answers from its query and its JSON body."""
+
         async def respond(request: Request) -> Response:
             content = await _read_body(request, "application/json", MAX_REQUEST_BYTES)
             if isinstance(content, Response):
@@ -219,51 +224,57 @@ class BuilderApi:
             try:
                 body = msgspec.json.decode(content, type=kind)
             except (msgspec.DecodeError, UnicodeDecodeError) as error:
-                return _refuse("not_valid", f"this is not a {kind.__name__}: {error}")
+                return _build_refusal("not_valid", f"this is not a {kind.__name__}: {error}")
             return await _answer(partial(answer, dict(request.query_params), body), status)
 
         return Route(path, respond, methods=["POST"])
 
 
-def _read_count(text: str) -> int:
-    """Return a number of a query; -1, which nothing has, if it is none."""
+def _parse_number(text: str) -> int:
+    """Parse a whole number in a query; return -1, which is no episode's or step's number, if the text is none."""
     return int(text) if text.isdecimal() and len(text) < _LONGEST_COUNT else -1
 
 
 async def _read_body(request: Request, content_type: str, longest: int) -> bytes | Response:
-    """Read what a page of this server sends, or return the answer that refuses it."""
+    """Return the body of a request of this server's page; the response that refuses the request if it is not valid.
+
+    Args:
+        request: the request.
+        content_type: the content type that it must have.
+        longest: the largest length of its body in bytes.
+    """
     kind = request.headers.get("content-type", "").partition(";")[0].strip()
     if not is_own_request(request.headers) or kind != content_type:
-        return _refuse("not_trusted", "this is not a request of the builder's page")
+        return _build_refusal("not_trusted", "this is not a request of the builder's page")
     if read_length(request.headers.get("content-length", ""), longest) is None:
-        return _refuse("not_valid", f"a request has {longest} bytes at most")
+        return _build_refusal("not_valid", f"a request has {longest} bytes at most")
     return await request.body()
 
 
-def _refuse(error: messages.RefusalReason, message: str) -> Response:
+def _build_refusal(error: messages.RefusalReason, message: str) -> Response:
     content = msgspec.json.encode(messages.EditRefusal(error, message))
     return Response(content, _STATUS[error], media_type="application/json")
 
 
 async def _send_bytes(read: Callable[[], tuple[bytes, str]]) -> Response:
-    """Answer with the content and the media type that a function reads in another thread, or with its refusal."""
+    """Answer with the bytes and the media type that a function returns in another thread, or with its refusal."""
     try:
         content, kind = await asyncio.to_thread(read)
     except EditRefusedError as error:
-        return _refuse(error.refusal.error, error.refusal.message)
+        return _build_refusal(error.refusal.error, error.refusal.message)
     return Response(content, media_type=kind)
 
 
 async def _answer(build: Callable[[], msgspec.Struct | None], status: HTTPStatus = HTTPStatus.OK) -> Response:
-    """Answer with what a function builds in another thread, or with its refusal."""
+    """Answer with the JSON of what a function returns in another thread, no content for None, or with its refusal."""
     try:
         content = await asyncio.to_thread(build)
     except EditRefusedError as error:
         return Response(msgspec.json.encode(error.refusal), _STATUS[error.refusal.error], media_type="application/json")
     except KeyError as error:
-        return _refuse("not_valid", f"the request lacks {error.args[0]!r}")
+        return _build_refusal("not_valid", f"the request lacks {error.args[0]!r}")
     except OSError as error:
-        return _refuse("not_valid", f"{error.filename or 'the file'}: {error.strerror}")
+        return _build_refusal("not_valid", f"{error.filename or 'the file'}: {error.strerror}")
     if content is None:
         return Response(status_code=HTTPStatus.NO_CONTENT)
     return Response(msgspec.json.encode(content), status, media_type="application/json")

@@ -44,11 +44,11 @@ from minihuman.web.server.desk import StudyEntry, find_studies
 
 @dataclass(slots=True)
 class _FileState:
-    """What this process keeps of a file between requests."""
+    """What this process keeps about a file between requests."""
 
     history: FileHistory
     lock: Lock = field(default_factory=Lock)
-    literals: dict[tuple[Steps, str], str] = field(default_factory=dict)  # how values were written that edits replaced
+    literals: dict[tuple[Steps, str], str] = field(default_factory=dict)  # how a value was written, by path and value
 
 
 class StudyFolder:
@@ -89,26 +89,35 @@ class StudyFolder:
         """
         return RecordedStudy(self.open(key).study_entry)
 
-    def compare(self, key: str, other: str) -> Differences:
-        """Return what differs between a study and another one of the folder, such as its earlier version.
+    def compare(self, key: str, earlier_key: str) -> Differences:
+        """Return the differences of a study from another one of the folder, such as its earlier version.
+
+        Args:
+            key: the key of the study.
+            earlier_key: the key of the study from which it differs.
 
         Raises:
             EditRefusedError: if there is no such file.
             OSError: if a file cannot be read.
         """
-        after, before = (description.read_values(self.open(name).path.read_bytes())[1] for name in (key, other))
-        return Differences(key, other, list(list_differences(before, after)))
+        _, after = description.read_values(self.open(key).path.read_bytes())
+        _, before = description.read_values(self.open(earlier_key).path.read_bytes())
+        return Differences(key, earlier_key, list(list_differences(before, after)))
 
     def make(self, request: NewStudyRequest) -> Document:
         """Write a new study from a template, or as a new version of a study of the folder.
 
         Raises:
-            EditRefusedError: if there is a study of that name already, or nothing to begin from.
+            EditRefusedError: if there is a study of that name already, or no such template or study.
             OSError: if it cannot be written.
         """
-        source = self.open(request.source_key).path if request.source_key else None
-        path = make_study(request, self.folder, source)
-        return self.open(str(path.relative_to(self.folder.resolve() if source else self.folder))).read()
+        if request.source_key:
+            source = self.open(request.source_key).path
+            folder = self.folder.resolve()  # as the path of the source is resolved
+            key = make_study(request, self.folder, source).relative_to(folder)
+        else:
+            key = make_study(request, self.folder, None).relative_to(self.folder)
+        return self.open(str(key)).read()
 
     def _open(self, study_entry: StudyEntry, protocol: Path) -> "OpenStudy":
         path = protocol.resolve()
@@ -116,6 +125,7 @@ class StudyFolder:
         return OpenStudy(study_entry, path, state)
 
     def _describe(self, study_entry: StudyEntry) -> StudyCard:
+        """Return the card of a study; what its protocol would state is empty if it has none."""
         document = None
         if study_entry.protocol is not None:
             document = self._open(study_entry, study_entry.protocol).read()
@@ -133,7 +143,7 @@ class StudyFolder:
             lanes=document.lanes if document else [],
             minutes=max(minutes, key=lambda pair: pair[1], default=None),
             participants=study.get("participants", 100),
-            enrolled=_try_to_count(study_entry),
+            enrolled=_count_enrolled(study_entry),
             sessions=_count_sessions(study_entry),
             mistakes=len(document.mistakes) if document else 0,
             problem=study_entry.problem,
@@ -246,6 +256,12 @@ class OpenStudy:
         return self._replace(version, lambda old: self._step(old, 1))
 
     def _replace(self, version: str, change: Callable[[bytes], bytes]) -> Document:
+        """Write what ``change`` returns for the file's present bytes, if these are still the given version.
+
+        Raises:
+            EditRefusedError: if the file is another version now, or ``change`` refuses.
+            OSError: if the file cannot be read or written.
+        """
         with self._state.lock:
             old = self.path.read_bytes()
             if hashlib.sha256(old).hexdigest() != version:
@@ -258,6 +274,11 @@ class OpenStudy:
             return self._describe(new)
 
     def _step(self, old: bytes, by: int) -> bytes:
+        """Return the version before (-1) or after (+1) the present bytes, and move to it in the history.
+
+        Raises:
+            EditRefusedError: if there is no such version, or enrolment has fixed what it changes.
+        """
         history = self._state.history
         if not history.can_step(old, by):
             which = "an earlier" if by < 0 else "a later"
@@ -267,7 +288,11 @@ class OpenStudy:
         return history.step(old, by)
 
     def _apply(self, old: bytes, edits: Sequence[Edit]) -> bytes:
-        """Return the file after edits."""
+        """Return the bytes of the file after edits.
+
+        Raises:
+            EditRefusedError: if an edit is not possible, or the file would be too large.
+        """
         text = _decode(old)
         try:
             for edit in edits:
@@ -281,6 +306,11 @@ class OpenStudy:
         return new
 
     def _apply_edit(self, text: str, edit: Edit) -> str:
+        """Return a protocol's text after one edit.
+
+        Raises:
+            NotEditableError: if the edit is not possible.
+        """
         path: Steps = tuple(edit.path)
         if edit.op == "replace_text":
             if not isinstance(edit.value, str):
@@ -303,16 +333,16 @@ class OpenStudy:
             case "duplicate":
                 copy: Steps = (*path[:-1], int(path[-1]) + 1)
                 document = document.duplicate(path)
-                for name, value in (edit.value or {}).items():
-                    document = document.set((*copy, name), value)
+                for name, content in (edit.value or {}).items():
+                    document = document.set((*copy, name), content)
                 return document.text
 
-    def _set(self, document: TomlDocument, path: Steps, value: object) -> TomlDocument:
-        """Set a value as it was last written at this path, so that an edit that is taken back leaves no trace."""
+    def _set(self, document: TomlDocument, path: Steps, content: object) -> TomlDocument:
+        """Set a field; a value that it had before is written as before, so that a reversed edit leaves no trace."""
         literals = self._state.literals
         if literal := document.literal(path):
-            literals[path, _identify(document.find(path))] = literal
-        return document.set(path, value, literals.get((path, _identify(value)), ""))
+            literals[path, _make_comparable(document.find(path))] = literal
+        return document.set(path, content, literals.get((path, _make_comparable(content)), ""))
 
     def _require_allowed(self, old: bytes, new: bytes) -> None:
         """Check that a new version changes nothing that enrolment has fixed.
@@ -361,15 +391,15 @@ class OpenStudy:
         )
 
 
-def _identify(value: object) -> str:
-    """Return a text that is the same for values that mean the same: 2 and 2.0."""
-    if isinstance(value, int) and not isinstance(value, bool):
-        value = float(value)
-    return repr(value)
+def _make_comparable(content: object) -> str:
+    """Return a text that is equal for values that mean the same, such as 2 and 2.0."""
+    if isinstance(content, int) and not isinstance(content, bool):
+        content = float(content)
+    return repr(content)
 
 
 def _decode(content: bytes) -> str:
-    """Decode a file so that encoding it gives the same bytes.
+    """Decode a file from UTF-8, so that encoding the text gives the same bytes.
 
     Raises:
         EditRefusedError: if it is not UTF-8.
@@ -381,7 +411,8 @@ def _decode(content: bytes) -> str:
         raise EditRefusedError(EditRefusal("not_editable", message)) from None
 
 
-def _try_to_count(study_entry: StudyEntry) -> int:
+def _count_enrolled(study_entry: StudyEntry) -> int:
+    """Count the enrolled participants of a study; 0 if its enrolment log cannot be read."""
     try:
         return count_enrolled(study_entry.folder)
     except (MinihumanError, OSError):  # the study's own page says why
@@ -389,6 +420,7 @@ def _try_to_count(study_entry: StudyEntry) -> int:
 
 
 def _count_sessions(study_entry: StudyEntry) -> dict[str, int]:
+    """Count the sessions of a study by state; {} if they cannot be read."""
     try:
         return dict(study_entry.counts())
     except (MinihumanError, OSError):

@@ -29,7 +29,9 @@ _CELLS = (
 
 
 def format_notebook(name: str) -> str:
-    """Return the text of a notebook (nbformat 4) that analyses a study; it is to lie beside the study's protocol.
+    """Return the text of a notebook (nbformat 4) that simulates participants of a study and analyses their data.
+
+    The notebook reads the protocol ``NAME.toml`` from the folder in which it runs.
 
     Args:
         name: the study's name.

@@ -13,27 +13,27 @@ _BLANK_LINES = re.compile(r"\r?\n?(?:[ \t]*\r?\n)*")
 def list_runs(spans: Spans, path: Steps) -> list[BlockRun]:
     """Return each uninterrupted run of a table and the tables below it, in the order of the text."""
     runs: list[list[Section]] = []
-    follows = False
+    was_inside = False
     for section in spans.sections:
-        belongs = is_below(section.path, path)
-        if belongs and not follows:
+        is_inside = is_below(section.path, path)
+        if is_inside and not was_inside:
             runs.append([])
-        if belongs:
+        if is_inside:
             runs[-1].append(section)
-        follows = belongs
+        was_inside = is_inside
     return [(run[0], run[-1]) for run in runs]
 
 
 def find_core(spans: Spans, run: BlockRun) -> tuple[int, int]:
     """Return the span of a block with the comments directly above and below it, without the last line break.
 
-    A comment that touches the next header belongs to that.
+    A comment directly above the next header belongs to that header.
     """
     first, last = run
-    place = spans.sections.index(first)
+    index = spans.sections.index(first)
     begin = first.begin
-    if place:
-        begin = _find_comments(spans.text, first.begin, spans.sections[place - 1].content_end)
+    if index:
+        begin = _find_comments(spans.text, first.begin, spans.sections[index - 1].content_end)
     following = spans.sections[spans.sections.index(last) + 1 :]
     limit = len(spans.text)
     if following:
@@ -44,8 +44,8 @@ def find_core(spans: Spans, run: BlockRun) -> tuple[int, int]:
     return begin, begin + len(spans.text[begin:end].rstrip("\r\n"))
 
 
-def cut_block(spans: Spans, run: BlockRun) -> tuple[int, int]:
-    """Return the span of a block with the blank lines behind it, or with those before it at the end of the text."""
+def find_removable_span(spans: Spans, run: BlockRun) -> tuple[int, int]:
+    """Return the span to remove with a block: with the blank lines behind it, or with those before it if it is last."""
     begin, end = find_core(spans, run)
     gap = _BLANK_LINES.match(spans.text, end)
     assert gap is not None
@@ -55,7 +55,7 @@ def cut_block(spans: Spans, run: BlockRun) -> tuple[int, int]:
 
 
 def _find_comments(text: str, header_begin: int, limit: int) -> int:
-    """Return where the comments begin that stand directly above a header, not before ``limit``."""
+    """Return the beginning of the comment lines directly above a header, at or behind the position ``limit``."""
     begin = header_begin
     while begin > limit:
         line_begin = text.rfind("\n", 0, begin - 1) + 1

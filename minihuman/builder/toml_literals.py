@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from datetime import date, datetime, time
 from typing import Any
 
-LONGEST_LINE = 100  # characters of a list on one line
+LONGEST_LINE = 100  # of a list or an inline table, in characters
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 _ESCAPES = {"\\": "\\\\", '"': '\\"', "\b": "\\b", "\t": "\\t", "\n": "\\n", "\f": "\\f", "\r": "\\r"}
 _CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f]")
@@ -25,7 +25,7 @@ def format_literal(content: Any, old: str = "", newline: str = "\n") -> str:
 
     Args:
         content: the value; a table becomes an inline table.
-        old: the literal that it replaces: its quotes stay, and a number with a point stays one.
+        old: the literal that it replaces, whose quotes and, for a number, decimal point are kept; "" for none.
         newline: how lines end in the file.
 
     Raises:
@@ -87,7 +87,7 @@ def _format_float(content: float) -> str:
 
 
 def is_float_literal(literal: str) -> bool:
-    """Return whether a literal is a number with a point or an exponent, or an infinite one."""
+    """Return whether a literal is a number with a point or an exponent, or is infinite or not a number."""
     number = literal.replace("_", "")
     try:
         float(number)
@@ -97,6 +97,11 @@ def is_float_literal(literal: str) -> bool:
 
 
 def _format_string(text: str, old: str, newline: str) -> str:
+    """Format a text with the quotes of the literal that it replaces, or with the first quotes that can hold it.
+
+    Raises:
+        ValueError: if the text has a surrogate without its pair, which UTF-8 cannot encode.
+    """
     if text.encode("utf-8", "replace").decode() != text:
         raise ValueError(f"{text!r} has half of a character; type it again")
     if "\n" in text and "\r" not in text:
@@ -108,7 +113,7 @@ def _format_string(text: str, old: str, newline: str) -> str:
 
 
 def _format_lines(text: str, old: str, newline: str) -> str:
-    """Format a text of several lines between three quotes, beginning on a line of its own."""
+    """Format a text of several lines between three quotes; it begins on the line after the opening quotes."""
     lines = text.replace("\n", newline)
     if old.startswith("'''") and "'''" not in text and not text.endswith("'") and not _CONTROL.search(text):
         return f"'''{newline}{lines}'''"
@@ -124,6 +129,7 @@ def _format_basic(text: str) -> str:
 
 
 def _escape(letter: str) -> str:
+    """Return a control character as an escape sequence, and any other character unchanged."""
     if _CONTROL.match(letter):
         return f"\\u{ord(letter):04x}"
     return letter

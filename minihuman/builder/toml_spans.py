@@ -29,12 +29,12 @@ _SCALAR = re.compile(r"\d{4}-\d\d-\d\d(?:[Tt ]\d[^\s,\]}#]*)?|[^\s,\]}#]+")
 
 @dataclass(frozen=True, slots=True)
 class Value:
-    """A value: its own span, and that of its element or of its key and itself, where it is inside another value."""
+    """The span of a value, and the position at which its key or, in an array, the value itself begins."""
 
     begin: int
     end: int
     form: Literal["scalar", "array", "table"]
-    member_begin: int  # of an inline table's member: where the key begins
+    member_begin: int  # where the key begins; ``begin`` for an element of an array
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,14 +78,14 @@ class Spans:
         return self.text.count("\n", 0, position) + 1
 
     def position_of(self, path: Steps) -> int:
-        """Return where a path is written, or the nearest table around it."""
+        """Return where a path, or the nearest table around it, begins in the text; 0 if neither is written."""
         positions = self.positions()
         while path and path not in positions:
             path = path[:-1]
         return positions.get(path, 0)
 
     def positions(self) -> dict[Steps, int]:
-        """Return where each field, table and element begins."""
+        """Return the position in the text at which each field, table and element begins, by path."""
         positions = {path: value.member_begin for path, value in self.values.items()}
         for section in self.sections[1:]:
             for length in range(len(section.path), 0, -1):
@@ -110,6 +110,7 @@ class _Scanner:
         self._counts: dict[Steps, int] = {}  # of the elements of each array of tables
 
     def scan(self) -> Spans:
+        """Scan the whole text, and return the spans of its tables and values."""
         while self.position < len(self.text):
             begin = self.position
             self._skip(_SPACE)
@@ -123,7 +124,7 @@ class _Scanner:
         return Spans(self.text, self.sections, self.values)
 
     def _skip(self, pattern: re.Pattern[str]) -> str:
-        """Skip what a pattern matches here, and return it."""
+        """Advance the position past a match of a pattern, which must match there, and return the matched text."""
         match = pattern.match(self.text, self.position)
         assert match is not None, f"position {self.position} of a text that tomllib accepts"
         self.position = match.end()
@@ -131,7 +132,7 @@ class _Scanner:
 
     def _scan_header(self, begin: int) -> None:
         is_element = self.text.startswith("[[", self.position)
-        self.position += 1 + is_element
+        self.position += 2 if is_element else 1
         keys = self._scan_keys()
         path: Steps = ()
         for number, key in enumerate(keys, 1):
@@ -155,7 +156,7 @@ class _Scanner:
         section.pairs.append(Pair(path, begin, self.position, value_end, len(self.sections) - 1))
 
     def _scan_keys(self) -> list[str]:
-        """Scan a key and the dotted keys behind it, up to the sign that follows."""
+        """Scan a key with its dots, up to the sign that follows, and return the parts between the dots."""
         keys = []
         while True:
             self._skip(_SPACE)
@@ -170,7 +171,12 @@ class _Scanner:
             self.position += 1
 
     def _scan_value(self, path: Steps, member_begin: int | None = None) -> int:
-        """Scan a value, and return where it ends."""
+        """Scan a value, and return where it ends.
+
+        Args:
+            path: the path of the value.
+            member_begin: where its key begins; None for an element of an array.
+        """
         self._skip(_SPACE)
         begin = self.position
         form: Literal["scalar", "array", "table"] = "scalar"
@@ -237,11 +243,11 @@ def list_members(spans: Spans, path: Steps) -> Iterator[tuple[Steps, Value]]:
     )
     end = outer.begin
     for begin, key in inside:
-        if begin >= end:
+        if begin >= end:  # otherwise it is inside the member before it
             end = spans.values[key].end
             yield key, spans.values[key]
 
 
 def is_below(path: Steps, table: Steps) -> bool:
-    """Return whether a path is a table's, or of something in it."""
+    """Return whether a path is that of a table or of something inside the table."""
     return path[: len(table)] == table

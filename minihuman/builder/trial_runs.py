@@ -80,6 +80,7 @@ class SimulatedTrial:
         )
 
     def _run(self) -> None:
+        """Run the commands one after the other until all are done or one fails."""
         for step, words in enumerate(self._commands):
             self._step = step
             with self._output.open("ab") as file:
@@ -96,7 +97,7 @@ class SimulatedTrial:
         self._state = "done"
 
     def close(self) -> None:
-        """Stop the running command."""
+        """Stop the running command, and wait until the thread has ended."""
         if self._process is not None and self._process.poll() is None:
             self._process.terminate()
         self._thread.join()

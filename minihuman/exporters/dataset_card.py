@@ -1,4 +1,4 @@
-"""What archives ask of a data set: a card for people, `CITATION.cff`, DataCite's metadata and Zenodo's.
+"""The metadata that archives require of a data set: a card for people, `CITATION.cff`, DataCite's and Zenodo's.
 
 Sources: Citation File Format 1.2.0; DataCite Metadata Schema 4; Zenodo's REST API (developers.zenodo.org).
 """
@@ -26,7 +26,14 @@ def split_name(name: str) -> tuple[str, str]:
 
 
 def build_card(facts: AboutSpec, study: str, year: str, data_dictionary: Mapping[str, Mapping[str, Any]]) -> list[str]:
-    """Return the lines of a data set's card in Markdown: the facts about the study, and every column of the tables."""
+    """Return the lines of a data set's card in Markdown: the facts about the study, and every column of the tables.
+
+    Args:
+        facts: the facts about the study.
+        study: the study's name.
+        year: the year of publication.
+        data_dictionary: the facts about each column, by the names of the table and the column.
+    """
     lines = [f"# {facts.title}", "", facts.description, "", "| | |", "|---|---|"]
     rows = {
         "Authors": "; ".join(_describe_author(author) for author in facts.authors),
@@ -88,8 +95,8 @@ def _describe_columns(data_dictionary: Mapping[str, Mapping[str, Any]]) -> Itera
         yield ""
 
 
-def build_citation_file(facts: AboutSpec, version: str, date: str) -> str:
-    """Return the text of `CITATION.cff`."""
+def format_citation_file(facts: AboutSpec, version: str, date: str) -> str:
+    """Return the text of `CITATION.cff`; the date of release is in ISO 8601, such as "2026-01-31"."""
     content: dict[str, Any] = {
         "cff-version": "1.2.0",
         "message": facts.how_to_acknowledge or "If you use these data, please cite them.",
@@ -106,7 +113,7 @@ def build_citation_file(facts: AboutSpec, version: str, date: str) -> str:
         content["license-url"] = facts.licence
     else:
         content["license"] = facts.licence
-    return "".join(f"{line}\n" for line in _write_yaml({name: part for name, part in content.items() if part}))
+    return "".join(f"{line}\n" for line in _format_yaml({name: part for name, part in content.items() if part}))
 
 
 def _describe_citation_author(author: AuthorSpec) -> dict[str, str]:
@@ -117,35 +124,36 @@ def _describe_citation_author(author: AuthorSpec) -> dict[str, str]:
     return {name: text for name, text in person.items() if text}
 
 
-def _write_yaml(content: Mapping[str, Any]) -> Iterator[str]:
+def _format_yaml(content: Mapping[str, Any]) -> Iterator[str]:
     """Yield the lines of a YAML mapping of texts, lists of texts and lists of mappings."""
     for name, part in content.items():
         if not isinstance(part, list):
-            yield f"{name}: {_write_scalar(name, part)}"
+            yield f"{name}: {_format_scalar(name, part)}"
             continue
         yield f"{name}:"
         for member in part:
-            yield from _write_member(member)
+            yield from _format_member(member)
 
 
-def _write_member(member: str | Mapping[str, str]) -> Iterator[str]:
+def _format_member(member: str | Mapping[str, str]) -> Iterator[str]:
+    """Yield the lines of a member of a YAML list."""
     if isinstance(member, str):
-        yield f"  - {_write_scalar('', member)}"
+        yield f"  - {_format_scalar('', member)}"
         return
     mark = "-"
     for name, text in member.items():
-        yield f"  {mark} {name}: {_write_scalar(name, text)}"
+        yield f"  {mark} {name}: {_format_scalar(name, text)}"
         mark = " "
 
 
-def _write_scalar(name: str, text: str) -> str:
-    """Return a text in quotation marks, which YAML shares with JSON; fixed words go without."""
+def _format_scalar(name: str, text: str) -> str:
+    """Return a text as a JSON string, which is valid YAML, or unquoted in a field that has fixed words."""
     if name in _UNQUOTED:
         return text
     return json.dumps(text, ensure_ascii=False)
 
 
-def build_datacite(facts: AboutSpec, version: str, year: str) -> dict[str, Any]:
+def build_datacite_metadata(facts: AboutSpec, version: str, year: str) -> dict[str, Any]:
     """Return the metadata of the data set in DataCite's JSON, schema version 4."""
     content: dict[str, Any] = {
         "schemaVersion": "http://datacite.org/schema/kernel-4",
@@ -206,8 +214,8 @@ def _list_related(references: Sequence[str]) -> Iterator[dict[str, str]]:
             }
 
 
-def build_zenodo(facts: AboutSpec, version: str, date: str) -> dict[str, Any]:
-    """Return the metadata of a deposition, in the form that Zenodo's API takes."""
+def build_zenodo_metadata(facts: AboutSpec, version: str, date: str) -> dict[str, Any]:
+    """Return the metadata of a data set in the form that Zenodo's API takes; the date is in ISO 8601."""
     creators = []
     for author in facts.authors:
         person = {

@@ -13,22 +13,23 @@ from minihuman.exporters.study_metadata import get_step_limit
 from minihuman.worlds.hashing import resolve_files
 
 
-def build_environment_spec(chosen: IncludedEpisode) -> EnvSpec | None:
-    """Return the Gymnasium specification of an episode's world, with options and the protocol's step limit, for a file.
+def build_environment_spec(included: IncludedEpisode) -> EnvSpec | None:
+    """Return the Gymnasium specification of an episode's world, as it is read from a file.
 
-    The module that registers the world must have been imported. Return None if it cannot be created by name elsewhere:
-    its class is not importable, or an option is not a plain value.
+    It has the world's options and the protocol's step limit. The module that registers the world must have been
+    imported. Return None if another machine could not create the world from it: its class is not importable, or an
+    option is not a plain value.
     """
-    spec = copy.deepcopy(gymnasium.spec(chosen.episode.plan.world.rsplit(":", 1)[-1]))
-    kwargs: dict[str, Any] = {**spec.kwargs, **resolve_files(chosen.episode.plan.options)}
+    spec = copy.deepcopy(gymnasium.spec(included.episode.plan.world.rsplit(":", 1)[-1]))
+    kwargs: dict[str, Any] = {**spec.kwargs, **resolve_files(included.episode.plan.options)}
     spec.kwargs = kwargs
-    limit = get_step_limit(chosen)
+    limit = get_step_limit(included)
     if spec.max_episode_steps is None:
         spec.max_episode_steps = limit
     else:
         spec.max_episode_steps = min(limit, spec.max_episode_steps)
     if not isinstance(spec.entry_point, str):
-        spec.entry_point = _importable(spec.entry_point)
+        spec.entry_point = _find_import_path(spec.entry_point)
     try:
         if spec.entry_point:
             return EnvSpec.from_json(spec.to_json())
@@ -37,15 +38,15 @@ def build_environment_spec(chosen: IncludedEpisode) -> EnvSpec | None:
         return None
 
 
-def _importable(made_by: Any) -> str | None:
+def _find_import_path(creator: Any) -> str | None:
     """Return the import path "module:name" of a class or function; None if it cannot be imported."""
-    module = getattr(made_by, "__module__", "")
-    name = getattr(made_by, "__qualname__", "")
+    module = getattr(creator, "__module__", "")
+    name = getattr(creator, "__qualname__", "")
     if module in sys.modules and name.isidentifier():
-        importable = attrgetter(name)(sys.modules[module])
+        imported = attrgetter(name)(sys.modules[module])
     else:
-        importable = None
-    if importable is made_by and module != "__main__":
+        imported = None
+    if imported is creator and module != "__main__":
         return f"{module}:{name}"
     return None
 

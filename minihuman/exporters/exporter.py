@@ -38,7 +38,7 @@ class ExportResult:
     reading: tuple[str, ...] = ()  # lines of the card about how to read the files
 
     def with_files(self, paths: tuple[Path, ...], *, front_matter: str = "") -> "ExportResult":
-        """Return the same counts for other files."""
+        """Return a result with the same counts for other files, and the front matter of their card."""
         return replace(self, paths=paths, front_matter=front_matter)
 
 
@@ -117,7 +117,7 @@ def _require_new_folder(out: Path) -> None:
 
 
 @contextmanager
-def _write_whole(out: Path) -> Iterator[Path]:
+def _create_atomically(out: Path) -> Iterator[Path]:
     """Yield a temporary folder beside ``out`` that is renamed to ``out`` on success and removed on an error."""
     unfinished = out.resolve().with_name(out.name + ".unfinished")  # Minari joins a relative path to itself
     if unfinished.exists():
@@ -137,13 +137,13 @@ def _write_whole(out: Path) -> Iterator[Path]:
 
 
 def _is_current_folder(path: Path) -> bool:
-    """Return whether a path is the working directory, or has no name of its own."""
+    """Return whether a path is the working directory; if it does not exist, whether it has no name."""
     if not path.exists():
         return not path.name
     return path.resolve().samefile(".")
 
 
-def _count_and_report(card: ExportCard, progress: Callable[[Path], None]) -> Callable[[Path, Mapping[str, Any]], None]:
+def _make_counter(card: ExportCard, progress: Callable[[Path], None]) -> Callable[[Path, Mapping[str, Any]], None]:
     """Return a function that counts each episode in the card, and reports each log once."""
     latest_log: Path | None = None
 
@@ -171,7 +171,7 @@ def export_study(
 ) -> tuple[ExportResult, ExportCard]:
     """Write the selected episodes of a log or study to ``out``, calling ``progress`` once for each log.
 
-    ``finish`` can add files before the folder appears.
+    ``finish`` can add files before the folder appears. Return the result, with paths in ``out``, and the card.
 
     Logs with messages between participants are excluded unless ``with_messages`` is set. Observations are replayed, or
     read from the logs with ``stored_frames``; each is checked against its hash.
@@ -185,8 +185,8 @@ def export_study(
     _require_new_folder(out)
     sessions = StudySessions(source, selection, engine=engine)
     card = ExportCard(format_name, sessions.account, stored_frames=stored_frames)
-    count_episode = _count_and_report(card, progress)
-    with _write_whole(out) as unfinished:
+    count_episode = _make_counter(card, progress)
+    with _create_atomically(out) as unfinished:
         episodes = IncludedEpisodes(
             sessions, on_included=count_episode, stored_frames=stored_frames, with_messages=with_messages
         )

@@ -35,6 +35,7 @@ from minihuman.worlds.adapters.world import World
 from minihuman.worlds.observation_spaces import find_mismatch
 
 _CHARACTERS = frozenset(string.printable)
+_MAX_TEXT_CHARACTERS = 4096
 _MIN_PICTURE_PX = 32  # a smaller array is taken for an encoded grid
 
 
@@ -51,7 +52,7 @@ def stack_observations(observations: Sequence[Any]) -> Any:
 
 
 def to_standard_space(space: gymnasium.Space[Any]) -> gymnasium.Space[Any]:
-    """Replace a world's own kinds of spaces (its mission space) by Gymnasium's, which other libraries can store.
+    """Return a space with Gymnasium's kinds of spaces, which other libraries can store, in place of a world's own.
 
     Raises:
         ExportError: if a part of the space has no standard form.
@@ -70,7 +71,7 @@ def to_standard_space(space: gymnasium.Space[Any]) -> gymnasium.Space[Any]:
         ):
             return space
     if isinstance(space.sample(), str):
-        return gymnasium.spaces.Text(max_length=4096, min_length=0, charset=_CHARACTERS)
+        return gymnasium.spaces.Text(max_length=_MAX_TEXT_CHARACTERS, min_length=0, charset=_CHARACTERS)
     raise ExportError(f"the observation space {space} has no plain form; export as csv or parquet instead")
 
 
@@ -93,8 +94,11 @@ def flatten_observation(observation: Any, space: gymnasium.Space[Any]) -> NDArra
     return np.zeros(0, np.uint8)
 
 
-def name_flat_observation(observation: Any, name: str = "") -> list[str]:
-    """Return a name for each number of a flat observation: "direction", "image_0", "image_1", ..."""
+def name_flat_observation(observation: Any, prefix: str = "") -> list[str]:
+    """Return a name for each number of a flat observation: "direction", "image_0", "image_1", ...
+
+    Each name begins with ``prefix``, which is the key and "_" for a part of an observation.
+    """
     if isinstance(observation, str):
         return []
     parts: Iterable[tuple[Any, Any]] = ()
@@ -105,11 +109,11 @@ def name_flat_observation(observation: Any, name: str = "") -> list[str]:
     else:
         size = np.asarray(observation).size
         if size == 1:
-            return [name.rstrip("_") or "value"]
-        return [f"{name}{place}" for place in range(size)]
+            return [prefix.rstrip("_") or "value"]
+        return [f"{prefix}{index}" for index in range(size)]
     names = []
     for key, part in parts:
-        names += name_flat_observation(part, f"{name}{key}_")
+        names += name_flat_observation(part, f"{prefix}{key}_")
     return names
 
 
@@ -170,30 +174,30 @@ def get_step_steering(episode: EpisodeLog, index: int) -> dict[str, Any]:
     }
 
 
-def name_dataset(chosen: IncludedEpisode) -> str:
+def name_dataset(included: IncludedEpisode) -> str:
     """Return the folder name for the dataset of an episode's world, e.g. "minigrid-fourrooms-v0".
 
-    Other options give another name. If the options differ by episode, as in a design or a table of stimuli, the name
-    includes the block's name.
+    A world with options has a digest of them in the name. If the options differ by episode, as in a design or a table
+    of stimuli, the block's name replaces the digest.
     """
-    name = _slug(chosen.episode.plan.world.rsplit("/", 1)[-1].rsplit(":", 1)[-1])
-    options = get_shared_options(chosen)
+    name = _make_slug(included.episode.plan.world.rsplit("/", 1)[-1].rsplit(":", 1)[-1])
+    options = get_shared_options(included)
     if not options:
         return name
     if isinstance(options, str):
-        return _mark(name, _slug(options))
-    return _mark(name, _digest(options))
+        return _insert_mark(name, _make_slug(options))
+    return _insert_mark(name, _compute_short_digest(options))
 
 
-def _slug(text: str) -> str:
+def _make_slug(text: str) -> str:
     return re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-")
 
 
-def _digest(value: Any) -> str:
-    return hashlib.sha256(json.dumps(value, sort_keys=True, default=str).encode()).hexdigest()[:6]
+def _compute_short_digest(content: Any) -> str:
+    return hashlib.sha256(json.dumps(content, sort_keys=True, default=str).encode()).hexdigest()[:6]
 
 
-def _mark(name: str, mark: str) -> str:
+def _insert_mark(name: str, mark: str) -> str:
     """Insert a mark before the version in a name."""
     stem, _, version = name.rpartition("-v")
     if stem:
@@ -201,8 +205,8 @@ def _mark(name: str, mark: str) -> str:
     return f"{name}-{mark}"
 
 
-PICTURE_PX = (128, 128)  # what a view is drawn within for learners where the observation is no picture
-FROM_LOG = logging.getLogger("minihuman")
+PICTURE_PX = (128, 128)  # the largest size of a view that is drawn for learners whose observation is not a picture
+LOG = logging.getLogger("minihuman")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -216,7 +220,7 @@ class ReplayedEpisode:
     observations: tuple[Any, ...]
     observation_space: gymnasium.Space[Any]
     action_space: gymnasium.Space[Any]
-    pictures: tuple[NDArray[np.uint8], ...] = ()  # (H, W, 3) each, where they were asked for and can be drawn
+    pictures: tuple[NDArray[np.uint8], ...] = ()  # (H, W, 3) each, if they were requested and can be drawn
 
     @property
     def actions(self) -> Any:
@@ -252,14 +256,14 @@ def build_state(demonstration: ReplayedEpisode) -> NDArray[np.float32]:
     space = demonstration.observation_space
     if not is_picture(space):
         rows = [flatten_observation(observation, space) for observation in demonstration.observations]
-        return _narrow(np.stack(rows), episode)
+        return _to_float32(np.stack(rows), episode)
     if np.isnan(episode.poses).any():
         return (np.arange(len(episode.poses)) / episode.plan.max_steps).astype(np.float32).reshape(-1, 1)
     x, _, z, yaw_rad = episode.poses.T
     return np.stack([x, z, np.cos(yaw_rad), np.sin(yaw_rad)], axis=1).astype(np.float32)
 
 
-def _narrow(rows: NDArray[Any], episode: EpisodeLog) -> NDArray[np.float32]:
+def _to_float32(rows: NDArray[Any], episode: EpisodeLog) -> NDArray[np.float32]:
     """Convert rows of numbers to float32.
 
     Raises:
@@ -275,26 +279,26 @@ def _narrow(rows: NDArray[Any], episode: EpisodeLog) -> NDArray[np.float32]:
     return rows.astype(np.float32)
 
 
-def name_actions(item: IncludedEpisode) -> list[str]:
+def name_actions(included: IncludedEpisode) -> list[str]:
     """Return the names of the columns of "action" in ``build_actions``."""
-    vectors = item.episode.action_vectors
+    vectors = included.episode.action_vectors
     if vectors is None:
-        return list(get_action_names(item))
+        return list(get_action_names(included))
     return [f"component_{n}" for n in range(vectors.shape[1])]
 
 
-def build_actions(item: IncludedEpisode, demonstration: ReplayedEpisode) -> dict[str, NDArray[Any]]:
+def build_actions(included: IncludedEpisode, demonstration: ReplayedEpisode) -> dict[str, NDArray[Any]]:
     """Build the actions as vectors for learners: "action" of shape (n, actions), and "discrete_action" of shape (n,).
 
     A row of "action" is a one-hot vector over the actions that participants could take, and "discrete_action" is what
     the environment's ``step`` takes. If ``step`` takes a vector, "action" is that vector, flattened, and the only
     column.
     """
-    vectors = item.episode.action_vectors
+    vectors = included.episode.action_vectors
     if vectors is not None:
         return {"action": vectors.astype(np.float32).reshape(len(vectors), -1)}
-    names = np.array(item.episode.start.action_names)[item.episode.actions]
-    one_hot = (names[:, None] == np.array(name_actions(item))).astype(np.float32)
+    names = np.array(included.episode.start.action_names)[included.episode.actions]
+    one_hot = (names[:, None] == np.array(name_actions(included))).astype(np.float32)
     return {"action": one_hot, "discrete_action": demonstration.actions}
 
 
@@ -311,58 +315,63 @@ class Resimulator:
         self._world: World | None = None
         self._made_from: tuple[str, dict[str, Any]] | None = None
 
-    def __call__(self, chosen: IncludedEpisode) -> ReplayedEpisode:
+    def __call__(self, included: IncludedEpisode) -> ReplayedEpisode:
         """Replay an episode, or take the observations from its log if requested.
 
-        The spaces are those of the world here.
+        The spaces are those of the world as it is installed on this machine.
 
         Raises:
             ExportError: if the world cannot be created here or behaves differently than when it was played; or if the
                 log holds no observations, or observations that do not match their hashes.
         """
-        world = self._open_world(chosen.episode, chosen)
+        world = self._open_world(included)
         is_observed = is_picture(world.observation_space)
         pictures: list[NDArray[np.uint8]] = []
 
         def draw() -> None:
             if self._picture_px is not None and not is_observed:
-                plan = chosen.episode.plan
+                plan = included.episode.plan
                 pictures.append(world.frame(plan.view, self._picture_px, plan.palette))
 
-        if chosen.stored_frames:
-            observations = _read_observations(chosen)
+        if included.stored_frames:
+            observations = _read_observations(included)
         else:
-            observations = _replay_observations(chosen, world, draw)
+            observations = _replay_observations(included, world, draw)
         shown_pictures = tuple(pictures)
         if self._picture_px is not None and is_observed:
             shown_pictures = observations
         return ReplayedEpisode(
-            chosen.episode, observations, world.observation_space, world.action_space, shown_pictures
+            included.episode, observations, world.observation_space, world.action_space, shown_pictures
         )
 
-    def _open_world(self, episode: EpisodeLog, chosen: IncludedEpisode) -> World:
-        """Return a world for an episode: the previous one if it was made in the same way, else a new one."""
+    def _open_world(self, included: IncludedEpisode) -> World:
+        """Return a world for an episode: the previous one if it was made in the same way, else a new one.
+
+        Raises:
+            ExportError: if the world cannot be created here.
+        """
+        episode = included.episode
         made_from = (episode.plan.world, episode.world_options)
         if self._world is None or self._made_from != made_from:
             try:
                 self._world = World(*made_from)
                 self._made_from = made_from
             except WorldError as error:
-                raise ExportError(f"{chosen.log.path}: {episode.name}: {error}") from error
+                raise ExportError(f"{included.log.path}: {episode.name}: {error}") from error
         return self._world
 
 
 _WITHOUT_OBSERVATIONS = "export as csv or parquet, which hold no observations"
 
 
-def require_regular(item: IncludedEpisode, demonstration: ReplayedEpisode) -> None:
+def require_storable(included: IncludedEpisode, demonstration: ReplayedEpisode) -> None:
     """Check, before anything is written, that a dataset can hold all observations and pictures of an episode.
 
     Raises:
         ExportError: if the space has no standard form, an observation does not match the space, or a picture differs in
             size from the first.
     """
-    place = f"{item.log.path}: {item.episode.name}"
+    place = f"{included.log.path}: {included.episode.name}"
     try:
         to_standard_space(demonstration.observation_space)
     except ExportError as error:
@@ -405,85 +414,85 @@ class ReplayedStudy:
         Raises:
             ExportError: if an episode does not replay.
         """
-        for item in self._chosen:
-            if not len(item.episode.actions):
-                self._left_out.append(f"{describe_episode(item)} {self._reason}")
+        for included in self._chosen:
+            if not len(included.episode.actions):
+                self._left_out.append(f"{describe_episode(included)} {self._reason}")
                 continue
-            demonstration = self._resimulate(item)
-            name = name_dataset(item)
-            require_regular(item, demonstration)
+            demonstration = self._resimulate(included)
+            name = name_dataset(included)
+            require_storable(included, demonstration)
             shape = [
                 demonstration.observation_space,
                 demonstration.action_space,
                 *(picture.shape for picture in demonstration.pictures[:1]),
-                name_actions(item),
-                item.episode.taught is None,
-                bool(np.isnan(item.episode.poses).any()),
+                name_actions(included),
+                included.episode.taught is None,
+                bool(np.isnan(included.episode.poses).any()),
             ]
             if self._shapes.setdefault(name, shape) != shape:
-                name = _mark(name, _digest(shape))
+                name = _insert_mark(name, _compute_short_digest(shape))
             self._episodes += 1
-            self._steps += len(item.episode.actions)
-            yield name, item, demonstration
+            self._steps += len(included.episode.actions)
+            yield name, included, demonstration
 
     def result(self, paths: Iterable[Path]) -> ExportResult:
         """Return the export's result for the given files and folders."""
         return ExportResult(tuple(paths), self._episodes, self._steps, tuple(self._left_out))
 
 
-def _replay_observations(chosen: IncludedEpisode, world: World, draw: Callable[[], None]) -> tuple[Any, ...]:
+def _replay_observations(included: IncludedEpisode, world: World, draw: Callable[[], None]) -> tuple[Any, ...]:
     """Replay an episode and return its observations; ``draw`` is called at the reset and after each step."""
-    episode = chosen.episode
-    drawn_anew = world.drawn and not all(renders_same_images(segment.facts) for segment in chosen.log.segments)
+    episode = included.episode
+    drawn_anew = world.drawn and not all(renders_same_images(segment.facts) for segment in included.log.segments)
     if drawn_anew:
-        FROM_LOG.warning(
+        LOG.warning(
             "%s: %s: its pictures are drawn by this version; the participant saw those of an earlier one",
-            chosen.log.path,
+            included.log.path,
             episode.name,
         )
-    _require_same_observation(world, world.reset(episode.plan.seed), 0, chosen, drawn_anew=drawn_anew)
-    observations = [copy.deepcopy(world.observation)]  # as a world may use its arrays again
+    _require_same_observation(world, world.reset(episode.plan.seed), 0, included, drawn_anew=drawn_anew)
+    observations = [copy.deepcopy(world.observation)]  # copied, as a world may overwrite its arrays
     draw()
     for step, action in enumerate(episode.actions_taken, 1):
-        _require_same_observation(world, world.step(action), step, chosen, drawn_anew=drawn_anew)
+        _require_same_observation(world, world.step(action), step, included, drawn_anew=drawn_anew)
         observations.append(copy.deepcopy(world.observation))
         draw()
     return tuple(observations)
 
 
 def _require_same_observation(
-    world: World, now: ResetResult | StepResult, step: int, chosen: IncludedEpisode, *, drawn_anew: bool
+    world: World, replayed: ResetResult | StepResult, step: int, included: IncludedEpisode, *, drawn_anew: bool
 ) -> None:
-    """Raise ExportError if the replayed step differs from the logged one."""
-    episode = chosen.episode
+    """Raise ExportError if a replayed step differs from the logged one, in its state if its picture is drawn anew."""
+    episode = included.episode
     if drawn_anew:
         same = world.state_hash() == int(episode.state_hashes[step])
     else:
-        same = now.observation_hash == int(episode.observation_hashes[step])
+        same = replayed.observation_hash == int(episode.observation_hashes[step])
     if not same:
-        played = chosen.log.facts.get("version_minihuman", "of an unknown version")
+        played = included.log.facts.get("version_minihuman", "of an unknown version")
         if episode.observations is None:
             instead = ""
         else:
             instead = ", or export those in the log with --stored-frames"
         raise ExportError(
-            f"{chosen.log.path}: {episode.name} step {step}: the replayed observation differs from "
+            f"{included.log.path}: {episode.name} step {step}: the replayed observation differs from "
             f"the one recorded under minihuman {played} (this is {__version__}); export with {played}{instead}"
         )
 
 
-def _read_observations(chosen: IncludedEpisode) -> tuple[Any, ...]:
+def _read_observations(included: IncludedEpisode) -> tuple[Any, ...]:
     """Return the observations that the log holds, after checking their hashes."""
-    episode = chosen.episode
+    episode = included.episode
     if episode.observations is None:
         raise ExportError(
-            f"{chosen.log.path}: {episode.name} has no stored observations (its block does not set "
+            f"{included.log.path}: {episode.name} has no stored observations (its block does not set "
             "record_observations = true); export without --stored-frames"
         )
     try:
         return tuple(verify_observations(episode.observations, episode.observation_hashes, episode.plan.episode))
     except LogError as error:
-        raise ExportError(f"{chosen.log.path}: {error}") from error
+        raise ExportError(f"{included.log.path}: {error}") from error
 
 
 if not TYPE_CHECKING:

@@ -35,43 +35,49 @@ from minihuman.storage.durable_files import hash_file
 PREFERENCES: dict[PairAnswer, float] = {"left": 1.0, "equal": 0.5, "right": 0.0}
 SIDES = ("left", "right")
 
-_Key = tuple[int, int, int, int]  # episode, attempt, first step and last
+_FragmentKey = tuple[int, int, int, int]  # episode, attempt, first step and last
 
 
 class FragmentWriter:
-    """Collects the fragments that participants compared, one session after the other."""
+    """Collects the fragments that participants compared, and yields them as pairs, one session after the other."""
 
     def __init__(self) -> None:
         self._log: SessionLog | None = None
-        self._compared: set[_Key] = set()
-        self._fragments: dict[_Key, dict[str, Any]] = {}
-        self._worlds: dict[_Key, str] = {}
+        self._compared: set[_FragmentKey] = set()
+        self._fragments: dict[_FragmentKey, dict[str, Any]] = {}
+        self._worlds: dict[_FragmentKey, str] = {}
 
     def take(
-        self, item: IncludedEpisode, dataset: str, trajectory: dict[str, Any]
+        self, included: IncludedEpisode, dataset: str, trajectory: dict[str, Any]
     ) -> Iterator[tuple[str, dict[str, Any]]]:
         """Collect the compared fragments of an episode's trajectory.
 
-        Yield the previous session's pairs when a session begins.
+        When a session begins, yield the previous session's pairs as ``close`` does.
+
+        Args:
+            included: the episode.
+            dataset: the name of the episode's dataset.
+            trajectory: the episode as a row of that dataset.
         """
-        if self._log is None or self._log.path != item.log.path:
+        if self._log is None or self._log.path != included.log.path:
             yield from self.close()
-            self._log = item.log
+            self._log = included.log
+            comparisons = included.log.comparisons
             self._compared = {
-                _key(side) for comparison in item.log.comparisons for side in (comparison.left, comparison.right)
+                _make_key(side) for comparison in comparisons for side in (comparison.left, comparison.right)
             }
-        plan = item.episode.plan
+        plan = included.episode.plan
         for key in self._compared:
-            if key[:2] == (plan.episode, item.episode.attempt):
+            if key[:2] == (plan.episode, included.episode.attempt):
                 self._fragments[key] = _cut_fragment(trajectory, *key[2:])
                 self._worlds[key] = dataset
 
     def close(self) -> Iterator[tuple[str, dict[str, Any]]]:
-        """Yield the pairs of the last session, each as the dataset's name and a row."""
+        """Yield the pairs of the last session, each as the name of the trajectories' dataset and a row."""
         if self._log is None:
             return
         for comparison in self._log.comparisons:
-            keys = [_key(side) for side in (comparison.left, comparison.right)]
+            keys = [_make_key(side) for side in (comparison.left, comparison.right)]
             if comparison.preference.answer in PREFERENCES and all(key in self._fragments for key in keys):
                 row: dict[str, Any] = {
                     "preference": PREFERENCES[comparison.preference.answer],
@@ -90,7 +96,7 @@ def preference_features(trajectory: datasets.Features) -> datasets.Features:
     return datasets.Features({"preference": datasets.Value("float64"), "t_ns": datasets.Value("int64")} | columns)
 
 
-def _key(side: EpisodeClip) -> _Key:
+def _make_key(side: EpisodeClip) -> _FragmentKey:
     return side.episode, side.attempt, side.first, side.last
 
 
@@ -108,7 +114,7 @@ def _cut_fragment(trajectory: dict[str, Any], first: int, last: int) -> dict[str
     }
 
 
-_TOGETHER = 8  # trajectories written at once: of pictures, some tens of megabytes
+_BATCH_TRAJECTORIES = 8  # written at once: with pictures, some tens of megabytes
 
 
 def export(chosen: IncludedEpisodes, out: Path) -> ExportResult:
@@ -119,19 +125,19 @@ def export(chosen: IncludedEpisodes, out: Path) -> ExportResult:
     """
     datasets.disable_progress_bars()  # the command reports its own progress
     replayed = ReplayedStudy(chosen, "has no step, and a trajectory needs one")
-    writers = _Writers(out)
+    files = _ArrowFiles(out)
     fragments = FragmentWriter()
-    for name, item, demonstration in replayed:
-        trajectory = _build_trajectory(item, demonstration)
-        writers.write(name, _build_features(trajectory["obs"], trajectory["acts"]), trajectory)
-        for world, pair in fragments.take(item, name, trajectory):
-            writers.write_pair(world, pair)
+    for name, included, demonstration in replayed:
+        trajectory = _build_trajectory(included, demonstration)
+        files.write(name, _build_features(trajectory["obs"], trajectory["acts"]), trajectory)
+        for world, pair in fragments.take(included, name, trajectory):
+            files.write_pair(world, pair)
     for world, pair in fragments.close():
-        writers.write_pair(world, pair)
-    return replayed.result(writers.close())
+        files.write_pair(world, pair)
+    return replayed.result(files.close())
 
 
-class _Writers:
+class _ArrowFiles:
     """One Arrow file per dataset, opened when the dataset's first row is written."""
 
     def __init__(self, out: Path) -> None:
@@ -141,7 +147,8 @@ class _Writers:
     def write(self, name: str, features: datasets.Features, row: dict[str, Any]) -> None:
         if name not in self._open:
             path = str(self._out / f"{name}.arrow")
-            self._open[name] = ArrowWriter(features=features, path=path, writer_batch_size=_TOGETHER), features
+            writer = ArrowWriter(features=features, path=path, writer_batch_size=_BATCH_TRAJECTORIES)
+            self._open[name] = writer, features
         self._open[name][0].write(row)
 
     def write_pair(self, name: str, row: dict[str, Any]) -> None:
@@ -155,21 +162,25 @@ class _Writers:
         return tuple(self._out / name for name in self._open)
 
 
-def _build_trajectory(item: IncludedEpisode, demonstration: ReplayedEpisode) -> dict[str, Any]:
-    """Build an episode's trajectory under the names of the imitation library."""
-    episode = item.episode
+def _build_trajectory(included: IncludedEpisode, demonstration: ReplayedEpisode) -> dict[str, Any]:
+    """Build an episode's trajectory under the names of the imitation library.
+
+    Raises:
+        ExportError: if the actions are not arrays.
+    """
+    episode = included.episode
     if not isinstance(demonstration.actions, np.ndarray):
         raise ExportError(
-            f"{item.log.path}: {episode.name}: an action of {demonstration.action_space} is no array, which imitation "
-            "needs; export as minari, lerobot, robomimic or rlds"
+            f"{included.log.path}: {episode.name}: an action of {demonstration.action_space} is no array, which "
+            "imitation needs; export as minari, lerobot, robomimic or rlds"
         )
     infos = []
     for index, key in enumerate(episode.step_keys):
-        facts = item.facts if index == 0 else {}  # the first step alone has the episode's facts
+        facts = included.facts if index == 0 else {}  # the first step alone has the episode's facts
         info = {**facts, "t_ns": int(episode.t_ns[index + 1]), "key": key}
         infos.append(json.dumps(info | get_step_steering(episode, index)))
     return {
-        "obs": _observations(demonstration),
+        "obs": _stack_observations(demonstration),
         "acts": demonstration.actions,
         "infos": infos,
         "terminal": bool(episode.terminated[-1]),
@@ -177,7 +188,7 @@ def _build_trajectory(item: IncludedEpisode, demonstration: ReplayedEpisode) -> 
     }
 
 
-def _observations(demonstration: ReplayedEpisode) -> NDArray[Any]:
+def _stack_observations(demonstration: ReplayedEpisode) -> NDArray[Any]:
     """Return the n + 1 observations: an array (n + 1, numbers), or pictures (n + 1, 3, rows, columns)."""
     space = demonstration.observation_space
     if is_picture(space):
@@ -188,15 +199,15 @@ def _observations(demonstration: ReplayedEpisode) -> NDArray[Any]:
 def _build_features(observations: NDArray[Any], actions: NDArray[Any]) -> datasets.Features:
     """Build the types of a data set's columns from examples of its arrays."""
     _, *shape = observations.shape
-    number = str(observations.dtype)
-    observation: Any = datasets.List(datasets.Value(number))
-    if len(shape) == 3:
-        observation = datasets.Array3D(tuple(shape), number)
+    dtype = str(observations.dtype)
+    observation: Any = datasets.List(datasets.Value(dtype))
+    if len(shape) == 3:  # pictures
+        observation = datasets.Array3D(tuple(shape), dtype)
     action_type = "int64" if actions.ndim == 1 else str(actions.dtype)
     return datasets.Features(
         {
             "obs": datasets.List(observation),
-            "acts": _nest(action_type, actions.ndim),
+            "acts": _build_list_feature(action_type, actions.ndim),
             "infos": datasets.List(datasets.Value("string")),
             "terminal": datasets.Value("bool"),
             "rews": datasets.List(datasets.Value("float64")),
@@ -204,9 +215,9 @@ def _build_features(observations: NDArray[Any], actions: NDArray[Any]) -> datase
     )
 
 
-def _nest(number: str, depth: int) -> Any:
-    """Return the feature of an array with ``depth`` dimensions."""
-    feature: Any = datasets.Value(number)
+def _build_list_feature(dtype: str, depth: int) -> Any:
+    """Return the feature of an array with ``depth`` dimensions, as nested lists."""
+    feature: Any = datasets.Value(dtype)
     for _ in range(depth):
         feature = datasets.List(feature)
     return feature

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 LabelledFormat = Literal["sav", "dta"]
 _LABEL_CHARACTERS = {"sav": 256, "dta": 80}  # of a column's label
+_COUNTER_CHARACTERS = 4  # that make a shortened name unique: "_" and a number
 _NAME_CHARACTERS = {"sav": 64, "dta": 32}
 _SHORT_TEXT_BYTES = 2045  # of Stata's str; a column with a longer text is a strL
 _LONG_TEXT_NOTE = (
@@ -39,7 +40,7 @@ _RESERVED = {
 
 
 def write_labelled_tables(tables: Tables, out: Path, kind: LabelledFormat) -> tuple[tuple[Path, ...], tuple[str, ...]]:
-    """Write every table that has rows, but for those of every moment; return the files and what was converted."""
+    """Write each table that has rows, except those with a row per moment; return the files and notes on conversions."""
     paths: list[Path] = []
     notes: list[str] = []
     for name, columns, rows in _list_tables(tables):
@@ -53,13 +54,13 @@ def _list_tables(tables: Tables) -> Iterator[tuple[str, list[TableColumn], "pa.T
     for name, columns in TABLES.items():
         if name in EVERY_MOMENT or not tables.count(name):
             continue
-        described = [column for column in columns if column.name not in COLUMNS_NEEDING_WORLD]
-        rows = tables.arrow(name, [column.name for column in described])
+        written_columns = [column for column in columns if column.name not in COLUMNS_NEEDING_WORLD]
+        rows = tables.arrow(name, [column.name for column in written_columns])
         if name in LABELLED_TABLES:
             label_columns = list_info_columns(tables.store.tables.connection, name)
             rows = add_info_columns(rows, name, label_columns)
-            described += label_columns.values()
-        yield name, described, rows
+            written_columns += label_columns.values()
+        yield name, written_columns, rows
     if tables.people is not None and tables.people.rows.num_rows:
         yield PERSON_TABLE, list(tables.people.columns), tables.people.rows
 
@@ -77,7 +78,7 @@ def _write_table(
     value_labels: dict[str, dict[Any, str]] = {}
     for column, name in zip(columns, names, strict=True):
         column_labels[name] = _build_label(column, kind)
-        series, labels, note = _convert(column, rows.column(column.name), kind)
+        series, labels, note = _convert_column(column, rows.column(column.name), kind)
         cells[name] = series
         if labels:
             value_labels[name] = labels
@@ -97,7 +98,7 @@ def _write_table(
         pyreadstat.write_dta(frame, str(path), **options)
 
 
-def _convert(
+def _convert_column(
     column: TableColumn, cells: "pa.ChunkedArray", kind: LabelledFormat
 ) -> tuple["pd.Series[Any]", dict[Any, str], str]:
     """Convert a column for the format; return its cells, the labels of its values, and what was changed, or ""."""
@@ -143,7 +144,8 @@ def _cut_texts(texts: "pd.Series[Any]", kind: LabelledFormat) -> tuple["pd.Serie
         has_long = kind == "dta" and any(len(content) > _SHORT_TEXT_BYTES for content in encoded)
         return texts, _LONG_TEXT_NOTE if has_long else ""
     fitting = [content[:limit].decode(errors="ignore") for content in encoded]
-    return type(texts)(fitting, dtype=object), f"is cut to {limit} bytes in {n_long} rows, which is the format's limit"
+    series_class = type(texts)  # of pandas, which this module does not import at the top
+    return series_class(fitting, dtype=object), f"is cut to {limit} bytes in {n_long} rows, which is the format's limit"
 
 
 def _fit_names(names: Sequence[str], kind: LabelledFormat) -> list[str]:
@@ -160,7 +162,7 @@ def _fit_names(names: Sequence[str], kind: LabelledFormat) -> list[str]:
         is_valid = len(candidate) <= limit and candidate.lower() not in seen
         while not is_valid:
             number += 1
-            candidate = f"{name[: limit - 4]}_{number}"
+            candidate = f"{name[: limit - _COUNTER_CHARACTERS]}_{number}"
             is_valid = candidate.lower() not in seen | taken
         seen.add(candidate.lower())
         fitted.append(candidate)

@@ -54,38 +54,46 @@ STATE = "observation.state"
 INFO = "info."  # prefix of a recorded key of the world's info
 
 
-def build_features(item: IncludedEpisode, first: ReplayedEpisode) -> dict[str, dict[str, Any]]:
-    """Describe a frame of the episode's dataset: each feature's type, shape and names, in the form of ``info.json``."""
+def build_features(included: IncludedEpisode, first: ReplayedEpisode) -> dict[str, dict[str, Any]]:
+    """Describe a frame of the episode's dataset: each feature's type, shape and names, in the form of ``info.json``.
+
+    Args:
+        included: the first episode of the dataset.
+        first: the same episode with its observations.
+
+    Raises:
+        ExportError: if the observation has no numbers.
+    """
     names = name_state(first)
     if not names:
         raise ExportError(
-            f"{item.log.path}: {item.episode.name}: the observation has no numbers, which LeRobot's observation.state "
-            "needs; export as minari, robomimic, rlds or imitation"
+            f"{included.log.path}: {included.episode.name}: the observation has no numbers, which LeRobot's "
+            "observation.state needs; export as minari, robomimic, rlds or imitation"
         )
     features: dict[str, dict[str, Any]] = {}
     if first.pictures:
-        features[PICTURE] = _video_feature(pad_to_even(first.pictures[0]))
+        features[PICTURE] = _describe_video(pad_to_even(first.pictures[0]))
     features[STATE] = {"dtype": "float32", "shape": [len(names)], "names": names}
-    actions = name_actions(item)
+    actions = name_actions(included)
     features["action"] = {"dtype": "float32", "shape": [len(actions)], "names": actions}
-    if item.episode.action_vectors is None:
-        features["discrete_action"] = _number_feature("int64", "what the environment's step takes")
-    if item.episode.taught is not None:
-        features["intervention"] = _number_feature("bool")
-        features["policy_action"] = _number_feature("int64", "what the policy would have done")
-    features["next.reward"] = _number_feature("float64")
-    features["next.done"] = _number_feature("bool")
-    features["next.success"] = _number_feature("bool")
-    for key, values in build_info_columns(item.episode).items():
-        features[f"{INFO}{key}"] = _number_feature("string" if isinstance(values, list) else "float64")
-    features["time_s"] = _number_feature("float64")
-    features["timestamp"] = _number_feature("float32")
+    if included.episode.action_vectors is None:
+        features["discrete_action"] = _describe_number("int64", "what the environment's step takes")
+    if included.episode.taught is not None:
+        features["intervention"] = _describe_number("bool")
+        features["policy_action"] = _describe_number("int64", "what the policy would have done")
+    features["next.reward"] = _describe_number("float64")
+    features["next.done"] = _describe_number("bool")
+    features["next.success"] = _describe_number("bool")
+    for key, values in build_info_columns(included.episode).items():
+        features[f"{INFO}{key}"] = _describe_number("string" if isinstance(values, list) else "float64")
+    features["time_s"] = _describe_number("float64")
+    features["timestamp"] = _describe_number("float32")
     for name in ("frame_index", "episode_index", "index", "task_index"):
-        features[name] = _number_feature("int64")
+        features[name] = _describe_number("int64")
     return features
 
 
-def _number_feature(dtype: str, name: str = "") -> dict[str, Any]:
+def _describe_number(dtype: str, name: str = "") -> dict[str, Any]:
     """Return the description of a feature that has a single value per frame."""
     names = None
     if name:
@@ -93,7 +101,8 @@ def _number_feature(dtype: str, name: str = "") -> dict[str, Any]:
     return {"dtype": dtype, "shape": [1], "names": names}
 
 
-def _video_feature(picture: NDArray[np.uint8]) -> dict[str, Any]:
+def _describe_video(picture: NDArray[np.uint8]) -> dict[str, Any]:
+    """Return the description of a feature that is stored as video, by an example of its pictures."""
     height, width, channels = picture.shape
     encoding = ENCODINGS["dataset"]
     info = {
@@ -111,11 +120,15 @@ def _video_feature(picture: NDArray[np.uint8]) -> dict[str, Any]:
 
 
 def build_columns(
-    item: IncludedEpisode, demonstration: ReplayedEpisode, features: dict[str, Any]
+    included: IncludedEpisode, demonstration: ReplayedEpisode, features: dict[str, Any]
 ) -> dict[str, NDArray[Any]]:
-    """Build the features that come from the episode, with ``n`` rows each."""
-    episode = item.episode
-    _require_small_rewards(item)
+    """Build the columns that come from the episode, with one row per step; ``features`` are those of the dataset.
+
+    Raises:
+        ExportError: if a reward is too large, or a key of ``info`` has another type than in the dataset.
+    """
+    episode = included.episode
+    _require_small_rewards(included)
     columns: dict[str, NDArray[Any]] = {}
     if PICTURE in features:
         columns[PICTURE] = np.stack([pad_to_even(picture) for picture in demonstration.pictures[:-1]])
@@ -123,25 +136,25 @@ def build_columns(
     is_last[-1] = True
     return columns | {
         STATE: build_state(demonstration)[:-1],
-        **build_actions(item, demonstration),
+        **build_actions(included, demonstration),
         **build_steering_columns(episode),
         "next.reward": episode.rewards,
         "next.done": is_last,
         "next.success": _build_success(episode, is_last),
-        **_build_info(item, features),
+        **_convert_info(included, features),
         "time_s": (episode.t_ns[1:] - episode.t_ns[0]) / 1e9,
     }
 
 
-def _require_small_rewards(item: IncludedEpisode) -> None:
+def _require_small_rewards(included: IncludedEpisode) -> None:
     """Refuse an episode with a finite reward whose square is not finite."""
-    episode = item.episode
+    episode = included.episode
     is_too_large = np.isfinite(episode.rewards) & (np.abs(episode.rewards) > LARGEST_REWARD)
     if is_too_large.any():
         step = int(is_too_large.argmax())
         raise ExportError(
-            f"{item.log.path}: {episode.name} step {step + 1}: the reward {episode.rewards[step]:g} has no square, of "
-            "which LeRobot's statistics are made; export as minari, robomimic or imitation"
+            f"{included.log.path}: {episode.name} step {step + 1}: the reward {episode.rewards[step]:g} has no square, "
+            "of which LeRobot's statistics are made; export as minari, robomimic or imitation"
         )
 
 
@@ -155,20 +168,20 @@ def _build_success(episode: EpisodeLog, is_last: NDArray[np.bool_]) -> NDArray[A
     return is_last & episode.success
 
 
-def _build_info(item: IncludedEpisode, features: dict[str, Any]) -> dict[str, NDArray[Any]]:
+def _convert_info(included: IncludedEpisode, features: dict[str, Any]) -> dict[str, NDArray[Any]]:
     """Build the columns of the recorded keys of ``info``, in the dataset's types.
 
     Raises:
         ExportError: if a key that was a number in the dataset's first episode is something else in this one.
     """
-    episode = item.episode
+    episode = included.episode
     columns = dict[str, NDArray[Any]]()
     for key, values in build_info_columns(episode).items():
         if features[f"{INFO}{key}"]["dtype"] == "string":
             columns[f"{INFO}{key}"] = np.array(format_info_texts(list_info_values(episode, key)), object)
         elif isinstance(values, list):
             raise ExportError(
-                f"{item.log.path}: {episode.name}: info[{key!r}] is no number, as it was in the episodes before; "
+                f"{included.log.path}: {episode.name}: info[{key!r}] is no number, as it was in the episodes before; "
                 "LeRobot keeps one type per column, so export csv, or leave it out of record_info"
             )
         else:
@@ -204,16 +217,16 @@ def build_card(study_facts: AboutSpec, world: str, info: Mapping[str, Any], task
 
 def _build_front_matter(study_facts: AboutSpec) -> list[str]:
     """Return the lines of the card's YAML, by which the Hugging Face hub finds the dataset."""
-    front: dict[str, Any] = {
+    front_matter: dict[str, Any] = {
         "license": get_licence_id(study_facts),
         "task_categories": ["robotics"],
         "tags": ["LeRobot", "minihuman", *study_facts.keywords],
         "configs": [{"config_name": "default", "data_files": "data/*/*.parquet"}],
     }
     if study_facts.title:
-        front["pretty_name"] = study_facts.title
+        front_matter["pretty_name"] = study_facts.title
     lines = ["---"]
-    for name, content in front.items():
+    for name, content in front_matter.items():
         encoded = msgspec.json.encode(content).decode()  # JSON is YAML
         lines.append(f"{name}: {encoded}")
     return [*lines, "---"]
@@ -244,24 +257,24 @@ def _describe_features(world: str, info: Mapping[str, Any]) -> list[str]:
 
 FORMAT_VERSION = "v3.0"
 FPS = 10  # nominal: steps follow keys, not a clock
-CHUNK = 1000  # files a folder, the format's default
+CHUNK = 1000  # files per folder, the format's default
 FILE_BYTES = 100 * 1024 * 1024  # of episodes in one file, the format's default
 VIDEO_BYTES = 2 * FILE_BYTES
 VIDEO_PATH = "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4"
 
 
 def export(chosen: IncludedEpisodes, out: Path) -> ExportResult:
-    """Write every episode that has a step, many episodes to a file.
+    """Write a LeRobot dataset for each world, of its episodes that have a step, with many episodes to a file.
 
     Raises:
         ExportError: if an episode does not replay.
     """
     replayed = ReplayedStudy(chosen, "has no step, and LeRobot keeps none without", picture_px=PICTURE_PX)
     datasets: dict[str, _Dataset] = {}
-    for name, item, demonstration in replayed:
+    for name, included, demonstration in replayed:
         if name not in datasets:
-            datasets[name] = _Dataset(out / name, item, demonstration)
-        datasets[name].add(item, demonstration)
+            datasets[name] = _Dataset(out / name, included, demonstration)
+        datasets[name].add(included, demonstration)
     for dataset in datasets.values():
         dataset.finish()
     return replayed.result(out / name for name in datasets)
@@ -270,43 +283,43 @@ def export(chosen: IncludedEpisodes, out: Path) -> ExportResult:
 class _Dataset:
     """The dataset of one world while it is being written."""
 
-    def __init__(self, root: Path, item: IncludedEpisode, first: ReplayedEpisode) -> None:
+    def __init__(self, root: Path, included: IncludedEpisode, first: ReplayedEpisode) -> None:
         self.root = root
         self.frames = 0
-        self.rows: list[dict[str, Any]] = []  # one an episode
-        self.features = build_features(item, first)
-        self._study_facts = read_study_facts(item.log.path, item.log.plan.protocol_toml)
-        self._world = item.episode.plan.world
+        self.rows: list[dict[str, Any]] = []  # one per episode
+        self.features = build_features(included, first)
+        self._study_facts = read_study_facts(included.log.path, included.log.plan.protocol_toml)
+        self._world = included.episode.plan.world
         self._tasks: dict[str, int] = {}
         self._totals: dict[str, FeatureStatistics] = {}
-        self._file = 0
+        self._file_number = 0
         self._writer: pq.ParquetWriter | None = None
-        self._video_file = 0
+        self._video_number = 0
         self._video: VideoWriter | None = None
         (root / "meta").mkdir(parents=True)
 
-    def add(self, item: IncludedEpisode, demonstration: ReplayedEpisode) -> None:
+    def add(self, included: IncludedEpisode, demonstration: ReplayedEpisode) -> None:
         """Write an episode's frames and record its row of metadata."""
         number = len(self.rows)
-        length = len(item.episode.actions)
-        task = item.episode.start.mission or f"reach the goal of {item.episode.plan.world}"
+        length = len(included.episode.actions)
+        task = included.episode.start.mission or f"reach the goal of {included.episode.plan.world}"
         task_index = self._tasks.setdefault(task, len(self._tasks))
-        columns = build_columns(item, demonstration, self.features)
+        columns = build_columns(included, demonstration, self.features)
         video_places: dict[str, Any] = {}
         if PICTURE in columns:
-            video_places = self._film(columns[PICTURE])
-        own: dict[str, NDArray[Any]] = {
+            video_places = self._write_video(columns[PICTURE])
+        index_columns: dict[str, NDArray[Any]] = {
             "timestamp": (np.arange(length) / FPS).astype(np.float32),
             "frame_index": np.arange(length, dtype=np.int64),
             "episode_index": np.full(length, number, np.int64),
             "index": np.arange(self.frames, self.frames + length, dtype=np.int64),
             "task_index": np.full(length, task_index, np.int64),
         }
-        columns |= own
-        chunk, file = self._write(_table(columns, self.features))
+        columns |= index_columns
+        chunk, file = self._write_frames(_build_table(columns, self.features))
         statistics: dict[str, Any] = {}
         for name, column in columns.items():
-            for statistic, numbers in self._measure(name, column).items():
+            for statistic, numbers in self._add_statistics(name, column).items():
                 statistics[f"stats/{name}/{statistic}"] = numbers
         self.rows.append(
             {
@@ -320,31 +333,31 @@ class _Dataset:
                 "dataset_to_index": self.frames + length,
                 "meta/episodes/chunk_index": 0,
                 "meta/episodes/file_index": 0,
-                **{f"minihuman/{name}": value for name, value in get_plain_facts(item).items()},
+                **{f"minihuman/{name}": fact for name, fact in get_plain_facts(included).items()},
                 **statistics,
             }
         )
         self.frames += length
 
-    def _measure(self, name: str, column: NDArray[Any]) -> Mapping[str, Any]:
+    def _add_statistics(self, name: str, column: NDArray[Any]) -> Mapping[str, Any]:
         """Return an episode's statistics of one feature, and merge them into the dataset's."""
-        known = select_known(column)
-        if not len(known):
+        rows = select_known(column)
+        if not len(rows):
             return NO_STATISTICS
-        statistics = FeatureStatistics(known)
-        measured = statistics.statistics()
+        statistics = FeatureStatistics(rows)
+        episode_statistics = statistics.statistics()  # before other episodes are merged into it
         if name in self._totals:
             self._totals[name].add(statistics)
         else:
             self._totals[name] = statistics
-        return measured
+        return episode_statistics
 
-    def _write(self, frames: pa.Table) -> tuple[int, int]:
+    def _write_frames(self, frames: pa.Table) -> tuple[int, int]:
         """Append an episode to the current data file, or to the next one if it is full.
 
         Return the chunk and file numbers.
         """
-        chunk, file = divmod(self._file, CHUNK)
+        chunk, file = divmod(self._file_number, CHUNK)
         path = self.root / f"data/chunk-{chunk:03d}/file-{file:03d}.parquet"
         if self._writer is None:
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -352,16 +365,16 @@ class _Dataset:
         self._writer.write_table(frames)
         if path.stat().st_size >= FILE_BYTES:
             self._writer.close()
-            self._file = self._file + 1
+            self._file_number += 1
             self._writer = None
         return chunk, file
 
-    def _film(self, pictures: NDArray[np.uint8]) -> dict[str, Any]:
+    def _write_video(self, pictures: NDArray[np.uint8]) -> dict[str, Any]:
         """Append an episode's pictures to the current video file, or to the next one if it is full.
 
         Return their location.
         """
-        chunk, file = divmod(self._video_file, CHUNK)
+        chunk, file = divmod(self._video_number, CHUNK)
         path = self.root / VIDEO_PATH.format(video_key=PICTURE, chunk_index=chunk, file_index=file)
         if self._video is None:
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -373,9 +386,9 @@ class _Dataset:
         written_bytes = path.stat().st_size if path.exists() else 0  # the encoder holds the first pictures back
         if written_bytes >= VIDEO_BYTES:
             self._video.close()
-            self._video_file = self._video_file + 1
+            self._video_number += 1
             self._video = None
-        return {f"videos/{PICTURE}/{name}": value for name, value in places.items()}
+        return {f"videos/{PICTURE}/{name}": place for name, place in places.items()}
 
     def finish(self) -> None:
         """Write the metadata of the whole dataset."""
@@ -394,7 +407,14 @@ class _Dataset:
         )
         totals = {name: total.statistics() for name, total in self._totals.items()}
         (meta / "stats.json").write_text(json.dumps(totals, indent=4), encoding="utf-8", newline="\n")
-        info = {
+        info = self._build_info()
+        (meta / "info.json").write_text(json.dumps(info, indent=4), encoding="utf-8", newline="\n")
+        card = build_card(self._study_facts, self._world, info, list(self._tasks))
+        (self.root / "README.md").write_text(card, encoding="utf-8", newline="\n")
+
+    def _build_info(self) -> dict[str, Any]:
+        """Build the content of ``info.json``."""
+        return {
             "codebase_version": FORMAT_VERSION,
             "robot_type": "minihuman",
             "total_episodes": len(self.rows),
@@ -409,12 +429,9 @@ class _Dataset:
             "video_path": VIDEO_PATH if PICTURE in self.features else None,
             "features": self.features,
         }
-        (meta / "info.json").write_text(json.dumps(info, indent=4), encoding="utf-8", newline="\n")
-        card = build_card(self._study_facts, self._world, info, list(self._tasks))
-        (self.root / "README.md").write_text(card, encoding="utf-8", newline="\n")
 
 
-def _table(columns: dict[str, NDArray[Any]], features: dict[str, Any]) -> pa.Table:
+def _build_table(columns: dict[str, NDArray[Any]], features: dict[str, Any]) -> pa.Table:
     """Build a table of an episode's frames.
 
     A feature with one number is a plain column; readers refuse lists of length one.

@@ -40,8 +40,8 @@ from minihuman.exporters.world_info import add_reset, build_info_columns
 from minihuman.plugins import DISTRIBUTION
 
 NAMESPACE = "minihuman"
-_WAITING_EPISODES = 20  # that are written together, of which the first waits for the last
-_WAITING_BYTES = 16 * 2**20
+_WAITING_EPISODES = 20  # that are written together
+_WAITING_BYTES = 16 * 2**20  # of waiting episodes, beyond which they are written
 _RESERVE_BYTES = 2**20  # an episode's groups and attributes, and the files of JSON
 
 
@@ -76,12 +76,12 @@ def _write_datasets(chosen: IncludedEpisodes, out: Path) -> ExportResult:
     """Write one dataset per study and world."""
     replayed = ReplayedStudy(chosen, "has no step, and Minari keeps none without")
     datasets: dict[str, _Dataset] = {}
-    for world, item, demonstration in replayed:
-        name = f"{item.log.plan.study}/{_add_version(world)}"
+    for world, included, demonstration in replayed:
+        name = f"{included.log.plan.study}/{_add_version(world)}"
         if name not in datasets:
             _require_room(out, _RESERVE_BYTES)
-            datasets[name] = _Dataset(out, _begin_dataset(out, name, item, demonstration))
-        datasets[name].add(item, demonstration)
+            datasets[name] = _Dataset(out, _begin_dataset(out, name, included, demonstration))
+        datasets[name].add(included, demonstration)
     for dataset in datasets.values():
         dataset.finish()
     return replayed.result(out / NAMESPACE / name for name in datasets)
@@ -104,7 +104,7 @@ class _Dataset:
         self._n_bytes = 0  # of the waiting episodes
 
     def add(self, included: IncludedEpisode, demonstration: ReplayedEpisode) -> None:
-        """Add an episode."""
+        """Add an episode, and write the waiting episodes if there are enough of them."""
         self._players.add(included.log.player)
         buffer = _build_buffer(demonstration)
         facts = get_plain_facts(included)
@@ -113,9 +113,9 @@ class _Dataset:
         self._facts.append(facts)
         self._n_bytes += len(pickle.dumps(buffer))
         if self._n_bytes > _WAITING_BYTES or len(self._buffers) >= _WAITING_EPISODES:
-            self._write()
+            self._write_waiting()
 
-    def _write(self) -> None:
+    def _write_waiting(self) -> None:
         """Write the waiting episodes."""
         if not self._buffers:
             return
@@ -128,14 +128,14 @@ class _Dataset:
         self._n_bytes = 0
 
     def finish(self) -> None:
-        """Write what is waiting, and who played."""
-        self._write()
-        who = ", ".join(sorted(self._players))
-        self._storage.update_metadata({"algorithm_name": f"minihuman sessions played by: {who}"})
+        """Write the waiting episodes, and the names of the players as the dataset's algorithm."""
+        self._write_waiting()
+        players = ", ".join(sorted(self._players))
+        self._storage.update_metadata({"algorithm_name": f"minihuman sessions played by: {players}"})
 
 
 def _add_version(world: str) -> str:
-    """Return a world's id with a version, in which Minari's ids must end."""
+    """Return a world's id, with "-v0" if it has no version, since Minari's ids must end with one."""
     has_version = world.rpartition("-v")[2].isdigit()
     return world if has_version else f"{world}-v0"
 
@@ -149,25 +149,25 @@ def _require_room(out: Path, needed_bytes: int) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(out))
 
 
-def _begin_dataset(out: Path, name: str, item: IncludedEpisode, demonstration: ReplayedEpisode) -> MinariStorage:
+def _begin_dataset(out: Path, name: str, included: IncludedEpisode, demonstration: ReplayedEpisode) -> MinariStorage:
     """Create a dataset's folder, namespaces and metadata, described by its first episode.
 
     Raises:
         ExportError: if the observation has a key that HDF5 cannot name.
     """
-    study_facts = read_study_facts(item.log.path, item.log.plan.protocol_toml)
-    study = item.log.plan.study
+    study_facts = read_study_facts(included.log.path, included.log.plan.protocol_toml)
+    study = included.log.plan.study
     _make_namespace(out / NAMESPACE, "exported by minihuman")
     _make_namespace(out / NAMESPACE / study, study_facts.title or f"the study {study}")
     data = out / NAMESPACE / name / "data"
     data.mkdir(parents=True)
-    key = find_unnamed_key(demonstration.observation_space)
+    key = find_invalid_key(demonstration.observation_space)
     if key:
         raise ExportError(
-            f"{item.log.path}: {item.episode.name}: the observation's part {key} cannot be named in HDF5, whose names "
-            "are text without a slash; export as lerobot, robomimic, rlds or imitation"
+            f"{included.log.path}: {included.episode.name}: the observation's part {key} cannot be named in HDF5, "
+            "whose names are text without a slash; export as lerobot, robomimic, rlds or imitation"
         )
-    spec = build_environment_spec(item)
+    spec = build_environment_spec(included)
     storage = MinariStorage.new(
         data,
         observation_space=to_standard_space(demonstration.observation_space),
@@ -179,10 +179,10 @@ def _begin_dataset(out: Path, name: str, item: IncludedEpisode, demonstration: R
     metadata: dict[str, Any] = {
         "dataset_id": f"{NAMESPACE}/{name}",
         "minari_version": minari.__version__,
-        "description": _describe_dataset(item, study_facts, recoverable=spec is not None),
-        "requirements": _requirements(item),
-        "action_names": list(item.episode.start.action_names),  # of the whole action space, from its start
-        "actions_offered": list(get_action_names(item)),  # those that participants had a key for
+        "description": _describe_dataset(included, study_facts, recoverable=spec is not None),
+        "requirements": _list_requirements(included),
+        "action_names": list(included.episode.start.action_names),  # of the whole action space, from its start
+        "actions_offered": list(get_action_names(included)),  # those that participants had a key for
     }
     if spec is not None:
         metadata["eval_env_spec"] = spec.to_json()  # as it was played, its step limit included
@@ -207,10 +207,10 @@ def _list_publication_facts(study_facts: AboutSpec) -> dict[str, Any]:
     return facts
 
 
-def find_unnamed_key(space: gymnasium.Space[Any]) -> str:
-    """Return the first observation key that is not a valid HDF5 name: not text, empty, or with a slash.
+def find_invalid_key(space: gymnasium.Space[Any]) -> str:
+    """Return the first key of an observation that is not a valid HDF5 name: not text, empty, or with a slash.
 
-    Return "" if all are valid.
+    The key is returned as Python writes it; "" if all keys are valid.
     """
     parts: list[gymnasium.Space[Any]] = []
     if isinstance(space, gymnasium.spaces.Dict):
@@ -222,9 +222,9 @@ def find_unnamed_key(space: gymnasium.Space[Any]) -> str:
     elif isinstance(space, gymnasium.spaces.Tuple):
         parts += space.spaces
     for part in parts:
-        unnamed_key = find_unnamed_key(part)
-        if unnamed_key:
-            return unnamed_key
+        invalid_key = find_invalid_key(part)
+        if invalid_key:
+            return invalid_key
     return ""
 
 
@@ -237,18 +237,18 @@ def _make_namespace(folder: Path, description: str) -> None:
         )
 
 
-def _describe_dataset(item: IncludedEpisode, study_facts: AboutSpec, *, recoverable: bool) -> str:
+def _describe_dataset(included: IncludedEpisode, study_facts: AboutSpec, *, recoverable: bool) -> str:
     """Return the description of a dataset."""
-    lines = [study_facts.description or study_facts.title or f"The study {item.log.plan.study}."]
+    lines = [study_facts.description or study_facts.title or f"The study {included.log.plan.study}."]
     lines.append(f"Sessions recorded with minihuman {__version__}, every observation checked against its hash.")
     if not recoverable:
-        lines.append(f"Its environment, {item.episode.plan.world}, cannot be made by name elsewhere.")
+        lines.append(f"Its environment, {included.episode.plan.world}, cannot be made by name elsewhere.")
     return " ".join(lines)
 
 
-def _requirements(item: IncludedEpisode) -> list[str]:
+def _list_requirements(included: IncludedEpisode) -> list[str]:
     """Return the pip requirements of the environment."""
-    module, colon, _ = item.episode.plan.world.partition(":")
+    module, colon, _ = included.episode.plan.world.partition(":")
     if colon:
         distributions = packages_distributions().get(module.partition(".")[0], [])
     else:

@@ -13,14 +13,19 @@ from minihuman.dataset.study_facts import ABOUT_FILE_NAME, find_study_folder, re
 from minihuman.errors import ExportError
 from minihuman.experiment.plan.session_plan import SessionPlan
 from minihuman.experiment.protocol.specs import AboutSpec
-from minihuman.exporters.dataset_card import build_card, build_citation_file, build_datacite, build_zenodo
+from minihuman.exporters.dataset_card import (
+    build_card,
+    build_datacite_metadata,
+    build_zenodo_metadata,
+    format_citation_file,
+)
 from minihuman.exporters.exporter import ExportResult, export_study
 from minihuman.exporters.recorded_exports import write_recorded_export
 from minihuman.log.read.session_reader import read_log
 from minihuman.storage.system import now_text
 
 _REQUIRED = ("title", "description", "authors", "licence")  # by every archive
-_WISHED_FOR = ("keywords", "ethics_approvals", "funding", "doi", "how_to_acknowledge")
+_RECOMMENDED = ("keywords", "ethics_approvals", "funding", "doi", "how_to_acknowledge")
 _PUBLIC_DOMAIN = ("CC0", "CC0-1.0", "PDDL", "PDDL-1.0")
 _DATE_CHARACTERS = len("2026-01-31")
 _YEAR_CHARACTERS = len("2026")
@@ -44,7 +49,7 @@ ARCHIVES = {
 
 
 def find_archive(name: str) -> Archive:
-    """Return the archive of a name.
+    """Return the archive with a given name, such as "zenodo".
 
     Raises:
         ExportError: if there is none.
@@ -65,9 +70,9 @@ class Publication:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Return what the archive would like to know, and what contradicts its rules."""
+        """Return notes on recommended facts that are not stated, and on facts that contradict the archive's rules."""
         notes = []
-        missing = [name for name in _WISHED_FOR if not getattr(self.facts, name)]
+        missing = [name for name in _RECOMMENDED if not getattr(self.facts, name)]
         if missing:
             notes.append(f"not stated: {', '.join(missing)}; {ABOUT_FILE_NAME} in the study's folder can state them")
         without_orcid = [author.name for author in self.facts.authors if not author.orcid]
@@ -83,14 +88,14 @@ class Publication:
         year = date[:_YEAR_CHARACTERS]
         version = self.plan.study_version
         self._write_card(out, year)
-        files = {"datacite.json": _format_json(build_datacite(self.facts, version, year))}
+        files = {"datacite.json": _format_json(build_datacite_metadata(self.facts, version, year))}
         if self.archive == "zenodo":
-            files["zenodo.json"] = _format_json(build_zenodo(self.facts, version, date))
+            files["zenodo.json"] = _format_json(build_zenodo_metadata(self.facts, version, date))
         if self.archive == "openneuro":
             files[".bidsignore"] = "datacite.json\n"
             files["CHANGES"] = f"{version} {date}\n  - First release.\n"
         else:  # BIDS names the authors in dataset_description.json, which may not do so beside CITATION.cff
-            files["CITATION.cff"] = build_citation_file(self.facts, version, date)
+            files["CITATION.cff"] = format_citation_file(self.facts, version, date)
         for name, text in files.items():
             (out / name).write_text(text, encoding="utf-8", newline="\n")
         return replace(export, paths=(*export.paths, *(out / name for name in files)))
@@ -100,15 +105,16 @@ class Publication:
         path = out / "README.md"
         front_matter, files = _split_front_matter(path.read_text(encoding="utf-8"))
         data_dictionary: dict[str, Any] = {}
-        for described in sorted(out.rglob("dictionary.json"))[:1]:
-            data_dictionary = json.loads(described.read_text(encoding="utf-8"))
+        dictionary_paths = sorted(out.rglob("dictionary.json"))
+        if dictionary_paths:
+            data_dictionary = json.loads(dictionary_paths[0].read_text(encoding="utf-8"))
         card = "\n".join(build_card(self.facts, self.plan.study, year, data_dictionary))
         files = files.replace("# ", "## The files: ", 1)
         path.write_text(f"{front_matter}{card}\n{files}", encoding="utf-8", newline="\n")
 
 
 def _split_front_matter(text: str) -> tuple[str, str]:
-    """Split a README into its YAML and the rest."""
+    """Split a README into its YAML front matter, "" if it has none, and its text."""
     fence = "\n---\n"
     if not text.startswith("---\n"):
         return "", text
@@ -121,7 +127,7 @@ def _format_json(content: dict[str, Any]) -> str:
 
 
 def prepare_publication(study: Path, archive: str) -> Publication:
-    """Read what is stated about a study, and check that it is enough for an archive.
+    """Read the facts about a study, and check that they include all that an archive requires.
 
     Raises:
         ExportError: if the archive is unknown, the study has no session, or a required fact is missing.

@@ -60,7 +60,7 @@ GUARD_LINES = (
 
 
 def describe_reading(table: str, file: str, *, data_dictionary: str = "dictionary.json") -> tuple[str, ...]:
-    """Return the lines of a README about reading one of the CSV files, as an example for all."""
+    """Return the lines of a README about reading the exported CSV files, with one table and its file as the example."""
     names = {"table": table, "file": file, "data_dictionary": data_dictionary}
     return (
         "## How to read the files",

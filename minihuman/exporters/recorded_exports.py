@@ -1,4 +1,4 @@
-"""Write an export of a study, obeying withdrawals before it and recording after it where it lies."""
+"""Write an export of a study, erasing withdrawn participants' data before, and recording its folder afterwards."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -15,7 +15,7 @@ Writer = Callable[..., tuple[ExportResult, ExportCard]]  # ``export_study`` for 
 def write_recorded_export(
     write: Writer, kind: str, study: Path, out: Path, selection: Selection, *, progress: Callable[[Path], None]
 ) -> tuple[ExportResult, tuple[str, ...]]:
-    """Obey withdrawals, write an export, and record where it lies; return it with the lines that say what it holds.
+    """Erase withdrawn participants' data, write an export, and record its folder for later withdrawals.
 
     Args:
         write: the function that writes it.
@@ -24,12 +24,15 @@ def write_recorded_export(
         out: the export's folder.
         selection: the rule for which sessions and episodes are included.
         progress: called with the path of each log.
+
+    Returns:
+        The export, and the lines that report its contents and what was excluded or erased.
     """
-    obeyed: list[str] = []
-    obey_withdrawals(study, say=obeyed.append)
+    erasures: list[str] = []
+    obey_withdrawals(study, say=erasures.append)
     with name_output_when_full(out):
         export, card = write(study, out, selection, progress=progress)
-    forgotten = record_output(study, kind, out)
+    record_problem = record_output(study, kind, out)
     excluded = (f"excluded: {line}" for line in export.left_out)
-    notes = (*obeyed, *card.account.lines(), *excluded, *export.notes, *card.account.notes)
-    return export, (*notes, *filter(None, [forgotten]))
+    notes = (*erasures, *card.account.lines(), *excluded, *export.notes, *card.account.notes)
+    return export, (*notes, *filter(None, [record_problem]))

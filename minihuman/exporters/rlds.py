@@ -36,35 +36,39 @@ from minihuman.log.observations import encode_png
 DATASET_VERSION = "1.0.0"
 SHARD_BYTES = 200 * 1024 * 1024
 _CRC_MASK_DELTA = 0xA282EAD8  # of the TFRecord format
-_PYTHON = "tensorflow_datasets.core.features."
+_FEATURES = "tensorflow_datasets.core.features."
 
 
 def export(chosen: IncludedEpisodes, out: Path) -> ExportResult:
-    """Write every episode that has a step.
+    """Write an RLDS dataset for each world, of its episodes that have a step.
 
     Raises:
         ExportError: if an episode does not replay.
     """
     replayed = ReplayedStudy(chosen, "has no step", picture_px=PICTURE_PX)
     datasets: dict[str, _Dataset] = {}
-    for dataset_name, item, demonstration in replayed:
+    for dataset_name, included, demonstration in replayed:
         name = dataset_name.replace("-", "_")
         if name not in datasets:
             datasets[name] = _Dataset(
                 out / name / DATASET_VERSION,
                 name,
-                read_study_facts(item.log.path, item.log.plan.protocol_toml).description,
+                read_study_facts(included.log.path, included.log.plan.protocol_toml).description,
             )
-        datasets[name].add(build_steps(item, demonstration), get_plain_facts(item))
+        datasets[name].add(build_steps(included, demonstration), get_plain_facts(included))
     for dataset in datasets.values():
         dataset.finish()
     return replayed.result(dataset.root for dataset in datasets.values())
 
 
-def build_steps(item: IncludedEpisode, demonstration: ReplayedEpisode) -> dict[str, Any]:
-    """Build the ``n + 1`` steps as columns; the fields that belong to an action are 0 in the last step."""
-    episode = item.episode
-    _require_float32_rewards(item)
+def build_steps(included: IncludedEpisode, demonstration: ReplayedEpisode) -> dict[str, Any]:
+    """Build the ``n + 1`` steps as columns; the columns of actions and rewards are 0 in the last step.
+
+    Raises:
+        ExportError: if float32 cannot hold a reward.
+    """
+    episode = included.episode
+    _require_float32_rewards(included)
     last = len(episode.actions)
     n_rows = last + 1
     is_last = np.arange(n_rows) == last
@@ -76,7 +80,7 @@ def build_steps(item: IncludedEpisode, demonstration: ReplayedEpisode) -> dict[s
     if demonstration.pictures:
         columns["observation/image"] = np.stack(demonstration.pictures)
     columns["observation/state"] = build_state(demonstration)
-    for name, actions in build_actions(item, demonstration).items():
+    for name, actions in build_actions(included, demonstration).items():
         columns[name] = _append_zeros(actions)
     return columns | {
         "reward": _append_zeros(episode.rewards).astype(np.float32),
@@ -95,14 +99,14 @@ def _append_zeros(rows: NDArray[Any]) -> NDArray[Any]:
     return np.pad(rows, [(0, 1), *other_axes])
 
 
-def _require_float32_rewards(item: IncludedEpisode) -> None:
+def _require_float32_rewards(included: IncludedEpisode) -> None:
     """Refuse an episode with a finite reward that float32 cannot hold."""
-    episode = item.episode
+    episode = included.episode
     is_beyond = np.isfinite(episode.rewards) & (np.abs(episode.rewards) > np.finfo(np.float32).max)
     if is_beyond.any():
         step = int(is_beyond.argmax())
         raise ExportError(
-            f"{item.log.path}: {episode.name} step {step + 1}: the reward {episode.rewards[step]:g} is beyond the "
+            f"{included.log.path}: {episode.name} step {step + 1}: the reward {episode.rewards[step]:g} is beyond the "
             "float32 of RLDS; export as minari, robomimic or imitation, which hold float64"
         )
 
@@ -114,7 +118,7 @@ class _Dataset:
         self.root = root
         self._name = name
         self._description = description
-        self._shards: list[list[int]] = []  # episodes, bytes
+        self._shards: list[list[int]] = []  # the number of episodes and of bytes in each file
         self._features: dict[str, Any] = {}
         root.mkdir(parents=True)
 
@@ -122,12 +126,14 @@ class _Dataset:
         """Append an episode to the current file, or to a new one if it is full."""
         if not self._shards or self._shards[-1][1] >= SHARD_BYTES:
             self._shards.append([0, 0])
-        self._features = self._features or _features(steps, facts)
+        self._features = self._features or _describe_features(steps, facts)
         columns = {f"steps/{name}": values for name, values in steps.items()}
-        record = _frame(encode_example(columns | {f"episode_metadata/{name}": [fact] for name, fact in facts.items()}))
+        columns |= {f"episode_metadata/{name}": [fact] for name, fact in facts.items()}
+        record = _frame_record(encode_example(columns))
         with self._name_file(len(self._shards) - 1).open("ab") as file:
             file.write(record)
-        self._shards[-1] = [self._shards[-1][0] + 1, self._shards[-1][1] + len(record)]
+        n_episodes, n_bytes = self._shards[-1]
+        self._shards[-1] = [n_episodes + 1, n_bytes + len(record)]
 
     def _name_file(self, number: int, n_files: int | None = None) -> Path:
         """Return the path of the file with a number, which names the number of files once it is known."""
@@ -159,28 +165,30 @@ class _Dataset:
             (self.root / f"{name}.json").write_text(text, encoding="utf-8", newline="\n")
 
 
-def _features(steps: Mapping[str, Any], facts: Mapping[str, Any]) -> dict[str, Any]:
+def _describe_features(steps: Mapping[str, Any], facts: Mapping[str, Any]) -> dict[str, Any]:
     """Describe the features of the examples in the form that TensorFlow Datasets reads."""
     kinds = {name: _describe_feature(values) for name, values in steps.items()}
     observation_kinds = {name.partition("/")[2]: kind for name, kind in kinds.items() if "/" in name}
     inner = {name: kind for name, kind in kinds.items() if "/" not in name} | {
-        "observation": _dictionary(observation_kinds)
+        "observation": _describe_dictionary(observation_kinds)
     }
-    sequence = {"feature": _dictionary(inner), "length": "-1"}
+    sequence = {"feature": _describe_dictionary(inner), "length": "-1"}
     episode = {
-        "episode_metadata": _dictionary({name: _describe_feature([value]) for name, value in facts.items()}),
-        "steps": {"pythonClassName": f"{_PYTHON}dataset_feature.Dataset", "sequence": sequence},
+        "episode_metadata": _describe_dictionary({name: _describe_feature([value]) for name, value in facts.items()}),
+        "steps": {"pythonClassName": f"{_FEATURES}dataset_feature.Dataset", "sequence": sequence},
     }
-    return _dictionary(episode)
+    return _describe_dictionary(episode)
 
 
-def _dictionary(features: Mapping[str, Any]) -> dict[str, Any]:
-    return {"featuresDict": {"features": dict(features)}, "pythonClassName": f"{_PYTHON}features_dict.FeaturesDict"}
+def _describe_dictionary(features: Mapping[str, Any]) -> dict[str, Any]:
+    """Describe a dictionary of features by their descriptions."""
+    return {"featuresDict": {"features": dict(features)}, "pythonClassName": f"{_FEATURES}features_dict.FeaturesDict"}
 
 
 def _describe_feature(values: Any) -> dict[str, Any]:
+    """Describe a feature by its values, one per row: texts, pictures of shape (rows, H, W, 3), or numbers."""
     if isinstance(values, list) and isinstance(values[0], str):
-        return {"pythonClassName": f"{_PYTHON}text_feature.Text", "text": {}}
+        return {"pythonClassName": f"{_FEATURES}text_feature.Text", "text": {}}
     array = np.asarray(values)
     if array.ndim > 1:
         shape = {"dimensions": [str(size) for size in array.shape[1:]]}
@@ -188,10 +196,10 @@ def _describe_feature(values: Any) -> dict[str, Any]:
         shape = {}
     if array.ndim == 4:
         picture = {"dtype": "uint8", "encodingFormat": "png", "shape": shape}
-        return {"image": picture, "pythonClassName": f"{_PYTHON}image_feature.Image"}
+        return {"image": picture, "pythonClassName": f"{_FEATURES}image_feature.Image"}
     tensor = {"dtype": str(array.dtype), "encoding": "none", "shape": shape}
-    python = "tensor_feature.Tensor" if shape else "scalar.Scalar"
-    return {"pythonClassName": f"{_PYTHON}{python}", "tensor": tensor}
+    class_name = "tensor_feature.Tensor" if shape else "scalar.Scalar"
+    return {"pythonClassName": f"{_FEATURES}{class_name}", "tensor": tensor}
 
 
 # tf.train.Example; "entries" are those of TensorFlow's map, which is the same on the wire.
@@ -240,14 +248,14 @@ def encode_example(columns: Mapping[str, Any]) -> bytes:
     return bytes(example.SerializeToString())
 
 
-def _frame(record: bytes) -> bytes:
+def _frame_record(record: bytes) -> bytes:
     """Frame a record of a TFRecord file: its length and its bytes, each followed by a masked CRC-32C."""
     length = struct.pack("<Q", len(record))
-    return length + _mask_checksum(length) + record + _mask_checksum(record)
+    return length + _compute_masked_crc(length) + record + _compute_masked_crc(record)
 
 
-def _mask_checksum(content: bytes) -> bytes:
+def _compute_masked_crc(content: bytes) -> bytes:
     """Return the masked CRC-32C of bytes, as TFRecord files store it."""
     crc = google_crc32c.value(content)
-    rotated = crc >> 15 | crc << 17
+    rotated = crc >> 15 | crc << 17  # by 15 bits; the last line cuts it to 32
     return struct.pack("<I", (rotated + _CRC_MASK_DELTA) & 0xFFFFFFFF)

@@ -39,37 +39,37 @@ def export(chosen: IncludedEpisodes, out: Path) -> ExportResult:
     replayed = ReplayedStudy(chosen, "has no step, and robomimic keeps none without", picture_px=PICTURE_PX)
     files: dict[str, h5py.File] = {}
     with ExitStack() as stack:
-        for name, item, demonstration in replayed:
+        for name, included, demonstration in replayed:
             if name not in files:
                 files[name] = stack.enter_context(h5py.File(out / f"{name}.hdf5", "w"))
-                _write_environment(files[name].create_group("data"), item, demonstration)
-            _write_demonstration(files[name]["data"], item, demonstration)
+                _write_environment(files[name].create_group("data"), included, demonstration)
+            _write_demonstration(files[name]["data"], included, demonstration)
     return replayed.result(out / f"{name}.hdf5" for name in files)
 
 
-def _write_environment(data: h5py.Group, item: IncludedEpisode, demonstration: ReplayedEpisode) -> None:
+def _write_environment(data: h5py.Group, included: IncludedEpisode, demonstration: ReplayedEpisode) -> None:
     """Write the attributes that describe the environment and the names of actions and states."""
-    plan = item.episode.plan
-    made_by = {"env_name": plan.world, "type": _GYMNASIUM, "env_kwargs": resolve_files(plan.options)}
-    data.attrs["env_args"] = json.dumps(made_by, default=str)
-    data.attrs["action_names"] = json.dumps(name_actions(item))
+    plan = included.episode.plan
+    environment = {"env_name": plan.world, "type": _GYMNASIUM, "env_kwargs": resolve_files(plan.options)}
+    data.attrs["env_args"] = json.dumps(environment, default=str)
+    data.attrs["action_names"] = json.dumps(name_actions(included))
     data.attrs["state_names"] = json.dumps(name_state(demonstration))
     data.attrs["total"] = 0
 
 
-def _write_demonstration(data: h5py.Group, item: IncludedEpisode, demonstration: ReplayedEpisode) -> None:
+def _write_demonstration(data: h5py.Group, included: IncludedEpisode, demonstration: ReplayedEpisode) -> None:
     """Write an episode as the next demonstration; each step has its observation and the next one."""
-    episode = item.episode
+    episode = included.episode
     n_steps = len(episode.actions)
     group = data.create_group(f"demo_{len(data)}")
     group.attrs["num_samples"] = n_steps
-    group.attrs.update(get_plain_facts(item))
+    group.attrs.update(get_plain_facts(included))
     observations = {"state": build_state(demonstration)}
     if demonstration.pictures:
         observations["image"] = np.stack(demonstration.pictures)
     dones = np.zeros(n_steps, np.int64)
     dones[-1] = 1
-    actions = build_actions(item, demonstration)
+    actions = build_actions(included, demonstration)
     columns = {"actions": actions.pop("action")}
     columns |= actions
     columns |= {"rewards": episode.rewards, "dones": dones, "time_s": (episode.t_ns[1:] - episode.t_ns[0]) / 1e9}

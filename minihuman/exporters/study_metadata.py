@@ -25,69 +25,70 @@ def get_licence_id(study_facts: AboutSpec) -> str:
 
 
 def get_plan_devices(plan: SessionPlan) -> dict[str, DeviceSpec]:
-    """Return the devices in a session's protocol, by name."""
+    """Return the devices in a session's protocol, by name; none if the plan has no protocol."""
     protocol = decode_plan_protocol(plan.protocol_toml)
     if protocol is None:
         return {}
     return {device.name: device for device in protocol.devices}
 
 
-def describe_episode(item: IncludedEpisode) -> str:
+def describe_episode(included: IncludedEpisode) -> str:
     """Name an episode in words, e.g. "sub-07 session 1 episode 3"."""
-    plan = item.log.plan
-    return f"{plan.participant.id} session {plan.session} {item.episode.name}"
+    plan = included.log.plan
+    return f"{plan.participant.id} session {plan.session} {included.episode.name}"
 
 
-def get_action_names(item: IncludedEpisode) -> tuple[str, ...]:
+def get_action_names(included: IncludedEpisode) -> tuple[str, ...]:
     """Return the actions that participants could take in the episode's world, in the world's order."""
-    plan = item.episode.plan
+    plan = included.episode.plan
     offered = {*plan.key_map.keys.values(), *plan.actions, plan.noop}
-    for block in _list_blocks(item):
+    for block in _list_blocks(included):
         offered |= {*block.actions, *block.distractors, block.noop_action}
-    return tuple(name for name in item.episode.start.action_names if name in offered)
+    return tuple(name for name in included.episode.start.action_names if name in offered)
 
 
-def get_step_limit(item: IncludedEpisode) -> int:
+def get_step_limit(included: IncludedEpisode) -> int:
     """Return the largest step limit that the protocol sets for an episode in this world."""
-    return max([item.episode.plan.max_steps, *(block.max_steps for block in _list_blocks(item))])
+    return max([included.episode.plan.max_steps, *(block.max_steps for block in _list_blocks(included))])
 
 
-def get_plain_facts(item: IncludedEpisode) -> dict[str, str | int]:
+def get_plain_facts(included: IncludedEpisode) -> dict[str, str | int]:
     """Return the episode's facts in types that file attributes can hold; mappings and lists become JSON text."""
-    return {name: _flatten(fact) for name, fact in item.facts.items()}
+    return {name: _to_plain(fact) for name, fact in included.facts.items()}
 
 
-def _flatten(fact: Any) -> str | int:
+def _to_plain(fact: Any) -> str | int:
     """Return texts and whole numbers unchanged, and anything else as JSON text."""
     if isinstance(fact, str | int):
         return fact
     return json.dumps(fact)
 
 
-def get_shared_options(item: IncludedEpisode) -> str | dict[str, Any]:
+def get_shared_options(included: IncludedEpisode) -> str | dict[str, Any]:
     """Return the world options shared by all episodes of a dataset; the block's name if they differ by episode."""
-    plan = item.episode.plan
-    block = next((block for block in _list_variants(item) if block.name == plan.block_name), None)
-    if block is None or isinstance(_shared_options(block), dict):
+    plan = included.episode.plan
+    block = next((block for block in _list_variants(included) if block.name == plan.block_name), None)
+    if block is None or isinstance(_get_block_options(block), dict):
         return plan.options
     return block.name
 
 
-def _shared_options(block: BlockSpec) -> str | dict[str, Any]:
-    """Return the options that a block's episodes share; its name if a design or a table sets each episode's own."""
+def _get_block_options(block: BlockSpec) -> str | dict[str, Any]:
+    """Return the options that a block's episodes share; the block's name if each episode has its own."""
     if block.design is None and block.stimuli is None:
         return block.options
     return block.name
 
 
-def _list_blocks(item: IncludedEpisode) -> list[BlockSpec]:
+def _list_blocks(included: IncludedEpisode) -> list[BlockSpec]:
     """List the blocks whose episodes share a dataset with this one, with each group's overrides applied."""
-    shared = item.episode.plan.world, get_shared_options(item)
-    return [block for block in _list_variants(item) if (block.world, _shared_options(block)) == shared]
+    shared = included.episode.plan.world, get_shared_options(included)
+    return [block for block in _list_variants(included) if (block.world, _get_block_options(block)) == shared]
 
 
-def _list_variants(item: IncludedEpisode) -> list[BlockSpec]:
-    protocol = decode_plan_protocol(item.log.plan.protocol_toml)
+def _list_variants(included: IncludedEpisode) -> list[BlockSpec]:
+    """List each block of the episode's protocol as each group plays it; empty without a protocol in the log."""
+    protocol = decode_plan_protocol(included.log.plan.protocol_toml)
     if protocol is None:
         return []
     return [apply_overrides(block, group.name) for block in protocol.blocks for group in protocol.groups]

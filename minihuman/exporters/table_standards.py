@@ -26,7 +26,7 @@ _CROISSANT_TYPES = {
     "number": "cr:Float64",
     "boolean": "sc:Boolean",
 }
-_JSON = ("data", "examples")  # what the vocabulary takes as it is
+_JSON_TERMS = ("data", "examples")  # whose content is JSON
 _TERMS = (
     "citeAs column extract field fileObject fileProperty fileSet format includes isLiveDataset jsonPath key md5 "
     "parentField path recordSet references regex repeated replace separator source subField transform"
@@ -40,23 +40,24 @@ CONTEXT: dict[str, Any] = {
     "sc": "https://schema.org/",
     "conformsTo": "dct:conformsTo",
     "dataType": {"@id": "cr:dataType", "@type": "@vocab"},
-    **{term: {"@id": f"cr:{term}", "@type": "@json"} for term in _JSON},
+    **{term: {"@id": f"cr:{term}", "@type": "@json"} for term in _JSON_TERMS},
     **{term: f"cr:{term}" for term in _TERMS.split()},
 }
 
 
 def export_croissant(chosen: IncludedEpisodes, out: Path) -> ExportResult:
-    """Write every table and its description in ``croissant.json``."""
+    """Write every table as Parquet, and ``croissant.json``, which describes them; list no files without a session."""
     exported = export_tables(chosen, out, "parquet")
     if exported.plan is None:
         return replace(exported.export, paths=())
     path = out / "croissant.json"
-    described = _describe_as_croissant(exported.plan, exported, sorted(out.glob("*.parquet")))
-    path.write_text(json.dumps(described, indent=1, ensure_ascii=False) + "\n", encoding="utf-8", newline="\n")
+    description = _describe_as_croissant(exported.plan, exported, sorted(out.glob("*.parquet")))
+    path.write_text(json.dumps(description, indent=1, ensure_ascii=False) + "\n", encoding="utf-8", newline="\n")
     return replace(exported.export, paths=(*exported.export.paths, path))
 
 
 def _describe_as_croissant(plan: SessionPlan, exported: ExportedTables, tables: list[Path]) -> dict[str, Any]:
+    """Return the content of ``croissant.json``; ``tables`` are the paths of the tables' files."""
     study_facts = exported.study_facts
     facts = {
         "license": study_facts.licence,
@@ -71,8 +72,8 @@ def _describe_as_croissant(plan: SessionPlan, exported: ExportedTables, tables: 
         "conformsTo": "http://mlcommons.org/croissant/1.0",
         "name": study_facts.title or plan.study,
         "description": study_facts.description or f"Sessions of the study {plan.study}, as tidy tables.",
-        "version": _version(plan.study_version),
-        **{name: value for name, value in facts.items() if value},
+        "version": _format_version(plan.study_version),
+        **{name: fact for name, fact in facts.items() if fact},
         "distribution": [_describe_file(path) for path in tables],
         "recordSet": [_describe_record_set(path.stem, exported.find_columns(path.stem)) for path in tables],
     }
@@ -114,19 +115,19 @@ def _describe_field(table: str, column: TableColumn) -> dict[str, Any]:
 
 
 def _describe_author(author: AuthorSpec, kind: str) -> dict[str, str]:
-    """Describe an author as a person, with the vocabulary's name for that type."""
+    """Describe an author as a person; ``kind`` is the name of that type in the vocabulary."""
     person = {"@type": kind, "name": author.name}
     if author.orcid:
-        person["@id"] = _orcid_url(author)
+        person["@id"] = _build_orcid_url(author)
     return person
 
 
-def _orcid_url(author: AuthorSpec) -> str:
+def _build_orcid_url(author: AuthorSpec) -> str:
     return f"https://orcid.org/{author.orcid}"
 
 
-def _version(version: str) -> str:
-    """Format a version as three numbers, as Croissant requires; missing or non-numeric parts become zeros."""
+def _format_version(version: str) -> str:
+    """Format a version as three numbers, as Croissant requires; other parts are dropped, and missing ones are zeros."""
     numbers = [part for part in version.split(".") if part.isdigit()]
     return ".".join([*numbers, "0", "0", "0"][:3])
 
@@ -135,29 +136,30 @@ _PSYCH_DS_TYPES = {"text": "Text", "key": "Text", "integer": "Integer", "number"
 
 
 def export_psych_ds(chosen: IncludedEpisodes, out: Path) -> ExportResult:
-    """Write every table and ``dataset_description.json``."""
+    """Write every table as CSV, and ``dataset_description.json``; list no files if there is no session."""
     exported = export_tables(chosen, out / "data", "csv")
-    first = exported.plan
-    if first is None:
+    plan = exported.plan
+    if plan is None:
         return replace(exported.export, paths=())
-    (out / "data/datapackage.json").unlink()  # its paths are not these
+    (out / "data/datapackage.json").unlink()  # its paths are those before the files are renamed
     (out / "data/dictionary.json").rename(out / "dictionary.json")
     files = []
     tables = [table for table in (*TABLES, PERSON_TABLE) if (out / "data" / f"{table}.csv").exists()]
     for table in tables:
-        name = f"study-{make_label(first.study)}_description-{make_label(table)}_data.csv"
+        name = f"study-{make_label(plan.study)}_description-{make_label(table)}_data.csv"
         files.append((out / "data" / f"{table}.csv").rename(out / "data" / name))
-    described = out / "dataset_description.json"
-    described.write_text(
-        json.dumps(_describe_as_psych_ds(first, exported, tables), indent=1, ensure_ascii=False) + "\n",
+    description_path = out / "dataset_description.json"
+    description_path.write_text(
+        json.dumps(_describe_as_psych_ds(plan, exported, tables), indent=1, ensure_ascii=False) + "\n",
         encoding="utf-8",
         newline="\n",
     )
-    reading = describe_reading("episodes", f"data/study-{make_label(first.study)}_description-episodes_data.csv")
-    return replace(exported.export, paths=(*files, described, out / "dictionary.json"), reading=reading)
+    reading = describe_reading("episodes", f"data/study-{make_label(plan.study)}_description-episodes_data.csv")
+    return replace(exported.export, paths=(*files, description_path, out / "dictionary.json"), reading=reading)
 
 
 def _describe_as_psych_ds(plan: SessionPlan, exported: ExportedTables, tables: list[str]) -> dict[str, Any]:
+    """Return the content of ``dataset_description.json``; ``tables`` are the names of the tables."""
     study_facts = exported.study_facts
     facts = {
         "author": [_describe_author(author, "Person") for author in study_facts.authors],
@@ -175,15 +177,15 @@ def _describe_as_psych_ds(plan: SessionPlan, exported: ExportedTables, tables: l
         "schemaVersion": "Psych-DS 1.0.0",
         "version": plan.study_version,
         "tableVersion": TABLE_VERSION,
-        **{name: value for name, value in facts.items() if value},
-        "variableMeasured": list(_variables(exported, tables)),
+        **{name: fact for name, fact in facts.items() if fact},
+        "variableMeasured": list(_describe_variables(exported, tables)),
     }
 
 
-def _variables(exported: ExportedTables, tables: list[str]) -> Iterator[dict[str, Any]]:
-    """Yield the description of every column once.
+def _describe_variables(exported: ExportedTables, tables: list[str]) -> Iterator[dict[str, Any]]:
+    """Yield the description of each distinct column name of the tables.
 
-    If its meaning differs between tables, it lists each with its tables.
+    If a name has several meanings, the description has each of them with its tables.
     """
     meanings: dict[str, dict[str, list[str]]] = {}
     units: dict[str, str] = {}
@@ -205,17 +207,20 @@ def _variables(exported: ExportedTables, tables: list[str]) -> Iterator[dict[str
 
 
 def export_frictionless(chosen: IncludedEpisodes, out: Path) -> ExportResult:
-    """Write every table, and a data package with the meaning of the columns and the facts about the study."""
+    """Write every table as CSV, and ``datapackage.json`` with the meaning of the columns and facts about the study.
+
+    List no files if there is no session.
+    """
     exported = export_tables(chosen, out, "csv")
-    first = exported.plan
-    if first is None:
+    plan = exported.plan
+    if plan is None:
         return replace(exported.export, paths=())
     path = out / "datapackage.json"
     package = json.loads(path.read_text(encoding="utf-8"))
     for resource in package["resources"]:
         content = (out / resource["path"]).read_bytes()
         resource |= {"bytes": len(content), "hash": f"sha256:{hashlib.sha256(content).hexdigest()}"}
-    package |= {"name": first.study, **get_package_properties(exported.study_facts)}
+    package |= {"name": plan.study, **get_package_properties(exported.study_facts)}
     path.write_text(json.dumps(package, indent=1, ensure_ascii=False) + "\n", encoding="utf-8", newline="\n")
     return replace(exported.export, reading=describe_reading("episodes", "episodes.csv"))
 
@@ -232,7 +237,7 @@ def get_package_properties(study_facts: AboutSpec) -> dict[str, Any]:
         "keywords": list(study_facts.keywords),
         "sources": [{"title": reference} for reference in study_facts.references],
     }
-    return {name: value for name, value in properties.items() if value}
+    return {name: content for name, content in properties.items() if content}
 
 
 def _describe_contributor(author: AuthorSpec) -> dict[str, str]:
@@ -241,7 +246,7 @@ def _describe_contributor(author: AuthorSpec) -> dict[str, str]:
     if author.email:
         contributor["email"] = author.email
     if author.orcid:
-        contributor["path"] = _orcid_url(author)
+        contributor["path"] = _build_orcid_url(author)
     if author.affiliation:
         contributor["organization"] = author.affiliation
     return contributor

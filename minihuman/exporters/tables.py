@@ -31,13 +31,13 @@ from minihuman.exporters.study_metadata import get_licence_id
 def export_csv(chosen: IncludedEpisodes, out: Path) -> ExportResult:
     """Write the tables as CSV."""
     with chosen.tables() as tables:
-        return replace(_write(tables, out, "csv"), reading=describe_reading("episodes", "episodes.csv"))
+        return replace(_write_tables(tables, out, "csv"), reading=describe_reading("episodes", "episodes.csv"))
 
 
 def export_parquet(chosen: IncludedEpisodes, out: Path) -> ExportResult:
     """Write the tables as Parquet."""
     with chosen.tables() as tables:
-        return _write(tables, out, "parquet")
+        return _write_tables(tables, out, "parquet")
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +56,7 @@ class ExportedTables:
 
 
 def export_tables(chosen: IncludedEpisodes, out: Path, kind: TableFormat) -> ExportedTables:
-    """Write every table; excluded rows are present, with the reason in ``exclusion_reason``.
+    """Write every table that has rows; excluded rows are present, with the reason in ``exclusion_reason``.
 
     Raises:
         LogError: if the source does not exist, or is a single log that cannot be read.
@@ -64,28 +64,28 @@ def export_tables(chosen: IncludedEpisodes, out: Path, kind: TableFormat) -> Exp
     """
     with chosen.tables() as tables:
         connection = tables.store.tables.connection
-        further = {name: tuple(list_info_columns(connection, name).values()) for name in TABLES}
+        further_columns = {name: tuple(list_info_columns(connection, name).values()) for name in TABLES}
         if tables.people is not None:
-            further[PERSON_TABLE] = tables.people.columns
+            further_columns[PERSON_TABLE] = tables.people.columns
         plan = read_first_plan(tables)
-        return ExportedTables(_write(tables, out, kind), plan, _read_facts(tables, plan), further)
+        return ExportedTables(_write_tables(tables, out, kind), plan, _read_facts(tables, plan), further_columns)
 
 
 def _read_facts(tables: Tables, plan: SessionPlan | None) -> AboutSpec:
-    """Read the facts about the study of a session; there are none without a session."""
+    """Read the facts about the study of a session's plan; return empty facts if the plan is None."""
     if plan is None:
         return AboutSpec()
     return read_study_facts(tables.source, plan.protocol_toml)
 
 
-def _write(tables: Tables, out: Path, kind: TableFormat) -> ExportResult:
-    """Write every table that has rows."""
+def _write_tables(tables: Tables, out: Path, kind: TableFormat) -> ExportResult:
+    """Write every table that has rows, without the columns that need the worlds; return the counts and files."""
     paths = tables.write(out, kinds=(kind,), without=COLUMNS_NEEDING_WORLD)
     return replace(count_included(tables).with_files(paths), notes=tuple(_describe_missing_measures(tables)))
 
 
 def _describe_missing_measures(tables: Tables) -> Iterator[str]:
-    """Say which measures of the protocol's analysis the files lack, as only the worlds can tell them."""
+    """Yield a note on the measures of the protocol's analysis that the files lack, if any, as they need the worlds."""
     plan = read_first_plan(tables)
     protocol = decode_plan_protocol(plan.protocol_toml) if plan is not None else None
     if protocol is None:
@@ -111,10 +111,10 @@ def count_included(tables: Tables) -> ExportResult:
 
 def read_first_plan(tables: Tables) -> SessionPlan | None:
     """Read the plan of the first selected session, which describes the study; None if no session is selected."""
-    first = next((session for session in tables.sessions if session.outline is not None), None)
-    if first is None:
+    session = next((session for session in tables.sessions if session.outline is not None), None)
+    if session is None:
         return None
-    return tables.read_log(first).plan
+    return tables.read_log(session).plan
 
 
 def export_spss(chosen: IncludedEpisodes, out: Path) -> ExportResult:
@@ -134,7 +134,7 @@ def _write_labelled(chosen: IncludedEpisodes, out: Path, kind: LabelledFormat) -
 
 
 def export_hugging_face(chosen: IncludedEpisodes, out: Path) -> ExportResult:
-    """Write every table that has rows; excluded rows are present, with the reason."""
+    """Write every table that has rows as Parquet in a folder of its name, and ``dictionary.json`` about the columns."""
     with chosen.tables() as tables:
         names = list(dict.fromkeys(partition.table for partition, _ in tables.write_partitions(out)))
         people = tables.people
@@ -147,13 +147,13 @@ def export_hugging_face(chosen: IncludedEpisodes, out: Path) -> ExportResult:
         (out / PERSON_TABLE).mkdir()
         pyarrow.parquet.write_table(people.rows, out / PERSON_TABLE / f"{PERSON_TABLE}.parquet")
     dictionary_json = json.dumps({name: meanings[name] for name in names}, indent=1)
-    described = out / "dictionary.json"
-    described.write_text(f"{dictionary_json}\n", encoding="utf-8", newline="\n")
-    front = {
+    dictionary_path = out / "dictionary.json"
+    dictionary_path.write_text(f"{dictionary_json}\n", encoding="utf-8", newline="\n")
+    front_matter = {
         "license": get_licence_id(study_facts),
         "pretty_name": study_facts.title,
         "tags": ["minihuman", *study_facts.keywords],
         "configs": [{"config_name": name, "data_files": f"{name}/**/*.parquet"} for name in names],
     }
-    card = "".join(f"{name}: {json.dumps(value)}\n" for name, value in front.items() if value)  # JSON is YAML
-    return result.with_files((*(out / name for name in names), described), front_matter=f"---\n{card}---\n\n")
+    card = "".join(f"{name}: {json.dumps(fact)}\n" for name, fact in front_matter.items() if fact)  # JSON is YAML
+    return result.with_files((*(out / name for name in names), dictionary_path), front_matter=f"---\n{card}---\n\n")

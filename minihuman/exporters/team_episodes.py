@@ -41,15 +41,15 @@ def export_pettingzoo(chosen: IncludedEpisodes, out: Path) -> ExportResult:
     left_out: list[str] = []
     paths = []
     steps = 0
-    for item, team, people in _team_episodes(chosen, left_out):
-        folder = _name_world_folder(item.episode.plan.world)
+    for included, team, people in _list_team_episodes(chosen, left_out):
+        folder = _name_world_folder(included.episode.plan.world)
         agents = [f"body_{seat}" for seat in range(len(team.seats))]
         number = len(episodes_by_folder[folder])
         path = out / folder / f"episode_{number:05d}.npz"
-        _write_observations(path, item, agents)
+        _write_observations(path, included, agents)
         paths.append(path)
         facts = {"episode": number, "observations": path.name, "people": people}
-        episodes_by_folder[folder].append(facts | _describe_team_episode(item, team, agents))
+        episodes_by_folder[folder].append(facts | _describe_team_episode(included, team, agents))
         steps += len(team.actions)
     for folder, episodes in episodes_by_folder.items():
         path = out / folder / "episodes.jsonl"
@@ -64,9 +64,9 @@ def _name_world_folder(world: str) -> str:
 
 
 def _write_observations(path: Path, included: IncludedEpisode, agents: Sequence[str]) -> None:
-    """Replay an episode, and write what each body observed as an array of its agent's name."""
+    """Replay an episode, and write each body's observations as an array with its agent's name."""
     observations: dict[str, list[Any]] = {agent: [] for agent in agents}
-    for world in _play(included):
+    for world in _replay_states(included):
         for seat, agent in enumerate(agents):
             observations[agent].append(world.unwrapped.team.observation(seat))
     path.parent.mkdir(exist_ok=True)
@@ -75,6 +75,7 @@ def _write_observations(path: Path, included: IncludedEpisode, agents: Sequence[
 
 
 def _describe_team_episode(included: IncludedEpisode, team: TeamRecord, agents: list[str]) -> dict[str, Any]:
+    """Describe a team's episode for its line in ``episodes.jsonl``."""
     plan = included.episode.plan
     return {
         "world": plan.world,
@@ -110,21 +111,21 @@ def export_overcooked(chosen: IncludedEpisodes, out: Path) -> ExportResult:
     files: dict[str, dict[str, list[Any]]] = {}
     left_out: list[str] = []
     steps = 0
-    for item, team, people in _team_episodes(chosen, left_out):
+    for included, team, people in _list_team_episodes(chosen, left_out):
         kitchen: Any = None
         states: list[dict[str, Any]] = []
-        for world in _play(item):
+        for world in _replay_states(included):
             kitchen = world.unwrapped.team
             if not isinstance(kitchen, Kitchen):
                 break
             states.append(describe_state(kitchen, len(states)))
         if not states:
-            left_out.append(f"{describe_episode(item)} is in no kitchen")
+            left_out.append(f"{describe_episode(included)} is in no kitchen")
             continue
         built_in_names = [name for name, layout in KITCHENS.items() if layout == kitchen.layout]
         layout_name = built_in_names[0] if built_in_names else kitchen.layout.plan
         name = _name_trajectories(layout_name, kitchen.rules)
-        trajectory = _describe_trajectory(item, team, kitchen, layout_name, states) | {"people": people}
+        trajectory = _describe_trajectory(included, team, kitchen, layout_name, states) | {"people": people}
         columns = files.setdefault(name, {key: [] for key in trajectory})
         for key, part in trajectory.items():
             columns[key].append(part)
@@ -153,6 +154,7 @@ _LETTERS = " PXOTDS"  # of Overcooked-AI's layouts, by our terrain
 _COOK_SIZE = 4  # numbers of a cook in a kitchen's row: column, line, direction, held thing
 _KIND_MASK = 7  # a thing's lowest three bits; of a soup, onions, tomatoes and clock follow
 _INGREDIENT_MASK = 3
+_TOMATO_STRIDE = 4  # of a recipe's index: onions + 4 * tomatoes
 _ONIONS_SHIFT = 3
 _TOMATOES_SHIFT = 5
 _CLOCK_SHIFT = 7
@@ -170,7 +172,7 @@ def _describe_trajectory(
         actions.append([ACTIONS[action] for action in joint_action])
     params = {
         "layout_name": layout_name,
-        "terrain": _draw_terrain(kitchen),
+        "terrain": _list_terrain(kitchen),
         "start_player_positions": [player["position"] for player in states[0]["players"]],
     }
     params |= {f"start_{kind}": recipes for kind, recipes in _describe_orders(kitchen).items()}
@@ -206,7 +208,7 @@ def describe_state(kitchen: "Kitchen", step: int) -> dict[str, Any]:
 
 
 def _describe_object(number: int, position: list[int], times: list[int]) -> dict[str, Any] | None:
-    """Describe the object that a number encodes, None if there is none; ``times`` are the cooking times of soups."""
+    """Describe the object that a number encodes, None if there is none; ``times`` are the cooking steps by recipe."""
     from minihuman.worlds.grid.core import kitchen_rules as rules
 
     kind = number & _KIND_MASK
@@ -219,7 +221,7 @@ def _describe_object(number: int, position: list[int], times: list[int]) -> dict
     n_tomatoes = number >> _TOMATOES_SHIFT & _INGREDIENT_MASK
     clock = (number >> _CLOCK_SHIFT) - 1
     ingredients = ["onion"] * n_onions + ["tomato"] * n_tomatoes
-    cook_time = times[n_onions + 4 * n_tomatoes]
+    cook_time = times[n_onions + _TOMATO_STRIDE * n_tomatoes]
     return description | {
         "_ingredients": [{"name": name, "position": position} for name in ingredients],
         "cooking_tick": clock,
@@ -245,8 +247,8 @@ def _describe_recipe(recipe: str) -> dict[str, list[str]]:
     return {"ingredients": [_INGREDIENTS[letter] for letter in recipe]}
 
 
-def _draw_terrain(kitchen: "Kitchen") -> list[list[str]]:
-    """Return the letter of each cell of a kitchen, row by row."""
+def _list_terrain(kitchen: "Kitchen") -> list[list[str]]:
+    """Return the letters of a kitchen's cells in Overcooked-AI's layouts, row by row."""
     from minihuman.worlds.grid.core import kitchen_rules as rules
 
     width, height, n_cooks = kitchen.row[:3].tolist()
@@ -262,7 +264,7 @@ def _draw_terrain(kitchen: "Kitchen") -> list[list[str]]:
 People = dict[str, dict[str, Any]]  # by seat ("body_0"): the participant's code, and the laboratory's columns
 
 
-def _team_episodes(
+def _list_team_episodes(
     chosen: IncludedEpisodes, left_out: list[str]
 ) -> Iterator[tuple[IncludedEpisode, TeamRecord, People]]:
     """Yield every team's episode that has a step, once; add a line to ``left_out`` for each episode of a single body.
@@ -270,29 +272,29 @@ def _team_episodes(
     The people of an episode are complete when all episodes have been read, as each member has a log.
     """
     people_by_key: dict[tuple[object, ...], People] = {}
-    for item in chosen:
-        team = item.episode.team
-        plan = item.episode.plan
+    for included in chosen:
+        team = included.episode.team
+        plan = included.episode.plan
         if team is None:
-            left_out.append(f"{describe_episode(item)} {NO_TEAM}")
+            left_out.append(f"{describe_episode(included)} {NO_TEAM}")
             continue
-        key = (team.team, plan.block_name, item.log.plan.session, plan.episode_in_block, item.episode.attempt)
+        key = (team.team, plan.block_name, included.log.plan.session, plan.episode_in_block, included.episode.attempt)
         if not len(team.actions):
             continue
         is_known = key in people_by_key
         people = people_by_key.setdefault(key, {})
-        people[f"body_{team.seat}"] = {"participant": item.log.plan.participant.id, "person": dict(item.person)}
+        people[f"body_{team.seat}"] = {"participant": included.log.plan.participant.id, "person": dict(included.person)}
         if not is_known:
-            yield item, team, people
+            yield included, team, people
 
 
-def _play(item: IncludedEpisode) -> Iterator[World]:
+def _replay_states(included: IncludedEpisode) -> Iterator[World]:
     """Replay an episode, yielding the world at each state, beginning with the reset.
 
     Raises:
         ExportError: if the world cannot be created here, or the last state differs from the log.
     """
-    episode = item.episode
+    episode = included.episode
     try:
         with closing(World(episode.plan.world, episode.world_options)) as world:
             world.reset(episode.plan.seed)
@@ -302,7 +304,8 @@ def _play(item: IncludedEpisode) -> Iterator[World]:
                 yield world
             if world.state_hash() != int(episode.state_hashes[-1]):
                 raise ExportError(
-                    f"{item.log.path}: {episode.name} ends in a different state than in the log; run: minihuman verify"
+                    f"{included.log.path}: {episode.name} ends in a different state than in the log; "
+                    "run: minihuman verify"
                 )
     except WorldError as error:
-        raise ExportError(f"{item.log.path}: {episode.name}: {error}") from error
+        raise ExportError(f"{included.log.path}: {episode.name}: {error}") from error

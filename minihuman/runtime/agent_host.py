@@ -49,7 +49,7 @@ N_CANDIDATE_PAIRS = 10  # pairs among which the learner chooses the one that its
 
 
 class AgentHost(RequestHandler):
-    """Holds the agent that plays, and asks the learner for the next policy.
+    """Answers requests for policies, advice, clips and episodes; holds the agent that plays, and asks the learner.
 
     Args:
         policies: the store of the study's policy files.
@@ -97,7 +97,7 @@ class AgentHost(RequestHandler):
             case PolicyRequest(learning=True):
                 return self._learn_policy(want, t_ns)
             case PolicyRequest():
-                return self._find_first_policy(want, t_ns)
+                return self._adopt_first_policy(want, t_ns)
             case AdviceRequest() if play is not None:
                 return self._ask_advice(want, play, t_ns)
             case ClipRequest() if self._clips is not None:
@@ -113,8 +113,11 @@ class AgentHost(RequestHandler):
 
     # Policies
 
-    def _find_first_policy(self, want: PolicyRequest, t_ns: int) -> NewPolicy:
-        """Adopt the policy with which a part begins: after an interruption, the one that played last."""
+    def _adopt_first_policy(self, want: PolicyRequest, t_ns: int) -> NewPolicy:
+        """Adopt the policy with which a part begins: the requested one or, after an interruption, the one played last.
+
+        Return the session's input, with the reason if the policy cannot be used.
+        """
         earlier = self._earlier.get(want.part)
         if earlier is not None:
             return self._adopt_policy(earlier, t_ns)
@@ -134,7 +137,7 @@ class AgentHost(RequestHandler):
         """Load a policy before it plays, so that one that cannot be loaded never plays; return the session's input."""
         if policy and policy not in self._agents:
             try:
-                self._agents = {policy: self._load(policy)}
+                self._agents = {policy: self._load_agent(policy)}
                 self._last_begun = None
             except Exception as error:  # any error of a laboratory's own agent
                 LOG.warning("the policy %s cannot be loaded: %s", policy, error)
@@ -191,14 +194,14 @@ class AgentHost(RequestHandler):
         """
         if want.pairing == "random" or self._learner is None:
             return ClipOffered(t_ns, clips.draw(want))
-        if want.place:
+        if want.place:  # the second clip of a pair
             pair = self._pair
             self._pair = None
             if pair is None or pair[0] != want.again:
                 return ClipOffered(t_ns, clips.draw(want))
             return ClipOffered(t_ns, pair[1])
         if not self._candidates:
-            pairs = clips.candidates(want, N_CANDIDATE_PAIRS)
+            pairs = clips.draw_pairs(want, N_CANDIDATE_PAIRS)
             if len(pairs) < 2 or self._learner.busy:
                 return ClipOffered(t_ns, clips.draw(want))
             self._learner.ask(self._build_pair_request(want, pairs))
@@ -233,21 +236,21 @@ class AgentHost(RequestHandler):
     # Advice
 
     def _ask_advice(self, want: AdviceRequest, play: RunningEpisode, t_ns: int) -> ActivityInput | None:
-        """Return the agent's probability of each action in the running episode, or why it has none."""
+        """Return the agent's probability of each action in the running episode, or the reason why it failed."""
         policy_and_episode = (want.policy, play.plan.episode)
         try:
             with limit_answer_time():
-                agent = self._agent(want.policy)
+                agent = self._get_agent(want.policy)
                 if self._last_begun != policy_and_episode:
-                    self._begin(agent, play)
+                    self._begin_episode(agent, play)
                     self._last_begun = policy_and_episode
-                chances = tuple(float(chance) for chance in agent.action_probabilities(play.world))
+                probabilities = tuple(float(probability) for probability in agent.action_probabilities(play.world))
         except Exception as error:  # any error of a laboratory's own agent; the person can still play
             LOG.warning("the agent failed: %s at %s: %s", type(error).__name__, locate_error(error), error)
             return NewPolicy(t_ns, want.policy, f"the agent failed: {describe_failure(error)}")
-        return Advice(t_ns, want.step, chances)
+        return Advice(t_ns, want.step, probabilities)
 
-    def _agent(self, policy: str) -> BaseAgent:
+    def _get_agent(self, policy: str) -> BaseAgent:
         """Return the agent of a policy, after loading it again if another policy has taken its place.
 
         Raises:
@@ -255,15 +258,20 @@ class AgentHost(RequestHandler):
         """
         if policy not in self._agents:
             self._last_begun = None
-            self._agents = {policy: self._load(policy)}
+            self._agents = {policy: self._load_agent(policy)}
         return self._agents[policy]
 
-    def _load(self, policy: str) -> BaseAgent:
+    def _load_agent(self, policy: str) -> BaseAgent:
+        """Make the agent of a policy: a registered agent by its name, or the agent of a policy file.
+
+        Raises:
+            MinihumanError: if it cannot be loaded.
+        """
         if is_registered_agent(policy):
             return make_agent(policy)
         return make_policy_agent(self._policies.checked(policy))
 
-    def _begin(self, agent: BaseAgent, play: RunningEpisode) -> None:
+    def _begin_episode(self, agent: BaseAgent, play: RunningEpisode) -> None:
         """Let the agent begin an episode; after a resumption, show it all earlier steps, since it may have a memory."""
         if not play.actions:
             agent.begin(play.plan, play.world)
@@ -356,5 +364,5 @@ def make_policy_host(context: HostContext) -> AgentHost:
 
 
 def _find_latest_policies(events: Iterable[object]) -> dict[int, str]:
-    """Return the policy that was given last in each part, by the part's number."""
+    """Return the last policy that the events name for each part, by the part's number."""
     return {event.part: event.policy for event in events if isinstance(event, PolicyGiven)}

@@ -29,18 +29,18 @@ class ClipSampler:
         self._seed = seed
         self._index = index
         self._part: int | None = None
-        self._places: list[_ClipStart] = []  # the clips to draw from in that part, during which no episode is added
+        self._starts: list[_ClipStart] = []  # of the clips to draw from in that part, during which no episode is added
 
-    def candidates(self, want: ClipRequest, count: int) -> list[tuple[EpisodeClip, EpisodeClip]]:
+    def draw_pairs(self, want: ClipRequest, count: int) -> list[tuple[EpisodeClip, EpisodeClip]]:
         """Draw ``count`` pairs of different clips; the list is empty if no two clips differ."""
         pairs = []
         for number in range(count):
             first = self.draw(replace(want, place=0, again=None), candidate=number)
             if first is None:
                 continue
-            other = self.draw(replace(want, place=1, again=first), candidate=number)
-            if other is not None:
-                pairs.append((first, other))
+            second = self.draw(replace(want, place=1, again=first), candidate=number)
+            if second is not None:
+                pairs.append((first, second))
         return pairs
 
     def draw(self, want: ClipRequest, *, candidate: int = 0) -> EpisodeClip | None:
@@ -50,28 +50,29 @@ class ClipSampler:
         """
         if self._part != want.part:
             self._part = want.part
-            self._places = self._list_starts(want)
+            self._starts = self._list_starts(want)
         purpose = f"stretch-{want.source}-part-{want.part}-pair-{want.pair}-{want.place}"
         if candidate:
             purpose += f"-candidate-{candidate}"
-        other_places = [place for place in self._places if _make_clip(place, want.steps) != want.again]
-        if len(self._places) < 2 or not other_places:
+        other_starts = [start for start in self._starts if _make_clip(start, want.steps) != want.again]
+        if len(self._starts) < 2 or not other_starts:
             return None
         word = int(draw_words(1, seed=self._seed, purpose=purpose, index=self._index)[0])
-        return _make_clip(other_places[word % len(other_places)], want.steps)
+        return _make_clip(other_starts[word % len(other_starts)], want.steps)
 
     def episode(self, want: EpisodeRequest) -> EpisodeClip | None:
         """Return one of the block's latest ``want.count`` episodes as a whole; None if there are no more."""
         if self._part != want.part:
             self._part = want.part
-            self._places = [(episode, 0) for episode in self._list_episodes(want.source)]
-        latest = self._places[-want.count :]
+            self._starts = [(episode, 0) for episode in self._list_episodes(want.source)]
+        latest = self._starts[-want.count :]
         if want.number >= len(latest):
             return None
         episode, _ = latest[want.number]
         return _make_clip((episode, 0), len(episode.actions))
 
     def _list_episodes(self, block: str) -> list[EpisodeLog]:
+        """Return the session's episodes of a block that have a step."""
         logs = self._logs()
         if not logs:
             return []
@@ -79,6 +80,7 @@ class ClipSampler:
         return [episode for episode in played if episode.plan.block_name == block and len(episode.actions)]
 
     def _list_starts(self, want: ClipRequest) -> list[_ClipStart]:
+        """Return the start of every clip of the requested length; a shorter episode has one, at its first step."""
         return [
             (episode, first)
             for episode in self._list_episodes(want.source)
@@ -86,9 +88,9 @@ class ClipSampler:
         ]
 
 
-def _make_clip(place: _ClipStart, steps: int) -> EpisodeClip:
-    """Return the clip of ``steps`` steps that begins at a place, with the episode's actions up to the clip's end."""
-    episode, first = place
+def _make_clip(start: _ClipStart, steps: int) -> EpisodeClip:
+    """Return the clip of ``steps`` steps from a start, with the episode's actions up to the clip's end."""
+    episode, first = start
     plan = episode.plan
     return EpisodeClip(
         episode=plan.episode,

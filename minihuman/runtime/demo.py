@@ -1,4 +1,4 @@
-"""The demo: a short session, and everything that can be made of its log. Also free play, without protocol and log."""
+"""The demo: a short session with its figures and replay. Also free play, without protocol and log."""
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing
@@ -51,7 +51,7 @@ def run_demo(data: Path, *, window: str, fullscreen: bool, say: PrintLine) -> It
     counts = f"{verification.episodes} episodes, {verification.steps} steps"
     say(verification.difference or f"verified: {counts}, played again from seed and keys")
     if log.episodes:
-        yield from _make_outputs(log)
+        yield from _save_outputs(log)
     else:
         say("no episode was begun, so there is nothing to draw or replay")
 
@@ -74,7 +74,7 @@ def _play_demo(protocol: Protocol, data: Path, *, window: str, fullscreen: bool,
     return played
 
 
-def _make_outputs(log: SessionLog) -> Iterator[tuple[str, Path]]:
+def _save_outputs(log: SessionLog) -> Iterator[tuple[str, Path]]:
     """Draw a log's figures and save its replay; yield the name and path of each output."""
     from minihuman.figures.gallery import draw_session  # matplotlib and rerun take seconds: after the session,
     from minihuman.replay.recording import save_recording  # not before its window opens
@@ -87,6 +87,7 @@ def _make_outputs(log: SessionLog) -> Iterator[tuple[str, Path]]:
 
 
 _NEXT_LAYOUT_KEY = "backspace"
+_DEFAULT_PICTURE_PX = (640, 480)  # if the window does not say what it has room for
 _WAIT_NS = 200_000_000  # per wait, since a toolkit that waits in C does not notice Ctrl-C
 
 
@@ -129,18 +130,18 @@ def _play_layout(
     reward = 0.0
     while True:
         hint = f"Seed {seed}, step {steps}.   Backspace: another layout   Escape: leave"
-        picture = world.frame(play.view, window.picture_px or (640, 480), play.palette)
+        picture = world.frame(play.view, window.picture_px or _DEFAULT_PICTURE_PX, play.palette)
         window.show(PlayScreen(picture, mission, hint, tuple(keys.items()), step=steps))
-        key = _next_key(presses, {*keys, _NEXT_LAYOUT_KEY})
-        if key in (None, _NEXT_LAYOUT_KEY):
-            return key == _NEXT_LAYOUT_KEY
-        happened = world.step(world.action_names.index(keys[key]))
-        steps = steps + 1
-        reward = reward + happened.reward
-        outcome = judge.judge_step(happened.collect_facts(judge.rule, return_=reward))
+        key = _read_next_key(presses, {*keys, _NEXT_LAYOUT_KEY})
+        if key is None or key == _NEXT_LAYOUT_KEY:
+            return key is not None
+        change = world.step(world.action_names.index(keys[key]))
+        steps += 1
+        reward += change.reward
+        outcome = judge.judge_step(change.collect_facts(judge.rule, return_=reward))
         if outcome is not None:
             window.show(_describe_ending(outcome, steps, reward))
-            return _next_key(presses, {"enter", "kp_enter", _NEXT_LAYOUT_KEY}) is not None
+            return _read_next_key(presses, {"enter", "kp_enter", _NEXT_LAYOUT_KEY}) is not None
 
 
 def _describe_ending(outcome: EpisodeOutcome, steps: int, reward: float) -> Screen:
@@ -148,7 +149,7 @@ def _describe_ending(outcome: EpisodeOutcome, steps: int, reward: float) -> Scre
     return TextScreen(title, f"{steps} steps, reward {reward:.2f}", "Enter: another layout    Escape: leave")
 
 
-def _next_key(presses: Iterator[str], accepted: set[str]) -> str | None:
+def _read_next_key(presses: Iterator[str], accepted: set[str]) -> str | None:
     """Return the next accepted key that is pressed; None if the person leaves."""
     return next((key for key in presses if key in accepted), None)
 

@@ -40,19 +40,19 @@ _NS_PER_MS = 1e6
 
 
 def _measure_steps_ms(window: BlockingWindow, block: BlockSpec, world: World) -> list[float]:
-    """Return the time of each step, in milliseconds, from its beginning to the flip of its picture."""
+    """Play a block's world with its actions in turn; return each step's time to the flip of its picture, in ms."""
     times_ms = []
-    over = True
+    is_over = True
     actions = cycle(block.actions)
     for number in range(_STEPS):
-        if over:
+        if is_over:
             world.reset(number)
         started_ns = time.perf_counter_ns()
         happened = world.step(world.action_names.index(next(actions)))
         picture = world.frame(block.view, window.picture_px, block.palette)
         screen = PlayScreen(picture, "measuring this study's pictures", block.name, step=number)
         times_ms.append((window.show(screen).flip_ns - started_ns) / _NS_PER_MS)
-        over = happened.terminated or happened.truncated
+        is_over = happened.terminated or happened.truncated
     return times_ms
 
 
@@ -109,8 +109,8 @@ def examine_machine(
         protocol: a study whose texts and worlds are to be checked, too.
     """
     yield _list_versions()
-    yield _clock_resolution()
-    yield _languages()
+    yield _check_clock()
+    yield _check_languages()
     if protocol is not None:
         yield _check_texts(protocol)
         yield from _check_sound(protocol)
@@ -127,7 +127,7 @@ def format_verdict(findings: list[Finding]) -> str:
 
 
 def _list_versions() -> Finding:
-    """Return the versions of the system, of Python, and of this package and those that sessions need."""
+    """List the versions of the system, of Python, of this package, and of the packages that sessions need."""
     system = platform.system()
     processor = platform.machine()
     python_version = platform.python_version()
@@ -141,16 +141,17 @@ def _list_versions() -> Finding:
     return Finding("versions", ", ".join(versions))
 
 
-def _clock_resolution() -> Finding:
+def _check_clock() -> Finding:
+    """Check whether the session's clock has a resolution of a millisecond or better."""
     resolution_ns = time.get_clock_info("perf_counter").resolution * 1e9
-    coarse = ""
+    clock_problem = ""
     if resolution_ns > _NS_PER_MS:
-        coarse = "its clock ticks slower than once a millisecond"
-    return Finding("clock", f"monotonic, {resolution_ns:.0f} ns", coarse)
+        clock_problem = "its clock ticks slower than once a millisecond"
+    return Finding("clock", f"monotonic, {resolution_ns:.0f} ns", clock_problem)
 
 
-def _languages() -> Finding:
-    """Return the languages that screens can be drawn in here, and what is missing for the others."""
+def _check_languages() -> Finding:
+    """List the languages in which screens can be drawn here, and what is missing for the others."""
     undrawable = list_undrawable_languages()
     drawable = ", ".join(language for language in LANGUAGES if language not in undrawable)
     without_face = [f"not {language}: {describe_missing_face(character)}" for language, character in undrawable.items()]
@@ -186,13 +187,14 @@ def _check_sound(protocol: Protocol) -> Iterator[Finding]:
         uncertainty_ms = output.uncertainty_ms
     finally:
         output.close()
-    unsteady = ""
+    sound_problem = ""
     if interruptions:
-        unsteady = f"the sound device ran out of samples {interruptions} times in {_SOUND_S:g} s"
+        sound_problem = f"the sound device ran out of samples {interruptions} times in {_SOUND_S:g} s"
     elif uncertainty_ms is None or uncertainty_ms > _LARGEST_UNCERTAINTY_MS:
-        unsteady = "the times of sounds are not known to the millisecond"
-    known = "unknown" if uncertainty_ms is None else f"within {uncertainty_ms:.2f} ms but for a constant delay"
-    yield Finding("sound", f"{facts['sound_device']}, {facts['sound_latency_ms']} ms latency, onsets {known}", unsteady)
+        sound_problem = "the times of sounds are not known to the millisecond"
+    precision = "unknown" if uncertainty_ms is None else f"within {uncertainty_ms:.2f} ms but for a constant delay"
+    device = f"{facts['sound_device']}, {facts['sound_latency_ms']} ms latency"
+    yield Finding("sound", f"{device}, onsets {precision}", sound_problem)
 
 
 def _check_display(name: str, protocol: Protocol | None, *, fullscreen: bool) -> Iterator[Finding]:
@@ -206,7 +208,7 @@ def _check_display(name: str, protocol: Protocol | None, *, fullscreen: bool) ->
         facts = window.facts()
         properties = [f"{name} {fact}" for name, fact in facts.items() if name != "key_identity"]
         yield Finding("display", ", ".join(properties))
-        yield _key_identity(facts.get("key_identity", "unknown"))
+        yield _check_key_identity(facts.get("key_identity", "unknown"))
         if isinstance(window, BlockingWindow):
             has_vsync = facts["vsync"] == "on"
             has_refresh_rate = facts["refresh_hz_reported"] != "unknown"
@@ -217,7 +219,8 @@ def _check_display(name: str, protocol: Protocol | None, *, fullscreen: bool) ->
         window.close()
 
 
-def _key_identity(identity: str) -> Finding:
+def _check_key_identity(identity: str) -> Finding:
+    """Check whether the window identifies keys by position, as it must with any keyboard layout."""
     unfit_because = ""
     if not identity.startswith("position"):
         unfit_because = "keys are known by symbol only, which a keyboard layout changes; use --window pygame"
@@ -230,11 +233,11 @@ def _measure_pictures(window: BlockingWindow, protocol: Protocol) -> Iterator[Fi
         with closing(World(block.world, block.options)) as world:
             times_ms = _measure_steps_ms(window, block, world)
         median, p95 = np.percentile(times_ms[_WARM:], (50, 95))
-        late = ""
+        picture_problem = ""
         if median > MAX_PICTURE_MS:
-            late = f"a picture of block {block.name} takes {median:.0f} ms, over {MAX_PICTURE_MS:.0f}"
+            picture_problem = f"a picture of block {block.name} takes {median:.0f} ms, over {MAX_PICTURE_MS:.0f}"
         delays = f"step to flip: median {median:.1f} ms, 95 % {p95:.1f} ms"
-        yield Finding(f"block {block.name}", delays, late)
+        yield Finding(f"block {block.name}", delays, picture_problem)
 
 
 def _measure_frames(window: BlockingWindow, *, synced: bool) -> Iterator[Finding]:
@@ -245,9 +248,9 @@ def _measure_frames(window: BlockingWindow, *, synced: bool) -> Iterator[Finding
     flips_ns = [window.show(screen).flip_ns for screen in _yield_flicker(window, _FRAMES)]
     between_ms = np.diff(flips_ns[_WARM_FRAMES:]) / _NS_PER_MS
     p50, p95, p99 = np.percentile(between_ms, (50, 95, 99))
-    slow = ""
+    frame_problem = ""
     if p99 > _SLOWEST_FRAME_MS:
-        slow = f"1 frame in 100 takes over {_SLOWEST_FRAME_MS:.0f} ms"
+        frame_problem = f"1 frame in 100 takes over {_SLOWEST_FRAME_MS:.0f} ms"
     if synced:
         refresh = f"{1000 / p50:.1f} Hz measured"
         period_ms = float(p50)
@@ -255,17 +258,17 @@ def _measure_frames(window: BlockingWindow, *, synced: bool) -> Iterator[Finding
         refresh = "the flip does not wait for the display"
         period_ms = _UNKNOWN_PERIOD_MS
     yield Finding("refresh", refresh)
-    yield Finding("frame time", f"median {p50:.2f} ms, 95 % {p95:.2f} ms, 99 % {p99:.2f} ms", slow)
+    yield Finding("frame time", f"median {p50:.2f} ms, 95 % {p95:.2f} ms, 99 % {p99:.2f} ms", frame_problem)
     median, p95 = np.percentile(_measure_key_to_flip_ms(window), (50, 95))
-    too_late = ""
+    key_problem = ""
     if median > period_ms + _LATENESS_MS:
-        too_late = f"a key's picture takes {median:.1f} ms"
-    yield Finding("key to flip", f"median {median:.2f} ms, 95 % {p95:.2f} ms, {_KEYS} synthetic keys", too_late)
+        key_problem = f"a key's picture takes {median:.1f} ms"
+    yield Finding("key to flip", f"median {median:.2f} ms, 95 % {p95:.2f} ms, {_KEYS} synthetic keys", key_problem)
 
 
 def _measure_key_to_flip_ms(window: BlockingWindow) -> list[float]:
     """Return the times from a key put into the sleeping window's queue to the flip of the picture that it causes."""
-    late_ms = []
+    delays_ms = []
     for screen in _yield_flicker(window, _KEYS):
         sent_ns: list[int] = []
 
@@ -273,14 +276,14 @@ def _measure_key_to_flip_ms(window: BlockingWindow) -> list[float]:
             sent_ns.append(time.perf_counter_ns())
             window.post_key("space")
 
-        finger = threading.Timer(_SLEEP_BEFORE_KEY_S, send)
-        finger.start()
+        timer = threading.Timer(_SLEEP_BEFORE_KEY_S, send)
+        timer.start()
         until_ns = time.perf_counter_ns() + _LONGEST_WAIT_NS
         while not any(isinstance(happened, KeyDown) for happened in window.wait(until_ns)):
             assert time.perf_counter_ns() < until_ns, "a key put into the toolkit's queue did not come out of it"
-        late_ms.append((window.show(screen).flip_ns - sent_ns[0]) / _NS_PER_MS)
-        finger.join()
-    return late_ms
+        delays_ms.append((window.show(screen).flip_ns - sent_ns[0]) / _NS_PER_MS)
+        timer.join()
+    return delays_ms
 
 
 def _yield_flicker(window: BlockingWindow, count: int) -> Iterator[Screen]:
@@ -297,21 +300,21 @@ def _measure_disk(data: Path) -> Iterator[Finding]:
     make_private_folder(data)
     free_bytes = shutil.disk_usage(data).free
     free_gb = free_bytes / 1e9
-    full = ""
+    space_problem = ""
     if free_bytes < _LEAST_FREE_BYTES:
-        full = f"only {free_gb:.1f} GB are free under {data}"
-    yield Finding("free space", f"{free_gb:.1f} GB under {data}", full)
+        space_problem = f"only {free_gb:.1f} GB are free under {data}"
+    yield Finding("free space", f"{free_gb:.1f} GB under {data}", space_problem)
     times_ms = _measure_syncs_ms(data)
     median, p99 = np.percentile(times_ms, (50, 99))
     worst = max(times_ms)
-    slow = ""
+    sync_problem = ""
     if p99 > _SLOWEST_SYNC_MS:
-        slow = f"1 fsync in 100 takes over {_SLOWEST_SYNC_MS:.0f} ms under {data}"
-    yield Finding("fsync", f"median {median:.2f} ms, 99 % {p99:.2f} ms, worst {worst:.2f} ms", slow)
+        sync_problem = f"1 fsync in 100 takes over {_SLOWEST_SYNC_MS:.0f} ms under {data}"
+    yield Finding("fsync", f"median {median:.2f} ms, 99 % {p99:.2f} ms, worst {worst:.2f} ms", sync_problem)
 
 
 def _measure_syncs_ms(data: Path) -> list[float]:
-    """Return the times of durable writes to a temporary file in a folder."""
+    """Return the times of durable writes to a temporary file in a folder, in milliseconds."""
     times_ms = []
     with tempfile.TemporaryFile(dir=data) as file:
         for _ in range(_SYNCS):

@@ -116,7 +116,7 @@ def describe_ending(log: Path, protocol: Path) -> str:
 
 
 def _fit_four_to_three(room_px: tuple[int, int] | None) -> tuple[int, int] | None:
-    """Return the largest 4:3 picture's width and height in pixels; None without a size to fit into.
+    """Return the width and height in pixels of the largest 4:3 picture that fits into a size; None without a size.
 
     With 4:3 everywhere, every display shows the same angle of a first-person world.
     """

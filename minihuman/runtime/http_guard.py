@@ -31,7 +31,7 @@ def is_own_request(headers: Mapping[str, str]) -> bool:
 
 
 def is_named(host_header: str, names: Collection[str]) -> bool:
-    """Return whether a request was sent to one of a machine's own names, whatever the port."""
+    """Return whether the Host header of a request has one of the given host names, with any port."""
     return _PORT.sub("", host_header) in names
 
 
@@ -45,7 +45,7 @@ def read_length(length: str, max_bytes: int) -> int | None:
 class GuardedHandler(BaseHTTPRequestHandler):
     """Handles one connection, with a limit on the duration of each request."""
 
-    request_s = 10.0  # from one answer to the next request, and for a client to take one
+    request_s = 10.0  # the time limit for a request, its answer, and the wait for the next one
     timeout = request_s
 
     def handle_one_request(self) -> None:

@@ -19,7 +19,7 @@ from minihuman.activities.episode_clips import EpisodeClip
 
 LEARNER_COMMAND = ("-m", "minihuman.learn.teaching.learner_main")
 _LAST_LINE_TIMEOUT_S = 5.0  # to read a dead process's last line, as its children may keep the pipe open
-_LOOK_INTERVAL_S = 0.2  # between a patient caller's checks whether the process has died
+_CHECK_INTERVAL_S = 0.2  # between a patient caller's checks whether the process has died
 FIRST_ANSWER_TIMEOUT_S = 60.0  # more time for the first answer: the process has to start
 
 
@@ -73,7 +73,7 @@ class LearnerProcess:
     def start(self) -> None:
         """Start the process before it is needed, since starting takes seconds."""
         if self._process is None or self._process.poll() is not None:
-            self._end()
+            self._kill()
             self._process = subprocess.Popen(
                 self._command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True
             )
@@ -85,14 +85,14 @@ class LearnerProcess:
 
     def ask(self, request: LearnerRequest) -> None:
         """Send a request, starting the process if necessary; answers to earlier requests are dropped."""
-        fresh = self._process is None or self._process.poll() is not None
+        is_new = self._process is None or self._process.poll() is not None
         self.start()
         assert self._process is not None
         assert self._process.stdin is not None
         while not self._answers.empty():
             self._answers.get()
         self._until_s = time.monotonic() + request.budget_s
-        if fresh:
+        if is_new:
             self._until_s += FIRST_ANSWER_TIMEOUT_S
         with suppress(OSError):  # the process has died, which ``answer`` reports
             self._process.stdin.write(json.dumps(asdict(request)).encode() + b"\n")
@@ -101,7 +101,7 @@ class LearnerProcess:
     def answer(self, *, patient: bool = False) -> LearnerAnswer | None:
         """Return the answer to the pending request; None if there is none yet. With ``patient``, wait for it."""
         assert self._until_s is not None, "no request is pending"
-        timeout_s = _LOOK_INTERVAL_S if patient else 0.0
+        timeout_s = _CHECK_INTERVAL_S if patient else 0.0
         while True:
             answer = self._poll_answer(timeout_s)
             if answer is not None:
@@ -112,7 +112,7 @@ class LearnerProcess:
 
     def close(self) -> None:
         """End the learner process."""
-        self._end()
+        self._kill()
         self._until_s = None
 
     def _poll_answer(self, timeout_s: float) -> LearnerAnswer | None:
@@ -126,17 +126,17 @@ class LearnerProcess:
         with suppress(queue.Empty):
             return _parse_answer(self._answers.get(block=timeout_s > 0, timeout=timeout_s))
         if exit_status is not None:
-            self._end()
+            self._kill()
             cause = f"exit status {exit_status}"
             if exit_status < 0:
                 cause = f"signal {-exit_status}"
             return LearnerAnswer("", f"the learner died ({cause})")
         if time.monotonic() >= self._until_s:
-            self._end()
+            self._kill()
             return LearnerAnswer("", "the learner took too long and was ended")
         return None
 
-    def _end(self) -> None:
+    def _kill(self) -> None:
         """Kill the process, if there is one, and close its streams."""
         if self._process is None:
             return
@@ -152,12 +152,14 @@ class LearnerProcess:
 
 
 def _read_lines(stream: IO[bytes], lines: "queue.SimpleQueue[bytes]") -> None:
+    """Put each whole line of a stream into a queue, until the stream ends."""
     for line in stream:
         if line.endswith(b"\n"):  # otherwise the process died while it wrote the line
             lines.put(line)
 
 
 def _parse_answer(line: bytes) -> LearnerAnswer:
+    """Parse a line of the learner; one that is not valid becomes an answer with a failure."""
     try:
         answer = json.loads(line)
         return LearnerAnswer(str(answer["file"]), str(answer["failure"]))

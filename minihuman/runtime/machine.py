@@ -25,7 +25,8 @@ from minihuman.worlds.adapters.registered_module import find_registered_module
 from minihuman.worlds.contract import CLAUSES_VERSION, PICTURES_VERSION
 from minihuman.worlds.source_digest import rules_digest
 
-_DRAWING_PACKAGES = {"gymnasium.envs.mujoco": "mujoco", "gymnasium.envs.box2d": "Box2D"}
+_DRAWING_PACKAGES = {"gymnasium.envs.mujoco": "mujoco", "gymnasium.envs.box2d": "Box2D"}  # by a module's beginning
+_GIT_TIMEOUT_S = 5.0
 _PACKAGES = ("numpy", "gymnasium", "mcap", "pygame-ce", "pyglet", "minigrid", "miniworld")
 
 
@@ -82,7 +83,7 @@ def collect_machine_facts() -> dict[str, str]:
             facts[f"version_{package}"] = version(package)
         except PackageNotFoundError:
             continue
-    if commit := _git_commit(Path(minihuman.__file__).parents[1]):
+    if commit := _find_git_commit(Path(minihuman.__file__).parents[1]):
         facts["git_commit"] = commit
     return facts
 
@@ -108,7 +109,7 @@ def collect_world_facts(worlds: Iterable[str]) -> dict[str, str]:
 
 
 def _collect_package_versions(worlds: Iterable[str]) -> dict[str, str]:
-    """Return the versions of the packages that worlds are from, by fact; those of `_PACKAGES` are facts already."""
+    """Return the versions of the packages that worlds come from, by fact, without those of `_PACKAGES`."""
     modules = {_find_drawing_package(find_registered_module(world)) for world in worlds}
     modules -= {"", "minihuman", "gymnasium"}
     if not modules:
@@ -121,14 +122,16 @@ def _collect_package_versions(worlds: Iterable[str]) -> dict[str, str]:
 
 
 def _find_drawing_package(module: str) -> str:
-    """Return the package whose version determines how a module's worlds look."""
-    return next(
-        (package for part, package in _DRAWING_PACKAGES.items() if module.startswith(part)), module.partition(".")[0]
-    )
+    """Return the package that determines the pictures of a module's worlds: a simulator, or the module's own."""
+    for prefix, package in _DRAWING_PACKAGES.items():
+        if module.startswith(prefix):
+            return package
+    return module.partition(".")[0]
 
 
 @cache
 def _list_distributions() -> Mapping[str, list[str]]:
+    """Return the installed distributions by the top-level packages that they provide."""
     return packages_distributions()
 
 
@@ -140,7 +143,7 @@ def _strip_builder_suffix(release: str) -> str:
 
 
 @cache
-def _git_commit(folder: Path) -> str:
+def _find_git_commit(folder: Path) -> str:
     """Return a checkout's commit, with "+" if files were changed; "" if the folder is not a checkout.
 
     A folder inside another project's checkout does not count, since an environment is often inside the repository of a
@@ -150,6 +153,8 @@ def _git_commit(folder: Path) -> str:
         return ""
     command = ("git", "-C", str(folder), "describe", "--always", "--abbrev=40", "--exclude=*", "--dirty=+")
     try:
-        return subprocess.run(command, capture_output=True, text=True, check=True, timeout=5).stdout.strip()
+        return subprocess.run(
+            command, capture_output=True, text=True, check=True, timeout=_GIT_TIMEOUT_S
+        ).stdout.strip()
     except (OSError, subprocess.SubprocessError):
         return ""

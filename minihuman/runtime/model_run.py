@@ -39,13 +39,15 @@ class ModelRun:
 
     @classmethod
     def of_model(cls, player: str, **settings: Any) -> "ModelRun":
-        """Make the run of a language model, given as "model:NAME"."""
-        name = player.removeprefix(PLAYER_PREFIX)
+        """Make the run of a language model, given as "model:NAME"; ``settings`` are further fields of the run."""
+        model = player.removeprefix(PLAYER_PREFIX)
 
         def make_client(spec: ModelSpec) -> ChatClient:
-            known = {"temperature": spec.temperature, "max_tokens": spec.max_tokens}
-            settings: dict[str, float] = {name: known[name.replace("_completion", "")] for name in spec.request_fields}
-            return ChatClient(name, settings=settings, timeout_s=spec.timeout_s)
+            amounts = {"temperature": spec.temperature, "max_tokens": spec.max_tokens}
+            request_settings: dict[str, float] = {  # some endpoints name the limit max_completion_tokens
+                field_name: amounts[field_name.replace("_completion", "")] for field_name in spec.request_fields
+            }
+            return ChatClient(model, settings=request_settings, timeout_s=spec.timeout_s)
 
         return cls(player, make_client, **settings)
 
@@ -60,13 +62,13 @@ class ModelRun:
         if self.stopped:
             raise RunStoppedError(f"{self.stopped}; run the same command again to resume with the next call")
 
-    def stop(self, why: str) -> None:
-        """Prevent further requests."""
+    def stop(self, reason: str) -> None:
+        """Prevent further requests; the first reason is kept."""
         with self.lock:
-            self.stopped = self.stopped or why
+            self.stopped = self.stopped or reason
 
     def count(self, call: ModelCall) -> None:
-        """Add a finished call to the expenses."""
+        """Add a finished call to the expenses, and report the new totals."""
         with self.lock:
             self.spent = self.spent.add(call)
         self.changed(self.spent)

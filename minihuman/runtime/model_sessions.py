@@ -87,7 +87,7 @@ def simulate_models(
 
 
 def _yield_done(waiting: set[Future[list[Path]]]) -> Generator[Path, None, set[Future[list[Path]]]]:
-    """Yield the logs of finished sessions; return the unfinished ones."""
+    """Wait until a session is over; yield the logs of the sessions that are over, and return the others."""
     finished, unfinished = wait(waiting, return_when=FIRST_COMPLETED)
     for session in finished:
         yield from session.result()
@@ -122,7 +122,7 @@ def require_playable(protocol: Protocol) -> None:
 
 
 def _find_cut_off(study_dir: Path, player: str) -> Iterator[Path | str]:
-    """Yield what a stopped run left: the live files of this model, and the codes of slots without a planned session."""
+    """Yield what a stopped run can resume: this player's live files, and the codes of slots without a recorded plan."""
     for slot in read_enrolled(study_dir):
         folder = study_dir / slot.participant
         parts = list_log_files(folder, f"ses-*/*{PART_SUFFIX}")
@@ -180,7 +180,7 @@ def _play_first_session(
     Returns:
         The session's plan, its log and the reason why it ended.
     """
-    left = None
+    leftover = None
     with _hold_slots(data_folder):
         unfinished_session = next(_find_cut_off(data_folder / protocol.study.name, run.name), None)
         if isinstance(unfinished_session, Path):
@@ -189,14 +189,14 @@ def _play_first_session(
                 path = recover_log(unfinished_session).path
                 record_log_end(path)
                 return ended.plan, path, ended.end_reason
-            left = resume_segment(unfinished_session)
-            assert isinstance(left.events[0], SessionStarted)
-            plan = left.events[0].plan
-            log = McapRecorder(data_folder, plan, started_ns=left.started_ns, settings=settings, left=left)
+            leftover = resume_segment(unfinished_session)
+            assert isinstance(leftover.events[0], SessionStarted)
+            plan = leftover.events[0].plan
+            log = McapRecorder(data_folder, plan, started_ns=leftover.started_ns, settings=settings, left=leftover)
         else:
             plan = plan_next_session(protocol, data_folder, participant=unfinished_session, prefix="model")
             log = McapRecorder(data_folder, plan, started_ns=time.time_ns(), settings=settings)
-    return plan, *_play(protocol, data_folder, plan, run, log, left)
+    return plan, *_play(protocol, data_folder, plan, run, log, leftover)
 
 
 def _build_session(plan: SessionPlan, run: ModelRun, spec: ModelSpec) -> SessionMachine:
@@ -207,7 +207,7 @@ def _build_session(plan: SessionPlan, run: ModelRun, spec: ModelSpec) -> Session
 
 
 def _resume_session(
-    left: LeftoverSegment, spec: ModelSpec, record: ConversationRecord, log: McapRecorder
+    leftover: LeftoverSegment, spec: ModelSpec, record: ConversationRecord, log: McapRecorder
 ) -> SessionMachine:
     """Rebuild a session by replaying its logged events, which also restores its conversation in the record."""
 
@@ -217,7 +217,7 @@ def _resume_session(
         else:
             record.see_input(event)
 
-    session, unwritten = resume_from_events(left.events, World, picture_px=find_picture_size(spec), follow=follow)
+    session, unwritten = resume_from_events(leftover.events, World, picture_px=find_picture_size(spec), follow=follow)
     log.begin(unwritten)
     return session
 
@@ -228,9 +228,9 @@ def _play(
     plan: SessionPlan,
     run: ModelRun,
     log: McapRecorder,
-    left: LeftoverSegment | None = None,
+    leftover: LeftoverSegment | None = None,
 ) -> tuple[Path | None, str]:
-    """Play one session, or the rest of one; return its log and the reason why it ended.
+    """Play one session, or the remainder of a leftover one; return its log and the reason why it ended.
 
     Raises:
         MinihumanError: if the model gives no answer, the run has to stop, or the world failed.
@@ -241,11 +241,11 @@ def _play(
     recorder = ResumableRecorder(log)
     recorder.leave = True  # until the session runs, an error leaves its log to be resumed
     try:
-        if left is None:
+        if leftover is None:
             session = _build_session(plan, run, spec)
         else:
-            session = _resume_session(left, spec, record, log)
-            clock.advance_to(max(event.t_ns for event in left.events))
+            session = _resume_session(leftover, spec, record, log)
+            clock.advance_to(max(event.t_ns for event in leftover.events))
         window = ModelWindow(session, clock, run.make_client(spec), spec, run, record, recorder)
         agent = make_agent_host(protocol, plan, data, patient=True)
     except BaseException:
@@ -254,8 +254,8 @@ def _play(
     recorder.leave = False
     try:
         path = run_session(session, window, recorder, clock, agent=agent, finished=record_log_end)
-    except SessionLeft as left_at:
-        raise left_at.error from None
+    except SessionLeft as interruption:
+        raise interruption.error from None
     finally:
         window.close()
     if session.failure is not None:

@@ -28,21 +28,11 @@ from minihuman.simulation.model_conversation import (
     find_answer_rule,
 )
 
-READING_MS = 1_000.0
-
-
-FRAME_NS = 16_666_667
-
-
+READING_MS = 1_000.0  # the time for which a screen without a decision is shown
+FRAME_NS = 16_666_667  # of a display of 60 Hz
 MAX_USELESS_KEYS = 100  # in a row, without a step
-
-
-MAX_SAME_QUESTION = 20
-
-
-RETRY_WAIT_S = 0.5  # doubled each time
-
-
+MAX_SAME_QUESTION = 20  # in a row, how often a question is asked at most
+RETRY_WAIT_S = 0.5  # before the first retry; doubled each time
 MAX_RETRY_WAIT_S = 30.0
 
 
@@ -79,18 +69,23 @@ class ModelWindow(Window):
         self._screen: Screen = TextScreen("", "", "")
         self._waiting_screen: Screen | None = None  # the screen at which the model decided to wait
         self._attempt = 1
-        self._useless = 0
-        self._step: tuple[int, int] | None = None  # episode and step at the last key
+        self._n_useless_keys = 0
+        self._last_step: tuple[int, int] | None = None  # episode and step at the last key
         self._last_question = ""
         self._n_times_asked = 0  # how often that question was asked in a row
-        last = record.call
-        if last is not None and last.state == "answered":  # the session is resumed
-            self._attempt = last.attempt + (last.verdict == "invalid")
-        elif last is not None and last.state == "asked":
-            price = count_price(spec, last.prompt_tokens, spec.max_tokens)
-            self._take(replace(last, state="unknown", completion_tokens=spec.max_tokens, price=price))
+        if record.call is not None:
+            self._resume_after(record.call)
+
+    def _resume_after(self, last_call: ModelCall) -> None:
+        """Continue a resumed session after its last call; the answer to a call without one in the log is lost."""
+        spec = self._spec
+        if last_call.state == "answered":
+            self._attempt = last_call.attempt + (1 if last_call.verdict == "invalid" else 0)
+        elif last_call.state == "asked":
+            price = count_price(spec, last_call.prompt_tokens, spec.max_tokens)
+            self._record_call(replace(last_call, state="unknown", completion_tokens=spec.max_tokens, price=price))
             if spec.unknown == "end":
-                self._stop("a call's answer was lost")
+                self._end_session("a call's answer was lost")
 
     def show(self, screen: Screen) -> ScreenShown:
         """Show a screen to the model; it counts as displayed one frame later."""
@@ -134,7 +129,7 @@ class ModelWindow(Window):
         rule = find_answer_rule(self._screen, self._session)
         if rule is not None:
             if self._waiting_screen is not self._screen:
-                self._decide(rule)
+                self._ask_for_answer(rule)
             return
         match self._screen:
             case BlankScreen() | PlayScreen():
@@ -147,14 +142,15 @@ class ModelWindow(Window):
                 self._press(ENTER_KEYS[0])
 
     def _press(self, key: str) -> None:
+        """Schedule the press and release of a key after the reading time."""
         down_ns = self._clock() + round(READING_MS * NS_PER_MS)
         self._record.add([KeyDown(down_ns, key, key), KeyUp(down_ns + round(HOLD_MS * NS_PER_MS), key, key)])
 
-    def _decide(self, rule: AnswerRule) -> None:
-        """Get the model's answer to the screen, and end the session if a limit is reached or no answer is valid."""
-        reason = self._find_end()
+    def _ask_for_answer(self, rule: AnswerRule) -> None:
+        """Ask the model to answer the screen; end the session if a limit is reached or no answer is valid."""
+        reason = self._find_end_reason()
         if reason:
-            self._stop(reason)
+            self._end_session(reason)
             return
         call = self._ask(rule)
         if call.verdict == "valid":
@@ -164,11 +160,11 @@ class ModelWindow(Window):
             return
         self._attempt += 1
         if self._spec.invalid == "end" or self._attempt > self._spec.retries + 1:
-            self._stop("no valid answer")
+            self._end_session("no valid answer")
         elif self._spec.invalid == "no_op" and rule.may_wait:
             self._waiting_screen = self._screen
 
-    def _find_end(self) -> str:
+    def _find_end_reason(self) -> str:
         """Return the reason for ending the session instead of asking again; "" if there is none."""
         reason = self._find_reached_limit()
         if reason:
@@ -193,12 +189,12 @@ class ModelWindow(Window):
     def _count_useless_key(self, play: RunningEpisode) -> str:
         """Count the last key if it led to no step; return why the session ends if there were too many, otherwise ""."""
         episode_and_step = (play.plan.episode, play.steps)
-        if episode_and_step != self._step:
-            self._useless = 0
+        if episode_and_step != self._last_step:
+            self._n_useless_keys = 0
         elif self._attempt == 1:
-            self._useless += 1
-        self._step = episode_and_step
-        if self._useless > MAX_USELESS_KEYS:
+            self._n_useless_keys += 1
+        self._last_step = episode_and_step
+        if self._n_useless_keys > MAX_USELESS_KEYS:
             return f"{MAX_USELESS_KEYS} keys in a row led to no step"
         return ""
 
@@ -214,11 +210,12 @@ class ModelWindow(Window):
             return f"a question was answered {MAX_SAME_QUESTION} times and not left"
         return ""
 
-    def _stop(self, reason: str) -> None:
+    def _end_session(self, reason: str) -> None:
+        """Make the end of the session its only pending input."""
         self._record.coming = [Stop(self._clock(), "player_failed", reason)]
 
     def _ask(self, rule: AnswerRule) -> ModelCall:
-        """Ask the model, with as many retries as the protocol allows, and return the call.
+        """Send the screen's prompt, with as many retries as the protocol allows, and return the answered call.
 
         Raises:
             ModelUnavailableError: if the model gives no answer.
@@ -229,11 +226,11 @@ class ModelWindow(Window):
             self._run.check()
             request = self._build_call(prompt, rule)
             self._record.rule = rule
-            self._take(request)
+            self._record_call(request)
             try:
                 return self._read_answer(request, rule, self._client.ask(prompt))
             except ModelUnavailableError as error:
-                self._take(replace(request, state="failed", prompt_tokens=0, error=error.reason))
+                self._record_call(replace(request, state="failed", prompt_tokens=0, error=error.reason))
                 if failures == self._spec.retries or not error.temporary:
                     raise
             time.sleep(min(MAX_RETRY_WAIT_S, RETRY_WAIT_S * 2**failures))
@@ -283,10 +280,10 @@ class ModelWindow(Window):
             verdict="valid" if reading else "invalid",
             reading=reading or "",
         )
-        self._take(call)
+        self._record_call(call)
         return call
 
-    def _take(self, call: ModelCall) -> None:
+    def _record_call(self, call: ModelCall) -> None:
         """Record a call in the log and the conversation, and count its expenses once it is answered or has failed."""
         self._recorder.record(call)
         self._record.take(call)

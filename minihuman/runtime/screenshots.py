@@ -1,8 +1,8 @@
 """Screenshots of every screen of a participant's sessions, without a window.
 
-A session is played twice: by a player that knows the way and reaches the end, and by one that does not, which shows the
-screens of participants who make mistakes. If a world has no planner, a player that presses random keys replaces the
-first one.
+A session is played twice: by a player that follows the shortest path to the end, and by one that presses random keys,
+which shows the screens of participants who make mistakes. If a world has no planner, another player that presses random
+keys replaces the first one.
 """
 
 import math
@@ -31,10 +31,12 @@ from minihuman.worlds.adapters.world import World
 _SEED = 1
 _VISITS = (("optimal", 0), ("random", 10))  # the player, and how many of its answers in ten are random
 _WITHOUT_PLANNER = ("random", 0)  # replaces the first in a world without a planner
-_SUM = re.compile(r"\u200e?[-\u2212]?\d[\d.,]*")
+_AMOUNT = re.compile(r"\u200e?[-\u2212]?\d[\d.,]*")
 _THUMB_PX: Size = (320, 180)
 _SHEET_COLUMNS = 5
 _LABEL_PX = 22
+_LABEL_FONT_PX = 14
+_MARGIN_PX = 4  # around each cell of the sheet
 
 
 class _Camera(SimulatedWindow):
@@ -151,18 +153,18 @@ def save_screenshots(plans: Sequence[SessionPlan], out: Path, size_px: Size = (1
 def _draw_contact_sheet(pictures: list[tuple[str, Image.Image]]) -> Image.Image:
     """Draw all pictures on one sheet, each below its name."""
     thumb_width, thumb_height = _THUMB_PX
-    cell_width = thumb_width + 8
-    cell_height = thumb_height + _LABEL_PX + 8
+    cell_width = thumb_width + 2 * _MARGIN_PX
+    cell_height = thumb_height + _LABEL_PX + 2 * _MARGIN_PX
     columns = min(_SHEET_COLUMNS, max(1, len(pictures)))
     rows = max(1, math.ceil(len(pictures) / _SHEET_COLUMNS))
     sheet = Image.new("RGB", (columns * cell_width, rows * cell_height), BACKGROUND)
     draw = ImageDraw.Draw(sheet)
-    for place, (name, image) in enumerate(pictures):
-        row, column = divmod(place, _SHEET_COLUMNS)
-        left = column * cell_width + 4
-        top = row * cell_height + 4
-        draw.text((left, top), name, fill=INK, font=ImageFont.load_default(14))
-        sheet.paste(image, (left, top + _LABEL_PX))
+    for index, (name, image) in enumerate(pictures):
+        row, column = divmod(index, _SHEET_COLUMNS)
+        x_px = column * cell_width + _MARGIN_PX
+        y_px = row * cell_height + _MARGIN_PX
+        draw.text((x_px, y_px), name, fill=INK, font=ImageFont.load_default(_LABEL_FONT_PX))
+        sheet.paste(image, (x_px, y_px + _LABEL_PX))
     return sheet
 
 
@@ -170,5 +172,5 @@ def _list_texts(screen: Screen, *, masks_amounts: bool) -> tuple[str, ...]:
     """Return a screen's title, text, page and question, with all amounts replaced by 0 if ``masks_amounts`` is true."""
     words = tuple(str(getattr(screen, name, "")) for name in ("title", "body", "page", "question"))
     if masks_amounts:
-        return tuple(_SUM.sub("0", text) for text in words)
+        return tuple(_AMOUNT.sub("0", text) for text in words)
     return words

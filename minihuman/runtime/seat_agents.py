@@ -49,23 +49,23 @@ class SeatAgent:
         """
         for step in steps[self._n_steps :]:
             if self._n_asked == self._n_steps:  # an agent with a memory has to see every state exactly once
-                self._ask()
+                self._ask_agent()
             self._world.unwrapped.joint = step.actions
             self._world.step(step.actions[self._seat])
             self._n_steps += 1
-        chances = self._ask()
-        if chances.shape != (len(self._world.action_names),) or not chances.sum() > 0:
+        probabilities = self._ask_agent()
+        if probabilities.shape != (len(self._world.action_names),) or not probabilities.sum() > 0:
             raise WorldError(
                 f"the agent of seat {self._seat} must give a probability for each action, at least one of them above 0"
             )
         purpose = f"{self._stream}-{self._n_steps}"
         word = int(draw_words(1, seed=self._seed, purpose=purpose, index=self._index)[0])
-        uniform = (word >> 11) / 2**53  # in [0, 1)
-        sums = np.cumsum(chances)
+        uniform = (word >> 11) / 2**53  # in [0, 1), from the highest 53 of the word's 64 bits
+        sums = np.cumsum(probabilities)
         action = int(np.searchsorted(sums, uniform * sums[-1], side="right"))
         return min(action, len(sums) - 1)
 
-    def _ask(self) -> NDArray[np.float64]:
+    def _ask_agent(self) -> NDArray[np.float64]:
         """Return the agent's probability of each action in its world's present state, float64[actions]."""
         self._n_asked = self._n_steps + 1
         return np.asarray(self._agent.action_probabilities(self._world), np.float64)
@@ -76,7 +76,13 @@ class SeatAgent:
 
 
 class SimulatedAgent(BaseAgent):
-    """A simulated participant in a seat, who acts through keys and idles when a key has no action."""
+    """A simulated participant in a seat, who acts through keys and idles when a key has no action.
+
+    Args:
+        argument: the participant's name and settings, as ``make_participant`` takes them.
+        rng: the participant's random generator.
+        pool: every key that may have an action.
+    """
 
     def __init__(self, argument: str, rng: np.random.Generator, pool: tuple[str, ...]) -> None:
         super().__init__(argument)
@@ -89,15 +95,15 @@ class SimulatedAgent(BaseAgent):
         self._participant.begin(plan, self._pool, world)
 
     def action_probabilities(self, world: World) -> NDArray[np.float32]:
-        """Return probability 1 for the action of the pressed key."""
+        """Return probability 1 for the action of the pressed key, or for the idle action, and 0 for all others."""
         press = self._participant.press(world)
         names = world.action_names
         if press is None or isinstance(press, NoPress):
             name = ""
         else:
             name = self._keys.get(press.key, "")
-        number: int = names.index(name) if name in names else world.unwrapped.team.idle_action
-        return np.array([action == number for action in range(len(names))], np.float32)
+        pressed_action: int = names.index(name) if name in names else world.unwrapped.team.idle_action
+        return np.array([action == pressed_action for action in range(len(names))], np.float32)
 
 
 class SeatAgents:
@@ -121,6 +127,11 @@ class SeatAgents:
     def choose(self, seat: int, plan: EpisodePlan, steps: Sequence[JointAction]) -> int:
         """Return the action of a seat's agent after these joint actions of an episode.
 
+        Args:
+            seat: the seat of the agent.
+            plan: the plan of the episode.
+            steps: the joint actions of the episode so far.
+
         Raises:
             WorldError: if the agent gives no action a positive probability.
         """
@@ -128,7 +139,7 @@ class SeatAgents:
             self.close()
             self._episode = plan.episode
         if seat not in self._agents:
-            agent = self._load(seat, f"simulated-{plan.episode}-{seat}")
+            agent = self._load_agent(seat, f"simulated-{plan.episode}-{seat}")
             self._agents[seat] = SeatAgent(agent, plan, self._team, seat, self._protocol.study.seed)
         return self._agents[seat].choose(steps)
 
@@ -138,7 +149,7 @@ class SeatAgents:
             agent.close()
         self._agents.clear()
 
-    def _load(self, seat: int, purpose: str) -> BaseAgent:
+    def _load_agent(self, seat: int, purpose: str) -> BaseAgent:
         """Return the agent of a seat; in the seat of a person who left, the team's stand-in."""
         kind = self._team.seats[seat]
         if kind == PERSON:

@@ -73,7 +73,7 @@ def make_session_host(context: HostContext) -> RequestHandler | None:
 
 def _load_makers(plan: SessionPlan) -> Iterator[Callable[[HostContext], RequestHandler]]:
     """Yield the functions that make the hosts that a session's parts name, each once."""
-    for place in dict.fromkeys(getattr(part.plan, "host", "") for part in plan.parts):
-        if place:
-            module, _, name = place.partition(":")
+    for maker_path in dict.fromkeys(getattr(part.plan, "host", "") for part in plan.parts):
+        if maker_path:
+            module, _, name = maker_path.partition(":")
             yield getattr(import_module(module), name)

@@ -61,17 +61,17 @@ class CommandInbox:
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self._read = self._size()  # skips the requests to earlier segments
+        self._position = self._measure_size()  # of the first unread byte; requests to earlier segments are skipped
 
     def read_new(self) -> list[CommandRequest]:
         """Return the new requests. Unreadable lines are skipped; an incomplete line is read once it is complete."""
-        if self._size() <= self._read:
+        if self._measure_size() <= self._position:
             return []
         with self._path.open("rb") as file:
-            file.seek(self._read)
-            data = file.read()
-        complete_lines = data[: data.rfind(b"\n") + 1]
-        self._read += len(complete_lines)
+            file.seek(self._position)
+            content = file.read()
+        complete_lines = content[: content.rfind(b"\n") + 1]
+        self._position += len(complete_lines)
         requests = []
         for line in complete_lines.splitlines():
             try:
@@ -80,7 +80,8 @@ class CommandInbox:
                 continue
         return requests
 
-    def _size(self) -> int:
+    def _measure_size(self) -> int:
+        """Return the size of the file in bytes; 0 if it cannot be found."""
         try:
             return os.stat(self._path).st_size
         except OSError:
@@ -121,7 +122,7 @@ def run_session(
 
     Raises:
         LogError: if the log could not be written; what was written before is kept.
-        Exception: an error of the window, or a bug of ours.
+        Exception: an error of the window, or a defect of this package.
     """
     loop = _SessionLoop(session, window, recorder, clock, inbox, agent, sound or SimulatedOutput(clock))
     with receive_end_signals(loop.note_signal):  # to the end, so that a second Ctrl-C does not cut the log off
@@ -130,7 +131,7 @@ def run_session(
                 loop.run_or_stop()
                 loop.hold_last_screen(last_screen_s)
         finally:
-            _close(session, agent)
+            _close_session(session, agent)
             path = _finish_log(recorder, finished)
     if loop.log_error:
         raise loop.log_error
@@ -138,13 +139,14 @@ def run_session(
 
 
 def _finish_log(recorder: Recorder, finished: Callable[[Path], object] | None) -> Path | None:
+    """Close a recorder, call ``finished`` with the log's path, and return the path; None if there is no file."""
     path = recorder.close()
     if finished is not None and path is not None:
         finished(path)
     return path
 
 
-def _close(session: SessionMachine, agent: RequestHandler | None) -> None:
+def _close_session(session: SessionMachine, agent: RequestHandler | None) -> None:
     """Stop the agent's processes, and close the session's world."""
     if agent is not None:
         agent.close()
@@ -183,7 +185,7 @@ class _SessionLoop:
         self._agent = agent
         self._sound = sound
         self._cues: tuple[SoundCue, ...] = ()  # the sounds that the output has
-        self._look_ns = 0  # the time from which the inbox is read again
+        self._next_read_ns = 0  # when the inbox is read again
         self._last_screen: Screen | None = None
         self._failed = False
 
@@ -195,7 +197,7 @@ class _SessionLoop:
         """Run until the session is over; an error first ends the session in its log, then is raised.
 
         Raises:
-            Exception: an error of the window or the player, or a bug of ours.
+            Exception: an error of the window or the player, or a defect of this package.
         """
         try:
             self.run()
@@ -220,14 +222,12 @@ class _SessionLoop:
         try:
             self._settle_log()
         except LogError as error:
-            self._stop(error)
+            self._stop_for_log(error)
 
     def take(self, happened: Input) -> None:
         """Pass an input to the session, begin to write its events, and update the sounds that play.
 
-        The next picture waits until the events are written.
-
-        If the log cannot be written, the session is stopped.
+        The next picture waits until the events are written. If the log cannot be written, the session is stopped.
         """
         events = self._session.receive(happened)
         self._failed |= any(isinstance(event, SessionEnded) and event.reason == "world_error" for event in events)
@@ -236,10 +236,11 @@ class _SessionLoop:
         self._play_sounds()
 
     def _begin_writing(self, events: Sequence[Event]) -> None:
+        """Begin to write events to the log; stop the session if that fails."""
         try:
             self._recorder.begin(events)
         except LogError as error:
-            self._stop(error)
+            self._stop_for_log(error)
 
     def hold_last_screen(self, last_screen_s: float) -> None:
         """Keep a failure on the screen until a key is pressed, the window closes, a signal comes or time is up."""
@@ -248,7 +249,7 @@ class _SessionLoop:
         try:
             self._settle_log()
         except LogError as error:
-            self._stop(error)
+            self._stop_for_log(error)
         if self.log_error:  # this includes a log that lacks only the session's end
             self._show_stop("disk_full", str(self.log_error))
         else:
@@ -260,6 +261,7 @@ class _SessionLoop:
                 return
 
     def _show_stop(self, reason: EndReason, detail: str) -> None:
+        """Show a screen that says why the session stopped, with a code that is also written to the program's log."""
         plan = self._session.plan
         LOG.warning("the session stopped, code %s on its screen: %s", find_stop_code(reason, detail), detail)
         self._window.show(build_end_screen(InterfaceWords(plan.language, plan.words), reason, detail))
@@ -279,14 +281,15 @@ class _SessionLoop:
         try:
             return self._window.show_after(screen, self._settle_log)
         except LogError as error:
-            self._stop(error)
+            self._stop_for_log(error)
             return None
 
     def _settle_log(self) -> None:
+        """Wait until the events are written, unless the log has failed before."""
         if not self.log_error:
             self._recorder.settle()
 
-    def _stop(self, error: LogError) -> None:
+    def _stop_for_log(self, error: LogError) -> None:
         """Stop the session, because its events cannot be logged."""
         self.log_error = error
         self.take(Stop(self._clock(), "disk_full", str(error)))
@@ -322,27 +325,27 @@ class _SessionLoop:
         inputs[:0] = self._sound.read()
         if self.signal_name:
             inputs.append(Stop(self._clock(), "signal", self.signal_name))
-        elif commands := self._new_commands():
+        elif commands := self._read_commands():
             inputs += commands
         elif not inputs and tick_ns is not None and self._clock() >= tick_ns:
             inputs.append(Tick(self._clock()))
         return inputs
 
-    def _new_commands(self) -> list[ExperimenterCommand]:
-        """Return the experimenter's new requests; the inbox is read several times per second."""
+    def _read_commands(self) -> list[ExperimenterCommand]:
+        """Return the experimenter's new requests; none if the inbox was read a moment ago."""
         now_ns = self._clock()
-        if self._inbox is None or now_ns < self._look_ns:
+        if self._inbox is None or now_ns < self._next_read_ns:
             return []
-        self._look_ns = now_ns + SIGNAL_CHECK_INTERVAL_NS
+        self._next_read_ns = now_ns + SIGNAL_CHECK_INTERVAL_NS
         return [ExperimenterCommand(now_ns, request.what, request.text) for request in self._inbox.read_new()]
 
 
 @contextmanager
 def _short_switch_interval() -> Iterator[None]:
     """Shorten the interpreter's thread switch interval while the context lasts, so that the loop soon gets its turn."""
-    before = sys.getswitchinterval()
+    usual_interval_s = sys.getswitchinterval()
     sys.setswitchinterval(SWITCH_INTERVAL_S)
     try:
         yield
     finally:
-        sys.setswitchinterval(before)
+        sys.setswitchinterval(usual_interval_s)

@@ -34,16 +34,23 @@ from minihuman.runtime.team_host import TeamTable
 
 POLL_NS = 4_000_000  # the longest time for which the display's thread waits for keys before it shows new screens
 GAP_PX = 12  # between pictures
-GROUND = (22, 25, 30)
+GAP_COLOUR = (22, 25, 30)
 _STOP_KEYS = RESERVED_KEYS - {"enter"}
 # phases in which a question concerns all sessions
-_QUESTIONS = (Phase.PAUSED, Phase.UNFOCUSED, Phase.QUIT_QUESTION, Phase.ABORT_QUESTION)
+_QUESTION_PHASES = (Phase.PAUSED, Phase.UNFOCUSED, Phase.QUIT_QUESTION, Phase.ABORT_QUESTION)
 
 Result = TypeVar("Result")
 
 
 class SeatWindow(Window):
-    """One person's part of a shared window. Its screens are shown while it is in front, which `wait` then reports."""
+    """One person's part of a shared window. Its screens are shown while it is in front, which `wait` then reports.
+
+    Args:
+        window: the shared window.
+        clock: the clock of all sessions.
+        number: the number of the seat, from 1.
+        seats: how many seats share the window.
+    """
 
     def __init__(self, window: Window, clock: Clock, number: int, seats: int) -> None:
         self.session: SessionMachine | None = None  # the seat's session, once it has begun
@@ -62,13 +69,13 @@ class SeatWindow(Window):
         self.label = words.fill("team.person", number=self.label)
 
     @property
-    def waits(self) -> bool:
+    def has_nothing_to_do(self) -> bool:
         """Return whether the person in this seat has nothing to do."""
         screen = self.screen
         return screen is None or (isinstance(screen, TextScreen) and not screen.prompt and not screen.keys)
 
     def has_key(self, key: str) -> bool:
-        """Return whether a key has an action in the seat's episode, or had one in the last episode."""
+        """Return whether a key has an action in the running episode or, between episodes, had one in the last."""
         play = None if self.session is None else self.session.play
         if play is not None:
             self._keys = play.plan.key_map.keys
@@ -113,10 +120,11 @@ class SeatWindow(Window):
     @property
     def picture_px(self) -> tuple[int, int] | None:
         """Return the seat's share of the size that the shared window has for pictures; None if that is unknown."""
-        room = self._window.picture_px
-        if room is None:
+        picture_px = self._window.picture_px
+        if picture_px is None:
             return None
-        return ((room[0] - GAP_PX * (self._seats - 1)) // self._seats, room[1])
+        width_px, height_px = picture_px
+        return (width_px - GAP_PX * (self._seats - 1)) // self._seats, height_px
 
     def close(self) -> None:
         """Do nothing, since the seat does not own the shared window."""
@@ -151,7 +159,7 @@ class SharedWindow:
             runs = [pool.submit(play) for play in plays]
             try:
                 while not all(run.done() for run in runs):
-                    self._show()
+                    self._show_screens()
                     for happened in self._window.wait(self._clock() + POLL_NS):
                         self._route(happened)
                     if any(run.done() and run.exception() for run in runs):
@@ -162,6 +170,7 @@ class SharedWindow:
         return [run.result() for run in runs]
 
     def _stop(self, reason: Literal["window_closed", "signal"], detail: str) -> None:
+        """End the sessions of all seats."""
         for seat in self.seats:
             seat.put(Stop(self._clock(), reason, detail))
 
@@ -173,27 +182,27 @@ class SharedWindow:
     @property
     def _front(self) -> SeatWindow:
         """Return the seat whose person has something to do; the first active seat if all of them wait."""
-        return next((seat for seat in self._active_seats if not seat.waits), self._active_seats[0])
+        return next((seat for seat in self._active_seats if not seat.has_nothing_to_do), self._active_seats[0])
 
-    def _show(self) -> None:
-        """Show the screens that are in view if any of them is new, and pass each new one's time to its seat."""
+    def _show_screens(self) -> None:
+        """Show the screens in view if any of them is new, and pass each new one and its time to its seat."""
         in_view = [seat for seat in self._active_seats if isinstance(seat.screen, PlayScreen)]
         if self._front not in in_view:
             in_view = [self._front]
-        coming = [(seat, seat.screen) for seat in in_view if seat.screen is not None]
+        visible = [(seat, seat.screen) for seat in in_view if seat.screen is not None]
         displayed = {(seat, id(screen)) for seat, screen in self._displayed}
-        new = [(seat, screen) for seat, screen in coming if (seat, id(screen)) not in displayed]
-        if not new and len(coming) == len(displayed):
+        new = [(seat, screen) for seat, screen in visible if (seat, id(screen)) not in displayed]
+        if not new and len(visible) == len(displayed):
             return
-        labels = [seat.label for seat, _ in coming]
-        screens = [screen for _, screen in coming]
+        labels = [seat.label for seat, _ in visible]
+        screens = [screen for _, screen in visible]
         frame = self._window.show(_compose_screens(labels, screens))
         for seat, screen in new:
             screen_shown = frame
             if isinstance(screen, PlayScreen):
                 screen_shown = replace(frame, step=screen.step)
             seat.put((screen, screen_shown))
-        self._displayed = coming
+        self._displayed = visible
 
     def _route(self, happened: Input) -> None:
         """Pass an input to the seats that it is for."""
@@ -218,7 +227,7 @@ class SharedWindow:
         During play, other keys go to the seats that have them.
         """
         phases = {seat.session.phase for seat in self._active_seats if seat.session is not None}
-        if key in _STOP_KEYS or phases.intersection(_QUESTIONS):
+        if key in _STOP_KEYS or phases.intersection(_QUESTION_PHASES):
             return self._active_seats
         visible_seats = [seat for seat, screen in self._displayed if isinstance(screen, PlayScreen)]
         if not visible_seats:
@@ -258,11 +267,11 @@ def _compose_screens(labels: Sequence[str], screens: Sequence[Screen]) -> Screen
 
 
 def _join_pictures(pictures: Sequence[NDArray[np.uint8]]) -> NDArray[np.uint8]:
-    """Put pictures of one height side by side with gaps between them; empty if the first is."""
+    """Put pictures of the same height side by side with gaps between them; return the first one if it is empty."""
     first, *others = pictures
     if not first.size:
         return first
-    gap = np.full((len(first), GAP_PX, 3), GROUND, np.uint8)
+    gap = np.full((len(first), GAP_PX, 3), GAP_COLOUR, np.uint8)
     row = [first]
     for picture in others:
         row += [gap, picture]

@@ -23,7 +23,7 @@ from minihuman.errors import MinihumanError, PlayerFailedError
 from minihuman.experiment.machine.activity import WorldFactory, find_kind
 from minihuman.experiment.pending_session import build_session
 from minihuman.experiment.plan.expansion import enrol_participant, expand_protocol
-from minihuman.experiment.plan.session_plan import SessionPlan
+from minihuman.experiment.plan.session_plan import EpisodePlan, SessionPlan
 from minihuman.experiment.protocol.protocol import Protocol
 from minihuman.log.paths import SegmentPath
 from minihuman.log.record.mcap_recorder import McapRecorder
@@ -70,19 +70,19 @@ def simulate(
     _require_player(protocol, player, seed)  # a player that cannot play must not take up a slot
     without_data = Counter[int]()  # number of participants who left no data, by slot index
 
-    def begin() -> tuple[SessionPlan, SimulatedParticipant]:
+    def take_slot() -> tuple[SessionPlan, SimulatedParticipant]:
         plan = plan_next_session(protocol, data)
-        place = plan.participant.index
-        taken_over = int(plan.participant.id.partition("-")[2]) - 1 - place  # 0 for the slot's first participant
-        stream_key = (place, *filter(None, (without_data[place], taken_over)))
+        slot_index = plan.participant.index
+        n_replaced = int(plan.participant.id.partition("-")[2]) - 1 - slot_index  # 0 for the slot's first participant
+        stream_key = (slot_index, *filter(None, (without_data[slot_index], n_replaced)))
         rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=stream_key))
         return plan, make_participant(player, rng)
 
     if any(len(team.persons) > 1 for _, team in list_teams(protocol, None)):
-        yield from _simulate_teams(protocol, data, [begin() for _ in range(participants)], facts)
+        yield from _simulate_teams(protocol, data, [take_slot() for _ in range(participants)], facts)
         return
     for _ in range(participants):
-        plan, person = begin()
+        plan, person = take_slot()
         yield from _play_sessions(protocol, data, plan, person, facts, without_data, make_world=make_world)
 
 
@@ -118,13 +118,13 @@ def _play_sessions(
 
     If the first session leaves no data, free the person's slot and count the person in ``without_data``.
     """
-    place = plan.participant.index
+    slot_index = plan.participant.index
     log, reason = _play_session(
-        protocol, plan, person, data, facts, before=without_data[place], teams=teams, make_world=make_world
+        protocol, plan, person, data, facts, before=without_data[slot_index], teams=teams, make_world=make_world
     )
     if log is None:
         free_slot(data / plan.study, plan.participant.id, reason)
-        without_data[place] += 1
+        without_data[slot_index] += 1
     else:
         yield log
     for session in range(2, len(protocol.sessions) + 1):
@@ -143,24 +143,30 @@ def _require_player(protocol: Protocol, player: str, seed: int) -> None:
         SimulationError: if there is no such player, or it cannot play one of the worlds.
     """
     person = make_participant(player, np.random.default_rng(seed))
-    tried: list[tuple[str, dict[str, Any]]] = []
+    for episode, key_pool in _list_first_episodes(protocol):
+        with closing(World(episode.world, episode.options)) as world:
+            world.reset(episode.seed)
+            try:
+                with limit_answer_time():
+                    person.begin(episode, key_pool, world)
+                    person.press(world)
+            except MinihumanError:  # the player reports that it cannot play here
+                raise
+            except Exception:  # any other error of the player is recorded in its session
+                return
+
+
+def _list_first_episodes(protocol: Protocol) -> Iterator[tuple[EpisodePlan, tuple[str, ...]]]:
+    """Yield the first episode in each world that simulated players play, with the keys that may have an action."""
+    yielded: list[tuple[str, dict[str, Any]]] = []
     for group, session in product(protocol.groups, range(1, max(1, len(protocol.sessions)) + 1)):
         plan = expand_protocol(protocol, enrol_participant(protocol, 0, group.name), session=session, overridden=True)
         for episode in plan.episodes:
-            made_from = episode.world, episode.options
+            world_and_options = episode.world, episode.options
             kind = find_kind(protocol.block(episode.block_name).kind)
-            if kind.is_for_players and made_from not in tried:
-                tried.append(made_from)
-                with closing(World(*made_from)) as world:
-                    world.reset(episode.seed)
-                    try:
-                        with limit_answer_time():
-                            person.begin(episode, plan.key_pool, world)
-                            person.press(world)
-                    except MinihumanError:  # the player reports that it cannot play here
-                        raise
-                    except Exception:  # any other error of the player is recorded in its session
-                        return
+            if kind.is_for_players and world_and_options not in yielded:
+                yielded.append(world_and_options)
+                yield episode, plan.key_pool
 
 
 def _play_session(
@@ -174,7 +180,10 @@ def _play_session(
     teams: TeamTable | None = None,
     make_world: WorldFactory = World,
 ) -> tuple[Path | None, str]:
-    """Play one session; return its log, None if it ended before anything was recorded, and the reason why it ended."""
+    """Play one session; return its log, None if nothing was recorded, and the reason why it ended.
+
+    ``before`` is the number of earlier participants of the slot who left no data.
+    """
     clock = VirtualClock()
     facts = facts | collect_world_facts(list_world_ids(plan)) | {"window": "simulated"}
     session = build_session(plan, make_world, facts, picture_px=None)
@@ -196,14 +205,14 @@ def _free_slot(data: Path, plan: SessionPlan, error: PlayerFailedError) -> str:
     """Free the slot of a player that failed; return a sentence that says where its log is."""
     study_dir = data / plan.study
     code = plan.participant.id
-    why = f"player_failed: {error.reason}"
+    departure_reason = f"player_failed: {error.reason}"
     log = SegmentPath.of_plan(data, plan).log
     if not log.exists():
         if plan.session == 1:
             free_slot(study_dir, code, "player_failed")
         return "nothing was recorded, and the slot is free again"
     record_log_end(log)
-    record_departure(study_dir, ParticipantReplaced(code, now_text(), reason=why))
+    record_departure(study_dir, ParticipantReplaced(code, now_text(), reason=departure_reason))
     return f"{log} has the session up to there, and the slot is free again"
 
 

@@ -30,7 +30,8 @@ from minihuman.simulation.part_simulation import (
 )
 from minihuman.simulation.participant import SimulatedParticipant
 
-FRAME_NS = 16_666_667
+FRAME_NS = 16_666_667  # of a display of 60 Hz
+_MIDDLE = 0.5  # of the screen, at which the pointer is reported
 MOST_USELESS_PRESSES = 1_000  # in a row that lead to no step
 
 
@@ -134,12 +135,12 @@ class SimulatedWindow(Window, SimulatedPerson):
         self._coming.sort(key=lambda happened: happened.t_ns)
 
     def point(self, target: str, along: float) -> None:
-        """Schedule a click on a target of the screen."""
+        """Schedule a click on a target of the screen, at a position along it from 0 to 1."""
         down_ns = self._clock() + round(READING_MS * NS_PER_MS)
         up_ns = down_ns + round(HOLD_MS * NS_PER_MS)
         self._coming += [
-            PointerPressed(down_ns, 0.5, 0.5, target, along),
-            PointerReleased(up_ns, 0.5, 0.5, target, along),
+            PointerPressed(down_ns, _MIDDLE, _MIDDLE, target, along),
+            PointerReleased(up_ns, _MIDDLE, _MIDDLE, target, along),
         ]
 
     def type_text(self, text: str) -> None:
@@ -168,7 +169,7 @@ class SimulatedWindow(Window, SimulatedPerson):
                 return
         simulator = self._find_simulator(part.part.kind)
         if simulator is None or not simulator.act(part, self._screen):
-            self._do_usual()
+            self._schedule_usual_input()
 
     def _find_simulator(self, kind: str) -> PartSimulator | None:
         """Return the simulator of a kind's parts; None if the kind has none."""
@@ -177,11 +178,11 @@ class SimulatedWindow(Window, SimulatedPerson):
             self._simulators[kind] = getattr(import_module(module), name)(self) if module else None
         return self._simulators[kind]
 
-    def _do_usual(self) -> None:
+    def _schedule_usual_input(self) -> None:
         """Schedule the usual input for a screen that parts of every kind may show."""
         match self._screen:
             case PlayScreen() if self._session.play is not None:  # otherwise the last picture is held
-                self._play(self._session.play)
+                self._schedule_press(self._session.play)
             case PageScreen():
                 self.press_key("enter")
             case TextScreen(keys=keys) if missing := [key for key, pressed in keys if not pressed]:
@@ -189,7 +190,7 @@ class SimulatedWindow(Window, SimulatedPerson):
             case TextScreen() if self._session.next_tick_ns is None:  # otherwise a rest is running
                 self.press_key("enter")
 
-    def _play(self, play: RunningEpisode) -> None:
+    def _schedule_press(self, play: RunningEpisode) -> None:
         """Schedule the player's next key press, or a withheld response, in an episode."""
         if self._withheld == (play, play.steps):
             return
@@ -197,7 +198,7 @@ class SimulatedWindow(Window, SimulatedPerson):
         if play.steps != self._steps_at_last_key:
             self._useless_presses = 0
         else:
-            self._useless_presses = self._useless_presses + 1
+            self._useless_presses += 1
         self._steps_at_last_key = play.steps
         if self._useless_presses > MOST_USELESS_PRESSES:
             message = f"{MOST_USELESS_PRESSES} keys in a row led to no step of {play.plan.world}"

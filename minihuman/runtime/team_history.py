@@ -1,4 +1,4 @@
-"""The history of a team's block in its members' logs, from before this process led the team."""
+"""The history of a team's block, read from its members' logs when a process begins to lead the team."""
 
 import math
 from dataclasses import dataclass
@@ -33,7 +33,7 @@ class TeamBlockKey:
 
 
 def list_team_segments(study_dir: Path, data: Path, key: TeamBlockKey) -> list[TeamSegment]:
-    """Return the segments of a team's members, in the order in which they began."""
+    """Return the segments of all sessions of a team's members for a block, in the order in which they began."""
     segments: set[TeamSegment] = set()
     for entry in list_team_entries(study_dir):
         if TeamBlockKey(entry.team, entry.session, entry.block) != key:

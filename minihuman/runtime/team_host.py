@@ -44,7 +44,8 @@ from minihuman.runtime.seat_agents import SeatAgents
 from minihuman.runtime.team_history import TeamBlockKey, read_team_history
 from minihuman.storage.system import monotonic_s, now_text
 
-PRESENCE_S = 3.0  # without a request, after which a person is not in the lobby; who waits asks several times a second
+PRESENCE_S = 3.0  # how long a person without a request counts as present; one who waits asks several times a second
+_RECHECK_S = 0.5  # after which a patient member asks again without having been notified
 
 
 @dataclass(slots=True)
@@ -114,7 +115,7 @@ class TeamTable:
             return self._form_alone(want, member)
         lobby = self._lobbies.get(want.block)
         if lobby is None:
-            lobby = self._lobbies[want.block] = Lobby(want.block, self._protocol.study.seed, self._list_places)
+            lobby = self._lobbies[want.block] = Lobby(want.block, self._protocol.study.seed, self._list_slot_indices)
         entry = lobby.find(member)
         if entry is None:
             recorded = self._find_recorded(want, member)
@@ -143,7 +144,7 @@ class TeamTable:
         self._record_team(want.block, name, index, {seat: member}, plan.seats, is_solo=True)
         return Team(name, index, seat, plan.seats)
 
-    def _list_places(self, group: str) -> list[int]:
+    def _list_slot_indices(self, group: str) -> list[int]:
         """Return the indices of a group's slots in the allocation list, in order."""
         return [slot.index for slot in build_allocation_list(self._protocol) if slot.group == group]
 
@@ -155,7 +156,7 @@ class TeamTable:
         *,
         present_since_s: float,
     ) -> None:
-        """Form a team with a waiting member of a lobby, if there are partners."""
+        """Form a team with a waiting member of a lobby, if there are partners who asked since ``present_since_s``."""
         if entry.team is None:
             partners = lobby.match(entry, present_since_s)
             if partners is not None:
@@ -204,10 +205,10 @@ class TeamTable:
         record_team(self._study_dir, TeamRecorded(name, index, block, session, codes, kinds, now_text(), is_solo))
 
     def _find_recorded(self, want: TeamRequest, member: "TeamMember") -> Team | None:
-        """Return the team in which a member was recorded before this process began, or before a page was lost."""
-        place = (want.block, member.plan.session)
+        """Return the recorded team of a member who returns after a restart or with a new page; None if none is open."""
+        block_and_session = (want.block, member.plan.session)
         for entry in reversed(list_team_entries(self._study_dir)):
-            if entry.solo or (entry.block, entry.session) != place:
+            if entry.solo or (entry.block, entry.session) != block_and_session:
                 continue
             code = member.plan.participant.id
             seat = next((int(seat) for seat, seat_code in entry.members.items() if seat_code == code), None)
@@ -277,7 +278,7 @@ class TeamTable:
             for lobby in self._lobbies.values():
                 lobby.leave(member)
             for key, running in list(self._teams.items()):
-                seats = [seat for seat, other in running.members.items() if other is member]
+                seats = [seat for seat, seated in running.members.items() if seated is member]
                 for seat in seats:
                     del running.members[seat]
                     member.signs.lose_page("closed", self._now_s())
@@ -323,7 +324,7 @@ class TeamMember(RequestHandler):
         with self.table.lock:
             answer = self._ask(want, play)
             while answer is None and self._patient and has_submitted:
-                self.table.lock.wait(timeout=0.5)
+                self.table.lock.wait(timeout=_RECHECK_S)
                 answer = self._ask(want, play)
             if isinstance(answer, Team) and isinstance(want, TeamRequest):
                 self.table.take_seat(answer, want.block, want.plan, self)

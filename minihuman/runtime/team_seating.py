@@ -1,4 +1,4 @@
-"""Which people sit together: the teams of a protocol, and the ways to run a study in which its people can meet."""
+"""The teams of a protocol, and the ways of running a study in which the people of a team can meet."""
 
 from collections.abc import Iterator
 
@@ -8,7 +8,7 @@ from minihuman.experiment.protocol.protocol import Protocol
 
 
 def count_seats_at_machine(protocol: Protocol, group: str | None = None) -> int:
-    """Return how many people share one machine: the most people in a team whose seats have keys of their own.
+    """Return how many people share one machine: the largest number in a team whose seats have different keys.
 
     Without such teams it is 1.
     """
@@ -27,7 +27,7 @@ def list_teams(protocol: Protocol, group: str | None) -> Iterator[tuple[str, Tea
 
 
 def require_one_process(protocol: Protocol, way: str, *, group: str | None = None, at_one_machine: int = 1) -> None:
-    """Refuse a way of running a study in which its people would never meet.
+    """Refuse to run a study in a way in which the people of a team could not meet.
 
     Args:
         protocol: the study.

@@ -66,7 +66,7 @@ class ChatAnswer:
     latency_ms: float
 
 
-def _shut(connection: http.client.HTTPConnection) -> None:
+def _shut_down(connection: http.client.HTTPConnection) -> None:
     """Shut a connection down, so that a thread that is reading from it returns."""
     opened: socket.socket | None = connection.sock
     if opened is not None:
@@ -161,7 +161,7 @@ class ChatClient(ModelClient):
             self._connection = None
 
     def _post(self, body: bytes) -> tuple[int, bytes]:
-        """Send a request, connecting if necessary, within the time limit; return the status and the content."""
+        """Send a request within the time limit, connecting if necessary; return the response's status and content."""
         if self._connection is None:
             if self._tls is None:
                 self._connection = http.client.HTTPConnection(self._host, self._port, timeout=self._timeout_s)
@@ -170,7 +170,7 @@ class ChatClient(ModelClient):
                     self._host, self._port, timeout=self._timeout_s, context=self._tls
                 )
         exchange = partial(self._exchange, self._connection, body)
-        return call_within(self._timeout_s, exchange, shut=partial(_shut, self._connection))
+        return call_within(self._timeout_s, exchange, shut=partial(_shut_down, self._connection))
 
     def _exchange(self, connection: http.client.HTTPConnection, body: bytes) -> tuple[int, bytes]:
         """Send a request over a connection; return the status and the content of the response."""
@@ -181,7 +181,7 @@ class ChatClient(ModelClient):
         response = connection.getresponse()
         content = response.read(MAX_ANSWER_BYTES + 1)
         if len(content) > MAX_ANSWER_BYTES:
-            raise http.client.HTTPException
+            raise http.client.HTTPException  # reported by its name, as its text could hold the address
         return response.status, content
 
     def _parse_answer(self, content: bytes, latency_ms: float) -> ChatAnswer:

@@ -25,11 +25,10 @@ from minihuman.simulation.response_model import TrialResponder, find_stimulus
 from minihuman.worlds.adapters.world import World
 from minihuman.worlds.hashing import hash64
 
-_CHANCES = ("lapse", "wrong_turn", "practice", "key_forgetting", "pause", "autocorrelation")
+_PROBABILITIES = ("lapse", "wrong_turn", "practice", "key_forgetting", "pause", "autocorrelation")
 _LONGEST_S = 60.0  # that a press may take
 _PAUSE_RANGE_MS = (1500, 5000)
-
-
+_MAX_DRAWN_PROBABILITY = 0.9
 EARLIER_NAMES = {
     "astray": "wrong_turn",
     "detour_steps": "wrong_turn_steps",
@@ -76,7 +75,7 @@ class ParticipantParameters:
         """
         for field in fields(self):
             value = getattr(self, field.name)
-            if field.name in _CHANCES and not 0 <= value <= 1:
+            if field.name in _PROBABILITIES and not 0 <= value <= 1:
                 raise SimulationError(f"{field.name} is {value}; use a probability from 0 to 1")
             if not 0 <= value < math.inf:
                 raise SimulationError(f"{field.name} is {value}; use 0 or more")
@@ -175,8 +174,8 @@ class ParticipantPopulation:
             factor = math.exp(self.spread * spread * float(rng.standard_normal()))  # the same draws whatever is fixed
             if name not in self.fixed:
                 parameters[name] = getattr(self.median, name) * factor
-                if name in _CHANCES:
-                    parameters[name] = min(parameters[name], 0.9)
+                if name in _PROBABILITIES:
+                    parameters[name] = min(parameters[name], _MAX_DRAWN_PROBABILITY)
         return replace(self.median, **parameters)
 
 
@@ -193,7 +192,7 @@ class HumanLikeParticipant(SimulatedParticipant):
         self.person = population.draw(rng)
         self._rng = rng
         self._presses = 0
-        self._lost = False
+        self._has_given_up = False  # whether a search took too long in this episode
         self._pool: tuple[str, ...] = ()
         self._plan: EpisodePlan | None = None
         self._understood: dict[str, str] = {}  # key -> action
@@ -201,19 +200,19 @@ class HumanLikeParticipant(SimulatedParticipant):
         self._search: GoalSearch | None = None
         self._detour: list[str] = []
         self._last: tuple[str, int] | None = None  # the last key, and what was seen when it was pressed
-        self._passed_ms = 0.0  # since it was pressed
-        self._state = np.zeros(2)  # of the autocorrelated reaction times
+        self._last_reaction_ms = 0.0  # how long the last press took
+        self._reaction_state = np.zeros(2)  # of the autocorrelated reaction times
         self._no_effect = False  # whether the last press had no visible effect
 
     def begin(self, plan: EpisodePlan, pool: tuple[str, ...], world: World) -> None:
-        """Start an episode; known keys are kept if the key map is the same."""
-        before = self._plan
+        """Start an episode; keys whose actions are known stay known if the key map is the same, but for forgetting."""
+        last_plan = self._plan
         self._plan = plan
         self._pool = pool
-        if before is None or _key_positions(plan) != _key_positions(before):
+        if last_plan is None or _map_action_positions(plan) != _map_action_positions(last_plan):
             self._understood = {}
             self._fruitless = {}
-        elif plan.block != before.block:
+        elif plan.block != last_plan.block:
             remembered = [key for key in self._understood if self._rng.random() >= self.person.key_forgetting]
             self._understood = {key: plan.key_map.keys[key] for key in remembered}
             self._fruitless = {}
@@ -221,7 +220,7 @@ class HumanLikeParticipant(SimulatedParticipant):
             self._understood = dict(plan.key_map.keys)
         self._detour = []
         self._last = None
-        self._lost = False
+        self._has_given_up = False
         self._no_effect = False
         if find_stimulus(world.unwrapped) is not None:
             self._responder.begin()
@@ -246,15 +245,15 @@ class HumanLikeParticipant(SimulatedParticipant):
             extra_ms = float(self._rng.exponential(self.person.orientation_ms))
         else:
             self._learn(*self._last, view_hash)
-            self._search.forget(-math.expm1(-self.person.forgetting_rate_per_s * self._passed_ms / 1000))
+            self._search.forget(-math.expm1(-self.person.forgetting_rate_per_s * self._last_reaction_ms / 1000))
         key = self._choose_key(self._search)
         again = self._last is not None and key == self._last[0]
-        self._passed_ms = self.person.reaction_ms(
-            self._rng, presses=self._presses, again=again, extra_ms=extra_ms, state=self._state
+        self._last_reaction_ms = self.person.reaction_ms(
+            self._rng, presses=self._presses, again=again, extra_ms=extra_ms, state=self._reaction_state
         )
         self._last = key, view_hash
         self._presses += 1
-        return KeyPress(key, self._passed_ms)
+        return KeyPress(key, self._last_reaction_ms)
 
     def _respond(self, stimulus: Stimulus) -> KeyPress | NoPress:
         """Return the response to a trial, whose keys are known from its instructions."""
@@ -267,7 +266,7 @@ class HumanLikeParticipant(SimulatedParticipant):
         return NoPress()
 
     def _learn(self, key: str, previous_hash: int, view_hash: int) -> None:
-        """Learn from the effect of the last key."""
+        """Learn from the effect of the last key: equal hashes of the views before and after it show no effect."""
         assert self._plan is not None
         assert self._search is not None
         action = self._plan.key_map.keys.get(key)
@@ -280,7 +279,7 @@ class HumanLikeParticipant(SimulatedParticipant):
                 self._understood[key] = action
 
     def _choose_key(self, search: GoalSearch) -> str:
-        """Return the key of the next planned action, or a key pressed by a lapse, on a detour or as a trial."""
+        """Return the key of the next planned action, an untried key if it is unknown, or one of a lapse or detour."""
         path = self._plan_path(search)
         if self._rng.random() < self.person.lapse:
             return self._draw_key(self._pool)
@@ -303,11 +302,11 @@ class HumanLikeParticipant(SimulatedParticipant):
 
     def _plan_path(self, search: GoalSearch) -> list[str]:
         """Return the planned actions; after a search that took too long, none for the rest of the episode."""
-        if not self._lost:
+        if not self._has_given_up:
             try:
                 return search.plan()
             except WorldError:
-                self._lost = True
+                self._has_given_up = True
         return []
 
     def _choose_untried(self) -> str:
@@ -320,6 +319,6 @@ class HumanLikeParticipant(SimulatedParticipant):
         return keys[int(self._rng.integers(len(keys)))]
 
 
-def _key_positions(plan: EpisodePlan) -> dict[str, int]:
+def _map_action_positions(plan: EpisodePlan) -> dict[str, int]:
     """Return the position of each key's action in the block's list of actions, which is stable when keys carry over."""
     return {key: plan.actions.index(action) for key, action in plan.key_map.keys.items() if action in plan.actions}

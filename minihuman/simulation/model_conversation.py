@@ -87,12 +87,12 @@ class AnswerRule:
         lines = [line for line in answer.strip().splitlines() if line.strip()]
         marked = [match["answer"] for match in map(_ANSWER.match, lines) if match]
         if marked:
-            chosen = marked[-1]
+            answer_line = marked[-1]
         elif self.text and lines:
-            chosen = lines[-1]
+            answer_line = lines[-1]
         else:
-            chosen = answer
-        words = chosen.strip().strip("`'\"<>*").strip()
+            answer_line = answer
+        words = answer_line.strip().strip("`'\"<>*").strip()
         word = words.rstrip(".").strip().lower()
         if self.keys:
             return self._read_key(word)
@@ -119,13 +119,14 @@ class AnswerRule:
         return None
 
     def _read_button(self, word: str) -> str | None:
+        """Return an answer such as "button decline"; None if it is not a button."""
         button = word.replace(" ", "_")
         if button in self.buttons:
             return f"button {button}"
         return None
 
     def _read_options(self, word: str) -> str | None:
-        """Return an answer that chooses options by number; None if a number is not valid."""
+        """Return an answer such as "choose 1 3"; None if it is not the numbers of options, or too many of them."""
         if not _NUMBERS.fullmatch(word):
             return None
         numbers = [int(number) for number in re.findall(r"\d+", word)]
@@ -137,7 +138,7 @@ class AnswerRule:
 
 
 def _read_slider(word: str) -> str | None:
-    """Return an answer such as "slide 50.0"; None if it is no number from 0 to 100."""
+    """Return an answer such as "slide 50.0"; None if it is not a number from 0 to 100."""
     try:
         number = float(word)
     except ValueError:
@@ -152,13 +153,13 @@ def find_answer_rule(screen: Screen, session: SessionMachine) -> AnswerRule | No
     match screen:
         case PlayScreen() if session.play is not None:
             named = tuple((action.lower(), key) for key, action in screen.legend)
-            wait = session.part.real_time
+            may_wait = session.part.real_time
             keys = session.plan.key_pool
             or_wait = ""
-            if wait:
+            if may_wait:
                 or_wait = f", or '{WAIT}' to press none"
             request = f"Answer with one key of: {' '.join(keys)}{or_wait}."
-            return AnswerRule("play", request, keys=keys, named=named, may_wait=wait)
+            return AnswerRule("play", request, keys=keys, named=named, may_wait=may_wait)
         case PageScreen(buttons=buttons) if screen.page == screen.pages:
             labels = {button.name: button.label for button in buttons if button.name != "back"}
             if "decline" in labels:
@@ -171,19 +172,19 @@ def find_answer_rule(screen: Screen, session: SessionMachine) -> AnswerRule | No
                 rule = replace(rule, request=request, many=True, ordered=True)
             if part.draft.model_request:
                 rule = replace(rule, request=part.draft.model_request)
-            if _read_answer_rules(session) >= 2 and part.draft.question.required:
+            if _get_answer_rules_version(session) >= 2 and part.draft.question.required:
                 return rule
             return replace(rule, request=f"{rule.request} '{SKIP}' leaves it out.", may_skip=True)
     return None
 
 
-def _read_answer_rules(session: SessionMachine) -> int:
+def _get_answer_rules_version(session: SessionMachine) -> int:
     """Return the version of the rules by which a session's prompts are made."""
     return int(session.part.context.facts.get("answer_rules", "1"))
 
 
 def _name_options(count: int) -> tuple[str, ...]:
-    """Return the names of the spots of a question's first ``count`` options."""
+    """Return the names of the click targets of a question's first ``count`` options."""
     return tuple(f"option:{number}" for number in range(count))
 
 
@@ -215,7 +216,13 @@ def _find_question_rule(item: Any) -> AnswerRule:
 
 
 def list_inputs(reading: str, rule: AnswerRule, t_ns: int) -> list[Input]:
-    """Return the inputs that carry out an answer, in order of time; each leaves one event in the log."""
+    """Return the inputs that carry out an answer, in order of time; each leaves one event in the log.
+
+    Args:
+        reading: the answer in normal form, from ``AnswerRule.read``.
+        rule: the answers that the screen accepts.
+        t_ns: the time of the first input.
+    """
     action, _, argument = reading.partition(" ")
     match action:
         case "key":
@@ -246,7 +253,7 @@ def list_inputs(reading: str, rule: AnswerRule, t_ns: int) -> list[Input]:
 
 
 def _list_chosen(argument: str, rule: AnswerRule) -> list[int]:
-    """Return the indices of the options to click on for the answer's option numbers."""
+    """Return the indices of the options to click on, so that an answer's options are the chosen ones."""
     indices = [int(number) - 1 for number in argument.split()]
     if rule.ordered:  # earlier choices are undone first, the last one first
         return [*reversed(rule.chosen), *indices]
@@ -255,11 +262,11 @@ def _list_chosen(argument: str, rule: AnswerRule) -> list[int]:
     return sorted({*indices})
 
 
-_MIDDLE = 0.5  # of the screen, or of a spot
+_MIDDLE = 0.5  # of the screen, or of a target
 
 
 def _click(t_ns: int, target: str, along: float = _MIDDLE) -> list[Input]:
-    """Return a press and a release on a spot, at a position along it from 0 to 1."""
+    """Return a press and a release on a target, at a position along it from 0 to 1."""
     up_ns = t_ns + round(HOLD_MS * NS_PER_MS)
     return [
         PointerPressed(t_ns, _MIDDLE, _MIDDLE, target, along),
@@ -291,25 +298,25 @@ class Conversation:
 
     def __init__(self, spec: ModelSpec) -> None:
         self._spec = spec
-        self._read: list[str] = []  # pages, which stay in every prompt
-        self._since: list[str] = []  # texts since the last answer
-        self._past: list[tuple[str, str]] = []  # screen in words, and the answer to it
+        self._pages: list[str] = []  # pages, which stay in every prompt
+        self._recent_texts: list[str] = []  # texts since the last answer
+        self._exchanges: list[tuple[str, str]] = []  # screen in words, and the answer to it
         self._question = ""
-        self._last: Screen | None = None
+        self._last_screen: Screen | None = None
         # The last drawing; only changes are drawn.
         self._canvas = np.zeros((*spec.size_px[::-1], 3), np.uint8)
         self._drawn_screen: Screen | None = None
 
     def see(self, screen: Screen) -> None:
         """Record a screen that is shown; showing the same screen again changes nothing."""
-        if screen is self._last:
+        if screen is self._last_screen:
             return
-        self._last = screen
+        self._last_screen = screen
         match screen:
             case PageScreen():
                 text = join_texts(screen.title, screen.body)
-                if text not in self._read:
-                    self._read.append(text)
+                if text not in self._pages:
+                    self._pages.append(text)
             case TextScreen(keys=()):
                 self._note(join_texts(screen.title, screen.body))
             case PlayScreen() if screen.mark:
@@ -317,19 +324,20 @@ class Conversation:
                 self._note(join_texts(f"The episode ended: {outcome}.", screen.score_text))
 
     def _note(self, text: str) -> None:
-        if text and self._since[-1:] != [text]:
-            self._since.append(text)
+        """Add a text to those since the last answer, unless it is empty or a repetition."""
+        if text and self._recent_texts[-1:] != [text]:
+            self._recent_texts.append(text)
 
     def build_prompt(self, screen: Screen, rule: AnswerRule, session: SessionMachine) -> Prompt:
         """Build the prompt for a screen that needs an answer."""
         description = "\n\n".join(list_screen_texts(screen, session, self._spec))
-        self._question = "\n\n".join(filter(None, [*self._since, description]))
+        self._question = "\n\n".join(filter(None, [*self._recent_texts, description]))
         text = f"{self._question}\n\n{rule.request}"
-        messages: list[dict[str, Any]] = [{"role": "system", "content": join_texts(RULES, *self._read)}]
-        for earlier_text, answer in self._list_history(_read_answer_rules(session)):
+        messages: list[dict[str, Any]] = [{"role": "system", "content": join_texts(RULES, *self._pages)}]
+        for earlier_text, answer in self._list_history(_get_answer_rules_version(session)):
             messages += [{"role": "user", "content": earlier_text}, {"role": "assistant", "content": answer}]
         picture = self._draw(screen)
-        plain = [*messages, {"role": "user", "content": text}]
+        text_messages = [*messages, {"role": "user", "content": text}]
         png = None
         content: Any = text
         digest = ""
@@ -337,8 +345,8 @@ class Conversation:
             png = encode_png(picture)
             content = [{"type": "text", "text": text}, _make_image_part(png)]
             digest = hashlib.sha256(str(picture.shape).encode() + picture.tobytes()).hexdigest()
-        sha256 = hashlib.sha256(json.dumps([plain, digest], ensure_ascii=False).encode()).hexdigest()
-        n_bytes = sum(len(message["content"].encode()) for message in plain)
+        sha256 = hashlib.sha256(json.dumps([text_messages, digest], ensure_ascii=False).encode()).hexdigest()
+        n_bytes = sum(len(message["content"].encode()) for message in text_messages)
         tokens = n_bytes // BYTES_PER_TOKEN
         if picture is not None:
             tokens += TOKENS_PER_PICTURE
@@ -347,17 +355,17 @@ class Conversation:
             observation = list_observation(session)
         else:
             observation = None
-        return Prompt(sent, sha256, digest, tokens, text, join_texts(*self._read), rule, png, observation)
+        return Prompt(sent, sha256, digest, tokens, text, join_texts(*self._pages), rule, png, observation)
 
     def _list_history(self, answer_rules: int) -> list[tuple[str, str]]:
         """Return the earlier screens and answers that a prompt repeats, the last ``history`` of them."""
         n_repeated = self._spec.history
         if n_repeated == 0:
             return []
-        begin = len(self._past) - n_repeated
+        begin = len(self._exchanges) - n_repeated
         if answer_rules >= 3:  # earlier rules counted a negative begin from the end, and logs must replay
             begin = max(0, begin)
-        return self._past[begin:]
+        return self._exchanges[begin:]
 
     def _draw(self, screen: Screen) -> NDArray[np.uint8] | None:
         """Draw the whole screen as uint8[height, width, 3]; return None if the prompt needs no picture."""
@@ -369,10 +377,10 @@ class Conversation:
 
     def take(self, call: ModelCall) -> None:
         """Record a call's answer, whether or not it is valid."""
-        self._past.append((self._question, call.answer))
-        self._since = []
+        self._exchanges.append((self._question, call.answer))
+        self._recent_texts = []
         if call.verdict != "valid" and self._spec.invalid == "retry":
-            self._since.append("That answer was not valid.")
+            self._recent_texts.append("That answer was not valid.")
 
 
 def _make_image_part(png: bytes) -> dict[str, Any]:
@@ -443,7 +451,7 @@ class ConversationRecord:
         return difference
 
     def take(self, call: ModelCall) -> None:
-        """Record a call."""
+        """Record a call, its cost and its answer; schedule the inputs that a valid answer stands for."""
         self.call = call
         self.spent = self.spent.add(call)
         if call.state == "answered":

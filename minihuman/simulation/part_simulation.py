@@ -14,7 +14,7 @@ from minihuman.simulation.participant import KeyPress, NoPress, SimulatedPartici
 
 READING_MS = 1_000.0
 HOLD_MS = 90.0
-LONGEST_NS = 3_600_000_000_000  # without a key and a new screen
+LONGEST_NS = 3_600_000_000_000  # an hour, the longest time without a key and a new screen
 
 
 class SimulatedPerson(abc.ABC):
@@ -32,7 +32,7 @@ class SimulatedPerson(abc.ABC):
     @property
     @abc.abstractmethod
     def now_ns(self) -> int:
-        """The session's time in nanoseconds."""
+        """Return the session's time in nanoseconds."""
 
     @abc.abstractmethod
     def begin_episode(self, play: RunningEpisode) -> None:
@@ -55,7 +55,7 @@ class SimulatedPerson(abc.ABC):
         """Draw a whole number below ``count`` from the study's seed, the participant and the number of answers."""
 
     def attends(self) -> bool:
-        """Draw whether the participant attends, and so gives the right answer to a question that has one."""
+        """Draw whether the participant attends; if so, any question with a right answer is answered correctly."""
         return self.choose(10) >= self.wrong_in_ten
 
 
@@ -71,12 +71,15 @@ class PartSimulator(abc.ABC):
 
     @abc.abstractmethod
     def act(self, part: Activity, screen: Screen) -> bool:
-        """Make the inputs that the screen asks for, if any are due; return False for a screen that all kinds share."""
+        """Schedule the inputs that the screen requires, if any are due.
+
+        Return False if the kind leaves the screen to the inputs that are usual for parts of all kinds.
+        """
 
 
 @contextmanager
 def name_failures() -> Iterator[None]:
-    """Replace any error of a simulated player by a PlayerFailedError, and raise one if the player takes too long.
+    """Turn any error of a simulated player in the context into a PlayerFailedError, also if the player takes too long.
 
     Raises:
         PlayerFailedError: if the player raises any exception or takes too long.
@@ -84,7 +87,7 @@ def name_failures() -> Iterator[None]:
     try:
         with limit_answer_time():
             yield
-    except MinihumanError as error:  # it says what is the matter
+    except MinihumanError as error:  # its text describes the problem
         raise PlayerFailedError(str(error), type(error).__name__) from error
     except Exception as error:  # of a lab's own player: its session has an end of its own
         kind = type(error).__name__
@@ -92,7 +95,7 @@ def name_failures() -> Iterator[None]:
 
 
 def check_press(press: object) -> KeyPress:
-    """Return a player's key press if it is valid.
+    """Check a player's key press, and return it.
 
     Raises:
         PlayerFailedError: if it is not a valid key press.

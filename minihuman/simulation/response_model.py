@@ -73,7 +73,7 @@ class TrialResponder:
         self._last: tuple[Stimulus, int, str] | None = None  # the last trial, its choice and the response to it
 
     def begin(self) -> None:
-        """Learn from the reward of the previous trial."""
+        """Begin the next trial by learning from the reward of the previous one, if that had no correct response."""
         if self._last is None:
             return
         stimulus, choice, response = self._last
@@ -112,7 +112,7 @@ class TrialResponder:
         return bool(stimulus.stop_delay_ms + stop_ms < arrival_ms)
 
     def _find_drifts(self, stimulus: Stimulus, responses: Sequence[str], choice: int) -> dict[str, float]:
-        """Return the drift of each response's accumulator."""
+        """Return the drift per second of each response's accumulator; withholding has one once it was correct."""
         parameters = self.parameters
         correct = stimulus.go_response or stimulus.correct_response
         if not correct:
@@ -139,7 +139,7 @@ class TrialResponder:
         return {name: parameters.drift_correct * weight / total for name, weight in weights.items()}
 
     def _race(self, drifts: Mapping[str, float]) -> tuple[str, float]:
-        """Return the response whose accumulator arrives first, and its time."""
+        """Return the response whose accumulator arrives first, and its time in milliseconds."""
         threshold = self.parameters.threshold
         arrivals_s = {
             name: float(self._rng.wald(threshold / drift, threshold**2)) for name, drift in drifts.items() if drift > 0
@@ -149,7 +149,7 @@ class TrialResponder:
 
 
 def draw_parameters(rng: np.random.Generator, spread: float = 1.0) -> ResponseParameters:
-    """Draw the parameters of one person."""
+    """Draw the parameters of one person, whose variation between people is multiplied by ``spread``."""
     parameters: dict[str, Any] = {}
     for name, deviation in _SPREADS.items():
         factor = math.exp(spread * deviation * float(rng.standard_normal()))
@@ -159,7 +159,7 @@ def draw_parameters(rng: np.random.Generator, spread: float = 1.0) -> ResponsePa
 
 
 def find_stimulus(world: Any) -> Stimulus | None:
-    """Return a world's trial; None if the world is not a trial."""
+    """Return a world as a trial's stimulus; None if the world is not a trial."""
     if isinstance(world, Stimulus):
         return world
     return None

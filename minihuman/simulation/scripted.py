@@ -66,7 +66,7 @@ class OptimalParticipant(SimulatedParticipant):
 
 
 def press_action(action: str, key_of: Mapping[str, str], world: World, delay_ms: float) -> KeyPress:
-    """Return a press of the key of an action.
+    """Return the press of the key that carries out an action.
 
     Raises:
         SimulationError: if the action has no key.
@@ -94,7 +94,7 @@ class GridExplorer:
 
     @property
     def n_seen_cells(self) -> int:
-        """The number of cells that have been in sight so far."""
+        """Return the number of cells that have been in sight so far."""
         return int(self._explorer.memory.seen.sum())
 
     def plan(self) -> list[str]:
@@ -150,16 +150,16 @@ class ObserverParticipant(SimulatedParticipant):
             SimulationError: if the trial lacks the option, or has no correct response with a key.
         """
         settings = self._settings
-        value = plan.options.get(self._settings["option"])
+        intensity = plan.options.get(self._settings["option"])
         correct = plan.options.get("correct")
         key = next((key for key, action in plan.key_map.keys.items() if action == correct), None)
-        if not isinstance(value, int | float) or value <= 0 or key is None:
+        if not isinstance(intensity, int | float) or intensity <= 0 or key is None:
             raise SimulationError(
                 f"the observer needs trials with a number above 0 in the option {settings['option']!r} and a correct "
-                f"response that has a key; {plan.world} has {value!r} and {correct!r}; use another participant, or "
+                f"response that has a key; {plan.world} has {intensity!r} and {correct!r}; use another participant, or "
                 "observer:option=NAME"
             )
-        p_seen = (1 - settings["lapse"]) * -np.expm1(-((value / self.threshold) ** settings["slope"]))
+        p_seen = (1 - settings["lapse"]) * -np.expm1(-((intensity / self.threshold) ** settings["slope"]))
         self._keys = [key]
         if self._rng.random() >= p_seen:  # not seen: any key
             self._keys = sorted(plan.key_map.keys)

@@ -25,6 +25,7 @@ from minihuman.simulation.participant import KeyPress, SimulatedTeacher, Watched
 from minihuman.simulation.scripted import GridExplorer, press_action
 from minihuman.worlds.adapters.world import World
 
+_SHORTEST_DELAY_MS = 100.0  # from a picture to a critic's key
 _MAX_LOG_ODDS = 500.0  # beyond which the exponential overflows
 
 
@@ -54,11 +55,11 @@ class Supervisor:
         self._rng = rng
         self._searcher: GridExplorer | None = None
         self._path: list[str] = []
-        self._left = 0  # length of the path when counting began
+        self._initial_path_length = 0  # when counting began
         self._n_counted = 0  # steps made since
         self._is_counting = False  # whether counting has begun in this episode
         self._due_ms: float | None = None  # when the key will go down
-        self._steered = 0  # own steps since taking over
+        self._n_own_steps = 0  # since taking over
 
     def begin(self, world: World) -> None:
         """Start an episode in which the agent is in control."""
@@ -68,35 +69,35 @@ class Supervisor:
         self._path = []
         self._is_counting = False
         self._due_ms = None
-        self._steered = 0
+        self._n_own_steps = 0
 
     def plan(self, world: World) -> list[str]:
         """Look at the world and return the next actions, as far as they are known; empty if none is known."""
-        more = False
+        sees_more = False
         if self._searcher is None:
             self._path = find_shortest_path(world)
         else:
             n_seen_before = self._searcher.n_seen_cells
             self._path = list(self._searcher.plan())
-            more = self._searcher.n_seen_cells > n_seen_before
+            sees_more = self._searcher.n_seen_cells > n_seen_before
         self._n_counted += 1
-        if more or not self._is_counting:
+        if sees_more or not self._is_counting:
             self._count_anew()
         return self._path
 
     @property
     def patience_steps(self) -> int:
-        """The number of excess steps at which the supervisor takes over."""
+        """Return the number of excess steps at which the supervisor takes over."""
         return self._parameters.patience_steps
 
     @property
     def excess_steps(self) -> int:
-        """The number of steps by which the agent is worse than the supervisor would have been."""
-        return self._n_counted + len(self._path) - self._left
+        """Return the number of steps that the agent has made in excess of the supervisor's path."""
+        return self._n_counted + len(self._path) - self._initial_path_length
 
     @property
     def exceeds_patience(self) -> bool:
-        """Whether the agent's excess steps warrant a takeover and the supervisor has a plan."""
+        """Return whether the agent's excess steps warrant a takeover and the supervisor has a plan."""
         return bool(self._path) and self.excess_steps >= self._parameters.patience_steps
 
     def takes_over(self, t_ms: float) -> bool:
@@ -107,20 +108,20 @@ class Supervisor:
         if self._due_ms is None or t_ms < self._due_ms:
             return False
         self._due_ms = None
-        self._steered = 0
+        self._n_own_steps = 0
         return bool(self._path)
 
     def hands_back(self) -> bool:
         """Return whether the supervisor returns control; call this after each of its own steps and ``plan``."""
-        self._steered += 1
-        if self._steered < self._parameters.min_control_steps:
+        self._n_own_steps += 1
+        if self._n_own_steps < self._parameters.min_control_steps:
             return False
         self._count_anew()
         return True
 
     def _count_anew(self) -> None:
         """Begin to count excess steps from the present state."""
-        self._left = len(self._path)
+        self._initial_path_length = len(self._path)
         self._n_counted = 0
         self._is_counting = True
 
@@ -150,7 +151,7 @@ class CriticParameters:
 
     @property
     def delay_ms(self) -> float:
-        """The mean delay in milliseconds, which a learner has to estimate."""
+        """Return the mean delay in milliseconds, which a learner has to estimate."""
         return self.mu_ms + self.tau_ms
 
 
@@ -162,7 +163,7 @@ class Critic:
         self._rng = rng
 
     def press(self, gained_steps: float, shown_ms: float) -> tuple[float, float] | None:
-        """Return the time of a press in milliseconds and its value (1 good, -1 bad); None for no press.
+        """Return the time of a press in milliseconds and its rating (1 good, -1 bad); None for no press.
 
         Args:
             gained_steps: the number of steps by which the action shortened the path.
@@ -170,14 +171,14 @@ class Critic:
         """
         if self._rng.random() >= self._parameters.response_rate:
             return None
-        value = -1.0
+        rating = -1.0
         if gained_steps > 0:
-            value = 1.0
+            rating = 1.0
         if self._rng.random() < self._parameters.error_rate:
-            value = -value
+            rating = -rating
         normal_ms = self._rng.normal(self._parameters.mu_ms, self._parameters.sigma_ms)
         delay_ms = normal_ms + self._rng.exponential(self._parameters.tau_ms)
-        return shown_ms + max(100.0, float(delay_ms)), value
+        return shown_ms + max(_SHORTEST_DELAY_MS, float(delay_ms)), rating
 
 
 @dataclass(frozen=True, slots=True)
@@ -250,15 +251,15 @@ class SupervisorParticipant(SimulatedTeacher):
         self._critic = Critic(CriticParameters(**settings["critic_"]), rng)
         self._rater = Rater(RaterParameters(**settings["rater_"]), rng)
         self._key_of: dict[str, str] = {}
-        self._steered_to: int | None = None  # the step that its own key led to
-        self._judged: tuple[int, int | None] | None = None  # the step it looked at last as a critic; steps left then
+        self._own_step: int | None = None  # the step that its own key led to
+        self._last_judged: tuple[int, int | None] | None = None  # the last step that it saw as critic; steps left then
 
     def begin(self, plan: EpisodePlan, pool: tuple[str, ...], world: World) -> None:
         """Start an episode."""
         self._key_of = {action: key for key, action in reversed(plan.key_map.keys.items())}
         self._supervisor.begin(world)
-        self._steered_to = None
-        self._judged = None
+        self._own_step = None
+        self._last_judged = None
 
     def press(self, world: World) -> KeyPress:
         """Press the key of the next planned action.
@@ -278,9 +279,9 @@ class SupervisorParticipant(SimulatedTeacher):
             if not takes_over:
                 return None
             return self._press_next(world, path)
-        if watched.hand_back and watched.step == self._steered_to and self._supervisor.hands_back():
+        if watched.hand_back and watched.step == self._own_step and self._supervisor.hands_back():
             return KeyPress(watched.hand_back, REPEAT_MS)
-        self._steered_to = watched.step + 1
+        self._own_step = watched.step + 1
         return self._press_next(world, path)
 
     def correct(self, episode: EpisodeClip) -> int | None:
@@ -300,32 +301,36 @@ class SupervisorParticipant(SimulatedTeacher):
         return None
 
     def prefer(self, left: EpisodeClip, right: EpisodeClip) -> tuple[PairAnswer, float]:
-        """Return the clip that shortened the path by more steps, and the delay in milliseconds."""
-        gained = _count_gained_steps(left), _count_gained_steps(right)
-        if gained[0] is None or gained[1] is None:
+        """Judge which clip shortened the path by more steps; return the answer and its delay in milliseconds.
+
+        The answer is "cannot_tell" in a world without a planner.
+        """
+        left_gain = _count_gained_steps(left)
+        right_gain = _count_gained_steps(right)
+        if left_gain is None or right_gain is None:
             return "cannot_tell", COMPARISON_MS
-        return self._rater.answer(gained[0], gained[1]), COMPARISON_MS
+        return self._rater.answer(left_gain, right_gain), COMPARISON_MS
 
     def _rate_step(self, world: World, watched: WatchedStep) -> KeyPress | None:
-        """Return the key press that rates the last step, or None.
+        """Return the key press that rates the last step; None for no rating.
 
         A step is not rated if the state before it was not seen, as when a press was still due.
         """
-        last_judged = self._judged
+        last_judged = self._last_judged
         steps_left: int | None = 0
         if not watched.reached:
             steps_left = _count_steps_left(world)
-        self._judged = watched.step, steps_left
+        self._last_judged = watched.step, steps_left
         if last_judged is None or steps_left is None:
             return None
         last_step, last_steps_left = last_judged
         if last_step + 1 != watched.step or last_steps_left is None:
             return None
-        rating = self._critic.press(last_steps_left - steps_left, watched.t_ms)
-        if rating is None:
+        press = self._critic.press(last_steps_left - steps_left, watched.t_ms)
+        if press is None:
             return None
-        t_ms, value = rating
-        key = watched.good if value > 0 else watched.bad
+        t_ms, rating = press
+        key = watched.good if rating > 0 else watched.bad
         return KeyPress(key, t_ms - watched.t_ms)
 
     def _press_next(self, world: World, path: list[str]) -> KeyPress:
@@ -339,7 +344,7 @@ class SupervisorParticipant(SimulatedTeacher):
 
 
 def _count_steps_left(world: World) -> int | None:
-    """Return the length of the shortest path; None in a world without a planner."""
+    """Return the number of steps on the shortest path to the goal; None in a world without a planner."""
     path = world.shortest_path()
     if path is None:
         return None
@@ -350,31 +355,36 @@ def _count_gained_steps(clip: EpisodeClip) -> int | None:
     """Return the number of steps by which a clip shortened the path; None in a world without a planner."""
     with closing(World(clip.world, json.loads(clip.options))) as world:
         world.reset(clip.seed)
-        before = None
-        reached = False
+        steps_before: int | None = None
+        is_reached = False
         for step, action in enumerate(clip.actions):
             if step == clip.first:
-                before = _count_steps_left(world)
+                steps_before = _count_steps_left(world)
             change = world.step(action)
-            reached = change.terminated and change.reward > 0
-        left: int | None = 0
-        if not reached:
-            left = _count_steps_left(world)
-    if before is None or left is None:
+            is_reached = change.terminated and change.reward > 0
+        steps_after: int | None = 0
+        if not is_reached:
+            steps_after = _count_steps_left(world)
+    if steps_before is None or steps_after is None:
         return None
-    return before - left
+    return steps_before - steps_after
 
 
 def _parse_settings(argument: str) -> dict[str, dict[str, Any]]:
-    """Parse the settings of each role, by the prefix of the role."""
-    role_of = {
+    """Parse the settings of a supervisor, such as "patience_steps=6,rater_lapse=0".
+
+    Return the settings of each role by the role's prefix, with the names of its parameters.
+
+    Raises:
+        SimulationError: if a name is not a setting, or a value is not valid.
+    """
+    roles_by_setting = {
         prefix + field.name: (prefix, field) for prefix, role in PARAMETERS_BY_PREFIX.items() for field in fields(role)
     }
-    defaults = {name: field.default for name, (_, field) in role_of.items()}
-    values: dict[str, dict[str, Any]] = {prefix: {} for prefix in PARAMETERS_BY_PREFIX}
-    for name, value in read_settings(
-        argument, defaults, SimulationError, owner="supervisor", aliases=EARLIER_NAMES
-    ).items():
-        prefix, field = role_of[name]
-        values[prefix][field.name] = value
-    return values
+    defaults = {name: field.default for name, (_, field) in roles_by_setting.items()}
+    settings = read_settings(argument, defaults, SimulationError, owner="supervisor", aliases=EARLIER_NAMES)
+    settings_by_prefix: dict[str, dict[str, Any]] = {prefix: {} for prefix in PARAMETERS_BY_PREFIX}
+    for name, setting in settings.items():
+        prefix, field = roles_by_setting[name]
+        settings_by_prefix[prefix][field.name] = setting
+    return settings_by_prefix

@@ -2,11 +2,11 @@
 
 import hashlib
 
-from minihuman.builder.message_types import PATH, write_builder_types
+from minihuman.builder.message_types import PATH, format_builder_types
 
 
 def test_the_types_of_the_page_are_generated_from_the_messages() -> None:
-    assert PATH.read_text(encoding="utf-8") == write_builder_types(), "run `python -m minihuman.builder.message_types`"
+    assert PATH.read_text(encoding="utf-8") == format_builder_types(), "run `python -m minihuman.builder.message_types`"
 
 
 def test_the_vendored_library_is_unchanged_and_has_its_licences() -> None:

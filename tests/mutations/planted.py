@@ -97,8 +97,8 @@ PLANTED = (
     Mutant(
         "the quantiles of LeRobot's pictures are divided by pixels instead of frames",
         "exporters/feature_statistics.py",
-        "self._quantiles / self._frames",
-        "self._quantiles / self._samples",
+        "self._quantiles / self._n_frames",
+        "self._quantiles / self._n_samples",
         ("tests/export/test_feature_statistics.py", "tests/export/test_formats.py"),
     ),
     Mutant(

@@ -198,5 +198,5 @@ def test_of_several_pairs_the_one_comes_that_the_ensemble_disputes_and_any_where
     first = seat.answer(want, None, 0)
     other = seat.answer(replace(want, place=1, again=first.stretch), None, 0)
     seat.close()
-    assert (first.stretch, other.stretch) == stretches.candidates(want, N_CANDIDATE_PAIRS)[place]
+    assert (first.stretch, other.stretch) == stretches.draw_pairs(want, N_CANDIDATE_PAIRS)[place]
     assert first.stretch != other.stretch

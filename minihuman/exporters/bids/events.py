@@ -17,7 +17,7 @@ from minihuman.experiment.plan.session_plan import name_label_column
 from minihuman.exporters.bids.stimulus_files import STIM_FILE, SessionStimuli
 from minihuman.log.model.session_log import EpisodeLog, Segment
 
-_S = 1e-9
+_S_PER_NS = 1e-9
 EVENT_COLUMNS = {
     "onset": ("s", "When it happened, since the run's first moment."),
     "duration": ("s", "How long it lasted: an episode to its last step, a key until it came up, a pause."),
@@ -88,33 +88,34 @@ def build_events(
         rows += _list_presentation_events(episode, segment, stimuli)
     rows += _list_key_events(segment, episodes)
 
-    def find_order(row: _Row) -> tuple[Any, int]:
+    def make_sort_key(row: _Row) -> tuple[Any, int]:
         return row["onset"], _ORDER.index(row["trial_type"])
 
-    return sorted(rows, key=find_order)
+    return sorted(rows, key=make_sort_key)
 
 
 def _list_pauses(segment: Segment) -> Iterator[_Row]:
+    """Yield a row for every pause of the segment, with its duration and reason."""
     reasons = {note.t_ns: note.reason for note in segment.notes if isinstance(note, Paused)}
     for begin_ns, end_ns in segment.pauses:
         yield _build_event_row(
-            "pause", begin_ns, segment, duration=(end_ns - begin_ns) * _S, detail=reasons.get(begin_ns, "")
+            "pause", begin_ns, segment, duration=(end_ns - begin_ns) * _S_PER_NS, detail=reasons.get(begin_ns, "")
         )
 
 
 def _list_episode_events(episode: EpisodeLog, segment: Segment, counting: frozenset[tuple[int, int]]) -> Iterator[_Row]:
     """Yield a row for the episode and for each of its steps."""
-    place = _place(episode) | list_labels(episode)
+    episode_columns = _identify_episode(episode) | list_labels(episode)
     begin_ns, *step_times_ns = episode.t_ns.tolist()
     yield _build_event_row(
         "episode",
         begin_ns,
         segment,
-        duration=int(episode.t_ns[-1] - episode.t_ns[0]) * _S,
+        duration=int(episode.t_ns[-1] - episode.t_ns[0]) * _S_PER_NS,
         outcome=episode.outcome_word,
         counts=(episode.number, episode.attempt) in counting,
         detail=episode.plan.world,
-        **place,
+        **episode_columns,
     )
     names = episode.start.action_names
     actions = episode.actions.tolist()
@@ -130,60 +131,68 @@ def _list_episode_events(episode: EpisodeLog, segment: Segment, counting: frozen
             key=table_key_name(episode.step_keys[index]),
             reward=rewards[index],
             response_time=responses_ms[index] / 1e3,
-            **place,
+            **episode_columns,
         )
 
 
 def _list_presentation_events(episode: EpisodeLog, segment: Segment, stimuli: SessionStimuli) -> Iterator[_Row]:
     """Yield a row for each picture of an episode on the display, and for each sound that began."""
-    place = _place(episode) | list_labels(episode)
+    episode_columns = _identify_episode(episode) | list_labels(episode)
     image = stimuli.find_image(episode.plan.options)
     flips = zip(episode.frames.column("flip_ns").tolist(), episode.frames.column("step").tolist(), strict=True)
     for flip_ns, step in flips:
-        row = _build_event_row("flip", flip_ns, segment, step=step, **place)
+        row = _build_event_row("flip", flip_ns, segment, step=step, **episode_columns)
         if step == 0 and image:
             row[STIM_FILE] = image
         yield row
     for presentation, columns in stimuli.list_presented(episode.number, episode.attempt):
-        yield _build_event_row(presentation.kind, presentation.onset_ns, segment, **place) | columns
+        yield _build_event_row(presentation.kind, presentation.onset_ns, segment, **episode_columns) | columns
 
 
 def _list_key_events(segment: Segment, episodes: Sequence[EpisodeLog]) -> Iterator[_Row]:
-    """Yield a row for every key press of the segment, with its duration and the episode in which it happened."""
+    """Yield a row for each key press of a segment, with its duration and the episode in which it happened, if any."""
     begins = np.array([episode.t_ns[0] for episode in episodes], np.int64)
     pressed: dict[str, _Row] = {}
     for press in segment.keys:
         if not press.down:
             if press.key in pressed:
                 row = pressed.pop(press.key)
-                row["duration"] = (press.t_ns - segment.start_ns) * _S - row["onset"]
+                row["duration"] = (press.t_ns - segment.start_ns) * _S_PER_NS - row["onset"]
                 yield row
             continue
         if press.key in pressed:
             yield pressed.pop(press.key)  # its release was not recorded
-        place = {}
+        episode_columns = {}
         action = ""
-        at = int(np.searchsorted(begins, press.t_ns, side="left")) - 1  # the press that begins an episode is outside it
-        if at >= 0 and press.t_ns <= episodes[at].t_ns[-1]:
-            place = _place(episodes[at])
+        # the last episode that began before the press; the press that begins an episode is outside it
+        index = int(np.searchsorted(begins, press.t_ns, side="left")) - 1
+        if index >= 0 and press.t_ns <= episodes[index].t_ns[-1]:
+            episode_columns = _identify_episode(episodes[index])
             if press.action is not None:
-                action = episodes[at].start.action_names[press.action]
+                action = episodes[index].start.action_names[press.action]
         pressed[press.key] = _build_event_row(
-            "key", press.t_ns, segment, key=table_key_name(press.key), action=action, verdict=press.verdict, **place
+            "key",
+            press.t_ns,
+            segment,
+            key=table_key_name(press.key),
+            action=action,
+            verdict=press.verdict,
+            **episode_columns,
         )
     yield from pressed.values()
 
 
-def _place(episode: EpisodeLog) -> _Row:
+def _identify_episode(episode: EpisodeLog) -> _Row:
+    """Return the columns that identify an episode."""
     return {"block": episode.plan.block_name, "episode": episode.number, "attempt": episode.attempt}
 
 
 def _build_event_row(kind: str, t_ns: int, segment: Segment, *, duration: float | None = None, **more: Any) -> _Row:
-    """Build an event's row; the duration is 0 if none is given, and missing for a key."""
+    """Build an event's row. Without a duration in seconds, it is missing for a key, and 0 for other kinds."""
     if duration is not None:
-        lasted = duration
+        duration_s = duration
     elif kind == "key":
-        lasted = None
+        duration_s = None
     else:
-        lasted = 0.0
-    return {"onset": (t_ns - segment.start_ns) * _S, "duration": lasted, "trial_type": kind, **more}
+        duration_s = 0.0
+    return {"onset": (t_ns - segment.start_ns) * _S_PER_NS, "duration": duration_s, "trial_type": kind, **more}

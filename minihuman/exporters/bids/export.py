@@ -54,13 +54,22 @@ GENERATED_BY = {"Name": "minihuman", "Version": __version__}
 def write_participants(out: Path, source: Path, study_facts: AboutSpec, people: Sequence[Mapping[str, Any]]) -> Path:
     """Write ``participants.tsv`` and the meaning of its columns; the laboratory's own columns follow the built-in ones.
 
+    Args:
+        out: the folder of the dataset.
+        source: the study's folder, which may have a `participants.csv`, or a log.
+        study_facts: the facts about the study.
+        people: a row per participant, with ``code`` and the built-in columns.
+
+    Returns:
+        The path of ``participants.tsv``.
+
     Raises:
         ParticipantsFileError: as for ``read_participants_file``.
     """
-    known = read_participants_file(source, study_facts.participant_columns).rows
+    cells_by_code = read_participants_file(source, study_facts.participant_columns).rows
     rows = []
     for person in people:
-        cells = known.get(person["code"], {})
+        cells = cells_by_code.get(person["code"], {})
         rows.append({**person, **{name_person_column(name): cell for name, cell in cells.items()}})
     described: dict[str, Any] = {
         "group": {"Description": "The group that the participant was allocated to."},
@@ -111,8 +120,8 @@ def _holds_messages(log: SessionLog) -> bool:
     return any(isinstance(event, ActivityEvent) and event.words_to_others for event in log.part_events)
 
 
-def _format_time(timestamp: str) -> str:
-    """Return an ISO time in UTC as BIDS has it: without a time zone, and down to microseconds."""
+def _format_bids_time(timestamp: str) -> str:
+    """Format an ISO time in UTC as BIDS requires: without a time zone, and with six decimals at most."""
     return timestamp.removesuffix("Z")[: len("2026-01-31T12:00:00.000000")]
 
 
@@ -140,12 +149,12 @@ class _Dataset:
         self._people: dict[str, dict[str, Any]] = {}
         self._sessions: defaultdict[str, list[dict[str, str]]] = defaultdict(list)
         self._phenotype = Phenotype()
-        self._more_columns: dict[str, Any] = {}
+        self._further_columns: dict[str, Any] = {}
         self._stimulus_files = StimulusFiles(out)
         self._station = first.log.facts
 
     def add(self, selected: SelectedSession) -> None:
-        """Write one session."""
+        """Write the files of one session: events, motion, devices' samples, the source log and a figure."""
         log = selected.log
         out = self._out
         if log.plan.study != self._study:
@@ -168,13 +177,13 @@ class _Dataset:
             recordings = [self._write_events(folder / "beh", stem, segment.number, run_episodes, rows)]
             recordings += write_motion(stem, folder / "motion", segment.number, self._task_facts, segment, run_episodes)
             recordings += write_physio(stem, folder / "beh", segment.number, self._task_facts, segment, devices)
-            acquired_at = _format_time(segment.started_at)
+            acquired_at = _format_bids_time(segment.started_at)
             scans += [{"filename": str(path.relative_to(folder)), "acq_time": acquired_at} for path in recordings]
         write_tsv(folder / f"{subject}_{session}_scans.tsv", ["filename", "acq_time"], scans)
-        self._keep_log(selected, Path("sourcedata") / subject / session)
-        self._draw(selected, f"{subject}_{session}")
+        self._copy_log(selected, Path("sourcedata") / subject / session)
+        self._draw_paths(selected, f"{subject}_{session}")
         self._phenotype.add(log, subject, session)
-        self._sessions[subject].append({"session_id": session, "acq_time": _format_time(log.started_at)})
+        self._sessions[subject].append({"session_id": session, "acq_time": _format_bids_time(log.started_at)})
         self._people.setdefault(
             subject,
             {
@@ -191,12 +200,12 @@ class _Dataset:
     ) -> Path:
         """Write a run's events, with columns of labels and of stimuli's files if there are any; return their path.
 
-        The further columns are kept, too, as the dataset's description names them.
+        The description of these further columns is kept for the dataset's sidecar.
         """
         more_columns = describe_label_columns(episodes)
         if any(STIM_FILE in row for row in rows):
             more_columns |= STIM_FILE_COLUMN
-        self._more_columns |= more_columns
+        self._further_columns |= more_columns
         return write_tsv(folder / f"{stem}_run-{run}_events.tsv", [*EVENT_COLUMNS, *more_columns], rows)
 
     def describe_excluded_logs(self) -> tuple[str, ...]:
@@ -220,15 +229,15 @@ class _Dataset:
         presented = {"StimulusPresentation": {name: fact for name, fact in stimuli.items() if fact}}
         write_json(
             out / f"task-{self._task}_events.json",
-            self._task_facts | presented | describe_event_columns() | self._more_columns,
+            self._task_facts | presented | describe_event_columns() | self._further_columns,
         )
         for subject, sessions in self._sessions.items():
             write_tsv(out / subject / f"{subject}_sessions.tsv", ["session_id", "acq_time"], sessions)
         meaning = {"Description": "When the session began, UTC."}
         write_json(out / "sessions.json", {"acq_time": meaning})
         write_json(out / "scans.json", {"acq_time": {"Description": "When the run began, UTC."}})
-        people = write_participants(out, source, self._study_facts, list(self._people.values()))
-        described = write_json(out / "dataset_description.json", self._describe())
+        participants_path = write_participants(out, source, self._study_facts, list(self._people.values()))
+        description_path = write_json(out / "dataset_description.json", self._describe())
         write_json(
             out / _DERIVATIVES / "dataset_description.json",
             {
@@ -239,8 +248,9 @@ class _Dataset:
                 "License": self._study_facts.licence,
             },
         )
-        answered = self._phenotype.write(out)
-        return (described, people, *answered, *(out / subject for subject in self._people), out / "sourcedata")
+        phenotype_folders = self._phenotype.write(out)
+        subject_folders = [out / subject for subject in self._people]
+        return (description_path, participants_path, *phenotype_folders, *subject_folders, out / "sourcedata")
 
     def _describe(self) -> dict[str, Any]:
         """Return the contents of ``dataset_description.json``, taken from the protocol's facts about the study."""
@@ -261,7 +271,7 @@ class _Dataset:
             "GeneratedBy": [GENERATED_BY],
         }
 
-    def _keep_log(self, session: SelectedSession, folder: Path) -> None:
+    def _copy_log(self, session: SelectedSession, folder: Path) -> None:
         """Copy the log and its annotations unchanged; a log with messages to others is copied only on request."""
         target = self._out / folder
         target.mkdir(parents=True, exist_ok=True)
@@ -276,7 +286,8 @@ class _Dataset:
             if file.is_file():
                 shutil.copyfile(file, target / file.name)
 
-    def _draw(self, session: SelectedSession, name: str) -> None:
+    def _draw_paths(self, session: SelectedSession, name: str) -> None:
+        """Write a figure of the session's paths, if a world of it has a map."""
         if any(episode.start.map for episode in session.episodes):
             save_png(session_paths(session.session), self._out / _DERIVATIVES / "figures" / f"{name}_paths.png")
 

@@ -23,6 +23,8 @@ from minihuman.experiment.protocol.specs import DeviceSpec
 from minihuman.log.model.session_log import EpisodeLog, Segment, SessionLog
 
 MISSING = "n/a"
+_S_PER_NS = 1e-9
+_MAX_DECIMAL = 1e9  # larger numbers are written with the digits that a double needs
 
 
 def make_label(text: str) -> str:
@@ -30,16 +32,16 @@ def make_label(text: str) -> str:
     return re.sub(r"[^A-Za-z0-9]", "", text)
 
 
-def make_subject_label(participant: str, known: dict[str, str]) -> str:
-    """Return a participant's label, e.g. "sub-07", and record it in ``known``, which maps labels to participants.
+def make_subject_label(participant: str, participants: dict[str, str]) -> str:
+    """Return a participant's label, e.g. "sub-07", and record the participant under it in ``participants``.
 
     Raises:
         ExportError: if another participant's code has the same label.
     """
     name = "sub-" + make_label(participant.removeprefix("sub-"))
-    if known.setdefault(name, participant) != participant:
+    if participants.setdefault(name, participant) != participant:
         raise ExportError(
-            f"participants {known[name]!r} and {participant!r} would both be {name} in BIDS; rename one of them"
+            f"participants {participants[name]!r} and {participant!r} would both be {name} in BIDS; rename one of them"
         )
     return name
 
@@ -55,28 +57,28 @@ def write_tsv(path: Path, columns: Sequence[str], rows: Sequence[Mapping[str, An
     return path
 
 
-def write_json(path: Path, value: Mapping[str, Any]) -> Path:
+def write_json(path: Path, content: Mapping[str, Any]) -> Path:
     """Write a JSON object without the fields that are None, "" or empty, and return its path."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    present = {name: part for name, part in value.items() if part not in (None, "", [], {})}
+    present = {name: part for name, part in content.items() if part not in (None, "", [], {})}
     path.write_text(json.dumps(present, indent=2, ensure_ascii=False) + "\n", encoding="utf-8", newline="\n")
     return path
 
 
-def _format_cell(value: Any) -> str:
+def _format_cell(cell: Any) -> str:
     """Return a cell's text as BIDS requires: "n/a" if missing, plain decimals, and neither tabs nor line breaks.
 
     A text that a spreadsheet would run as a formula is guarded.
     """
-    if value is None or value == "" or value != value:  # NaN is unequal to itself
+    if cell is None or cell == "" or cell != cell:  # NaN is unequal to itself
         return MISSING
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, float):
-        if abs(value) < 1e9:
-            return f"{value:.9f}".rstrip("0").rstrip(".")
-        return repr(value)
-    return guard_text(re.sub(r"[\t\r\n]+", " ", str(value))) or MISSING
+    if isinstance(cell, bool):
+        return "true" if cell else "false"
+    if isinstance(cell, float):
+        if abs(cell) < _MAX_DECIMAL:
+            return f"{cell:.9f}".rstrip("0").rstrip(".")
+        return repr(cell)
+    return guard_text(re.sub(r"[\t\r\n]+", " ", str(cell))) or MISSING
 
 
 _SYSTEMS = {"cell": "grid", "m": "room"}  # a map's unit: the tracking system's label
@@ -97,9 +99,15 @@ _FRAME = {
 def write_motion(
     stem: str, folder: Path, run: int, task: dict[str, Any], segment: Segment, episodes: Sequence[EpisodeLog]
 ) -> list[Path]:
-    """Write a segment's paths and return the recordings.
+    """Write the agent's paths in a segment, and return the files of positions, one per unit of length.
 
-    ``stem`` is the subject, session and task of the file names.
+    Args:
+        stem: the subject, session and task, with which the files' names begin.
+        folder: the folder of the files.
+        run: the number of the run.
+        task: the facts about the task for the sidecars.
+        segment: the segment of the session.
+        episodes: the segment's episodes.
     """
     recordings = []
     for unit, system in _SYSTEMS.items():
@@ -112,7 +120,7 @@ def write_motion(
         lasted_s = rows[-1]["latency"] - rows[0]["latency"]
         write_json(
             folder / f"{name}_motion.json",
-            task | _build_tracking_facts(system, _mean_rate_hz(len(rows), lasted_s), lasted_s),
+            task | _build_tracking_facts(system, _compute_mean_rate_hz(len(rows), lasted_s), lasted_s),
         )
         write_tsv(folder / f"{name}_channels.tsv", _CHANNEL_COLUMNS, _describe_channels(unit))
         frame = {"Description": "What positions and headings are told in.", "Levels": {"world": _FRAME}}
@@ -130,7 +138,7 @@ def _list_motion_rows(segment: Segment, episodes: Sequence[EpisodeLog], unit: st
         for t_ns, pose in zip(episode.t_ns, episode.poses, strict=True):
             if not np.isnan(pose).any():
                 x, _, z, yaw = pose
-                latency_s = int(t_ns - segment.start_ns) * 1e-9
+                latency_s = int(t_ns - segment.start_ns) * _S_PER_NS
                 rows.append({"x": float(x), "z": float(z), "yaw": float(yaw), "latency": latency_s})
     return rows
 
@@ -156,18 +164,18 @@ def _describe_channels(unit: str) -> list[dict[str, str]]:
     ]
 
 
-def _mean_rate_hz(n_samples: int, lasted_s: float) -> float:
+def _compute_mean_rate_hz(n_samples: int, lasted_s: float) -> float:
     """Return the mean rate of samples in hertz, between the first and the last sample; 1 if no time passed."""
     if lasted_s <= 0:
         return 1.0
     return (n_samples - 1) / lasted_s
 
 
-def _build_tracking_facts(system: str, effective: float, lasted_s: float) -> dict[str, Any]:
+def _build_tracking_facts(system: str, rate_hz: float, lasted_s: float) -> dict[str, Any]:
     """Return the sidecar's facts about a motion recording of one tracked point."""
     return {
-        "SamplingFrequency": effective,
-        "SamplingFrequencyEffective": effective,
+        "SamplingFrequency": rate_hz,
+        "SamplingFrequencyEffective": rate_hz,
         "TrackingSystemName": system,
         "SoftwareVersions": f"minihuman {__version__}",
         "Manufacturer": "minihuman",
@@ -181,24 +189,30 @@ def _build_tracking_facts(system: str, effective: float, lasted_s: float) -> dic
     }
 
 
-_SAID = "said"
+_TEXT_COLUMN = "said"  # what a device measured in words
 
 
 def write_physio(
     stem: str, folder: Path, run: int, task: Mapping[str, Any], segment: Segment, devices: Mapping[str, DeviceSpec]
 ) -> list[Path]:
-    """Write a segment's samples and return the recordings.
+    """Write the devices' samples in a segment, and return the compressed tables, one per device.
 
-    ``stem`` is the subject, session and task of the file names.
+    Args:
+        stem: the subject, session and task, with which the files' names begin.
+        folder: the folder of the files.
+        run: the number of the run.
+        task: the facts about the task for the sidecars.
+        segment: the segment of the session.
+        devices: the protocol's devices, by name.
     """
-    of_device: defaultdict[str, list[Sampled]] = defaultdict(list)
+    samples_by_device: defaultdict[str, list[Sampled]] = defaultdict(list)
     for sampled in segment.samples:
-        of_device[sampled.device].append(sampled)
+        samples_by_device[sampled.device].append(sampled)
     return [
         _write_recording(
             folder / f"{stem}_run-{run}_recording-{make_label(name)}_physio", task, segment, samples, devices.get(name)
         )
-        for name, samples in of_device.items()
+        for name, samples in samples_by_device.items()
     ]
 
 
@@ -209,9 +223,9 @@ def _write_recording(
     names = _name_channels(samples, device)
     text_columns = []
     if any(sampled.text for sampled in samples):
-        text_columns = [_SAID]
+        text_columns = [_TEXT_COLUMN]
     rows: list[dict[str, Any]] = [
-        {"timestamp": (sampled.t_ns - segment.start_ns) * 1e-9, _SAID: sampled.text}
+        {"timestamp": (sampled.t_ns - segment.start_ns) * _S_PER_NS, _TEXT_COLUMN: sampled.text}
         | dict(zip(names, sampled.values, strict=False))
         for sampled in samples
     ]
@@ -230,9 +244,9 @@ def _write_recording(
         if units.get(name):
             described[name]["Units"] = units[name]
     if text_columns:
-        described[_SAID] = {"Description": "What the device said in words."}
+        described[_TEXT_COLUMN] = {"Description": "What the device said in words."}
     facts = {
-        "SamplingFrequency": _mean_rate_hz(len(rows), lasted_s),  # timestamps are exact
+        "SamplingFrequency": _compute_mean_rate_hz(len(rows), lasted_s),  # timestamps are exact
         "StartTime": rows[0]["timestamp"],
         "Columns": columns,
         "Manufacturer": "" if device is None else device.plugin,
@@ -270,19 +284,19 @@ class Phenotype:
             for event in segment.part_events
             if isinstance(event, Answered)
         }
-        times = Counter[str]()
+        occurrences = Counter[str]()  # of each questionnaire in the session
         rows: dict[str, dict[str, Any]] = {}
         for number, part in enumerate(log.plan.parts):
             if not isinstance(part.plan, QuestionsPlan):
                 continue
-            times[part.name] += 1
-            self._describe(part.name, part.plan, times[part.name])
+            occurrences[part.name] += 1
+            self._describe(part.name, part.plan, occurrences[part.name])
             answers = {
                 item: _decode_answer(event) for (of_part, item), event in last_answers.items() if of_part == number
             }
             if answers:
                 row = rows.setdefault(part.name, dict(zip(_IDS, (subject, session), strict=True)))
-                row |= {_name_column(item, times[part.name]): answer for item, answer in answers.items()}
+                row |= {_name_column(item, occurrences[part.name]): answer for item, answer in answers.items()}
         for name, row in rows.items():
             self._rows.setdefault(name, []).append(row)
 
@@ -299,7 +313,7 @@ class Phenotype:
             return ()
         return (folder,)
 
-    def _describe(self, name: str, plan: QuestionsPlan, time: int) -> None:
+    def _describe(self, name: str, plan: QuestionsPlan, occurrence: int) -> None:
         """Record the meaning of a questionnaire's columns; if groups see different wordings, use the first group's.
 
         Raises:
@@ -312,32 +326,32 @@ class Phenotype:
             )
         meaning = self._meaning.setdefault(name, {"MeasurementToolMetadata": {"Description": plan.title or name}})
         for item in plan.items:
-            again = "" if time == 1 else f" (time {time} in the session)"
+            again = "" if occurrence == 1 else f" (time {occurrence} in the session)"
             described: dict[str, Any] = {}
             if item.options:
                 described["Levels"] = dict(zip(map(str, item.all_codes), item.options, strict=False))
             if item.unit:
                 described["Units"] = item.unit
             for asked_item, text in item.asked.items():
-                meaning.setdefault(_name_column(asked_item, time), {"Description": f"{text}{again}", **described})
+                meaning.setdefault(_name_column(asked_item, occurrence), {"Description": f"{text}{again}", **described})
 
 
-def _name_column(item: str, time: int) -> str:
+def _name_column(item: str, occurrence: int) -> str:
     """Return the name of an item's column, which differs from the columns that BIDS requires.
 
-    ``time`` is how often the item had been asked in the session, 1 for the first time.
+    ``occurrence`` is 1 for the first time that the item is asked in the session.
     """
     name = item
     if item in _IDS:
         name = f"item_{item}"
-    if time > 1:
-        name += f"_{time}"
+    if occurrence > 1:
+        name += f"_{occurrence}"
     return name
 
 
 def _decode_answer(event: Answered) -> Any:
-    """Return an answer as the option's code, the number or the text; several codes are a JSON list."""
-    value: Any = json.loads(event.value)
-    if isinstance(value, list | Mapping):
-        return json.dumps(value, ensure_ascii=False)
-    return value
+    """Return an answer as the option's code, the number or the text; several codes are the text of a JSON list."""
+    answer: Any = json.loads(event.value)
+    if isinstance(answer, list | Mapping):
+        return json.dumps(answer, ensure_ascii=False)
+    return answer

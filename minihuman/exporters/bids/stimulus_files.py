@@ -40,7 +40,7 @@ class StimulusFiles:
         return not self._digests
 
     def add(self, name: str, files: Mapping[str, bytes]) -> str:
-        """Write a protocol's file unless it is there; return its name below the folder, "" if the log lacks it.
+        """Write a protocol's file unless it is written; return its name below the folder, "" if ``files`` lacks it.
 
         Raises:
             OutsideNameError: if the name would lead out of the folder.
@@ -62,7 +62,7 @@ class StimulusFiles:
 
 
 class SessionStimuli:
-    """What a session presented, and the files of it."""
+    """The stimuli that a session presented, and their files in the dataset."""
 
     def __init__(self, log: SessionLog, stimulus_files: StimulusFiles) -> None:
         self._files = log.plan.files
@@ -74,7 +74,7 @@ class SessionStimuli:
             self._presentations.setdefault((episode.number, episode.attempt), []).append(presentation)
 
     def list_presented(self, number: int, attempt: int) -> Iterator[tuple[Presentation, dict[str, Any]]]:
-        """Yield what an attempt at an episode presented, each with its columns of the events."""
+        """Yield each presentation in an attempt at an episode, with the columns that its event has; write its file."""
         for presentation in self._presentations.get((number, attempt), ()):
             columns: dict[str, Any] = {"detail": ", ".join(presentation.stimuli)}
             if presentation.file:
@@ -85,7 +85,7 @@ class SessionStimuli:
             yield presentation, columns
 
     def find_image(self, options: Mapping[str, Any]) -> str:
-        """Return the file of the image in a world's options, below the folder; "" for none."""
+        """Write the image that a world's options name; return its path in the folder of stimuli, "" for none."""
         for option in options.values():
             if isinstance(option, str) and option in self._names:
                 return self._stimulus_files.add(self._names[option], self._files)

@@ -62,7 +62,7 @@ def make_device(source: str) -> Device:
 
 
 POLL_INTERVAL_S = 0.02  # how often devices are polled
-MAX_SAMPLE_DELAY_S = 0.5  # for which samples wait to be written together with an event
+MAX_SAMPLE_DELAY_S = 0.5  # how long samples wait to be written together with an event
 
 
 @contextmanager
@@ -151,12 +151,12 @@ class DeviceRecorder(WrappedRecorder):
         """Poll the devices until the session ends, and write samples that have waited too long for an event."""
         while not self._stopped.wait(POLL_INTERVAL_S):
             try:
-                fresh = list(chain.from_iterable(map(self._read_samples, self._devices)))
+                new_samples = list(chain.from_iterable(map(self._read_samples, self._devices)))
                 with self._lock:
                     now_s = time.monotonic()
                     if not self._waiting:
                         self._since_s = now_s
-                    self._waiting += fresh
+                    self._waiting += new_samples
                     is_late = now_s - self._since_s > MAX_SAMPLE_DELAY_S
                     if self._running and self._waiting and is_late:
                         # without settle(), which only the session's thread calls

@@ -35,6 +35,7 @@ from minihuman.runtime.devices.device import Device, DeviceSample
 
 STREAM_TIMEOUT_S = 5.0  # for a stream, before it counts as missing
 _MAX_SAMPLES = 4096  # per call
+_CLOCK_READINGS = 20  # of which the fastest counts
 
 
 class LslDevice(Device):
@@ -50,14 +51,17 @@ class LslDevice(Device):
         self._offset_s = 0.0  # LSL's clock at session time 0
 
     def open(self, clock: Clock) -> dict[str, str]:
-        """Find the stream and start receiving it; return facts about it."""
+        """Find the stream and start receiving it; return facts about it.
+
+        Raises:
+            DeviceError: if LSL is not installed, or there is no such stream or more than one.
+        """
         lsl = pylsl()
         if self._name:
             streams = lsl.resolve_byprop("name", self._name, timeout=STREAM_TIMEOUT_S)
         else:
-            streams = [
-                stream for stream in lsl.resolve_streams(wait_time=STREAM_TIMEOUT_S) if stream.name() != "minihuman"
-            ]
+            streams = lsl.resolve_streams(wait_time=STREAM_TIMEOUT_S)
+            streams = [stream for stream in streams if stream.name() != MARKER_STREAM_NAME]
         if len(streams) != 1:
             names = ", ".join(stream.name() for stream in streams) or "none"
             raise DeviceError(
@@ -80,10 +84,11 @@ class LslDevice(Device):
             self._inlet.close_stream()
 
     def _convert_sample(self, row: Sequence[Any], stamp_s: float) -> DeviceSample:
+        """Convert a sample from LSL's clock, in seconds, to the session's."""
         t_ns = round((stamp_s - self._offset_s) * 1e9)
         if row and isinstance(row[0], str):
             return DeviceSample(t_ns, text=" ".join(row))
-        return DeviceSample(t_ns, tuple(float(value) for value in row))
+        return DeviceSample(t_ns, tuple(map(float, row)))
 
 
 def pylsl() -> Any:
@@ -102,10 +107,10 @@ def pylsl() -> Any:
 
 
 def measure_lsl_at_zero_s(clock: Clock) -> float:
-    """Return LSL's time in seconds at session time 0, from the fastest paired reading of both clocks."""
+    """Return LSL's time in seconds at session time 0, from the fastest of several readings of both clocks."""
     library = pylsl()
     readings = []
-    for _ in range(20):
+    for _ in range(_CLOCK_READINGS):
         before_ns = time.perf_counter_ns()
         session_ns = clock()
         lsl_s = library.local_clock()
@@ -114,7 +119,7 @@ def measure_lsl_at_zero_s(clock: Clock) -> float:
 
 
 MARKER_STREAM_NAME = "minihuman"
-_NS = 1e-9
+_S_PER_NS = 1e-9
 
 
 class LslMarkerRecorder(WrappedRecorder):
@@ -133,8 +138,8 @@ class LslMarkerRecorder(WrappedRecorder):
         lsl = pylsl()
         super().__init__(recorder)
         self._at_zero_s = measure_lsl_at_zero_s(clock)
-        whose = f"{plan.study}-{plan.participant.id}-ses-{plan.session}-seg-{plan.segment}"
-        info = lsl.StreamInfo(MARKER_STREAM_NAME, "Markers", 1, lsl.IRREGULAR_RATE, lsl.cf_string, f"minihuman-{whose}")
+        source_id = f"minihuman-{plan.study}-{plan.participant.id}-ses-{plan.session}-seg-{plan.segment}"
+        info = lsl.StreamInfo(MARKER_STREAM_NAME, "Markers", 1, lsl.IRREGULAR_RATE, lsl.cf_string, source_id)
         description = info.desc().append_child("session")
         session_fields = {
             "study": plan.study,
@@ -142,12 +147,12 @@ class LslMarkerRecorder(WrappedRecorder):
             "session": plan.session,
             "segment": plan.segment,
         }
-        for name, value in session_fields.items():
-            description.append_child_value(name, str(value))
+        for name, content in session_fields.items():
+            description.append_child_value(name, str(content))
         self._outlet = lsl.StreamOutlet(info)
         self._queue: queue.SimpleQueue[Sequence[Event] | None] = queue.SimpleQueue()
         self._action_names: tuple[str, ...] = ()
-        self._thread = threading.Thread(target=self._run, name="minihuman-markers", daemon=True)
+        self._thread = threading.Thread(target=self._send_markers, name="minihuman-markers", daemon=True)
         self._thread.start()
 
     def begin(self, events: Sequence[Event]) -> None:
@@ -166,10 +171,10 @@ class LslMarkerRecorder(WrappedRecorder):
         return self._recorder.close()
 
     def has_listener(self, timeout_s: float) -> bool:
-        """Wait for a listener; return False if none came in time."""
+        """Wait for a program that receives the stream; return whether there is one within ``timeout_s`` seconds."""
         return bool(self._outlet.wait_for_consumers(timeout_s))
 
-    def _run(self) -> None:
+    def _send_markers(self) -> None:
         """Send the markers of queued events until the queue holds None."""
         while (events := self._queue.get()) is not None:
             for event in events:
@@ -177,15 +182,19 @@ class LslMarkerRecorder(WrappedRecorder):
                     self._action_names = event.action_names
                 marker = build_marker(event, self._action_names)
                 if marker is not None:
-                    t_ns, words = marker
-                    text = msgspec.json.encode(words).decode()
-                    self._outlet.push_sample([text], self._at_zero_s + t_ns * _NS)
+                    t_ns, terms = marker
+                    text = msgspec.json.encode(terms).decode()
+                    self._outlet.push_sample([text], self._at_zero_s + t_ns * _S_PER_NS)
 
 
 def build_marker(event: Event, action_names: Sequence[str]) -> tuple[int, dict[str, Any]] | None:
-    """Return an event's marker and its time in nanoseconds of segment time; None if the event has no marker.
+    """Return an event's time in nanoseconds since the segment's start, and the terms of its marker.
 
-    Episodes are counted from 1.
+    Return None if the event has no marker. Episodes are counted from 1.
+
+    Args:
+        event: the event.
+        action_names: the names of the actions in the world of the running episode.
     """
     match event:
         case SessionStarted():
@@ -193,8 +202,8 @@ def build_marker(event: Event, action_names: Sequence[str]) -> tuple[int, dict[s
         case EpisodeStarted(plan=plan):
             return event.t_ns, {"trial_type": "episode", "episode": plan.episode + 1, "block": plan.block_name}
         case Stepped():
-            words = {"trial_type": "step", "episode": event.episode + 1, "step": event.step}
-            return event.t_ns, words | {"action": action_names[event.action], "reward": event.reward}
+            terms = {"trial_type": "step", "episode": event.episode + 1, "step": event.step}
+            return event.t_ns, terms | {"action": action_names[event.action], "reward": event.reward}
         case FrameShown():
             return event.flip_ns, {"trial_type": "flip", "episode": event.episode + 1, "step": event.step}
         case KeyPressed(down=True):
@@ -204,8 +213,8 @@ def build_marker(event: Event, action_names: Sequence[str]) -> tuple[int, dict[s
         case Resumed():
             return event.t_ns, {"trial_type": "resume"}
         case EpisodeEnded():
-            words = {"trial_type": "episode_end", "episode": event.episode + 1}
-            return event.t_ns, words | {"outcome": event.outcome}
+            terms = {"trial_type": "episode_end", "episode": event.episode + 1}
+            return event.t_ns, terms | {"outcome": event.outcome}
         case SessionEnded():
             return event.t_ns, {"trial_type": "session_end", "detail": event.reason}
     return None

@@ -1,4 +1,4 @@
-"""Sound at the desk: plays a session's sounds on the sound device, and reports when each sound began.
+"""Sound at this machine: plays a session's sounds on the sound device, and reports when each sound began.
 
 The running part of a session names its sounds and their times (`Activity.sound_cues`). The device has a clock of its
 own, to which a line is fitted by the session's clock, so that neither jitter nor a step of the wall clock moves an
@@ -26,17 +26,18 @@ from minihuman.experiment.plan.trials import list_protocol_sounds, list_sounds
 from minihuman.experiment.protocol.protocol import Protocol
 from minihuman.experiment.sounds import EXTRA, SoundContent, SoundCue, compute_digest, render_sound
 
-LATENCY_S = 0.04  # asked of the device; with less, a busy machine interrupts the sound
+LATENCY_S = 0.04  # requested from the device; with less, a busy machine interrupts the sound
 RATE_HZ = 48_000
 INSTALL_PORTAUDIO = "apt-get install libportaudio2"
-_WINDOW = 512  # callbacks to which the device's clock is fitted, some 5 to 20 s
-_LEAST_WINDOW = 16
-_RECENT = 64  # callbacks that show an interruption
-_LAST = 9  # callbacks that show that there may have been an interruption
+_FITTED_BUFFERS = 512  # to whose times the device's clock is fitted, some 5 to 20 s
+_LEAST_BUFFERS = 16  # before the clock is known
+_LATEST_BUFFERS = 64  # whose median shows an interruption
+_NEWEST_BUFFERS = 9  # whose median shows that there may have been an interruption
 _FADE_S = 0.005  # in which a stopped sound fades out
-_STEP_S = 0.002  # a larger difference of the recent callbacks' median shows an interruption
+_STEP_S = 0.002  # a larger difference of the latest buffers' median shows an interruption
 _LEAST_UNCERTAINTY_S = 0.001  # the periods in which device and sound server count, which a fit does not show
 _SPREAD_TO_UNCERTAINTY = 3.0  # robust standard deviations of the fitted times
+_MAD_TO_SD = 1.4826  # the standard deviation of normal values, in median absolute deviations
 _NS_PER_S = 1_000_000_000
 _LONGEST_START_NS = 5 * _NS_PER_S
 _START_CHECK_S = 0.02
@@ -47,7 +48,7 @@ class SoundOutput(abc.ABC):
 
     @abc.abstractmethod
     def follow(self, cues: Sequence[SoundCue]) -> None:
-        """Play these sounds at their times; stop every other."""
+        """Play these sounds at their times, and stop all others; sounds that have begun go on."""
 
     @abc.abstractmethod
     def read(self) -> Sequence[SoundStarted]:
@@ -103,7 +104,7 @@ class ClockFit:
 
     def __init__(self, rate_hz: float) -> None:
         self._rate_hz = rate_hz
-        self._offsets_s: deque[float] = deque(maxlen=_WINDOW)  # the time of frame 0 by each of the latest buffers
+        self._offsets_s: deque[float] = deque(maxlen=_FITTED_BUFFERS)  # the time of frame 0, by buffer
 
     def add(self, frame: int, heard_s: float) -> None:
         """Add the number of a buffer's first frame, and the session's time in seconds at which it will be heard.
@@ -111,30 +112,30 @@ class ClockFit:
         If the latest times differ from the earlier ones, the stream was interrupted, and the earlier ones are dropped.
         """
         self._offsets_s.append(heard_s - frame / self._rate_hz)
-        latest = [*self._offsets_s][-_RECENT:]
+        latest = [*self._offsets_s][-_LATEST_BUFFERS:]
         if abs(float(np.median(latest)) - self.offset_s) > _STEP_S:
-            self._offsets_s = deque(latest, maxlen=_WINDOW)
+            self._offsets_s = deque(latest, maxlen=_FITTED_BUFFERS)
 
     @property
     def is_ready(self) -> bool:
         """Return whether there are enough buffers for an estimate."""
-        return len(self._offsets_s) >= _LEAST_WINDOW
+        return len(self._offsets_s) >= _LEAST_BUFFERS
 
     @property
     def offset_s(self) -> float:
-        """Return the session's time at which frame 0 was heard."""
+        """Return the session's time in seconds at which frame 0 was heard."""
         return float(np.median(self._offsets_s))
 
     @property
     def uncertainty_s(self) -> float:
-        """Return the bound below which 99 % of the errors lie, apart from a constant delay.
+        """Return a bound in seconds below which 99 % of the errors lie, apart from a constant delay.
 
-        It is at least twice the latest times' difference from the line, as the stream may have been interrupted.
+        It is at least twice the newest times' difference from the line, as the stream may have been interrupted.
         """
         offsets_s = np.array(self._offsets_s)
         offset_s = float(np.median(offsets_s))
-        spread_s = 1.4826 * float(np.median(np.abs(offsets_s - offset_s)))
-        step_s = abs(float(np.median(offsets_s[-_LAST:])) - offset_s)
+        spread_s = _MAD_TO_SD * float(np.median(np.abs(offsets_s - offset_s)))
+        step_s = abs(float(np.median(offsets_s[-_NEWEST_BUFFERS:])) - offset_s)
         return max(_LEAST_UNCERTAINTY_S, _SPREAD_TO_UNCERTAINTY * spread_s, 2 * step_s)
 
     def find_time_s(self, frame: float) -> float:
@@ -154,8 +155,8 @@ class _Voice:
     due_ns: int
     next_sample: int = 0
     first_frame: int | None = None  # the stream's frame at which it began; None before
-    is_wanted: bool = True
-    is_cut: bool = False
+    is_wanted: bool = True  # whether the session still names it
+    is_cut: bool = False  # whether its samples end with a fade-out
 
     @property
     def is_over(self) -> bool:
@@ -187,7 +188,7 @@ class PortAudioOutput(SoundOutput):
         self._stream = _open_stream(self._fill)
         self._rate_hz = float(self._stream.samplerate)
         self._fit = ClockFit(self._rate_hz)
-        self._samples = {self._digest(content): self._render(content) for content in contents}
+        self._samples = {self._compute_digest(content): self._render(content) for content in contents}
         self._stream.start()
         self._await_clock()
 
@@ -216,13 +217,13 @@ class PortAudioOutput(SoundOutput):
         return 1000 * self._fit.uncertainty_s
 
     def follow(self, cues: Sequence[SoundCue]) -> None:
-        """Play these sounds at their times; stop every other."""
-        wanted = {cue.number: cue for cue in cues}
-        fresh = {number: self._prepare(cue) for number, cue in wanted.items() if number not in self._voices}
+        """Play these sounds at their times, and fade out all others."""
+        numbers = {cue.number for cue in cues}
+        new_voices = {cue.number: self._prepare(cue) for cue in cues if cue.number not in self._voices}
         with self._lock:
             for number, voice in self._voices.items():
-                voice.is_wanted = number in wanted
-            self._voices |= fresh
+                voice.is_wanted = number in numbers
+            self._voices |= new_voices
 
     def read(self) -> Sequence[SoundStarted]:
         """Return the sounds that have begun since the last call.
@@ -236,7 +237,7 @@ class PortAudioOutput(SoundOutput):
         with self._lock:
             reports = [report for report in self._reports if report.onset_ns <= now_ns]
             self._reports = [report for report in self._reports if report.onset_ns > now_ns]
-        return [SoundStarted(now_ns, *_times_of(report)) for report in reports]
+        return [SoundStarted(now_ns, *_list_times(report)) for report in reports]
 
     @property
     def next_report_ns(self) -> int | None:
@@ -262,12 +263,13 @@ class PortAudioOutput(SoundOutput):
             time.sleep(_START_CHECK_S)
 
     def _prepare(self, cue: SoundCue) -> _Voice:
-        digest = self._digest(cue.content)
+        """Return a voice that is to begin when a cue is due, after rendering its sound if necessary."""
+        digest = self._compute_digest(cue.content)
         if digest not in self._samples:
             self._samples[digest] = self._render(cue.content)
         return _Voice(self._samples[digest], cue.due_ns)
 
-    def _digest(self, content: SoundContent) -> str:
+    def _compute_digest(self, content: SoundContent) -> str:
         return compute_digest(content, self._files)
 
     def _render(self, content: SoundContent) -> NDArray[np.float32]:
@@ -290,34 +292,35 @@ class PortAudioOutput(SoundOutput):
 
     def _mix(self, number: int, voice: _Voice, buffer: NDArray[np.float32]) -> None:
         """Add a sound to a buffer if it has begun or begins there; report its onset, and fade it if it is unwanted."""
-        place = 0
+        offset = 0  # of the sound in the buffer
         if voice.first_frame is None:
             if not voice.is_wanted or not self._fit.is_ready:
                 return
-            place = max(0, self._fit.find_frame(voice.due_ns / _NS_PER_S) - self._frame)
-            if place >= len(buffer):
+            offset = max(0, self._fit.find_frame(voice.due_ns / _NS_PER_S) - self._frame)
+            if offset >= len(buffer):
                 return
-            voice.first_frame = self._frame + place
+            voice.first_frame = self._frame + offset
             self._reports.append(self._describe(number, voice))
         if not voice.is_wanted and not voice.is_cut:
-            voice.samples = self._cut(voice)
+            voice.samples = self._fade_out(voice)
             voice.is_cut = True
-        taken = voice.samples[voice.next_sample : voice.next_sample + len(buffer) - place]
-        buffer[place : place + len(taken)] += taken
-        voice.next_sample += len(taken)
+        samples = voice.samples[voice.next_sample : voice.next_sample + len(buffer) - offset]
+        buffer[offset : offset + len(samples)] += samples
+        voice.next_sample += len(samples)
 
     @staticmethod
     def _is_kept(voice: _Voice) -> bool:
-        """Return whether a sound plays, or is to be kept as the session names it, so that it is not played twice."""
+        """Return whether a sound is still needed: it fades out, or the session names it and it must not begin again."""
         return voice.is_wanted or (voice.first_frame is not None and not voice.is_over)
 
-    def _cut(self, voice: _Voice) -> NDArray[np.float32]:
+    def _fade_out(self, voice: _Voice) -> NDArray[np.float32]:
         """Return a sound's samples up to now, followed by a short fade-out."""
         ahead = voice.samples[voice.next_sample : voice.next_sample + round(_FADE_S * self._rate_hz)]
         fade = np.linspace(1.0, 0.0, len(ahead), dtype=np.float32)[:, None]
         return np.concatenate([voice.samples[: voice.next_sample], ahead * fade])
 
     def _describe(self, number: int, voice: _Voice) -> SoundStarted:
+        """Return the report that a sound began; the time of the report itself is set when it is read."""
         assert voice.first_frame is not None
         onset_ns = round(self._fit.find_time_s(voice.first_frame) * _NS_PER_S)
         uncertainty_ns = round(self._fit.uncertainty_s * _NS_PER_S)
@@ -325,9 +328,9 @@ class PortAudioOutput(SoundOutput):
 
 
 def list_sound_cues(session: SessionMachine) -> tuple[SoundCue, ...]:
-    """Return the sounds that a session plays now or schedules; the output stops any sound that is not among them."""
+    """Return the sounds that a session plays now or schedules; none while a pause or a question covers the part."""
     part = session.part
-    if session.over or session.phase is not part.phase:  # a pause or a question covers the part
+    if session.over or session.phase is not part.phase:
         return ()
     return part.sound_cues
 
@@ -359,7 +362,8 @@ def require_sound_device(protocol: Protocol) -> None:
         _open_stream(lambda *_: None).close()
 
 
-def _times_of(report: SoundStarted) -> tuple[int, int, int, int]:
+def _list_times(report: SoundStarted) -> tuple[int, int, int, int]:
+    """Return the number of a sound's cue, its due time, its onset and the onset's uncertainty."""
     return report.cue, report.scheduled_ns, report.onset_ns, report.uncertainty_ns
 
 

@@ -29,7 +29,7 @@ from minihuman.storage.system import now_text
 
 ADDRESS = "127.0.0.1"
 _MAX_BODY_BYTES = 10_000
-_KINDS = {"": "text/html", "css": "text/css", "js": "text/javascript"}
+_CONTENT_TYPES = {"": "text/html", "css": "text/css", "js": "text/javascript"}
 _HEADERS = {
     "Cache-Control": "no-store",
     "Referrer-Policy": "no-referrer",
@@ -60,12 +60,12 @@ class DashboardServer:
         self._status = ThrottledCall(self._format_status)
         self._one_at_a_time = Lock()
         self._low_priority = LowPriorityWorker()  # the participants come first
-        word = secrets.token_urlsafe(16)
+        secret = secrets.token_urlsafe(16)
         try:
-            self._server = GuardedServer((ADDRESS, port), _make_handler(f"/{word}/", self._answer))
+            self._server = GuardedServer((ADDRESS, port), _make_handler_class(f"/{secret}/", self._answer))
         except OSError as error:
             raise LogError(f"port {port} is not available ({error.strerror}); choose another with --port") from error
-        self.url = f"http://{ADDRESS}:{self._server.server_port}/{word}/"
+        self.url = f"http://{ADDRESS}:{self._server.server_port}/{secret}/"
 
     def serve(self) -> None:
         """Answer requests until ``stop`` is called."""
@@ -88,7 +88,7 @@ class DashboardServer:
         with self._one_at_a_time:
             match path, body:
                 case "" | "page.css" | "page.js" as file_name, None:
-                    kind = _KINDS[file_name.rpartition(".")[2]]
+                    kind = _CONTENT_TYPES[file_name.rpartition(".")[2]]
                     return f"{kind}; charset=utf-8", (files(__package__) / (file_name or "page.html")).read_bytes()
                 case "state", None:
                     return "application/json", self._low_priority(lambda: json.dumps(self._build_state()).encode())
@@ -126,15 +126,16 @@ class DashboardServer:
         if not self._recruits.begun:
             return None
         standing = self._recruits.standing()
-        came = set(standing.came.values())
-        unread = sum(not (self._study_dir / code).exists() for code in came)
-        return {"open": standing.recruiting, "links": len(standing.issued), "came": len(came), "reading": unread}
+        participants = set(standing.came.values())
+        n_reading = sum(not (self._study_dir / code).exists() for code in participants)  # nothing is recorded yet
+        n_links = len(standing.issued)
+        return {"open": standing.recruiting, "links": n_links, "came": len(participants), "reading": n_reading}
 
 
 AnswerRequest = Callable[[str, dict[str, list[str]], bytes | None], tuple[str, bytes] | None]
 
 
-def _make_handler(prefix: str, answer: AnswerRequest) -> type[GuardedHandler]:
+def _make_handler_class(prefix: str, answer: AnswerRequest) -> type[GuardedHandler]:
     class Handler(GuardedHandler):
         """Passes on requests below the secret prefix, and answers all others with 404."""
 
@@ -146,7 +147,8 @@ def _make_handler(prefix: str, answer: AnswerRequest) -> type[GuardedHandler]:
             """Answer a request that changes something, if it comes from the dashboard's own page."""
             length = read_length(self.headers.get("Content-Length", ""), _MAX_BODY_BYTES)
             is_json = self.headers.get_content_type() == "application/json"
-            if length is None or not is_json or not is_own_request({k.lower(): v for k, v in self.headers.items()}):
+            headers = {name.lower(): content for name, content in self.headers.items()}
+            if length is None or not is_json or not is_own_request(headers):
                 self.close_connection = True  # a body may follow that is not read
                 self._send(HTTPStatus.BAD_REQUEST, "text/plain", b"this is not a request of the page")
                 return

@@ -45,7 +45,7 @@ class LowPriorityWorker:
 
 
 class ThrottledCall(Generic[T]):
-    """Calls a function, or returns its last result if calling it again would take too much time.
+    """Calls a function, or returns its last result if calls have taken more than a share of the time.
 
     Args:
         find: the function, which may take long.
@@ -74,7 +74,7 @@ class ThrottledCall(Generic[T]):
 
 NS_PER_S = 1_000_000_000
 NS_PER_MS = 1_000_000
-_KEYS = 12
+_KEYS = 12  # of the latest keys, reaction times and notes, how many are kept
 _TIMES = 60
 _NOTES = 200
 
@@ -138,7 +138,7 @@ class LiveSession:
             self.notes.append((note.t_ns, note.kind, note.text))
 
     def _take_episode_event(self, event: events.EpisodeStarted | events.Stepped | events.EpisodeEnded) -> None:
-        """Update the present episode with an event."""
+        """Update what is known of the latest episode: that it began, took a step or ended."""
         match event:
             case events.EpisodeStarted():
                 self.episode = event
@@ -259,12 +259,12 @@ class ScreenPreview:
             self.close()
             self._world = (key, World(plan.world, plan.options))
         _, world = self._world
-        drawn_episode, n_made = self._at
-        if drawn_episode != episode or n_made > n_steps:
+        drawn_episode, n_drawn_steps = self._at
+        if drawn_episode != episode or n_drawn_steps > n_steps:
             world.reset(plan.seed)
-            n_made = 0
+            n_drawn_steps = 0
             self._at = (episode, 0)
-        for action in live.actions[n_made:]:
+        for action in live.actions[n_drawn_steps:]:
             world.step(action)
         self._at = (episode, n_steps)
         self._png = encode_png(world.frame(plan.view, PREVIEW_SIZE_PX, plan.palette))
@@ -302,8 +302,8 @@ class RunningSessions:
     def look(self) -> dict[str, dict[str, object]]:
         """Return the facts of each running session, by the path of its live log relative to the folder."""
         names = {str(part.relative_to(self._study_dir)): part for part in self._parts() if is_being_recorded(part)}
-        for gone in self._watched.keys() - names.keys():
-            self._watched.pop(gone).picture.close()
+        for ended in self._watched.keys() - names.keys():
+            self._watched.pop(ended).picture.close()
         return {name: self._collect_facts(name, part) for name, part in names.items()}
 
     def picture(self, name: str) -> bytes:
@@ -341,7 +341,7 @@ class RunningSessions:
             live = LiveSession()
             for event in read_events(part):
                 live.take(event)
-        except (LogError, OSError) as error:  # finished just now, or nothing whole in it yet
+        except (LogError, OSError) as error:  # it has just been finished, or has no complete record yet
             watched.problem = str(error)
             return
         watched.live = live
