@@ -65,7 +65,7 @@ def assign_group(
     if spec is None:
         return "", None
     design = make_enrolment_design(spec)
-    statistics = _compute_statistics(protocol, design, lines, study_dir)[0]
+    statistics, _ = _compute_statistics(protocol, design, lines, study_dir)
     decision = design.decide(statistics, stratum, make_draw(protocol.study.seed, "assignment", index))
     return decision.group, GroupAssignment(spec.name, design.version, statistics)
 
@@ -138,9 +138,9 @@ def _compute_statistics(
 
 
 def _list_ended_sessions(lines: Sequence[EnrolmentEntry], design: EnrolmentDesign) -> dict[str, str]:
-    """Return the last segment of each first session's log, by the log's name in order of its end.
+    """Return the number of the last segment of each participant's first session, by the name of the session's log.
 
-    A design without an outcome needs no logs.
+    The logs are in the order in which they ended. A design without an outcome needs no logs, so that none is returned.
     """
     segments: dict[str, str] = {}
     if not design.outcome:
@@ -175,7 +175,7 @@ def _compute_mean_outcome(path: Path, size: int, segment: str, outcome: str, blo
 
 
 def verify_design_decisions(study: Path, protocol: Protocol) -> Iterator[tuple[str, bool]]:
-    """Recompute the statistics of every assignment and look from the enrolment log and the session logs.
+    """Compare every assignment and look with the statistics recomputed from the enrolment log and the session logs.
 
     Yields:
         Lines, each with whether it reports success; nothing for a study without an adaptive design.
@@ -213,9 +213,8 @@ class _LoggedDecision:
 
     name: str  # the look's or the participant's name
     spec: DesignSpec | None  # None if the protocol has no such design
-    # the interim look, if the line is about one
     statistics: Mapping[str, Any]
-    look: LookTaken | None = None
+    look: LookTaken | None = None  # the interim look, if the line is about one
 
 
 def _find_decision(line: EnrolmentEntry, protocol: Protocol) -> _LoggedDecision | None:

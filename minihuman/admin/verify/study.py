@@ -44,18 +44,18 @@ def find_sessions(path: Path, *, required: bool = True) -> list[Path]:
     """
     if not path.is_dir():
         return [path]
-    places: list[Path] = []
+    session_paths: list[Path] = []
     for folder, names in find_log_folders(path):
         sessions = list(group_sessions(folder, names).values())
         if len(sessions) == 1 and len(sessions[0]) > 1:
-            places.append(folder)
+            session_paths.append(folder)
         else:
-            places += chain.from_iterable(sessions)
-    if not places and required:
+            session_paths += chain.from_iterable(sessions)
+    if not session_paths and required:
         raise LogError(
             f"{path} contains no session logs (*{LOG_SUFFIX} or *{PART_SUFFIX}); name a log or a study's folder"
         )
-    return sorted(places)
+    return sorted(session_paths)
 
 
 def verify_enrolment(study: Path) -> Iterator[tuple[str, bool]]:
@@ -92,7 +92,7 @@ def verify_enrolment(study: Path) -> Iterator[tuple[str, bool]]:
 
 
 def _read_protocol(sessions: Sequence[Path]) -> Protocol | None:
-    """Read the protocol of a study's first log if it has adaptive designs of the study; otherwise return None."""
+    """Read the protocol of a study's first log; return None if it has no adaptive design, or there is no log."""
     if not sessions:
         return None
     protocol = decode_logged_protocol(read_log(sessions[0]).plan.protocol_toml)
@@ -102,7 +102,7 @@ def _read_protocol(sessions: Sequence[Path]) -> Protocol | None:
 
 
 def _read_ends(log: Path) -> tuple[str, ...]:
-    """Return the numbers of a log's segments that have a chain head; empty for a log that cannot be read."""
+    """Return the numbers of a finished log's segments that have a chain head; empty for a log that cannot be read."""
     summary = read_summary(log)
     if summary is None:
         return ()
@@ -110,7 +110,11 @@ def _read_ends(log: Path) -> tuple[str, ...]:
 
 
 def verify_manifest(study: Path, seal: str) -> Iterator[tuple[str, bool]]:
-    """Yield lines about a study compared with its manifest, each with whether it reports success.
+    """Compare a study's files with its manifest; yield lines, each with whether it reports success.
+
+    Args:
+        study: the study's folder.
+        seal: the manifest's file, or its digest.
 
     Raises:
         LogError: if ``seal`` is neither a manifest file nor a digest.
