@@ -37,5 +37,5 @@ def records_whole_texts(plan: SessionPlan, facts: Mapping[str, str]) -> bool:
 
 
 def _has_part_with(plan: SessionPlan, name: str) -> bool:
-    """Return whether the plan of a part has a property that is true."""
+    """Return whether any part's plan has a property of this name that is true."""
     return any(getattr(part.plan, name, False) for part in plan.parts)

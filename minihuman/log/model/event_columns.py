@@ -75,17 +75,20 @@ class CategoricalTexts(Sequence[str]):
         return is_equal
 
     def count_values(self, rows: NDArray[np.bool_] | slice = slice(None)) -> Counter[str]:
-        """Count how often each category occurs in the selected rows, with 0 for one that does not."""
+        """Count how often each category occurs in the selected rows, including categories that do not occur there."""
         counts = np.bincount(self.codes[rows], minlength=len(self.categories))
         return Counter(dict(zip(self.categories, counts.tolist(), strict=True)))
 
     def first_index(self, rows: NDArray[np.bool_]) -> dict[str, int]:
-        """Return the first of the selected rows in which each text occurs, for the texts that occur there."""
-        places = np.flatnonzero(rows)
-        codes, firsts = np.unique(self.codes[places], return_index=True)
-        return {
-            self.categories[code]: place for code, place in zip(codes.tolist(), places[firsts].tolist(), strict=True)
-        }
+        """Return the index of the first selected row with each text, by text; texts without a selected row are absent.
+
+        Args:
+            rows: a mask of the selected rows, (n,).
+        """
+        indices = np.flatnonzero(rows)
+        codes, firsts = np.unique(self.codes[indices], return_index=True)
+        first_indices = indices[firsts].tolist()
+        return {self.categories[code]: index for code, index in zip(codes.tolist(), first_indices, strict=True)}
 
 
 KeyOrFrame = TypeVar("KeyOrFrame", KeyPressed, FrameShown)
@@ -144,7 +147,7 @@ class EventColumns(Sequence[KeyOrFrame], Generic[KeyOrFrame]):
         return self._column(name)[self._rows.start : self._rows.stop : self._rows.step]
 
     def place(self, part: "EventColumns[KeyOrFrame]") -> slice:
-        """Return the position, in this sequence, of a part that was sliced from it."""
+        """Return the slice of this sequence that holds the same events as a contiguous part that was sliced from it."""
         begin = part._rows.start - self._rows.start
         return slice(begin, begin + len(part))
 
@@ -186,7 +189,7 @@ def _convert_cell(name: str, cell: Any) -> Any:
 
 
 def _build_column(name: str, values: list[Any]) -> Any:
-    """Build the column of a field from the values that event objects have."""
+    """Build the column of a field, given its name, from the values that the event objects have."""
     match name:
         case "key" | "symbol" | "verdict" | "phase":
             return CategoricalTexts.of(values)

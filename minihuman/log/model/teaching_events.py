@@ -84,7 +84,7 @@ def gather_corrections(events: Iterable[object]) -> tuple[CorrectionRecord, ...]
     beginning: CorrectionBegun | None = None
     steps: list[CorrectionStepped] = []
 
-    def close(outcome: CorrectionOutcome) -> None:
+    def add_correction(outcome: CorrectionOutcome) -> None:
         if (
             beginning is not None
             and (episode := episodes.get((beginning.part, beginning.episode, beginning.attempt))) is not None
@@ -96,15 +96,15 @@ def gather_corrections(events: Iterable[object]) -> tuple[CorrectionRecord, ...]
             case EpisodeLookedAt():
                 episodes[event.part, event.episode, event.attempt] = event
             case CorrectionBegun():
-                close("stopped")
+                add_correction("stopped")
                 beginning = event
                 steps = []
             case CorrectionStepped():
                 steps.append(event)
             case CorrectionEnded():
-                close(event.outcome)
+                add_correction(event.outcome)
                 beginning = None
-    close("stopped")
+    add_correction("stopped")
     return tuple(corrections)
 
 

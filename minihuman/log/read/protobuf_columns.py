@@ -94,7 +94,7 @@ class MessageColumns(Mapping[str, FieldColumn]):
                 field.take(at)
             self.is_canonical &= at == ends  # otherwise a field is out of order, repeated or unknown
             for row in np.flatnonzero((at == before) & (at < ends)):
-                at[row] = _after_unknown(data, int(at[row]), int(ends[row]))
+                at[row] = _skip_unknown_field(data, int(at[row]), int(ends[row]))
         if canonical:
             for field in self._fields.values():
                 self.is_canonical &= field.find_canonical()
@@ -127,7 +127,7 @@ class _Field:
         self._first_tag_byte = (tag & 0x7F) | 0x80 if self._second_tag_byte else tag
         self._tag_bytes = 2 if self._second_tag_byte else 1
         self._bytes: ByteArray = np.frombuffer(data, np.uint8)
-        self._eights = _eights(data)
+        self._eights = _view_eight_bytes(data)
         self._ends = ends
         self.is_present = np.zeros(len(ends), np.bool_)
         self._numbers = np.zeros(len(ends), np.uint64)  # the number itself, or the position of a text or message
@@ -150,7 +150,7 @@ class _Field:
             places += 8
         else:
             varints_begin = places
-            numbers, places = _varints(self._eights, places)
+            numbers, places = _decode_varints(self._eights, places)
             if self._varint_bytes is not None:
                 self._varint_bytes[rows] = places - varints_begin
             if self._wire_type == _LENGTH:
@@ -183,10 +183,15 @@ class _Field:
         return is_canonical
 
     def values(self, data: bytes, *, canonical: bool = False) -> Any:
-        """Return the whole column; every message must have been read."""
+        """Return the whole column, after all messages have been read.
+
+        Args:
+            data: the bytes of the messages.
+            canonical: whether the columns of a nested message find out which messages are in their canonical form.
+        """
         match self._kind.type:
             case FieldDescriptor.TYPE_DOUBLE if self._is_list:
-                return self._lists(data)
+                return self._read_lists(data)
             case FieldDescriptor.TYPE_INT64:
                 return self._numbers.view(np.int64)
             case FieldDescriptor.TYPE_DOUBLE:
@@ -201,7 +206,7 @@ class _Field:
                 return _read_texts(data, begins, ends)
         return self._numbers
 
-    def _lists(self, data: bytes) -> NDArray[np.float64]:
+    def _read_lists(self, data: bytes) -> NDArray[np.float64]:
         """Return lists of doubles as rows, float64[n, longest list], padded with NaN.
 
         Raises:
@@ -216,13 +221,21 @@ class _Field:
         return rows
 
 
-def _eights(data: bytes) -> Uint64Array:
+def _view_eight_bytes(data: bytes) -> Uint64Array:
     """Return, for each position, its eight bytes as one number, so that many positions can be read at once."""
     return np.ndarray(len(data) - 7, "<u8", data, strides=(1,))
 
 
-def _varints(eights: Uint64Array, at: MessageOffsets) -> tuple[Uint64Array, MessageOffsets]:
-    """Decode the varint at each position, lowest seven bits first; return the numbers and the next positions."""
+def _decode_varints(eights: Uint64Array, at: MessageOffsets) -> tuple[Uint64Array, MessageOffsets]:
+    """Decode the varint at each position, lowest seven bits first; return the numbers and the next positions.
+
+    Args:
+        eights: the eight bytes from each position of the data on, as ``_view_eight_bytes`` returns them.
+        at: the positions of the varints.
+
+    Raises:
+        ValueError: if a varint is longer than ten bytes.
+    """
     eight = eights[at]
     if not (eight & _EIGHTH).any():  # the common case: lengths, flags, small numbers
         return eight & _SEVEN, at + 1
@@ -232,22 +245,25 @@ def _varints(eights: Uint64Array, at: MessageOffsets) -> tuple[Uint64Array, Mess
     for bits, lower in _PAIRS:  # joins groups of 7 bits to 14, 28 and 56
         numbers = (numbers & lower) | ((numbers & ~lower) >> bits)
     at = at + ((within & _ONES) * _ONES >> np.uint64(56)).astype(np.int64)
-    more = np.flatnonzero(stops == 0)
+    unfinished = np.flatnonzero(stops == 0)  # numbers of more than eight bytes
     shift = 56
-    while more.size:
+    while unfinished.size:
         if shift >= _VARINT_BITS:
             raise ValueError("a varint is longer than 10 bytes")
-        byte = eights[at[more]] & np.uint64(0xFF)
-        numbers[more] |= (byte & _SEVEN) << np.uint64(shift)
-        at[more] += 1
-        more = more[byte > 127]
+        byte = eights[at[unfinished]] & np.uint64(0xFF)
+        numbers[unfinished] |= (byte & _SEVEN) << np.uint64(shift)
+        at[unfinished] += 1
+        unfinished = unfinished[byte > 127]
         shift = shift + 7
     return numbers, at
 
 
 def _read_texts(data: bytes, begins: MessageOffsets, ends: MessageOffsets) -> CategoricalTexts:
-    """Read the texts between these positions; texts are compared in parts of seven bytes with their count."""
-    eights = _eights(data)
+    """Read the text of each message, which lies between its positions ``begins`` and ``ends``.
+
+    To find the distinct texts, parts of seven bytes are compared as numbers whose eighth byte is the part's length.
+    """
+    eights = _view_eight_bytes(data)
     last_eight = len(eights) - 1
     lengths = ends - begins
     longest = int(lengths.max(initial=0))
@@ -257,16 +273,16 @@ def _read_texts(data: bytes, begins: MessageOffsets, ends: MessageOffsets) -> Ca
         places = np.minimum(begins + offset, last_eight)
         seven_bytes = eights[places] & _FIRST_BYTES[byte_counts]
         part = seven_bytes | (byte_counts << np.uint64(56))
-        firsts, part_codes = _distinct(part)
+        firsts, part_codes = _find_distinct(part)
         if offset:  # texts are equal if their earlier parts and this one are
             pairs = codes.astype(np.uint64) * np.uint64(len(firsts)) + part_codes.astype(np.uint64)
-            firsts, part_codes = _distinct(pairs)
+            firsts, part_codes = _find_distinct(pairs)
         codes = part_codes
     texts = tuple(data[begins[first] : ends[first]].decode() for first in firsts.tolist())
     return CategoricalTexts(codes, texts)
 
 
-def _distinct(values: Uint64Array) -> tuple[MessageOffsets, NDArray[np.int64]]:
+def _find_distinct(values: Uint64Array) -> tuple[MessageOffsets, NDArray[np.int64]]:
     """Return the position of one occurrence of each distinct value, and for each row the index of its value.
 
     It sorts only if two values share a hash slot.
@@ -283,28 +299,38 @@ def _distinct(values: Uint64Array) -> tuple[MessageOffsets, NDArray[np.int64]]:
     return places, codes
 
 
-def _after_unknown(data: bytes, at: int, end: int) -> int:
-    """Return the position after an unknown field, which a newer writer may have added."""
-    tag, at = _varint(data, at)
-    match tag & 7:
-        case _ if tag >> 3 == 0:
-            raise ValueError("a field has number 0")
-        case 0:
-            _, at = _varint(data, at)
-        case 1:
-            at += 8
-        case 2:
-            length, at = _varint(data, at)
-            at += length
-        case 5:
-            at += 4
-        case wire_type:
-            raise ValueError(f"wire type {wire_type} is not supported")
+def _skip_unknown_field(data: bytes, at: int, end: int) -> int:
+    """Return the position after an unknown field, which a newer writer may have added.
+
+    Args:
+        data: the bytes of the messages.
+        at: the position of the field.
+        end: the position at which its message ends.
+
+    Raises:
+        ValueError: if the bytes are not such a field.
+    """
+    tag, at = _decode_varint(data, at)
+    number = tag >> 3
+    wire_type = tag & 7
+    if number == 0:
+        raise ValueError("a field has number 0")
+    if wire_type == _VARINT:
+        _, at = _decode_varint(data, at)
+    elif wire_type == _FIXED64:
+        at += 8
+    elif wire_type == _LENGTH:
+        length, at = _decode_varint(data, at)
+        at += length
+    elif wire_type == _FIXED32:
+        at += 4
+    else:
+        raise ValueError(f"wire type {wire_type} is not supported")
     if at > end:
         raise ValueError("an unknown field is truncated")
     return at
 
 
-def _varint(data: bytes, at: int) -> tuple[int, int]:
-    numbers, places = _varints(_eights(data), np.array([at]))
+def _decode_varint(data: bytes, at: int) -> tuple[int, int]:
+    numbers, places = _decode_varints(_view_eight_bytes(data), np.array([at]))
     return int(numbers[0]), int(places[0])

@@ -98,20 +98,21 @@ class SessionAssembler:
         self._count = 0  # number of messages so far
         self._size = 0  # bytes in ``_chunks``
 
-    def read(self, reading: LogReader) -> None:
+    def read(self, reader: LogReader) -> None:
         """Add a file's messages.
 
         Raises:
             LogError: as ``LogReader.events`` does, except for steps, keys and pictures, which are decoded later.
         """
-        for chunk in reading.chunks():
+        for chunk in reader.chunks():
             rare_messages = self._collect_frequent(chunk)
             rare_messages += ((self._count + place, _BREAK, b"") for place in chunk.breaks)
+            # in the order of positions; a break comes before the message at its position
             for place, topic, data in sorted(rare_messages, key=lambda message: (message[0], message[1] != _BREAK)):
                 if topic == _BREAK:
-                    self._close(place)  # messages after a gap may belong to another episode
+                    self._end_episode(place)  # messages after a gap may belong to another episode
                 else:
-                    self._take(place, reading.decode(topic, data))
+                    self._add_event(place, reader.decode(topic, data))
             self._count += len(chunk)
 
     def _collect_frequent(self, chunk: ChunkMessages) -> list[tuple[int, str, bytes]]:
@@ -146,7 +147,7 @@ class SessionAssembler:
         ended = self._parts[-1].ended
         return CUT_OFF if ended is None else ended.reason
 
-    def session(
+    def assemble(
         self, starts: Sequence[dict[str, str]], ends: Sequence[dict[str, str]]
     ) -> tuple[tuple[Segment, ...], tuple[EpisodeLog, ...]]:
         """Return the session's segments and every episode in the order played, all on one clock.
@@ -169,7 +170,7 @@ class SessionAssembler:
             replace(
                 segment,
                 keys=rows.key_events[rows.keys.between(*between)],
-                samples=self._samples(segment, *between),
+                samples=self._find_samples(segment, *between),
             )
             for segment, between in placed
         )
@@ -195,13 +196,13 @@ class SessionAssembler:
             begin = step_rows.start + number  # each earlier episode has one more row, for its reset
             state_columns = {name: column[begin : begin + n_steps + 1] for name, column in of_states.items()}
             times_ns = state_columns["t_ns"]
-            used = ~np.isnan(vectors[step_rows]).all(axis=0)  # other columns belong to other worlds
+            has_vectors = ~np.isnan(vectors[step_rows]).all(axis=0)  # of this world; none if its actions are numbers
             yield EpisodeLog(
                 start=start,
                 **state_columns,
                 **{name: column[step_rows] for name, column in of_steps.items()},
                 step_keys=rows.steps.column("key").values[step_rows],
-                action_vectors=vectors[step_rows][:, used] if used.any() else None,  # otherwise its actions are numbers
+                action_vectors=vectors[step_rows][:, has_vectors] if has_vectors.any() else None,
                 successes=read_successes(start.plan, rows.steps.column, step_rows),
                 infos=read_infos(start.plan, rows.steps.column, step_rows),
                 keys=rows.key_events[rows.keys.between(span.begin, span.end)],
@@ -233,7 +234,7 @@ class SessionAssembler:
             start_ns = max(unix_ns - first_unix_ns, after_ns)
             step_times_ns = rows.steps.column("t_ns").values[rows.steps.between(*span)]
             key_times_ns = rows.keys.column("t_ns").values[rows.keys.between(*span)]
-            end_ns = start_ns + self._lasted_ns(part, [step_times_ns, key_times_ns])
+            end_ns = start_ns + self._find_duration_ns(part, [step_times_ns, key_times_ns])
             segment = Segment(
                 number=number,
                 started_at=facts["started_at"],
@@ -254,18 +255,19 @@ class SessionAssembler:
         return placed
 
     @staticmethod
-    def _lasted_ns(part: _SegmentDraft, times_ns: Sequence[NDArray[np.int64]]) -> int:
+    def _find_duration_ns(part: _SegmentDraft, times_ns: Sequence[NDArray[np.int64]]) -> int:
         """Return the last known time of a segment, in nanoseconds since its start.
 
         Args:
             part: the segment.
-            times_ns: the times of the segment's steps and of its keys.
+            times_ns: the times of the segment's steps, and those of its keys, in segment time.
         """
         if part.ended is not None:
             return part.last_ns
         return max(part.last_ns, *(int(topic_times_ns.max(initial=0)) for topic_times_ns in times_ns))
 
-    def _samples(self, segment: Segment, begin: int, end: int | None) -> SampleSequence:
+    def _find_samples(self, segment: Segment, begin: int, end: int | None) -> SampleSequence:
+        """Return the samples of a segment, whose messages lie between two positions."""
         places, messages = self._unread[topics.SAMPLE]
         return SampleSequence(messages[_slice_between(places, begin, end)], segment.start_ns)
 
@@ -277,24 +279,24 @@ class SessionAssembler:
             return ObservationSequence(span.start.plan.episode, observed[: steps + 1])
         return None
 
-    def _take(self, place: int, event: events.Event | None) -> None:
+    def _add_event(self, place: int, event: events.Event | None) -> None:
         """Add an event at a position among all messages to the segment and the episode to which it belongs."""
         if not self._parts and not isinstance(event, events.SessionStarted):
             return  # the plan is lost, so the segment is unknown
         match event:
             case events.SessionStarted():
-                self._close(place)
+                self._end_episode(place)
                 self._parts.append(_SegmentDraft(event, place))
             case events.SessionEnded():
                 self._parts[-1].ended = event
             case events.EpisodeStarted():
-                self._close(place)
+                self._end_episode(place)
                 segment = len(self._parts) - 1
                 self._spans.append(
                     _EpisodeDraft(event, segment, place, policy=self._policy, formed=self._formed, ready=self._ready)
                 )
             case events.EpisodeEnded():
-                self._close(place, event.outcome, event.cause)
+                self._end_episode(place, event.outcome, event.cause)
             case events.Noted() | events.Paused() | events.Resumed():
                 self._parts[-1].notes.append(event)
             case _ if isinstance(event, PartEvent):
@@ -323,8 +325,8 @@ class SessionAssembler:
             ):
                 self._spans[-1].activity_events.append(event)
 
-    def _close(self, place: int, outcome: events.Outcome | None = None, cause: events.EndCause = "") -> None:
-        """End the last episode, if it has not ended yet."""
+    def _end_episode(self, place: int, outcome: events.Outcome | None = None, cause: events.EndCause = "") -> None:
+        """End the latest episode, if it has not ended yet, before the message at a position."""
         if self._spans and self._spans[-1].end is None:
             span = self._spans[-1]
             span.end = place
@@ -374,18 +376,18 @@ def read_log(path: Path | str) -> SessionLog:
     """
     path = Path(path)
     files = list_session_files(path)
-    readings = [LogReader(file) for file in files]
-    gathered = SessionAssembler()
-    for file, reading in zip(files, readings, strict=True):
+    readers = [LogReader(file) for file in files]
+    assembler = SessionAssembler()
+    for file, reader in zip(files, readers, strict=True):
         with raise_as_log_error(file):
-            gathered.read(reading)
-    if not gathered.started:
+            assembler.read(reader)
+    if not assembler.started:
         raise LogError(f"{path} was cut off before its session started, so it has nothing to read; name another log")
-    for started in gathered.started:
+    for started in assembler.started:
         find_logged_sources(started.facts)
     try:
         with raise_as_log_error(path):
-            return _build_session_log(path, gathered, readings)
+            return _build_session_log(path, assembler, readers)
     except LogError as error:
         if str(path) in str(error):
             raise
@@ -410,20 +412,26 @@ def list_session_files(path: Path) -> list[Path]:
     return files
 
 
-def _build_session_log(path: Path, gathered: SessionAssembler, readings: list[LogReader]) -> SessionLog:
-    first = gathered.started[0]
+def _build_session_log(path: Path, assembler: SessionAssembler, readers: list[LogReader]) -> SessionLog:
+    """Build a session's log from its files, after all of them have been read.
+
+    Raises:
+        LogError: if a step or a key press cannot be read, or a step is missing.
+        OutsideNameError: if the name of the study or the participant cannot be a file's name.
+    """
+    first = assembler.started[0]
     require_name(first.plan.study, "the study")  # exports name files by these, and a foreign log may contain anything
     require_name(first.plan.participant.id, "the participant")
-    starts = [facts for reading in readings for facts in reading.starts]
-    ends = [facts for reading in readings for facts in reading.ends]
-    segments, episodes = gathered.session(starts, ends)
+    starts = [facts for reader in readers for facts in reader.starts]
+    ends = [facts for reader in readers for facts in reader.ends]
+    segments, episodes = assembler.assemble(starts, ends)
     return SessionLog(
         path=path,
         plan=first.plan,
         player=first.facts.get("player", "unknown"),
         started_at=starts[0]["started_at"],
         clean=all_ended_cleanly(starts, ends),
-        end_reason=gathered.end_reason,
+        end_reason=assembler.end_reason,
         facts=first.facts,
         episodes=episodes,
         segments=segments,
