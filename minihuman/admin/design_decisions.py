@@ -71,7 +71,14 @@ def assign_group(
 
 
 def decide_again(protocol: Protocol, assigned: GroupAssignment, index: int, stratum: str) -> EnrolmentDecision:
-    """Repeat the decision of the protocol's design, which must exist, from logged statistics."""
+    """Return the decision that the protocol's design, which must exist, makes from logged statistics.
+
+    Args:
+        protocol: the study's protocol.
+        assigned: the logged statistics.
+        index: the participant's index in the order of enrolment, which selects the random numbers.
+        stratum: the participant's stratum; "" without strata.
+    """
     assert protocol.allocation.design is not None
     return make_enrolment_design(protocol.allocation.design).decide(
         assigned.statistics, stratum, make_draw(protocol.study.seed, "assignment", index)
@@ -157,7 +164,13 @@ def _compute_mean_outcome(path: Path, size: int, segment: str, outcome: str, blo
     """Return the mean outcome of a block's finished episodes in a log.
 
     It is None if the session has not ended, ``segment`` is not the log's last one, or no episode has a known outcome.
-    ``size`` distinguishes a log that has grown in the cache.
+
+    Args:
+        path: the log.
+        size: the log's size, so that the cache distinguishes a log that has grown.
+        segment: the number of the segment that the enrolment log names last.
+        outcome: the name of the outcome, as in ``_OUTCOMES``.
+        block: the block's name; "" for all blocks.
     """
     log = read_log(path)
     if log.end_reason not in FINAL_END_REASONS or str(log.segments[-1].number) != segment:

@@ -195,10 +195,10 @@ def list_stages(flow: ParticipantFlow) -> Iterator[FlowStage]:
     label = "allocated to a group"
     counts = flow.allocated
     for number, course in flow.courses.items():
-        session = f"session {number}: " if len(flow.courses) > 1 else ""
-        yield FlowStage(label, counts, _label_losses_before(session, number, course))
-        yield FlowStage(f"{session}began", course.began, _label_losses_during(session, course))
-        label = f"{session}{_label_finished(course)}"
+        prefix = f"session {number}: " if len(flow.courses) > 1 else ""
+        yield FlowStage(label, counts, _label_losses_before(prefix, number, course))
+        yield FlowStage(f"{prefix}began", course.began, _label_losses_during(prefix, course))
+        label = f"{prefix}{_label_finished(course)}"
         counts = course.complete
     yield FlowStage(label, counts, {})
 
@@ -340,8 +340,14 @@ def _count_analysis(people: Mapping[str, _Person], exclusion_reasons: Mapping[st
     return AnalysisFlow(**counts, excluded=excluded, unregistered=unregistered)
 
 
-def _label_losses_before(session: str, number: int, course: SessionFlow) -> dict[str, GroupCounts]:
-    """Return the losses between the stage before a session and the start of the session, by label."""
+def _label_losses_before(prefix: str, number: int, course: SessionFlow) -> dict[str, GroupCounts]:
+    """Return the losses between the stage before a session and the start of the session, by label.
+
+    Args:
+        prefix: the start of each label, which names the session if there are several; not used for the first session.
+        number: the session's number.
+        course: the flow through the session.
+    """
     if number == 1:
         return _drop_empty(
             {
@@ -352,14 +358,14 @@ def _label_losses_before(session: str, number: int, course: SessionFlow) -> dict
         )
     return _drop_empty(
         {
-            f"{session}did not return, slot reallocated": course.not_returned,
-            f"{session}not begun so far": course.not_begun,
+            f"{prefix}did not return, slot reallocated": course.not_returned,
+            f"{prefix}not begun so far": course.not_begun,
         }
     )
 
 
-def _label_losses_during(session: str, course: SessionFlow) -> dict[str, GroupCounts]:
-    """Return the losses between the start and the end of a session, by label."""
+def _label_losses_during(prefix: str, course: SessionFlow) -> dict[str, GroupCounts]:
+    """Return the losses between the start and the end of a session, by label; each label begins with the prefix."""
     losses = {
         "screened out": course.screened_out,
         "simulated participant failed": course.failed,
@@ -368,7 +374,7 @@ def _label_losses_during(session: str, course: SessionFlow) -> dict[str, GroupCo
         "log missing or unreadable": course.unreadable,
         "withdrew during or after it": course.withdrew,
     }
-    return _drop_empty({f"{session}{label}": counts for label, counts in losses.items()})
+    return _drop_empty({f"{prefix}{label}": counts for label, counts in losses.items()})
 
 
 def _label_finished(course: SessionFlow) -> str:
@@ -382,4 +388,5 @@ def _label_finished(course: SessionFlow) -> str:
 
 
 def _drop_empty(losses: Mapping[str, GroupCounts]) -> dict[str, GroupCounts]:
+    """Return the losses of at least one participant."""
     return {label: counts for label, counts in losses.items() if sum(counts.values())}

@@ -67,8 +67,8 @@ def take_slot(
         prefix: the prefix of a new code.
 
     Raises:
-        AllocationError: if every slot is taken, the code is not valid, the participant is in another group, the study
-            began with another allocation list, or another study's name differs only in case.
+        AllocationError: if every slot is taken, the code is not valid, the participant withdrew or is in another group,
+            the study has stopped or began with another allocation list, or another study's name differs only in case.
     """
     slots = build_allocation_list(protocol)
     _require_own_folder(study_dir)
@@ -86,17 +86,8 @@ def take_slot(
         if look := take_look(protocol, register.lines, study_dir, now_text()):
             register.append(look)
             require_not_stopped([look])
-        chosen = group
-        assigned = None
-        if group is None and not protocol.allocation.stratify_by:
-            chosen, assigned = assign_group(protocol, register.lines, study_dir, index, "")
-        enrolled = msgspec.structs.replace(
-            enrol_participant(protocol, index, chosen or None),
-            id=participant or holders.find_new_code(index, prefix),
-            assigned=assigned,
-        )
-        if enrolled.slot is not None:  # the group is drawn after an answer, unless it was chosen by hand
-            enrolled = Participant(enrolled.id, enrolled.index, group or "")
+        code = participant or holders.find_new_code(index, prefix)
+        enrolled = _enrol(protocol, register.lines, study_dir, index, code, group)
         is_overridden = participant is not None or group is not None
         if not is_overridden:
             note = NO_NOTE
@@ -110,11 +101,36 @@ def take_slot(
             at=now_text(),
             reason=note.reason,
             experimenter=note.experimenter,
-            assigned=assigned,
+            assigned=enrolled.assigned,
             outcome_rules=_find_outcome_rules(register.lines),
         )
         register.append(slot)
     return enrolled, slot
+
+
+def _enrol(
+    protocol: Protocol, lines: Sequence[EnrolmentEntry], study_dir: Path, index: int, code: str, group: str | None
+) -> Participant:
+    """Return a new participant with a group: the given one, the design's or the allocation list's.
+
+    If groups are drawn after an answer, the participant has no group yet unless one is given.
+
+    Args:
+        protocol: the study's protocol.
+        lines: the lines of the enrolment log so far.
+        study_dir: the study's folder.
+        index: the participant's index in the allocation list.
+        code: the participant's code.
+        group: a group that was chosen by hand.
+    """
+    chosen = group
+    assigned = None
+    if group is None and not protocol.allocation.stratify_by:
+        chosen, assigned = assign_group(protocol, lines, study_dir, index, "")
+    enrolled = enrol_participant(protocol, index, chosen or None)
+    if enrolled.slot is not None:  # the group is drawn after an answer
+        return Participant(code, index, group or "")
+    return msgspec.structs.replace(enrolled, id=code, assigned=assigned)
 
 
 def _require_own_folder(study_dir: Path) -> None:

@@ -97,7 +97,7 @@ def _erase_copy(study_dir: Path, code: str, *, ask_store: bool, say: Listener) -
         ask_store: whether to erase their logs and tables in the remote stores, too.
         say: called with a line about what was erased, or why it was not.
     """
-    from minihuman.admin.recorded_outputs import note_withdrawal
+    from minihuman.admin.recorded_outputs import withdraw_from_outputs
 
     if any(is_being_recorded(part) for part in (study_dir / code).rglob(f"*{PART_SUFFIX}")):
         say(f"{code} has withdrawn, but a session of theirs is running here; it is erased once it has ended")
@@ -108,7 +108,7 @@ def _erase_copy(study_dir: Path, code: str, *, ask_store: bool, say: Listener) -
     if ask_store:
         errors += _erase_remote_copies(study_dir, code)
     try:
-        for line in note_withdrawal(study_dir, code):
+        for line in withdraw_from_outputs(study_dir, code):
             say(line)
     except (OSError, MinihumanError) as error:
         errors.append(error)

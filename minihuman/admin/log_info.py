@@ -186,8 +186,8 @@ def format_session_json(session: SessionLog) -> str:
         "end_reason": session.end_reason,
         "clean": session.clean,
         "episodes_planned": len(plan.episodes),
-        "episodes": [_episode_facts(episode) for episode in session.episodes],
-        "segments": [_segment_facts(segment) for segment in session.segments],
+        "episodes": [_build_episode_facts(episode) for episode in session.episodes],
+        "segments": [_build_segment_facts(segment) for segment in session.segments],
         "key_presses": sum(key.down for key in session.keys),
         "facts": session.facts,
     }
@@ -203,7 +203,8 @@ def _format_segment_line(segment: Segment) -> str:
     )
 
 
-def _segment_facts(segment: Segment) -> dict[str, Any]:
+def _build_segment_facts(segment: Segment) -> dict[str, Any]:
+    """Return a segment as the JSON summary shows it."""
     return {
         "segment": segment.number,
         "started_at": segment.started_at,
@@ -219,7 +220,7 @@ def _segment_facts(segment: Segment) -> dict[str, Any]:
 
 
 def _format_episode_line(episode: EpisodeLog) -> str:
-    facts = _episode_facts(episode)
+    facts = _build_episode_facts(episode)
     rt_ms = "-" if facts["median_rt_ms"] is None else f"{facts['median_rt_ms']:.0f}"
     return (
         f"{facts['episode']:7} {facts['attempt']:7} {facts['segment']:7}  {facts['block']:16} {facts['outcome']:10} "
@@ -228,7 +229,8 @@ def _format_episode_line(episode: EpisodeLog) -> str:
     )
 
 
-def _episode_facts(episode: EpisodeLog) -> dict[str, Any]:
+def _build_episode_facts(episode: EpisodeLog) -> dict[str, Any]:
+    """Return an episode as both summaries show it."""
     plan = episode.plan
     times_ms = response_ms(episode)
     answered = times_ms[~np.isnan(times_ms)]

@@ -55,7 +55,7 @@ def list_outputs(study_dir: Path) -> Iterator[RecordedOutput]:
             yield output
 
 
-def note_withdrawal(study_dir: Path, code: str) -> list[str]:
+def withdraw_from_outputs(study_dir: Path, code: str) -> list[str]:
     """Erase a participant from folders of tables, and add a notice of the withdrawal to every other output.
 
     Returns:

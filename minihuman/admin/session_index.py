@@ -211,7 +211,15 @@ def _refresh_rows(rows: _Rows, study: Path, folders: LogFolders | None) -> tuple
 
 
 def _store_rows(cache: Path, rows: _Rows, fresh: Sequence[str], gone: Sequence[str], storing: _Storing) -> None:
-    """Write new and changed rows into the study's file in one transaction, unless another process has the file open."""
+    """Write new and changed rows into the study's cache in one transaction, unless another process has it open.
+
+    Args:
+        cache: the study's cache.
+        rows: all rows, by the key of their session.
+        fresh: the keys of new and changed rows.
+        gone: the keys of sessions whose rows are to be deleted.
+        storing: how to store rows.
+    """
     if storing == "never":
         return
     try:
@@ -229,7 +237,7 @@ def _store_rows(cache: Path, rows: _Rows, fresh: Sequence[str], gone: Sequence[s
 def _write_rows(
     connection: "duckdb.DuckDBPyConnection", rows: _Rows, fresh: Sequence[str], gone: Sequence[str], *, is_new: bool
 ) -> None:
-    """Replace some rows, or with ``is_new`` the whole index."""
+    """Write the rows of the ``fresh`` keys and delete those of the ``gone`` keys; with ``is_new``, write all rows."""
     if is_new:
         _create_index(connection)
         fresh = sorted(rows)

@@ -16,7 +16,7 @@ from minihuman.admin.enrolment_entries import NO_NOTE, AuditNote, ParticipantRep
 from minihuman.admin.enrolment_log import record_departure
 from minihuman.admin.erasure_ledger import find_pending_machines
 from minihuman.admin.local_copies import erase_local_copy, record_erasure
-from minihuman.admin.recorded_outputs import note_withdrawal
+from minihuman.admin.recorded_outputs import withdraw_from_outputs
 from minihuman.admin.remote_logs import delete_remote_logs
 from minihuman.admin.unfinished_withdrawals import find_mark
 from minihuman.dataset.participants_file import find_participants_file, names_participant
@@ -104,7 +104,7 @@ def withdraw_participant(
                 study_dir, ParticipantWithdrawn(code, now_text(), disposal, note.reason, note.experimenter)
             )
     partitions = _erase_everywhere(study_dir, code)
-    remains = (*note_withdrawal(study_dir, code), *_list_remains(study_dir, code))
+    remains = (*withdraw_from_outputs(study_dir, code), *_list_remains(study_dir, code))
     _remove_mark(study_dir, code)
     return WithdrawalResult(len(files), size_bytes, seal, sha256, partitions, remains)
 

@@ -58,7 +58,7 @@ class Sample:
         return [logs[index] for index in sorted(indices.tolist())]
 
     def describe(self, n_drawn: int, n_logs: int) -> str:
-        """Describe the sample, as every report of its result does."""
+        """Describe the sample in a phrase, given the number of sessions that were drawn and of all sessions."""
         return f"a sample of {n_drawn} of {n_logs} sessions, {100 * self.share:g} %, seed {self.seed}"
 
 

@@ -153,7 +153,7 @@ def _compare_step(
         logged_hash = int(episode.observation_hashes[state])
         yield from _compare_hash(step_name, "observation", logged_hash, replayed.observation_hash)
     for name, logged, now in (
-        ("success", _logged_success(episode, index), replayed.success),
+        ("success", _read_logged_success(episode, index), replayed.success),
         ("reward", float(episode.rewards[index]), replayed.reward),
         ("terminated", bool(episode.terminated[index]), replayed.terminated),
         ("truncated", bool(episode.truncated[index]), replayed.truncated),
@@ -166,7 +166,7 @@ def _compare_step(
         yield f"{step_name}: pose {episode.poses[state].tolist()} in the log, now {list(pose)}"
 
 
-def _logged_success(episode: EpisodeLog, index: int) -> bool | None:
+def _read_logged_success(episode: EpisodeLog, index: int) -> bool | None:
     """Return whether a step was a success according to the log; None if the log does not record it."""
     if episode.successes is None or np.isnan(episode.successes[index]):
         return None

@@ -52,7 +52,7 @@ _PACKAGE_LIST = "packages.txt"  # an attachment whose content depends on the mac
 
 
 def find_log_differences(path: Path, make_world: WorldFactory) -> Iterator[str]:
-    """Yield everything in a log that does not follow from the rest of it; nothing for a log that is proven.
+    """Yield a line for each part of a log that does not follow from the rest of it; none if the log is proven.
 
     Segments recorded before session rules and hash chains existed are left to ``verify``.
 
@@ -73,15 +73,15 @@ def find_log_differences(path: Path, make_world: WorldFactory) -> Iterator[str]:
 
 
 def _find_segment_differences(contents: LogContents, index: int, make_world: WorldFactory) -> Iterator[str]:
-    """Yield everything in the segment at an index that does not follow from the rest of the log."""
+    """Yield a line for each part of the segment at an index that does not follow from the rest of the log."""
     segment = contents.segments[index]
     segments_so_far = contents.segments[: index + 1]
-    yield from _compare_metadata(segment, index)
+    yield from _compare_metadata(segment)
     yield from _compare_end(segment, segments_so_far, finished=contents.finished)
     yield from compare_plan(segment)
     for rule in find_violations(segment.events):
         yield f"well-formed: {rule}"
-    yield from _replay(segment, make_world)
+    yield from _find_replay_differences(segment, make_world)
 
 
 def _compare_chain_heads(path: Path, contents: LogContents) -> Iterator[str]:
@@ -129,12 +129,11 @@ def _read_chain_heads(study: Path, version: tuple[int, ...]) -> Mapping[str, Map
     return read_chain_heads(study)
 
 
-def _replay(segment: LogSegment, make_world: WorldFactory) -> Iterator[str]:
+def _find_replay_differences(segment: LogSegment, make_world: WorldFactory) -> Iterator[str]:
     """Compare a segment with its replay; yield the differences.
 
-    If a model took part, every prompt, its picture and the parsing of answers are compared, too.
-
-    A world that failed may end its process or run forever, so it is replayed in a separate process.
+    If a model took part, every prompt, its picture and the parsing of answers are compared, too. A world that failed
+    may end its process or run forever, so it is replayed in a separate process.
     """
     if segment.ended is not None and segment.ended.reason == "world_error":
         worlds = IsolatedWorlds(make_world)
@@ -185,7 +184,7 @@ def _compare_attachments(contents: LogContents) -> Iterator[str]:
             yield f"attachment {name} of {len(content)} bytes is missing"
 
 
-def _compare_metadata(segment: LogSegment, index: int) -> Iterator[str]:
+def _compare_metadata(segment: LogSegment) -> Iterator[str]:
     """Yield the differences between the metadata at a segment's start and its plan."""
     started = segment.started
     if started is None:
@@ -300,7 +299,7 @@ def verify_session(log: Path, *, trust: bool = False, policies: bool = False) ->
 
 
 def _describe_rules(session: SessionLog) -> Iterator[tuple[str, bool]]:
-    """Yield a line if other rules recorded the session."""
+    """Yield a line if the session was recorded by other rules of worlds than the current ones."""
     note = describe_other_rules(session)
     if note:
         yield note, True

@@ -85,10 +85,11 @@ def gather_corrections(events: Iterable[object]) -> tuple[CorrectionRecord, ...]
     steps: list[CorrectionStepped] = []
 
     def add_correction(outcome: CorrectionOutcome) -> None:
-        if (
-            beginning is not None
-            and (episode := episodes.get((beginning.part, beginning.episode, beginning.attempt))) is not None
-        ):
+        """Add the correction that began last, unless it has ended or its episode is unknown."""
+        if beginning is None:
+            return
+        episode = episodes.get((beginning.part, beginning.episode, beginning.attempt))
+        if episode is not None:
             corrections.append(_build_correction(episode, beginning, steps, outcome))
 
     for event in events:

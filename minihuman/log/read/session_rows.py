@@ -73,6 +73,11 @@ _VERDICTS = get_args(events.KeyVerdict)
 def check_step_numbers(episode: int, episodes: NDArray[np.int64], steps: NDArray[np.int64]) -> None:
     """Refuse an episode that lacks a step, or has a step of another episode.
 
+    Args:
+        episode: the episode's number, counted from 0.
+        episodes: the number of the episode that each of its steps states, int64[steps].
+        steps: the number that each of its steps states, counted from 1, int64[steps].
+
     Raises:
         LogError: if a step is missing or belongs to another episode.
     """

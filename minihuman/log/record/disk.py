@@ -447,7 +447,7 @@ class GroupCommit:
             self._idle = False
 
     def _take_due_files(self) -> list[FileWriter]:
-        """Take the files that are due, each once."""
+        """Take the files that are hurried, or due within ``COMMIT_WINDOW_S``, each once."""
         files: dict[FileWriter, None] = {}
         while self._hurried:
             files[self._hurried.popleft()] = None

@@ -274,6 +274,9 @@ def archive_log(log: Path, folder: Path) -> Path:
 
     The copy verifies as the log itself does.
 
+    Returns:
+        The path of the copy.
+
     Raises:
         LogError: if the log cannot be opened, is not a session log or is damaged, or its copy exists already.
         OSError: if the disk is full.

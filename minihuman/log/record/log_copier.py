@@ -128,7 +128,7 @@ class LogCopier:
             self._early_previews.append((message, schema))  # a log line about the next plan
             return
         if topic == topics.PLAN:
-            self._write_second_start(message, schema)
+            self._write_start_with_copy(message, schema)
         self._write_segment_start()
         if topic in RECORD_TOPICS:
             self.last_sequence = message.sequence
@@ -156,7 +156,7 @@ class LogCopier:
             case SessionEnded(reason=reason):
                 self.end_reason = reason
 
-    def _write_second_start(self, message: LogMessage, schema: Schema | None) -> None:
+    def _write_start_with_copy(self, message: LogMessage, schema: Schema | None) -> None:
         """Write the held-back start of a segment, with its second copy, before the message with the plan."""
         self._flush()
         if self._draw and names.SEGMENT_METADATA in self._head:

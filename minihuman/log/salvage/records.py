@@ -132,7 +132,7 @@ class ChunkMessages:
         return sum(len(messages.places) for messages in self.by_topic(among=(topic,)))
 
     def by_topic(self, *, among: Container[str]) -> Iterator[TopicMessages]:
-        """Yield, for each of the given topics that occurs, its messages."""
+        """Yield the positions of the chunk's messages, topic by topic, for those of the given topics that occur."""
         numbers = self._heads["channel"].copy()  # contiguous, since it is scanned for each topic
         for number, channel in self._channels.items():
             if channel.topic in among:
