@@ -206,8 +206,8 @@ def verify_design_decisions(study: Path, protocol: Protocol) -> Iterator[tuple[s
             yield f"{decision.name}: decided by a design that the protocol does not have", False
             continue
         design = make_enrolment_design(decision.spec)
-        statistics, missing = _compute_statistics(protocol, design, lines[:number], study)
-        if missing:
+        statistics, n_missing = _compute_statistics(protocol, design, lines[:number], study)
+        if n_missing:
             n_without_logs += 1
             continue
         difference = _find_decision_difference(decision, statistics, design, protocol)

@@ -144,8 +144,9 @@ def _parse_digest(text: str) -> str:
 def _compare_files(study: Path, manifest: StudyManifest) -> Iterator[str]:
     """Yield a line for each file that was removed, added or changed since the manifest was made."""
     digests = _digest_files(study)
-    sealed = {name for name in manifest.files if not is_cache(Path(name))}  # earlier versions sealed one cache, too
-    for name in sorted({*sealed, *digests}):
+    # earlier versions sealed one cache, too
+    sealed_names = {name for name in manifest.files if not is_cache(Path(name))}
+    for name in sorted({*sealed_names, *digests}):
         if name not in digests:
             yield f"{name}{GONE}"
         elif name not in manifest.files:

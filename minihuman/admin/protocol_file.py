@@ -228,11 +228,11 @@ def _format_english_words() -> str:
         table, _, name = key.rpartition(".")
         if table != "mission":
             tables.setdefault(table, []).append(f"{name} = {json.dumps(text, ensure_ascii=False)}")
-    parts = []
+    formatted_tables = []
     for table, lines in tables.items():
         head = f"[words.{table}]" if table else "[words]"
-        parts.append("\n".join([head, *lines, ""]))
-    return "\n".join(parts)
+        formatted_tables.append("\n".join([head, *lines, ""]))
+    return "\n".join(formatted_tables)
 
 
 def make_study_name(words: str) -> str:

@@ -211,12 +211,12 @@ def _check_archive(archive: Path, study_dir: Path, code: str, files: list[Path])
 def _is_archived(files: list[Path], archive: Path, study_dir: Path, code: str) -> bool:
     """Return whether an archive from an earlier withdrawal holds only this participant's files, with these contents."""
     try:
-        with zipfile.ZipFile(archive) as sealed:
-            names = set(sealed.namelist())
+        with zipfile.ZipFile(archive) as archive_file:
+            names = set(archive_file.namelist())
             if not all(name.startswith(f"{code}/") for name in names):
                 return False
             paths = {path.relative_to(study_dir).as_posix(): path for path in files}
-            return all(name in names and sealed.read(name) == path.read_bytes() for name, path in paths.items())
+            return all(name in names and archive_file.read(name) == path.read_bytes() for name, path in paths.items())
     except (OSError, zipfile.BadZipFile):
         return False
 
@@ -238,10 +238,10 @@ def _archive_files(files: list[Path], archive: Path | None, study_dir: Path) -> 
         with (
             name_output_when_full(archive),
             replace_durably(archive, archive.with_name(archive.name + UNFINISHED_SUFFIX)) as file,
-            zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as sealed,
+            zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive_file,
         ):
             for path in files:
-                sealed.write(path, path.relative_to(study_dir))
+                archive_file.write(path, path.relative_to(study_dir))
         yield hash_file(archive)
     except BaseException:
         with suppress(OSError):

@@ -34,13 +34,13 @@ class ObservationSequence(Sequence[Any]):
         return len(self._messages)
 
     @overload
-    def __getitem__(self, place: int) -> Any: ...
+    def __getitem__(self, index: int) -> Any: ...
     @overload
-    def __getitem__(self, place: slice) -> Sequence[Any]: ...
-    def __getitem__(self, place: int | slice) -> Any:
-        if isinstance(place, slice):
-            return [self._read_step(step) for step in range(len(self))[place]]
-        return self._read_step(range(len(self))[place])
+    def __getitem__(self, index: slice) -> Sequence[Any]: ...
+    def __getitem__(self, index: int | slice) -> Any:
+        if isinstance(index, slice):
+            return [self._read_step(step) for step in range(len(self))[index]]
+        return self._read_step(range(len(self))[index])
 
     def _read_step(self, step: int) -> Any:
         """Read the observation at a step."""

@@ -143,8 +143,8 @@ class VerificationRecord:
         """
         if log not in self._digests:
             return
-        at = datetime.now(UTC).isoformat(timespec="seconds")
-        verified = _VerifiedLog(str(log.absolute()), self._digests[log], self._software, at, tuple(lines))
+        verified_at = datetime.now(UTC).isoformat(timespec="seconds")
+        verified = _VerifiedLog(str(log.absolute()), self._digests[log], self._software, verified_at, tuple(lines))
         start = b"" if self._ends_with_newline else b"\n"
         try:
             with self._file.open("ab") as file:

@@ -70,10 +70,10 @@ def verify_enrolment(study: Path) -> Iterator[tuple[str, bool]]:
     folders = list(find_log_folders(study))
     for path in find_system_companions(folders):
         yield f"skipped {path.name}: {SYSTEM_COMPANION}", True
-    for double in find_double_sessions(folders):
-        yield double, False
-    for pending in find_pending_machines(study):
-        yield pending, False
+    for problem in find_double_sessions(folders):
+        yield problem, False
+    for problem in find_pending_machines(study):
+        yield problem, False
     journal = open_enrolment_log(study)
     if not journal.begun:
         return
@@ -82,8 +82,8 @@ def verify_enrolment(study: Path) -> Iterator[tuple[str, bool]]:
     participants = {log.name.partition("_")[0] for log, _ in sessions}
     yield from find_incomplete_logs(journal.read(), {log.name: _read_ends(log) for log in finished_logs})
     yield from find_slots_without_log(journal.read(), participants)
-    for unfinished in find_unfinished_withdrawals(study):
-        yield unfinished, False
+    for problem in find_unfinished_withdrawals(study):
+        yield problem, False
     protocol = _read_protocol(finished_logs)
     if protocol:
         yield from verify_design_decisions(study, protocol)

@@ -54,13 +54,13 @@ class CategoricalTexts(Sequence[str]):
         return map(self.categories.__getitem__, self.codes.tolist())
 
     @overload
-    def __getitem__(self, place: int) -> str: ...
+    def __getitem__(self, index: int) -> str: ...
     @overload
-    def __getitem__(self, place: slice | NDArray[Any]) -> "CategoricalTexts": ...
-    def __getitem__(self, place: int | slice | NDArray[Any]) -> "str | CategoricalTexts":
-        if isinstance(place, slice | np.ndarray):
-            return CategoricalTexts(self.codes[place], self.categories)
-        text: str = self.categories[self.codes[place]]
+    def __getitem__(self, index: slice | NDArray[Any]) -> "CategoricalTexts": ...
+    def __getitem__(self, index: int | slice | NDArray[Any]) -> "str | CategoricalTexts":
+        if isinstance(index, slice | np.ndarray):
+            return CategoricalTexts(self.codes[index], self.categories)
+        text: str = self.categories[self.codes[index]]
         return text
 
     def __eq__(self, other: object) -> bool:
@@ -158,11 +158,11 @@ class EventColumns(Sequence[KeyOrFrame], Generic[KeyOrFrame]):
         return map(self._kind, *(_convert_column(field.name, self.column(field.name)) for field in fields(self._kind)))
 
     @overload
-    def __getitem__(self, place: int) -> KeyOrFrame: ...
+    def __getitem__(self, index: int) -> KeyOrFrame: ...
     @overload
-    def __getitem__(self, place: slice) -> "EventColumns[KeyOrFrame]": ...
-    def __getitem__(self, place: int | slice) -> "KeyOrFrame | EventColumns[KeyOrFrame]":
-        rows = self._rows[place]
+    def __getitem__(self, index: slice) -> "EventColumns[KeyOrFrame]": ...
+    def __getitem__(self, index: int | slice) -> "KeyOrFrame | EventColumns[KeyOrFrame]":
+        rows = self._rows[index]
         if isinstance(rows, range):
             return EventColumns(self._kind, self._column, rows)
         return self._kind(*(_convert_cell(field.name, self._column(field.name)[rows]) for field in fields(self._kind)))

@@ -51,13 +51,13 @@ class SampleSequence(Sequence[events.Sampled]):
         return map(self._read_sample, self._messages)
 
     @overload
-    def __getitem__(self, place: int) -> events.Sampled: ...
+    def __getitem__(self, index: int) -> events.Sampled: ...
     @overload
-    def __getitem__(self, place: slice) -> "SampleSequence": ...
-    def __getitem__(self, place: int | slice) -> "events.Sampled | SampleSequence":
-        if isinstance(place, slice):
-            return SampleSequence(self._messages[place], self._start_ns)
-        return self._read_sample(self._messages[place])
+    def __getitem__(self, index: slice) -> "SampleSequence": ...
+    def __getitem__(self, index: int | slice) -> "events.Sampled | SampleSequence":
+        if isinstance(index, slice):
+            return SampleSequence(self._messages[index], self._start_ns)
+        return self._read_sample(self._messages[index])
 
     def _read_sample(self, message: bytes) -> events.Sampled:
         """Decode a sample, and shift its time to session time."""

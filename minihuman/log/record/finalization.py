@@ -127,15 +127,15 @@ def finish_log(
 
 def _put_unreadable_aside(part: Path) -> FinalizedLog:
     """Rename a live file that holds no plan, and return this outcome."""
-    aside = put_aside(part, "unreadable")
+    new_path = put_aside(part, "unreadable")
     return FinalizedLog(
-        path=aside,
+        path=new_path,
         readable=False,
         steps=0,
         episodes=0,
         end_reason=CUT_OFF,
         damage="it holds no session plan",
-        damaged_copy_path=aside,
+        damaged_copy_path=new_path,
     )
 
 
@@ -257,7 +257,7 @@ def _rewrite_damaged(log: Path) -> FinalizedLog:
                 facts = copy.summarize_segment() if segment == last else {"reason": CUT_OFF}
                 copy.record_end(segment, **facts, clean=False, stopped=f"{names.FINISHED_LOG_WAS}{damage}")
             copy.add_metadata(names.REPAIRED_METADATA, {"damage": damage})
-        aside = put_aside(log, "as-found", linked=True)
+        kept_path = put_aside(log, "as-found", linked=True)
         _rename(temporary, log)
     except OSError as error:
         raise LogError(f"{log} could not be repaired and is unchanged: {error.strerror}") from error
@@ -266,7 +266,7 @@ def _rewrite_damaged(log: Path) -> FinalizedLog:
     steps = copy.total[topics.STEP]
     episodes = copy.total[topics.EPISODE_START]
     end_reason = copy.end_reason or CUT_OFF
-    return FinalizedLog(log, True, steps, episodes, end_reason, damage, damaged_copy_path=aside, was_finished=True)
+    return FinalizedLog(log, True, steps, episodes, end_reason, damage, damaged_copy_path=kept_path, was_finished=True)
 
 
 def archive_log(log: Path, folder: Path) -> Path:
@@ -358,7 +358,7 @@ def _remove(temporary: Path) -> None:
         current_system().disk.unlink(temporary)
 
 
-def put_aside(part: Path, why: str, *, linked: bool = False) -> Path:
+def put_aside(file: Path, why: str, *, linked: bool = False) -> Path:
     """Rename a file to an unused name and return the new path.
 
     Args:
@@ -367,12 +367,12 @@ def put_aside(part: Path, why: str, *, linked: bool = False) -> Path:
         linked: whether to keep the file under its own name, too.
     """
     for number in itertools.count(1):
-        aside = part.with_name(f"{part.name}.{why}-{number}")
-        if not aside.exists():
+        new_path = file.with_name(f"{file.name}.{why}-{number}")
+        if not new_path.exists():
             break
     if linked:
-        os.link(part, aside)
+        os.link(file, new_path)
     else:
-        current_system().disk.rename(part, aside)
-    sync_folder(part.parent)
-    return aside
+        current_system().disk.rename(file, new_path)
+    sync_folder(file.parent)
+    return new_path

@@ -26,6 +26,7 @@ _FOOTER = struct.Struct("<QQI")  # position of the summary, position of its offs
 _CRC = struct.Struct("<I")
 _DATA_END_BYTES = _HEAD.size + _CRC.size  # size of the record that ends the data, before the summary
 _LENGTH = struct.Struct("<I")
+_LENGTH_BYTES = _LENGTH.size
 _unpack_length = _LENGTH.unpack_from
 _CHANNEL = struct.Struct("<HHI")  # its number, its schema's number, length of its topic
 _PLACE = struct.Struct("<QQ")  # of a record in an index: its position and length
@@ -147,33 +148,34 @@ def _read_indexed_metadata(fd: int, index: bytes, name: str) -> dict[str, str] |
 
 def _parse_metadata(content: bytes) -> tuple[str, dict[str, str]]:
     """Return a metadata record's name and facts, ten times as fast as the library's reader."""
-    name, at = _read_text(content, 0)
-    at += _LENGTH.size
-    end = at + _unpack_length(content, at - _LENGTH.size)[0]
+    name, position = _read_text(content, 0)
+    (map_bytes,) = _unpack_length(content, position)
+    position += _LENGTH_BYTES
+    end = position + map_bytes
     texts = list[str]()
-    while at < end:  # keys and values alternate; ``_read_text`` is inlined for speed
-        begin = at + 4
-        at = begin + _unpack_length(content, at)[0]
-        texts.append(content[begin:at].decode())
+    while position < end:  # keys and values alternate; ``_read_text`` is inlined for speed
+        begin = position + _LENGTH_BYTES
+        position = begin + _unpack_length(content, position)[0]
+        texts.append(content[begin:position].decode())
     return name, dict(zip(texts[::2], texts[1::2], strict=True))
 
 
-def _read_text(content: bytes, at: int) -> tuple[str, int]:
+def _read_text(content: bytes, position: int) -> tuple[str, int]:
     """Return the text at a position, and the position after it."""
-    begin = at + 4
-    end = begin + _unpack_length(content, at)[0]
+    begin = position + _LENGTH_BYTES
+    end = begin + _unpack_length(content, position)[0]
     return content[begin:end].decode(), end
 
 
-def _list_records(data: bytes, at: int, *, among: Container[int]) -> Iterator[tuple[int, bytes]]:
+def _list_records(data: bytes, position: int, *, among: Container[int]) -> Iterator[tuple[int, bytes]]:
     """Yield the kind and content of every whole record of the given kinds, starting at a byte."""
     size = len(data)
-    while at + _HEAD.size <= size:
-        kind, length = _HEAD.unpack_from(data, at)
-        begin = at + _HEAD.size
+    while position + _HEAD.size <= size:
+        kind, length = _HEAD.unpack_from(data, position)
+        begin = position + _HEAD.size
         end = begin + length
         if end > size:
             return
         if kind in among:
             yield kind, data[begin:end]
-        at = end
+        position = end
