@@ -178,9 +178,9 @@ def _find_untranslated_missions(plan: SessionPlan, words: InterfaceWords) -> Ite
     for part in plan.parts:
         if not isinstance(part.plan, PlayPlan) or part.plan.mission:
             continue
-        first = plan.episodes[part.plan.first]
-        world = World(first.world, first.options)
-        mission = world.reset(first.seed).mission
+        first_episode = plan.episodes[part.plan.first]
+        world = World(first_episode.world, first_episode.options)
+        mission = world.reset(first_episode.seed).mission
         world.close()
         if mission and not words.mission(mission):
             yield (

@@ -45,6 +45,7 @@ _USUAL_WORLDS = {  # by template
     "two-groups": f"minihuman/MiniGrid-Empty-Random-6x6-v0,minihuman/MiniGrid-MultiRoom-N2-S4-v0,{_USUAL_WORLD}",
 }
 _STEPS = 100  # step limit for a world without a limit of its own
+_TEAM_PERIOD_MS = 150.0  # between the joint steps of a new team study
 _MAX_DRAWN_KEYS = 9  # the digits 1 to 9
 _MOVES = ("left", "right", "forward", "turn_left", "turn_right", "move_forward", "up", "down")
 SCHEMA_FILE = "minihuman.schema.json"
@@ -179,7 +180,7 @@ class ProtocolDraft:
             return task | {"max_steps": 1, "others": "", **_describe_fixed_keys({"space": "press"}), "fixed": ""}
         if self.has("team"):
             keys = {key: name for key, name in keys.items() if name != task["noop"]}
-            period_ms = 150.0
+            period_ms = _TEAM_PERIOD_MS
         if period_ms is not None:
             task |= _describe_fixed_keys(keys) | {"period_ms": round(period_ms, 3)}
         else:

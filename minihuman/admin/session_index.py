@@ -164,7 +164,7 @@ def _load_rows(cache: Path) -> tuple[_Rows, _Storing, int]:
         return rows, "added", n_stored - len(rows)
     except duckdb.CatalogException:  # it has no index yet
         return rows, "anew", 0
-    except duckdb.BinderException:  # it has other columns
+    except duckdb.BinderException:  # it has other columns, so another program changed it
         return rows, "anew", 1
     except (duckdb.Error, UnicodeError) as error:
         return _Rows(), _handle_unusable_index(cache, error), 0

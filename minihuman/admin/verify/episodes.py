@@ -285,7 +285,7 @@ def _find_record_difference(records: Mapping[int, tuple[EpisodeLog, TeamRecord]]
 
 
 def _compare_messages(logs: dict[int, SessionLog | None], played_by_seat: dict[int, _Played]) -> Iterator[str]:
-    """Yield the messages that were shown to a seat but are missing from their author's log, if that log is complete."""
+    """Yield a line for each message that a seat was shown but that its author's log lacks, if that log is complete."""
     shown_messages = {}
     sent = {}
     for seat, log in logs.items():

@@ -101,17 +101,17 @@ def _adopt_pages(protocol: Protocol, plan: SessionPlan, part: PlannedPart, logge
     """
     match part.plan, logged.plan:
         case PagePlan(), PagePlan(pages=pages, pagination=msgspec.UNSET) as page:
-            pictures = len(page.pictures) or bool(page.example)
-            divided = {"pages": pages, "pagination": msgspec.UNSET}
+            n_pictures = len(page.pictures) or int(bool(page.example))
+            logged_fields = {"pages": pages, "pagination": msgspec.UNSET}
         case PlayPlan(), PlayPlan(instruction=pages, pagination=msgspec.UNSET) if pages:
-            pictures = 0
-            divided = {"instruction": pages, "pagination": msgspec.UNSET}
+            n_pictures = 0
+            logged_fields = {"instruction": pages, "pagination": msgspec.UNSET}
         case _:
             return part
     text = find_paged_text(protocol, part.name, plan.participant.group)
-    if text is None or not is_division(pages, text, pictures=pictures):
+    if text is None or not is_division(pages, text, pictures=n_pictures):
         return part
-    return msgspec.structs.replace(part, plan=msgspec.structs.replace(part.plan, **divided))
+    return msgspec.structs.replace(part, plan=msgspec.structs.replace(part.plan, **logged_fields))
 
 
 def _drop_later_fields(part: PlannedPart, logged: PlannedPart) -> PlannedPart:

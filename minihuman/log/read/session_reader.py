@@ -314,7 +314,10 @@ class SessionAssembler:
             self._segments[-1].last_ns = max(self._segments[-1].last_ns, event.t_ns)
 
     def _assign_activity_event(self, event: PartEvent) -> None:
-        """Assign an activity's event to the episode that it belongs to, which may just have ended."""
+        """Assign an activity's event to the latest episode if it belongs to it, even if the episode has ended.
+
+        Events about a policy or a team are kept for the episodes that begin later in the same part.
+        """
         match event:
             case PolicyGiven():
                 self._policy = event.policy
