@@ -65,13 +65,20 @@ def assign_group(
     if spec is None:
         return "", None
     design = make_enrolment_design(spec)
-    statistics = _compute_statistics(protocol, design, lines, study_dir)[0]
+    statistics, _ = _compute_statistics(protocol, design, lines, study_dir)
     decision = design.decide(statistics, stratum, make_draw(protocol.study.seed, "assignment", index))
     return decision.group, GroupAssignment(spec.name, design.version, statistics)
 
 
 def decide_again(protocol: Protocol, assigned: GroupAssignment, index: int, stratum: str) -> EnrolmentDecision:
-    """Repeat the decision of the protocol's design, which must exist, from logged statistics."""
+    """Return the decision that the protocol's design, which must exist, makes from logged statistics.
+
+    Args:
+        protocol: the study's protocol.
+        assigned: the logged statistics.
+        index: the participant's index in the order of enrolment, which selects the random numbers.
+        stratum: the participant's stratum; "" without strata.
+    """
     assert protocol.allocation.design is not None
     return make_enrolment_design(protocol.allocation.design).decide(
         assigned.statistics, stratum, make_draw(protocol.study.seed, "assignment", index)
@@ -138,9 +145,9 @@ def _compute_statistics(
 
 
 def _list_ended_sessions(lines: Sequence[EnrolmentEntry], design: EnrolmentDesign) -> dict[str, str]:
-    """Return the last segment of each first session's log, by the log's name in order of its end.
+    """Return the number of the last segment of each participant's first session, by the name of the session's log.
 
-    A design without an outcome needs no logs.
+    The logs are in the order in which they ended. A design without an outcome needs no logs, so that none is returned.
     """
     segments: dict[str, str] = {}
     if not design.outcome:
@@ -157,7 +164,13 @@ def _compute_mean_outcome(path: Path, size: int, segment: str, outcome: str, blo
     """Return the mean outcome of a block's finished episodes in a log.
 
     It is None if the session has not ended, ``segment`` is not the log's last one, or no episode has a known outcome.
-    ``size`` distinguishes a log that has grown in the cache.
+
+    Args:
+        path: the log.
+        size: the log's size, so that the cache distinguishes a log that has grown.
+        segment: the number of the segment that the enrolment log names last.
+        outcome: the name of the outcome, as in ``_OUTCOMES``.
+        block: the block's name; "" for all blocks.
     """
     log = read_log(path)
     if log.end_reason not in FINAL_END_REASONS or str(log.segments[-1].number) != segment:
@@ -175,7 +188,7 @@ def _compute_mean_outcome(path: Path, size: int, segment: str, outcome: str, blo
 
 
 def verify_design_decisions(study: Path, protocol: Protocol) -> Iterator[tuple[str, bool]]:
-    """Recompute the statistics of every assignment and look from the enrolment log and the session logs.
+    """Compare every assignment and look with the statistics recomputed from the enrolment log and the session logs.
 
     Yields:
         Lines, each with whether it reports success; nothing for a study without an adaptive design.
@@ -193,8 +206,8 @@ def verify_design_decisions(study: Path, protocol: Protocol) -> Iterator[tuple[s
             yield f"{decision.name}: decided by a design that the protocol does not have", False
             continue
         design = make_enrolment_design(decision.spec)
-        statistics, missing = _compute_statistics(protocol, design, lines[:number], study)
-        if missing:
+        statistics, n_missing = _compute_statistics(protocol, design, lines[:number], study)
+        if n_missing:
             n_without_logs += 1
             continue
         difference = _find_decision_difference(decision, statistics, design, protocol)
@@ -213,9 +226,8 @@ class _LoggedDecision:
 
     name: str  # the look's or the participant's name
     spec: DesignSpec | None  # None if the protocol has no such design
-    # the interim look, if the line is about one
     statistics: Mapping[str, Any]
-    look: LookTaken | None = None
+    look: LookTaken | None = None  # the interim look, if the line is about one
 
 
 def _find_decision(line: EnrolmentEntry, protocol: Protocol) -> _LoggedDecision | None:

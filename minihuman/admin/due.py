@@ -61,11 +61,11 @@ class DueSession(msgspec.Struct, frozen=True):
 
 @dataclass(slots=True)
 class _LatestSession:
-    """The latest session of a participant."""
+    """The latest session of a participant that can be read."""
 
     row: SessionRow
     session: int
-    complete: bool
+    is_ended: bool  # complete, or ended in another way that is final
 
 
 def list_due_sessions(study_dir: Path, now: datetime | None = None) -> tuple[DueSession, ...]:
@@ -94,7 +94,7 @@ def list_due_sessions(study_dir: Path, now: datetime | None = None) -> tuple[Due
             due_sessions.append(DueSession(slot.participant, slot.group, last_unreadable, "unreadable"))
         elif last is None:
             due_sessions.append(DueSession(slot.participant, slot.group, 1, "never came"))
-        elif not last.complete:
+        elif not last.is_ended:
             due_sessions.append(DueSession(slot.participant, slot.group, last.session, "unfinished"))
         else:
             due_sessions += _list_due_after(last, slot, protocols, now)
@@ -104,7 +104,10 @@ def list_due_sessions(study_dir: Path, now: datetime | None = None) -> tuple[Due
 def _list_due_after(
     last: _LatestSession, slot: SlotTaken, protocols: dict[str, Protocol], now: datetime | None
 ) -> list[DueSession]:
-    """Return the session that follows a participant's last complete one, if any; none or one in a list."""
+    """Return a list with the session that follows a participant's latest one; it is empty if there is none.
+
+    If the log of the latest session cannot be read, that session is in the list, as unreadable.
+    """
     try:
         log = read_log(last.row.path)
         protocol = _decode_protocol_once(log.plan, protocols)
@@ -114,9 +117,9 @@ def _list_due_after(
 
 
 def _find_latest_sessions(study_dir: Path) -> tuple[dict[str, _LatestSession], dict[str, int]]:
-    """Find, by participant, the latest session and the number of the latest unreadable one.
+    """Return each participant's latest readable session, and the number of each one's latest unreadable session.
 
-    The participant and number of an unreadable session are taken from the name of its folder.
+    The participant and number of an unreadable session are taken from the names of its folders.
     """
     latest_sessions: dict[str, _LatestSession] = {}
     unreadable: dict[str, int] = {}
@@ -137,15 +140,18 @@ def _find_latest_sessions(study_dir: Path) -> tuple[dict[str, _LatestSession], d
     return latest_sessions, unreadable
 
 
-def _decode_protocol_once(plan: SessionPlan, known: dict[str, Protocol]) -> Protocol:
-    """Return the protocol under which a session was played; each protocol is decoded once."""
-    if plan.protocol_sha256 not in known:
-        known[plan.protocol_sha256] = decode_logged_protocol(plan.protocol_toml, f"the protocol of {plan.study}")
-    return known[plan.protocol_sha256]
+def _decode_protocol_once(plan: SessionPlan, protocols: dict[str, Protocol]) -> Protocol:
+    """Return the protocol of a session; decode it and add it to ``protocols``, by SHA-256, if it is not there yet."""
+    if plan.protocol_sha256 not in protocols:
+        protocols[plan.protocol_sha256] = decode_logged_protocol(plan.protocol_toml, f"the protocol of {plan.study}")
+    return protocols[plan.protocol_sha256]
 
 
 def _find_next_session(last: _LatestSession, log: SessionLog, protocol: Protocol, today: date) -> list[DueSession]:
-    """Return the session that the protocol plans after a complete one; empty if it plans none."""
+    """Return a list with the session that the protocol plans after the last one.
+
+    It is empty if no session is planned, or the participant was screened out.
+    """
     assert last.row.summary is not None
     if last.session >= len(protocol.sessions) or last.row.summary.end_reason == "screened_out":
         return []

@@ -167,7 +167,11 @@ EnrolmentEntry = (
 
 
 def read_enrolled(study_dir: Path) -> tuple[SlotTaken, ...]:
-    """Read the slots of the participants in the study, in the order taken, without participants who withdrew."""
+    """Read the slots of the participants in the study, in the order taken, without participants who withdrew.
+
+    Raises:
+        AllocationError: if a complete line of the enrolment log cannot be read.
+    """
     lines = read_enrolment_log(study_dir)
     gone = {line.withdrawn for line in lines if isinstance(line, ParticipantWithdrawn)}
     return tuple(line for line in list_taken_slots(lines) if line.participant not in gone)
@@ -220,19 +224,28 @@ def find_incomplete_logs(
         lines: the lines of the enrolment log.
         logs: the finished segments of each finished log, by the log's name.
     """
-    withdrawn = {line.withdrawn for line in lines if isinstance(line, ParticipantWithdrawn)}
-    chain_heads = [line for line in lines if isinstance(line, ChainHeadRecorded)]
-    for name in dict.fromkeys(head.sealed for head in chain_heads):
-        if name not in logs and name.partition("_")[0] not in withdrawn:
-            yield f"{name} is gone: the enrolment log has the head of its chain", False
-    known = {(head.sealed, head.segment) for head in chain_heads}
+    for name in _list_missing_logs(lines, logs):
+        yield f"{name} is gone: the enrolment log has the head of its chain", False
+    recorded = {(line.sealed, line.segment) for line in lines if isinstance(line, ChainHeadRecorded)}
     of_earlier_version = {line.participant for line in lines if isinstance(line, SlotTaken) and not line.at}
     for name, segments in logs.items():
-        is_acceptable = name.partition("_")[0] in of_earlier_version
+        is_acceptable = _find_participant(name) in of_earlier_version
         for segment in segments:
-            if (name, segment) not in known:
-                lacks = f"the enrolment log does not say how segment {segment} of {name} ended"
-                yield f"{lacks}; add it with `minihuman recover LOG`", is_acceptable
+            if (name, segment) not in recorded:
+                problem = f"the enrolment log does not say how segment {segment} of {name} ended"
+                yield f"{problem}; add it with `minihuman recover LOG`", is_acceptable
+
+
+def _list_missing_logs(lines: Sequence[EnrolmentEntry], logs: Collection[str]) -> list[str]:
+    """List the logs that have a chain head but are not in ``logs``, without those of participants who withdrew."""
+    withdrawn = {line.withdrawn for line in lines if isinstance(line, ParticipantWithdrawn)}
+    recorded = dict.fromkeys(line.sealed for line in lines if isinstance(line, ChainHeadRecorded))
+    return [name for name in recorded if name not in logs and _find_participant(name) not in withdrawn]
+
+
+def _find_participant(log_name: str) -> str:
+    """Return the code of the participant in the name of a log."""
+    return log_name.partition("_")[0]
 
 
 def find_slots_without_log(
@@ -246,16 +259,17 @@ def find_slots_without_log(
         lines: the lines of the enrolment log.
         participants: the codes of the participants who have a log, finished or not.
     """
-    known = {*participants, *list_replaced(lines)}
-    known |= {line.withdrawn for line in lines if isinstance(line, ParticipantWithdrawn)}
+    accounted_for = {*participants, *list_replaced(lines)}
+    accounted_for |= {line.withdrawn for line in lines if isinstance(line, ParticipantWithdrawn)}
     # ``find_incomplete_logs`` reports the logs that are gone
-    known |= {line.sealed.partition("_")[0] for line in lines if isinstance(line, ChainHeadRecorded)}
+    accounted_for |= {_find_participant(line.sealed) for line in lines if isinstance(line, ChainHeadRecorded)}
     for slot in list_taken_slots(lines):
-        if slot.participant not in known:
+        if slot.participant not in accounted_for:
             code = slot.participant
+            is_of_earlier_version = not slot.at
             yield (
                 f"{code} has a slot and no log; if no session of theirs is running: minihuman replace {code}",
-                (not slot.at),
+                is_of_earlier_version,
             )
 
 
@@ -284,6 +298,7 @@ def count_interventions(lines: Sequence[EnrolmentEntry]) -> dict[str, int]:
         DayOverridden: "run on another day",
         SlotTaken: "chosen by hand",
     }
+    # a slot that was taken is an intervention only if it was chosen by hand
     by_hand = [line for line in lines if isinstance(line, tuple(kinds)) and getattr(line, "overridden", True)]
     counts = Counter(kinds[type(line)] for line in by_hand)
     counts["without a reason"] = sum(not getattr(line, "reason", "") for line in by_hand)
@@ -303,7 +318,7 @@ def list_replaced(lines: Sequence[EnrolmentEntry]) -> tuple[str, ...]:
 
 
 def _decode_entry(line: bytes, number: int) -> EnrolmentEntry | None:
-    """Decode a line; return None for kinds that other programs add.
+    """Decode a line; return None for an empty line, and for kinds that other programs add.
 
     Raises:
         AllocationError: if a complete line cannot be read, or a newer version wrote it.
@@ -329,7 +344,7 @@ def _decode_entry(line: bytes, number: int) -> EnrolmentEntry | None:
 
 
 _DECLARATION = FormatDeclared()
-_ENTRY_TYPES: dict[str, type[EnrolmentEntry]] = {
+_ENTRY_TYPES: dict[str, type[EnrolmentEntry]] = {  # by a field that identifies the kind; the first that is present
     "format": FormatDeclared,  # before its other field
     "participant": SlotTaken,
     "drawn": GroupDrawn,

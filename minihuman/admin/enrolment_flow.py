@@ -144,9 +144,9 @@ def classify_session(summary: SessionSummary) -> SessionState:
 
 
 def count_unrecorded_departures(entries: Iterable[EnrolmentEntry]) -> dict[str, int]:
-    """Count the people who left before anything was recorded, by the reason for which they left."""
-    left = Counter(_DEPARTURES.get(line.why, _DEPARTED) for line in entries if isinstance(line, SlotFreed))
-    return {label: left[label] for label in (*_DEPARTURES.values(), _DEPARTED) if left[label]}
+    """Count the people who left before anything was recorded, by a description of why they left."""
+    counts = Counter(_DEPARTURES.get(line.why, _DEPARTED) for line in entries if isinstance(line, SlotFreed))
+    return {label: counts[label] for label in (*_DEPARTURES.values(), _DEPARTED) if counts[label]}
 
 
 def count_flow(
@@ -154,7 +154,7 @@ def count_flow(
     sessions: Iterable[SessionRecord],
     exclusion_reasons: Mapping[str, str] | None = None,
 ) -> ParticipantFlow:
-    """Count a study's participants by outcome.
+    """Count a study's participants by what happened to them, stage by stage.
 
     Args:
         entries: the entries of the enrolment log, in order.
@@ -176,10 +176,10 @@ def count_flow(
     return ParticipantFlow(
         came=len(people) + sum(departures.values()),
         before=departures | _count_undrawn(people.values()),
-        allocated=_by_group(allocated),
-        withdrew=_by_group(person for person in allocated if person.is_withdrawn),
-        replaced=_by_group(person for person in remaining if person.is_replaced),
-        without_data=_by_group(person for person in remaining if not (person.is_replaced or person.last_session)),
+        allocated=_count_by_group(allocated),
+        withdrew=_count_by_group(person for person in allocated if person.is_withdrawn),
+        replaced=_count_by_group(person for person in remaining if person.is_replaced),
+        without_data=_count_by_group(person for person in remaining if not (person.is_replaced or person.last_session)),
         courses={number: _count_session(number, allocated) for number in range(1, max(n_sessions, 1) + 1)},
         teams=_count_teams(entries, people),
         analysis=analysis,
@@ -195,10 +195,10 @@ def list_stages(flow: ParticipantFlow) -> Iterator[FlowStage]:
     label = "allocated to a group"
     counts = flow.allocated
     for number, course in flow.courses.items():
-        session = f"session {number}: " if len(flow.courses) > 1 else ""
-        yield FlowStage(label, counts, _label_losses_before(session, number, course))
-        yield FlowStage(f"{session}began", course.began, _label_losses_during(session, course))
-        label = f"{session}{_label_finished(course)}"
+        prefix = f"session {number}: " if len(flow.courses) > 1 else ""
+        yield FlowStage(label, counts, _label_losses_before(prefix, number, course))
+        yield FlowStage(f"{prefix}began", course.began, _label_losses_during(prefix, course))
+        label = f"{prefix}{_label_finished(course)}"
         counts = course.complete
     yield FlowStage(label, counts, {})
 
@@ -238,7 +238,7 @@ def _list_people(entries: Iterable[EnrolmentEntry]) -> dict[str, _Person]:
 
 
 def _count_undrawn(people: Iterable[_Person]) -> dict[str, int]:
-    """Count the past and present slot holders without a group, by outcome."""
+    """Count the participants for whom no group was drawn, by a description of why."""
     counts = Counter[str]()
     for person in people:
         if person.group:
@@ -252,7 +252,7 @@ def _count_undrawn(people: Iterable[_Person]) -> dict[str, int]:
     return {label: counts[label] for label in _UNDRAWN.values() if counts[label]}
 
 
-def _by_group(people: Iterable[_Person]) -> GroupCounts:
+def _count_by_group(people: Iterable[_Person]) -> GroupCounts:
     return Counter(person.group for person in people)
 
 
@@ -287,7 +287,7 @@ def _trace_session(number: int, person: _Person) -> Iterator[str]:
 
 
 def _went_through(session: int, person: _Person) -> bool:
-    """Return whether a participant finished their last session so far and can begin the next one."""
+    """Return whether a participant finished their last session so far and did not withdraw; True for session 0."""
     if session == 0:
         return True
     return not person.is_withdrawn and person.states.get(session) == "complete"
@@ -303,7 +303,7 @@ def _name_absence(person: _Person) -> str:
 
 
 def _count_teams(entries: Iterable[EnrolmentEntry], people: Mapping[str, _Person]) -> GroupCounts:
-    """Count the teams of several people; a team that played several blocks counts once."""
+    """Count the teams of several people by the group of the first member; a team counts once for all its blocks."""
     first_members: dict[frozenset[str], str] = {}
     for line in entries:
         if not isinstance(line, TeamRecorded) or line.solo:
@@ -315,7 +315,12 @@ def _count_teams(entries: Iterable[EnrolmentEntry], people: Mapping[str, _Person
 
 
 def _count_analysis(people: Mapping[str, _Person], exclusion_reasons: Mapping[str, str]) -> AnalysisFlow:
-    """Count the participants who began a session by whether a report includes them."""
+    """Count the participants who began a session by whether a report includes them, and if not, why.
+
+    Args:
+        people: the holders of slots, by participant code.
+        exclusion_reasons: by participant of the report, the reason for exclusion; "" if included.
+    """
     counts = {name: Counter[str]() for name in ("began", "withdrew", "unreadable", "not_selected", "included")}
     excluded: dict[str, Counter[str]] = {}
     began = {code: person for code, person in people.items() if person.group and person.last_session}
@@ -335,8 +340,14 @@ def _count_analysis(people: Mapping[str, _Person], exclusion_reasons: Mapping[st
     return AnalysisFlow(**counts, excluded=excluded, unregistered=unregistered)
 
 
-def _label_losses_before(session: str, number: int, course: SessionFlow) -> dict[str, GroupCounts]:
-    """Return the losses between the stage before a session and the start of the session, by label."""
+def _label_losses_before(prefix: str, number: int, course: SessionFlow) -> dict[str, GroupCounts]:
+    """Return the losses between the stage before a session and the start of the session, by label.
+
+    Args:
+        prefix: the start of each label, which names the session if there are several; not used for the first session.
+        number: the session's number.
+        course: the flow through the session.
+    """
     if number == 1:
         return _drop_empty(
             {
@@ -347,14 +358,14 @@ def _label_losses_before(session: str, number: int, course: SessionFlow) -> dict
         )
     return _drop_empty(
         {
-            f"{session}did not return, slot reallocated": course.not_returned,
-            f"{session}not begun so far": course.not_begun,
+            f"{prefix}did not return, slot reallocated": course.not_returned,
+            f"{prefix}not begun so far": course.not_begun,
         }
     )
 
 
-def _label_losses_during(session: str, course: SessionFlow) -> dict[str, GroupCounts]:
-    """Return the losses between the start and the end of a session, by label."""
+def _label_losses_during(prefix: str, course: SessionFlow) -> dict[str, GroupCounts]:
+    """Return the losses between the start and the end of a session, by label; each label begins with the prefix."""
     losses = {
         "screened out": course.screened_out,
         "simulated participant failed": course.failed,
@@ -363,7 +374,7 @@ def _label_losses_during(session: str, course: SessionFlow) -> dict[str, GroupCo
         "log missing or unreadable": course.unreadable,
         "withdrew during or after it": course.withdrew,
     }
-    return _drop_empty({f"{session}{label}": counts for label, counts in losses.items()})
+    return _drop_empty({f"{prefix}{label}": counts for label, counts in losses.items()})
 
 
 def _label_finished(course: SessionFlow) -> str:
@@ -377,4 +388,5 @@ def _label_finished(course: SessionFlow) -> str:
 
 
 def _drop_empty(losses: Mapping[str, GroupCounts]) -> dict[str, GroupCounts]:
+    """Return the losses of at least one participant."""
     return {label: counts for label, counts in losses.items() if sum(counts.values())}

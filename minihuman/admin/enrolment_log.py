@@ -41,6 +41,8 @@ from minihuman.storage.study_journals import ENROLMENT_FILE_NAME
 from minihuman.storage.system import now_text
 from minihuman.worlds.outcomes import OUTCOME_RULES
 
+_MAX_LISTED = 8  # participants that an error lists
+
 
 def take_slot(
     protocol: Protocol,
@@ -65,8 +67,8 @@ def take_slot(
         prefix: the prefix of a new code.
 
     Raises:
-        AllocationError: if every slot is taken, the code is not valid, the participant is in another group, the study
-            began with another allocation list, or another study's name differs only in case.
+        AllocationError: if every slot is taken, the code is not valid, the participant withdrew or is in another group,
+            the study has stopped or began with another allocation list, or another study's name differs only in case.
     """
     slots = build_allocation_list(protocol)
     _require_own_folder(study_dir)
@@ -74,27 +76,18 @@ def take_slot(
     journal = open_enrolment_log(study_dir)
     with journal.hold() as register:
         holders = _SlotHolders.of(journal, register.lines)
-        _check_list(next(reversed(holders.slots.values()), None), study_dir, protocol)
-        if participant is not None and (line := holders.slot_entry_of(participant)) is not None:
-            return _taken_before(line, group)
+        _require_same_list(next(reversed(holders.slots.values()), None), study_dir, protocol)
+        if participant is not None and (earlier_slot := holders.find_slot_entry(participant)) is not None:
+            return _resume_enrolment(earlier_slot, group)
         if participant is None:
-            index = holders.next_free(protocol)
+            index = holders.find_next_free_index(protocol)
         else:
             index = holders.find_free_index(participant)
         if look := take_look(protocol, register.lines, study_dir, now_text()):
             register.append(look)
             require_not_stopped([look])
-        chosen = group
-        assigned = None
-        if group is None and not protocol.allocation.stratify_by:
-            chosen, assigned = assign_group(protocol, register.lines, study_dir, index, "")
-        enrolled = msgspec.structs.replace(
-            enrol_participant(protocol, index, chosen or None),
-            id=participant or holders.find_new_code(index, prefix),
-            assigned=assigned,
-        )
-        if enrolled.slot is not None:
-            enrolled = Participant(enrolled.id, enrolled.index, group or "")
+        code = participant or holders.find_new_code(index, prefix)
+        enrolled = _enrol(protocol, register.lines, study_dir, index, code, group)
         is_overridden = participant is not None or group is not None
         if not is_overridden:
             note = NO_NOTE
@@ -108,11 +101,36 @@ def take_slot(
             at=now_text(),
             reason=note.reason,
             experimenter=note.experimenter,
-            assigned=assigned,
+            assigned=enrolled.assigned,
             outcome_rules=_find_outcome_rules(register.lines),
         )
         register.append(slot)
     return enrolled, slot
+
+
+def _enrol(
+    protocol: Protocol, lines: Sequence[EnrolmentEntry], study_dir: Path, index: int, code: str, group: str | None
+) -> Participant:
+    """Return a new participant with a group: the given one, the design's or the allocation list's.
+
+    If groups are drawn after an answer, the participant has no group yet unless one is given.
+
+    Args:
+        protocol: the study's protocol.
+        lines: the lines of the enrolment log so far.
+        study_dir: the study's folder.
+        index: the participant's index in the allocation list.
+        code: the participant's code.
+        group: a group that was chosen by hand.
+    """
+    chosen = group
+    assigned = None
+    if group is None and not protocol.allocation.stratify_by:
+        chosen, assigned = assign_group(protocol, lines, study_dir, index, "")
+    enrolled = enrol_participant(protocol, index, chosen or None)
+    if enrolled.slot is not None:  # the group is drawn after an answer
+        return Participant(code, index, group or "")
+    return msgspec.structs.replace(enrolled, id=code, assigned=assigned)
 
 
 def _require_own_folder(study_dir: Path) -> None:
@@ -158,15 +176,15 @@ def draw_slot(protocol: Protocol, study_dir: Path, code: str, stratum: str) -> P
     journal = open_enrolment_log(study_dir)
     with journal.hold() as register:
         holders = _SlotHolders.of(journal, register.lines)
-        line = holders.slot_entry_of(code)
+        line = holders.find_slot_entry(code)
         if line is None:
             raise AllocationError(
                 f"{code} has no slot in {study_dir}, so no group can be allocated; check the participant's code"
             )
         if line.stratum == stratum and line.slot is not None:
-            return _taken_before(line, None)[0]
+            return _resume_enrolment(line, None)[0]
         chosen = holders.began[code].group  # the group that was chosen by hand; "" if none was
-        slot = holders.next_in_stratum(protocol, stratum)
+        slot = holders.find_next_slot_in_stratum(protocol, stratum)
         assigned = None
         if not chosen:
             chosen, assigned = assign_group(protocol, register.lines, study_dir, line.index, stratum)
@@ -178,20 +196,20 @@ def draw_slot(protocol: Protocol, study_dir: Path, code: str, stratum: str) -> P
 def record_chain_heads(study_dir: Path, heads: Sequence[ChainHeadRecorded], *, only_missing: bool = False) -> int:
     """Record the chain heads of a log's segments that are not recorded yet; return how many lines were added.
 
-    For all segments but the last, only a missing head is added, because a head that differs is evidence.
+    A differing head is added for the last segment only, because for an earlier one it is evidence of a change.
 
     Args:
         study_dir: the study's folder.
         heads: the chain heads of one log, in order.
-        only_missing: whether to treat the last segment like the others.
+        only_missing: whether to add no differing head for the last segment either.
 
     Raises:
         OSError: if the enrolment log cannot be written.
     """
     with open_enrolment_log(study_dir).hold() as register:
         recorded = [line for line in register.lines if isinstance(line, ChainHeadRecorded)]
-        known = {(line.sealed, line.segment) for line in recorded}
-        added = [head for head in heads if (head.sealed, head.segment) not in known]
+        recorded_segments = {(line.sealed, line.segment) for line in recorded}
+        added = [head for head in heads if (head.sealed, head.segment) not in recorded_segments]
         if heads and not only_missing:
             last = heads[-1]
             if last not in recorded and last not in added:
@@ -221,21 +239,21 @@ def record_team(study_dir: Path, entry: TeamRecorded) -> None:
     """
     make_private_folder(study_dir)
     with open_enrolment_log(study_dir).hold() as register:
-        known = [line for line in register.lines if isinstance(line, TeamRecorded)]
-        if not any((line.team, line.block, line.session) == (entry.team, entry.block, entry.session) for line in known):
+        teams = [line for line in register.lines if isinstance(line, TeamRecorded)]
+        if not any((line.team, line.block, line.session) == (entry.team, entry.block, entry.session) for line in teams):
             register.append(entry)
 
 
-def record_departure(study_dir: Path, parting: ParticipantWithdrawn | ParticipantReplaced) -> None:
-    """Record durably that a participant left the study; a repeated departure is written once.
+def record_departure(study_dir: Path, departure: ParticipantWithdrawn | ParticipantReplaced) -> None:
+    """Record durably that a participant left the study; a repeated replacement is written once.
 
     Raises:
         AllocationError: if there is no such participant, or they withdrew before.
     """
-    if isinstance(parting, ParticipantWithdrawn):
-        code = parting.withdrawn
+    if isinstance(departure, ParticipantWithdrawn):
+        code = departure.withdrawn
     else:
-        code = parting.replaced
+        code = departure.replaced
     journal = open_enrolment_log(study_dir)
     if not journal.begun:
         raise AllocationError(
@@ -243,19 +261,20 @@ def record_departure(study_dir: Path, parting: ParticipantWithdrawn | Participan
         )
     with journal.hold() as register:
         holders = _SlotHolders.of(journal, register.lines)
-        if holders.slot_entry_of(code) is None:
+        if holders.find_slot_entry(code) is None:
             gone = {line.withdrawn for line in register.lines if isinstance(line, ParticipantWithdrawn)}
             participants = [participant for participant in holders.slots if participant not in gone]
-            known = ", ".join(participants[:8]) or "none yet"
-            raise AllocationError(f"{code!r} has no slot in {study_dir}; participants with a slot: {known}")
-        if not isinstance(parting, ParticipantReplaced) or code not in holders.replaced:
-            register.append(parting)
+            names = ", ".join(participants[:_MAX_LISTED]) or "none yet"
+            raise AllocationError(f"{code!r} has no slot in {study_dir}; participants with a slot: {names}")
+        is_repeated = isinstance(departure, ParticipantReplaced) and code in holders.replaced
+        if not is_repeated:
+            register.append(departure)
 
 
 def free_slot(study_dir: Path, code: str, why: str) -> None:
     """Free the slot and the code of a participant without data for the next participant.
 
-    A repeated call writes nothing.
+    Nothing is written if the participant holds no slot, as in a repeated call.
 
     Args:
         study_dir: the study's folder.
@@ -270,7 +289,7 @@ def free_slot(study_dir: Path, code: str, why: str) -> None:
         raise AllocationError(f"{code} has data in {study_dir}; use `minihuman withdraw` or `replace` instead")
     journal = open_enrolment_log(study_dir)
     with journal.hold() as register:
-        if _SlotHolders.of(journal, register.lines).slot_entry_of(code) is not None:
+        if _SlotHolders.of(journal, register.lines).find_slot_entry(code) is not None:
             register.append(SlotFreed(code, now_text(), why))
 
 
@@ -283,16 +302,16 @@ class _SlotHolders:
         self.began: dict[str, SlotTaken] = {}  # the line with which each participant enrolled, before any draw
         self._withdrawn: set[str] = set()
         self.slots_by_index: dict[int, SlotTaken] = {}
-        self._held_places: set[int | None] = set()  # the list indices of drawn slots that are held
-        self._next = 0  # all slots below this index are held
-        self._next_in_stratum: dict[str, int] = {}
+        self._held_draws: set[int | None] = set()  # the list indices of drawn slots that are held
+        self._first_free = 0  # all slots below this index are held
+        self._first_free_draws: dict[str, int] = {}  # by stratum: all drawn slots of lower list indices are held
 
     @classmethod
     def of(cls, journal: Journal[EnrolmentEntry], lines: Sequence[EnrolmentEntry]) -> "_SlotHolders":
         """Return the slot holders after all of a journal's lines."""
         return _holders_of(journal).after(lines)
 
-    def take(self, line: EnrolmentEntry) -> None:
+    def add(self, line: EnrolmentEntry) -> None:
         """Update the slot holders with a line of the enrolment log."""
         match line:
             case SlotTaken():
@@ -300,8 +319,8 @@ class _SlotHolders:
                 self._assign_slot(line)
             case GroupDrawn() if (before := self.slots.get(line.drawn)) is not None:
                 if self.slots_by_index.get(before.index) is before:
-                    self._held_places.discard(before.slot)
-                    self._next_in_stratum.clear()
+                    self._held_draws.discard(before.slot)
+                    self._first_free_draws.clear()
                 allocation = {
                     "group": line.group,
                     "stratum": line.stratum,
@@ -310,14 +329,14 @@ class _SlotHolders:
                 }
                 self._assign_slot(msgspec.structs.replace(before, **allocation))
             case SlotFreed():
-                self._let_go(line.freed)
+                self._release_slot(line.freed)
                 self.slots.pop(line.freed, None)
                 self.replaced.discard(line.freed)
             case ParticipantWithdrawn():
-                self._let_go(line.withdrawn)
+                self._release_slot(line.withdrawn)
                 self._withdrawn.add(line.withdrawn)
             case ParticipantReplaced():
-                self._let_go(line.replaced)
+                self._release_slot(line.replaced)
                 self.replaced.add(line.replaced)
 
     def _assign_slot(self, line: SlotTaken) -> None:
@@ -325,18 +344,18 @@ class _SlotHolders:
         self.slots[line.participant] = line
         if line.participant not in self._withdrawn and line.participant not in self.replaced:
             self.slots_by_index[line.index] = line
-            self._held_places.add(line.slot)
+            self._held_draws.add(line.slot)
 
-    def _let_go(self, code: str) -> None:
+    def _release_slot(self, code: str) -> None:
         """Free the slot that a participant holds, if they hold one."""
         line = self.slots.get(code)
         if line is not None and self.slots_by_index.get(line.index) is line:
             del self.slots_by_index[line.index]
-            self._held_places.discard(line.slot)
-            self._next = min(self._next, line.index)
-            self._next_in_stratum.clear()
+            self._held_draws.discard(line.slot)
+            self._first_free = min(self._first_free, line.index)
+            self._first_free_draws.clear()
 
-    def slot_entry_of(self, code: str) -> SlotTaken | None:
+    def find_slot_entry(self, code: str) -> SlotTaken | None:
         """Return the entry of the slot that a participant took; None if they took none.
 
         Raises:
@@ -347,8 +366,8 @@ class _SlotHolders:
         return self.slots.get(code)
 
     def find_new_code(self, index: int, prefix: str) -> str:
-        """Return the first code of a slot that no participant has ever had."""
-        codes = (format_participant_code(index, earlier, prefix=prefix) for earlier in count())
+        """Return the first code of a slot that no participant has or had; a code that was freed counts as unused."""
+        codes = (format_participant_code(index, n_earlier, prefix=prefix) for n_earlier in count())
         return next(code for code in codes if code not in self.slots)
 
     def find_free_index(self, code: str) -> int:
@@ -364,30 +383,30 @@ class _SlotHolders:
             )
         return index
 
-    def next_free(self, protocol: Protocol) -> int:
+    def find_next_free_index(self, protocol: Protocol) -> int:
         """Return the index of the first free slot.
 
         Raises:
             AllocationError: if all slots are taken.
         """
-        self._next = next(index for index in count(self._next) if index not in self.slots_by_index)
-        if self._next < protocol.study.participants:
-            return self._next
+        self._first_free = next(index for index in count(self._first_free) if index not in self.slots_by_index)
+        if self._first_free < protocol.study.participants:
+            return self._first_free
         raise AllocationError(
             f"all {protocol.study.participants} slots of study {protocol.study.name!r} are taken; raise "
             "$.study.participants in the protocol"
         )
 
-    def next_in_stratum(self, protocol: Protocol, stratum: str) -> AllocationSlot:
+    def find_next_slot_in_stratum(self, protocol: Protocol, stratum: str) -> AllocationSlot:
         """Return the first free slot of a stratum.
 
         Raises:
             AllocationError: if all slots of the stratum are taken.
         """
-        for place in range(self._next_in_stratum.get(stratum, 0), protocol.study.participants):
-            slot = find_slot(protocol, place, stratum)
-            if slot.index not in self._held_places:
-                self._next_in_stratum[stratum] = place
+        for index in range(self._first_free_draws.get(stratum, 0), protocol.study.participants):
+            slot = find_slot(protocol, index, stratum)
+            if slot.index not in self._held_draws:
+                self._first_free_draws[stratum] = index
                 return slot
         raise AllocationError(
             f"all slots of stratum {stratum!r} of study {protocol.study.name!r} are taken; raise "
@@ -397,20 +416,21 @@ class _SlotHolders:
 
 @cache
 def _holders_of(journal: Journal[EnrolmentEntry]) -> JournalState[EnrolmentEntry, _SlotHolders]:
-    return JournalState(_SlotHolders, _SlotHolders.take)
+    """Return a journal's slot holders, which are kept in memory so that each line is processed once."""
+    return JournalState(_SlotHolders, _SlotHolders.add)
 
 
-def _taken_before(line: SlotTaken, group: str | None) -> tuple[Participant, SlotTaken]:
-    """Return an enrolled participant with the line of their slot.
+def _resume_enrolment(slot: SlotTaken, group: str | None) -> tuple[Participant, SlotTaken]:
+    """Return the participant who took a slot earlier, and that slot, after checking the group that was asked for.
 
     Raises:
         AllocationError: if ``group`` is given and is not the participant's group.
     """
-    if group is not None and not line.group:
-        raise AllocationError(f"the group of {line.participant} is not allocated yet; remove --group")
-    if group is not None and group != line.group:
-        raise AllocationError(f"{line.participant} is in group {line.group!r}, not {group!r}; remove --group")
-    return Participant(line.participant, line.index, line.group, line.stratum, line.slot, line.assigned), line
+    if group is not None and not slot.group:
+        raise AllocationError(f"the group of {slot.participant} is not allocated yet; remove --group")
+    if group is not None and group != slot.group:
+        raise AllocationError(f"{slot.participant} is in group {slot.group!r}, not {group!r}; remove --group")
+    return Participant(slot.participant, slot.index, slot.group, slot.stratum, slot.slot, slot.assigned), slot
 
 
 def _find_outcome_rules(lines: Sequence[EnrolmentEntry]) -> int:
@@ -421,7 +441,7 @@ def _find_outcome_rules(lines: Sequence[EnrolmentEntry]) -> int:
     return first.outcome_rules
 
 
-def _check_list(first_slot: SlotTaken | None, study_dir: Path, protocol: Protocol) -> None:
+def _require_same_list(first_slot: SlotTaken | None, study_dir: Path, protocol: Protocol) -> None:
     """Require that the protocol's allocation list begins with the list of the study's first slot.
 
     Raises:

@@ -21,7 +21,7 @@ from minihuman.storage.study_journals import find_database_url, open_journal
 
 STORE_FOLDER = "withdrawals"  # below the study, in the store of logs
 _ALL = "all"  # stands in a stored entry's name for no participant or no machine
-_NAME = re.compile(r"(holds|withdrawn|erased|lost)/((?:sub|model)-[0-9]{2,9}|all)/([0-9a-f]{16}|all)", re.ASCII)
+_ENTRY_NAME = re.compile(r"(holds|withdrawn|erased|lost)/((?:sub|model)-[0-9]{2,9}|all)/([0-9a-f]{16}|all)", re.ASCII)
 SHOWN_DIGITS = 8  # first digits of a machine's number that messages show
 
 
@@ -43,8 +43,7 @@ class ErasureLedger:
         self._data = self._study_dir.parent
         self._study = self._study_dir.name
         self._in_database = bool(find_database_url(self._study_dir))
-        asks = ask_store and not self._in_database
-        if asks:
+        if ask_store and not self._in_database:
             self._store = open_remote_store(self._data, may_be_new=may_be_new)
         else:
             self._store = None
@@ -60,14 +59,14 @@ class ErasureLedger:
         return read_machine_id(self._data)
 
     def read(self) -> frozenset[LedgerEntry]:
-        """Read all entries.
+        """Read all entries, after copying those that only the store has to the data folder.
 
         Raises:
             OSError: if the database cannot be reached, or a file cannot be read.
             RemoteStoreError: if the store cannot be reached.
         """
         if self._in_database:
-            return frozenset(self._shared_journal().read())
+            return frozenset(self._open_shared_journal().read())
         local = frozenset(read_local_ledger(self._data, self._study))
         if self._store is None:
             return local
@@ -84,12 +83,12 @@ class ErasureLedger:
         """
         if not entries:
             return
-        known = self.read()
-        new = [entry for entry in dict.fromkeys(entries) if entry not in known]
+        existing = self.read()
+        new = [entry for entry in dict.fromkeys(entries) if entry not in existing]
         if not new:
             return
         if self._in_database:
-            with self._shared_journal().hold() as journal:
+            with self._open_shared_journal().hold() as journal:
                 journal.append(*(entry for entry in new if entry not in journal.lines))
             return
         self._write_locally(new)
@@ -97,13 +96,14 @@ class ErasureLedger:
             _store_entries(self._store, self._study, new)
 
     def _write_locally(self, entries: Iterable[LedgerEntry]) -> None:
-        lines = sorted(entries, key=lambda entry: (entry.fact, entry.code, entry.machine))
-        if lines:
+        """Append entries to the ledger in the data folder, which all studies there share."""
+        ordered = sorted(entries, key=lambda entry: (entry.fact, entry.code, entry.machine))
+        if ordered:
             path = self._data / LEDGER_FILE_NAME
             with FileJournal(path, _decode_local, mode=0o600).hold() as journal:
-                journal.append(*(msgspec.structs.replace(entry, study=self._study) for entry in lines))
+                journal.append(*(msgspec.structs.replace(entry, study=self._study) for entry in ordered))
 
-    def _shared_journal(self) -> Journal[LedgerEntry]:
+    def _open_shared_journal(self) -> Journal[LedgerEntry]:
         return open_journal(self._study_dir, LEDGER_FILE_NAME, _decode_shared)
 
 
@@ -115,13 +115,14 @@ def _decode_local(line: bytes, number: int) -> LedgerEntry | None:
 
 
 def _decode_shared(line: bytes, number: int) -> LedgerEntry | None:
+    """Decode a line of the database; return None for a line that is not a valid entry."""
     entry = _decode_local(line, number)
-    if entry is None or not _NAME.fullmatch(_name(entry)):
+    if entry is None or not _ENTRY_NAME.fullmatch(_format_entry_name(entry)):
         return None
     return entry
 
 
-def _name(entry: LedgerEntry) -> str:
+def _format_entry_name(entry: LedgerEntry) -> str:
     return f"{entry.fact}/{entry.code or _ALL}/{entry.machine or _ALL}"
 
 
@@ -129,7 +130,7 @@ def _list_stored_entries(store: RemoteStore, study: str) -> Iterable[LedgerEntry
     """Yield the ledger's entries in a store; files with other names are skipped."""
     prefix = f"{study}/{STORE_FOLDER}/"
     for name in store.names(prefix):
-        match = _NAME.fullmatch(name.removeprefix(prefix))
+        match = _ENTRY_NAME.fullmatch(name.removeprefix(prefix))
         if match is None:
             continue
         fact, code, machine = match.groups()
@@ -141,13 +142,13 @@ def _list_stored_entries(store: RemoteStore, study: str) -> Iterable[LedgerEntry
 
 
 def _store_entries(store: RemoteStore, study: str, entries: Iterable[LedgerEntry]) -> None:
-    """Store each entry as a file, whose name is the entry."""
+    """Store each entry as a file whose name contains the whole entry; an existing file is left as it is."""
     with tempfile.TemporaryDirectory(prefix="minihuman-") as folder:
         path = Path(folder, "entry")
         path.write_text("An entry of minihuman's erasure ledger; its name says all.\n", encoding="utf-8", newline="\n")
         for entry in entries:
             try:
-                store.put(f"{study}/{STORE_FOLDER}/{_name(entry)}", path)
+                store.put(f"{study}/{STORE_FOLDER}/{_format_entry_name(entry)}", path)
             except RemoteStoreConflictError:  # another machine has just written the same entry
                 continue
 

@@ -41,7 +41,7 @@ def require_legible(protocol: Protocol, source: str) -> None:
 
 
 def find_illegible_in_study(protocol: Protocol) -> Iterator[str]:
-    """Yield the texts that cannot be read on the screen, in any session of any group."""
+    """Yield a message for each text that cannot be read on the screen, in any session of any group."""
     first_slots: dict[str, AllocationSlot] = {}
     for slot in build_allocation_list(protocol):
         first_slots.setdefault(slot.group, slot)
@@ -53,7 +53,7 @@ def find_illegible_in_study(protocol: Protocol) -> Iterator[str]:
 
 
 def find_illegible_in_plan(plan: SessionPlan) -> Iterator[str]:
-    """Yield the texts of a session that cannot be read on the screen, each in a sentence that says how to fix it."""
+    """Yield a message for each text of a session that cannot be read on the screen, which says how to fix it."""
     words = InterfaceWords(plan.language, plan.words, plan.fonts)
     faces = select_typefaces(plan.language, fonts=plan.fonts)
     for name in plan.fonts:
@@ -66,19 +66,19 @@ def find_illegible_in_plan(plan: SessionPlan) -> Iterator[str]:
 
 
 def _find_missing_characters(plan: SessionPlan, faces: TypefaceSet) -> Iterator[str]:
-    """Yield at most one message: the first text with a character that no font has, and how many others have one."""
-    missing_by_place = [(place, faces.missing(text)) for place, text in _list_texts(plan)]
-    unset = [(place, character) for place, character in missing_by_place if character]
-    if unset:
-        place, character = unset[0]
+    """Yield at most one message: the first text with a character that no font has, and the number of such texts."""
+    missing_by_field = [(field, faces.missing(text)) for field, text in _list_texts(plan)]
+    undrawable = [(field, character) for field, character in missing_by_field if character]
+    if undrawable:
+        field, character = undrawable[0]
         more = ""
-        if len(unset) > 1:
-            more = f" (and {len(unset) - 1} more texts have such characters)"
-        yield f"{place}: {describe_missing_face(character, more)} or use another character"
+        if len(undrawable) > 1:
+            more = f" (and {len(undrawable) - 1} more texts have such characters)"
+        yield f"{field}: {describe_missing_face(character, more)} or use another character"
 
 
 def describe_missing_face(character: str, more: str = "") -> str:
-    """Explain that no font has a character, and how to install one that does."""
+    """Explain that no font has a character, and how to install one that does; ``more`` follows the character."""
     return (
         f"no face on this machine can set {character!r} (U+{ord(character):04X}){more}; install a Noto font that can "
         f"(Debian: fonts-noto-core, fonts-noto-cjk; or put its file, such as NotoSansSC-Regular.otf for Chinese, into "
@@ -88,14 +88,17 @@ def describe_missing_face(character: str, more: str = "") -> str:
 
 def list_undrawable_languages() -> dict[str, str]:
     """Return the shipped languages whose interface texts cannot be drawn here, each with a missing character."""
-    missing = {
-        language: select_typefaces(language).missing("".join(load_words(language).values())) for language in LANGUAGES
-    }
-    return {language: character for language, character in missing.items() if character}
+    missing_characters = {}
+    for language in LANGUAGES:
+        texts = "".join(load_words(language).values())
+        character = select_typefaces(language).missing(texts)
+        if character:
+            missing_characters[language] = character
+    return missing_characters
 
 
 def _list_texts(plan: SessionPlan) -> Iterator[tuple[str, str]]:
-    """Yield every text of a session, after the name of its place in the plan."""
+    """Yield the name of the field and the text for every text of a session's plan."""
     for key, word in plan.words.items():
         yield f"word {key}", word
     for part in plan.parts:
@@ -103,53 +106,64 @@ def _list_texts(plan: SessionPlan) -> Iterator[tuple[str, str]]:
             yield f"{part.name}, {field}", text
 
 
-def _walk_strings(value: Any, field: str = "") -> Iterator[tuple[str, str]]:
-    """Yield every string inside a value of JSON's types, each with the path of its field."""
-    match value:
+def _walk_strings(node: Any, field: str = "") -> Iterator[tuple[str, str]]:
+    """Yield the path of the field and the string for every string inside a value of JSON's types."""
+    match node:
         case str():
-            yield field, value
+            yield field, node
         case dict():
-            for key, inner in value.items():
+            for key, child in node.items():
                 path = f"{field}.{key}" if field else str(key)
-                yield from _walk_strings(inner, path)
+                yield from _walk_strings(child, path)
         case list() | tuple():
-            for number, inner in enumerate(value, 1):
-                yield from _walk_strings(inner, f"{field} {number}")
+            for number, child in enumerate(node, 1):
+                yield from _walk_strings(child, f"{field} {number}")
 
 
 def _find_long_texts(part: PlannedPart, words: InterfaceWords, faces: TypefaceSet) -> Iterator[str]:
     """Yield a message for each text of a part that does not fit its screen, and each title longer than a line."""
     match part.plan:
         case PlayPlan() as play:
-            for outcome, text in play.feedback.items():
-                feedback_screen = TextScreen("", text, "", locale=words.locale)
-                if not text_fits(feedback_screen, NARROWEST_SCREEN_PX):
-                    yield f"{part.name}, feedback for {outcome}: {_does_not_fit(text)}"
-            rest_screen = TextScreen(words["rest.title"], play.rest, "", locale=words.locale)
-            if not text_fits(rest_screen, NARROWEST_SCREEN_PX):
-                yield f"{part.name}, rest: {_does_not_fit(play.rest)}"
+            yield from _find_long_play_texts(part.name, play, words)
         case QuestionsPlan() as questions:
-            if not text_fits(build_wrong_answer_screen(words, questions.wrong), NARROWEST_SCREEN_PX):
-                yield f"{part.name}, wrong: {_does_not_fit(questions.wrong)}"
-            for item in questions.items:
-                draft = build_draft(item, rtl=words.rtl)
-                empty: Any = build_question_screen(words, title="", draft=draft, number=0, count=1, note="")
-                if not question_fits(empty, NARROWEST_SCREEN_PX):
-                    yield f"{part.name}, question {item.name!r}: {_describe_full_question(item)}"
-    for title in _list_titles(part):
+            yield from _find_long_questions(part.name, questions, words)
+    if isinstance(part.plan, PagePlan | QuestionsPlan | PlayPlan):
+        title = part.plan.title
         width = measure_width_px(title, faces, _SMALLEST_TYPE_PX) / _MEASURED_HEIGHT_PX
         if width > _LONGEST_TITLE:
             yield f"{part.name}, title: is too long for one line: {title[:40]!r}; shorten it"
 
 
-def _does_not_fit(text: str) -> str:
+def _find_long_play_texts(part: str, play: PlayPlan, words: InterfaceWords) -> Iterator[str]:
+    """Yield a message for each text between a part's episodes that does not fit its screen."""
+    for outcome, text in play.feedback.items():
+        feedback_screen = TextScreen("", text, "", locale=words.locale)
+        if not text_fits(feedback_screen, NARROWEST_SCREEN_PX):
+            yield f"{part}, feedback for {outcome}: {_describe_long_text(text)}"
+    rest_screen = TextScreen(words["rest.title"], play.rest, "", locale=words.locale)
+    if not text_fits(rest_screen, NARROWEST_SCREEN_PX):
+        yield f"{part}, rest: {_describe_long_text(play.rest)}"
+
+
+def _find_long_questions(part: str, questions: QuestionsPlan, words: InterfaceWords) -> Iterator[str]:
+    """Yield a message for each of a part's questions, and its text for wrong answers, that does not fit its screen."""
+    if not text_fits(build_wrong_answer_screen(words, questions.wrong), NARROWEST_SCREEN_PX):
+        yield f"{part}, wrong: {_describe_long_text(questions.wrong)}"
+    for question in questions.items:
+        draft = build_draft(question, rtl=words.rtl)
+        screen: Any = build_question_screen(words, title="", draft=draft, number=0, count=1, note="")
+        if not question_fits(screen, NARROWEST_SCREEN_PX):
+            yield f"{part}, question {question.name!r}: {_describe_long_question(question)}"
+
+
+def _describe_long_text(text: str) -> str:
     return f"does not fit a screen in type of 1/40 of its height: {text[:40]!r}...; shorten it, or give it a page"
 
 
-def _describe_full_question(question: QuestionItemSpec) -> str:
+def _describe_long_question(question: QuestionItemSpec) -> str:
     """Say which of a question's texts are too long for one screen."""
     if not isinstance(question.statements, dict):
-        return _does_not_fit(question.ask)
+        return _describe_long_text(question.ask)
     count = len(question.statements)
     return (
         f"does not fit a screen in type of 1/40 of its height, with its {count} statements and its points; "
@@ -157,21 +171,16 @@ def _describe_full_question(question: QuestionItemSpec) -> str:
     )
 
 
-def _list_titles(part: PlannedPart) -> Iterator[str]:
-    if isinstance(part.plan, PagePlan | QuestionsPlan | PlayPlan):
-        yield part.plan.title
-
-
 def _find_untranslated_missions(plan: SessionPlan, words: InterfaceWords) -> Iterator[str]:
-    """Yield a message for each block whose world states its task in English while the study has another language."""
+    """Yield a message for each block whose world states its task in English, without words in the study's language."""
     if plan.language == ENGLISH:
         return
     for part in plan.parts:
         if not isinstance(part.plan, PlayPlan) or part.plan.mission:
             continue
-        first = plan.episodes[part.plan.first]
-        world = World(first.world, first.options)
-        mission = world.reset(first.seed).mission
+        first_episode = plan.episodes[part.plan.first]
+        world = World(first_episode.world, first_episode.options)
+        mission = world.reset(first_episode.seed).mission
         world.close()
         if mission and not words.mission(mission):
             yield (

@@ -40,18 +40,18 @@ def obey_withdrawals(study_dir: Path, *, ask_store: bool = False, say: Listener 
         return
     ledger = ErasureLedger(study_dir, ask_store=ask_store, may_be_new=True)
     entries = frozenset[LedgerEntry]()
-    own: list[LedgerEntry] = []
+    new_entries: list[LedgerEntry] = []
     if ledger.is_shared:
         entries = ledger.read()
-        own = [LedgerEntry("holds", "", ledger.machine)]
+        new_entries = [LedgerEntry("holds", "", ledger.machine)]
     withdrawn = read_withdrawn_codes(study_dir) | {entry.code for entry in entries if entry.fact == "withdrawn"}
     for code in sorted(withdrawn):
         is_erased = not ledger.is_shared or LedgerEntry("erased", code, ledger.machine) in entries
         if is_erased and not (study_dir / code).exists():
             continue
         if _erase_copy(study_dir, code, ask_store=ask_store, say=say) and ledger.is_shared:
-            own += [LedgerEntry("withdrawn", code), LedgerEntry("erased", code, ledger.machine)]
-    ledger.add(*own)
+            new_entries += [LedgerEntry("withdrawn", code), LedgerEntry("erased", code, ledger.machine)]
+    ledger.add(*new_entries)
 
 
 def record_erasure(study_dir: Path, code: str) -> None:
@@ -70,7 +70,7 @@ def record_erasure(study_dir: Path, code: str) -> None:
 
 
 def erase_local_copy(study_dir: Path, code: str) -> list[Exception]:
-    """Erase a participant's logs, the caches that may hold their rows, and the record of their arrival.
+    """Erase a participant's logs, the caches that may hold their rows, the record of their arrival, and their leases.
 
     Returns:
         The errors, empty if everything was erased.
@@ -89,8 +89,15 @@ def erase_local_copy(study_dir: Path, code: str) -> list[Exception]:
 
 
 def _erase_copy(study_dir: Path, code: str, *, ask_store: bool, say: Listener) -> bool:
-    """Erase one participant's data here and report it; return False if anything is left."""
-    from minihuman.admin.recorded_outputs import note_withdrawal
+    """Erase a participant's data on this machine and report it; return False if anything is left.
+
+    Args:
+        study_dir: the study's folder.
+        code: the participant's code.
+        ask_store: whether to erase their logs and tables in the remote stores, too.
+        say: called with a line about what was erased, or why it was not.
+    """
+    from minihuman.admin.recorded_outputs import withdraw_from_outputs
 
     if any(is_being_recorded(part) for part in (study_dir / code).rglob(f"*{PART_SUFFIX}")):
         say(f"{code} has withdrawn, but a session of theirs is running here; it is erased once it has ended")
@@ -101,7 +108,7 @@ def _erase_copy(study_dir: Path, code: str, *, ask_store: bool, say: Listener) -
     if ask_store:
         errors += _erase_remote_copies(study_dir, code)
     try:
-        for line in note_withdrawal(study_dir, code):
+        for line in withdraw_from_outputs(study_dir, code):
             say(line)
     except (OSError, MinihumanError) as error:
         errors.append(error)
@@ -136,8 +143,8 @@ def _record_departure(study_dir: Path, code: str) -> None:
     journal = open_enrolment_log(study_dir)
     if find_database_url(study_dir) or not journal.begun:
         return
-    known = {line.withdrawn for line in journal.read() if isinstance(line, ParticipantWithdrawn)}
-    if code not in known:
+    withdrawn = {line.withdrawn for line in journal.read() if isinstance(line, ParticipantWithdrawn)}
+    if code not in withdrawn:
         with suppress(AllocationError):  # the participant has no slot in this log
             record_departure(
                 study_dir, ParticipantWithdrawn(code, now_text(), "erased", "withdrawn on another machine")

@@ -38,7 +38,7 @@ from minihuman.log.salvage.summary_section import all_ended_cleanly
 from minihuman.storage.lease import open_lease_table
 from minihuman.storage.system import now_text
 
-_READ = frozenset({topics.PLAN, topics.EPISODE_END, topics.SKIP, topics.PART_END, topics.SESSION_END})
+_TALLIED_TOPICS = frozenset({topics.PLAN, topics.EPISODE_END, topics.SKIP, topics.PART_END, topics.SESSION_END})
 
 
 def summarize_from_messages(files: Sequence[Path]) -> SessionSummary:
@@ -47,14 +47,14 @@ def summarize_from_messages(files: Sequence[Path]) -> SessionSummary:
     Raises:
         LogError: if a file cannot be opened, is damaged, is not a session log of this schema version, or has no plan.
     """
-    readings = [LogReader(file) for file in files]
-    tally = _tally_messages(readings)
+    readers = [LogReader(file) for file in files]
+    tally = _tally_messages(readers)
     if tally.started is None:
         raise LogError(
             f"{files[0]} was cut off before its session started, so it has nothing to show; name another log"
         )
-    starts = [facts for reading in readings for facts in reading.starts]
-    ends = [facts for reading in readings for facts in reading.ends]
+    starts = [facts for reader in readers for facts in reader.starts]
+    ends = [facts for reader in readers for facts in reader.ends]
     plan = tally.started.plan
     duration_ns = sum(last_ns - first_ns for first_ns, last_ns in tally.spans)
     return SessionSummary(
@@ -75,16 +75,16 @@ def summarize_from_messages(files: Sequence[Path]) -> SessionSummary:
     )
 
 
-def _tally_messages(readings: Iterable[LogReader]) -> "_SessionTally":
+def _tally_messages(readers: Iterable[LogReader]) -> "_SessionTally":
     """Read the messages of a session's files, given in order, and count the session's progress."""
     tally = _SessionTally()
-    for reading in readings:
-        for message in reading.messages():
+    for reader in readers:
+        for message in reader.messages():
             topic = message.channel.topic
             if topic == topics.STEP:
                 tally.steps += 1
-            if topic in _READ:
-                tally.take(reading.decode(topic, message.data), message.log_time)
+            if topic in _TALLIED_TOPICS:
+                tally.add_event(reader.decode(topic, message.data), message.log_time)
             tally.extend_segment(message.log_time)
     return tally
 
@@ -112,8 +112,8 @@ class _SessionTally:
     next_part: int = 0
     end_reason: str = CUT_OFF
 
-    def take(self, event: events.Event | None, log_time: int) -> None:
-        """Update the tally with an event."""
+    def add_event(self, event: events.Event | None, log_time: int) -> None:
+        """Update the tally with an event that was logged at a time in nanoseconds."""
         match event:
             case events.SessionStarted():
                 self.started = self.started or event
@@ -135,14 +135,14 @@ class _SessionTally:
             self.spans[-1] = (first, max(last, log_time))
 
 
-_HEADS = (
+_EPISODE_HEADER = (
     f"{'episode':>7} {'attempt':>7} {'segment':>7}  {'block':16} {'outcome':10} {'steps':>5} {'return':>7} "
     f"{'at s':>9} {'played':>7} {'rt ms':>6}  seed"
 )
 
 
 def format_session_lines(session: SessionLog) -> list[str]:
-    """Format a readable summary: the session in a few lines, then one line for each episode."""
+    """Format a readable summary: the session and its segments in a few lines, then one line for each episode."""
     plan = session.plan
     n_steps = sum(len(episode.actions) for episode in session.episodes)
     n_presses = sum(key.down for key in session.keys)
@@ -157,13 +157,13 @@ def format_session_lines(session: SessionLog) -> list[str]:
         f"steps        {n_steps}",
         f"keys         {n_presses} presses",
     ]
-    lines += [_segment_line(segment) for segment in session.segments]
+    lines += [_format_segment_line(segment) for segment in session.segments]
     lines += [
         "",
         "at s: session time at the reset, since the first segment began; played: seconds to the last step, no pauses",
-        _HEADS,
+        _EPISODE_HEADER,
     ]
-    lines += [_episode_line(episode) for episode in session.episodes]
+    lines += [_format_episode_line(episode) for episode in session.episodes]
     return lines
 
 
@@ -172,7 +172,7 @@ def _format_end(reason: str, *, clean: bool) -> str:
 
 
 def format_session_json(session: SessionLog) -> str:
-    """Format the same summary as one JSON object."""
+    """Format a session's summary, with its episodes and segments, as one JSON object."""
     plan = session.plan
     facts = {
         "path": str(session.path),
@@ -186,15 +186,15 @@ def format_session_json(session: SessionLog) -> str:
         "end_reason": session.end_reason,
         "clean": session.clean,
         "episodes_planned": len(plan.episodes),
-        "episodes": [_episode_facts(episode) for episode in session.episodes],
-        "segments": [_segment_facts(segment) for segment in session.segments],
+        "episodes": [_build_episode_facts(episode) for episode in session.episodes],
+        "segments": [_build_segment_facts(segment) for segment in session.segments],
         "key_presses": sum(key.down for key in session.keys),
         "facts": session.facts,
     }
     return msgspec.json.format(msgspec.json.encode(facts), indent=2).decode()
 
 
-def _segment_line(segment: Segment) -> str:
+def _format_segment_line(segment: Segment) -> str:
     start_s = segment.start_ns / 1e9
     end_s = segment.end_ns / 1e9
     return (
@@ -203,7 +203,8 @@ def _segment_line(segment: Segment) -> str:
     )
 
 
-def _segment_facts(segment: Segment) -> dict[str, Any]:
+def _build_segment_facts(segment: Segment) -> dict[str, Any]:
+    """Return a segment as the JSON summary shows it."""
     return {
         "segment": segment.number,
         "started_at": segment.started_at,
@@ -218,8 +219,8 @@ def _segment_facts(segment: Segment) -> dict[str, Any]:
     }
 
 
-def _episode_line(episode: EpisodeLog) -> str:
-    facts = _episode_facts(episode)
+def _format_episode_line(episode: EpisodeLog) -> str:
+    facts = _build_episode_facts(episode)
     rt_ms = "-" if facts["median_rt_ms"] is None else f"{facts['median_rt_ms']:.0f}"
     return (
         f"{facts['episode']:7} {facts['attempt']:7} {facts['segment']:7}  {facts['block']:16} {facts['outcome']:10} "
@@ -228,7 +229,8 @@ def _episode_line(episode: EpisodeLog) -> str:
     )
 
 
-def _episode_facts(episode: EpisodeLog) -> dict[str, Any]:
+def _build_episode_facts(episode: EpisodeLog) -> dict[str, Any]:
+    """Return an episode as both summaries show it."""
     plan = episode.plan
     times_ms = response_ms(episode)
     answered = times_ms[~np.isnan(times_ms)]
@@ -283,9 +285,9 @@ def _recover_and_record(log: Path, note: AuditNote) -> RecoveryResult:
     if log.name.endswith(PART_SUFFIX):
         finished = _recover_live_file(log)
     else:
-        added = _add_missing_heads(log)
-        if added:
-            outcome = f"whole; {added} chain heads added to the enrolment log"
+        n_added = _add_missing_heads(log)
+        if n_added:
+            outcome = f"whole; {n_added} chain heads added to the enrolment log"
             _record_recovery(log, outcome, note)
             return RecoveryResult(f"{log}: {outcome}")
         finished = repair_log(log)
@@ -293,20 +295,23 @@ def _recover_and_record(log: Path, note: AuditNote) -> RecoveryResult:
         return RecoveryResult(f"{log}: another server has gone on with this session, so it was put aside")
     if finished.readable:
         record_log_end(finished.path)
-        _record_recovery(finished.path, f"ended: {finished.end_reason}; {finished.damage}", note)
+        outcome = f"ended: {finished.end_reason}"
+        if finished.damage:
+            outcome += f"; {finished.damage}"
+        _record_recovery(finished.path, outcome, note)
     return RecoveryResult(finished.describe(), finished.damaged)
 
 
 def _recover_live_file(part: Path) -> FinalizedLog | None:
     """Finish a truncated log; return None if another server has resumed the session."""
-    table = open_lease_table(study_folder(part))
-    if table:
-        return SessionLeases(table).recover(part)
+    lease_table = open_lease_table(study_folder(part))
+    if lease_table:
+        return SessionLeases(lease_table).recover(part)
     return recover_log(part)
 
 
 def _record_recovery(log: Path, outcome: str, note: AuditNote) -> None:
-    entry = LogRecovered(log.name, now_text(), outcome.removesuffix("; "), note.reason, note.experimenter)
+    entry = LogRecovered(log.name, now_text(), outcome, note.reason, note.experimenter)
     record_intervention(study_folder(log), entry)
 
 

@@ -68,17 +68,18 @@ def record_missing_heads(log: Path) -> int:
 def find_unrecorded_logs(study: Path) -> list[Path]:
     """Find the finished logs with a chain head missing from the enrolment log, as after a server was killed."""
     lines = open_enrolment_log(study).read()
-    known = {(line.sealed, line.segment) for line in lines if isinstance(line, ChainHeadRecorded)}
+    recorded = {(line.sealed, line.segment) for line in lines if isinstance(line, ChainHeadRecorded)}
     logs = []
     for folder, names in find_log_folders(study):
         for log, files in group_sessions(folder, names).items():
             is_finished = log in files
-            if is_finished and any((head.sealed, head.segment) not in known for head in _read_chain_heads(log)):
+            if is_finished and any((head.sealed, head.segment) not in recorded for head in _read_chain_heads(log)):
                 logs.append(log)
     return logs
 
 
 def _read_chain_heads(log: Path) -> list[ChainHeadRecorded]:
+    """Return the chain head of each segment of a finished log; an empty list if the last segment has none."""
     summary = read_summary(log)
     if summary is None or not summary.ends or CHAIN_KEY not in summary.ends[-1]:
         return []
@@ -96,7 +97,7 @@ def write_manifest(study: Path) -> StudyManifest:
     files = _digest_files(study)
     if not files:
         raise LogError(f"{study} is not a folder that contains files; name a study's folder")
-    manifest = StudyManifest(_digest(files), files)
+    manifest = StudyManifest(_digest_study(files), files)
     with replace_durably(study / MANIFEST_FILE_NAME, study / _UNFINISHED) as file:
         file.write(msgspec.json.format(msgspec.json.encode(manifest), indent=1) + b"\n")
     return manifest
@@ -104,6 +105,8 @@ def write_manifest(study: Path) -> StudyManifest:
 
 def find_changed_files(study: Path, digest_or_file: str) -> Iterator[str]:
     """Yield a line for each difference of a study's folder from a manifest, given as its digest or its file.
+
+    If a digest is given, and the manifest in the study's folder has another digest, there is at most one line.
 
     Raises:
         LogError: if the argument is neither.
@@ -114,19 +117,24 @@ def find_changed_files(study: Path, digest_or_file: str) -> Iterator[str]:
         digest = _parse_digest(digest_or_file)
         file = study / MANIFEST_FILE_NAME
         manifest = _read_manifest(file)
-        if manifest is None or manifest.digest != digest:
-            digest_now = _digest(_digest_files(study))
+        if manifest is None or manifest.digest != digest:  # the digests of single files are unknown
+            digest_now = _digest_study(_digest_files(study))
             if digest_now != digest:
                 yield f"the study is not as it was sealed with {digest[:16]}: it is {digest_now[:16]} now"
             return
     manifest = _read_manifest(file)
-    if manifest is None or _digest(manifest.files) != manifest.digest:
+    if manifest is None or _digest_study(manifest.files) != manifest.digest:
         yield f"{file} is not a manifest, or was changed"
         return
     yield from _compare_files(study, manifest)
 
 
 def _parse_digest(text: str) -> str:
+    """Return a digest in lower case.
+
+    Raises:
+        LogError: if the text is not a digest.
+    """
     digest = text.lower()
     if len(digest) != _DIGITS or not set(digest) <= set("0123456789abcdef"):
         raise LogError(f"{text!r} is neither a manifest file nor a digest; a digest has {_DIGITS} hexadecimal digits")
@@ -134,9 +142,11 @@ def _parse_digest(text: str) -> str:
 
 
 def _compare_files(study: Path, manifest: StudyManifest) -> Iterator[str]:
+    """Yield a line for each file that was removed, added or changed since the manifest was made."""
     digests = _digest_files(study)
-    sealed = {name for name in manifest.files if not is_cache(Path(name))}  # earlier versions sealed one cache, too
-    for name in sorted({*sealed, *digests}):
+    # earlier versions sealed one cache, too
+    sealed_names = {name for name in manifest.files if not is_cache(Path(name))}
+    for name in sorted({*sealed_names, *digests}):
         if name not in digests:
             yield f"{name}{GONE}"
         elif name not in manifest.files:
@@ -167,7 +177,7 @@ def _digest_files(study: Path) -> dict[str, str]:
     return dict(sorted(digests.items()))
 
 
-def _digest(files: dict[str, str]) -> str:
-    """Digest the lines that ``sha256sum`` prints for these files, in the order of their paths."""
+def _digest_study(files: dict[str, str]) -> str:
+    """Return the SHA-256 of the lines that ``sha256sum`` prints for files, given their digests by path."""
     lines = "".join(f"{digest}  {name}\n" for name, digest in sorted(files.items()))
     return hashlib.sha256(lines.encode()).hexdigest()

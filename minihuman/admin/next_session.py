@@ -64,7 +64,7 @@ def plan_next_session(
             day unrecorded.
         prefix: the prefix of a new participant's code.
         utc_offset_min: the participant's offset from UTC in minutes; None uses that of the previous session.
-        publish: stores each log that is finished first where all servers find it, before the log is renamed.
+        publish: stores each truncated log, once it is finished and before it is renamed, where all servers find it.
 
     Raises:
         AllocationError: if there is no slot to take, or the session is complete.
@@ -72,19 +72,19 @@ def plan_next_session(
         OSError: if the data folder cannot be read or written.
     """
     study_dir = data / protocol.study.name
-    another_day = session > 1 and _check_previous_session(
-        protocol, study_dir, participant, session, any_day=any_day, utc_offset_min=utc_offset_min
-    )
+    is_on_other_day = False
+    if session > 1:
+        previous = _read_previous_session(study_dir, participant, session)
+        is_on_other_day = _is_on_other_day(protocol, previous, session, utc_offset_min, allowed=any_day)
     enrolled, slot = take_slot(
         protocol, study_dir, participant=participant, group=group, note=note or NO_NOTE, prefix=prefix
     )
-    if another_day and note is not None:
-        entry = DayOverridden(enrolled.id, session, now_text(), note.reason, note.experimenter)
-        record_intervention(study_dir, entry)
+    if is_on_other_day and note is not None:
+        record_intervention(study_dir, DayOverridden(enrolled.id, session, now_text(), note.reason, note.experimenter))
     folder = session_folder(data, protocol.study.name, enrolled.id, session)
     _finish_leftovers(folder, study_dir, publish)
     if folder.is_dir() and list_sessions(folder):
-        return _plan_rest(read_log(folder))
+        return _plan_remaining_session(read_log(folder))
     if protocol.allocation.stratify_by and session == 1:
         enrolled = Participant(enrolled.id, enrolled.index, "")  # drawn, or drawn again, after the answer
     return expand_protocol(
@@ -119,20 +119,11 @@ def plan_drawn_session(protocol: Protocol, data: Path, undrawn: SessionPlan, str
     )
 
 
-def _check_previous_session(
-    protocol: Protocol,
-    study_dir: Path,
-    participant: str | None,
-    session: int,
-    *,
-    any_day: bool,
-    utc_offset_min: int | None,
-) -> bool:
-    """Require that the previous session is complete; return whether this one is on a day that is not allowed.
+def _read_previous_session(study_dir: Path, participant: str | None, session: int) -> SessionLog:
+    """Read the log of the session before a later one, and require that it is complete.
 
     Raises:
-        AllocationError: if the previous session is missing, incomplete or was screened out, or the day is not allowed
-            and ``any_day`` is false.
+        AllocationError: if no participant is named, or the previous session is missing, incomplete or was screened out.
     """
     if participant is None:
         raise AllocationError(f"session {session} needs a participant; name one with --participant")
@@ -150,10 +141,21 @@ def _check_previous_session(
             "participant"
         )
     _require_complete(log)
+    return log
+
+
+def _is_on_other_day(
+    protocol: Protocol, previous: SessionLog, session: int, utc_offset_min: int | None, *, allowed: bool
+) -> bool:
+    """Return whether a session is run today although the protocol plans it for another day.
+
+    Raises:
+        AllocationError: if so, and this is not allowed.
+    """
     try:
-        _check_day(protocol, log, session, utc_offset_min)
+        _require_due_today(protocol, previous, session, utc_offset_min)
     except AllocationError:
-        if any_day:
+        if allowed:
             return True
         raise
     return False
@@ -168,7 +170,7 @@ def _require_complete(log: SessionLog) -> None:
     n_left = len(find_remaining_episodes(log))
     if n_left:
         unfinished = f"{n_left} episodes of session {session} left to play"
-    elif not is_only_closing_left(log.plan.parts, _resume_state(log).part):
+    elif not is_only_closing_left(log.plan.parts, _build_resume_state(log).part):
         unfinished = f"not ended session {session}"
     else:
         return
@@ -201,13 +203,14 @@ def _is_running(folder: Path) -> bool:
 
 
 def find_unused_slots(study_dir: Path) -> tuple[str, ...]:
-    """Return the codes of participants who have a slot and no log, as when a program is killed before consent."""
+    """Return the codes of participants who have a slot and no log, as when a program is killed before consent.
+
+    Participants who were replaced are left out.
+    """
+    excluded = set(list_replaced(read_enrolment_log(study_dir)))
     if study_dir.is_dir():
-        played = {row.path.name.partition("_")[0] for row in read_session_index(study_dir)}
-    else:
-        played = set()
-    replaced = {*list_replaced(read_enrolment_log(study_dir))}
-    return tuple(slot.participant for slot in read_enrolled(study_dir) if slot.participant not in played | replaced)
+        excluded |= {row.path.name.partition("_")[0] for row in read_session_index(study_dir)}
+    return tuple(slot.participant for slot in read_enrolled(study_dir) if slot.participant not in excluded)
 
 
 def find_start_date(log: SessionLog) -> date:
@@ -231,7 +234,9 @@ def find_local_date(when: datetime, log: SessionLog, utc_offset_min: int | None 
     return (when.astimezone(UTC) + timedelta(minutes=offset_min)).date()
 
 
-def _check_day(protocol: Protocol, before: SessionLog, session: int, utc_offset_min: int | None = None) -> None:
+def _require_due_today(
+    protocol: Protocol, previous: SessionLog, session: int, utc_offset_min: int | None = None
+) -> None:
     """Raise AllocationError unless a session is due today, counted in days after the previous one."""
     if session > len(protocol.sessions):
         return
@@ -239,7 +244,7 @@ def _check_day(protocol: Protocol, before: SessionLog, session: int, utc_offset_
     if days_after_previous is None:
         return
     earliest, latest = days_after_previous
-    passed = (find_local_date(wall_time(), before, utc_offset_min) - find_start_date(before)).days
+    passed = (find_local_date(wall_time(), previous, utc_offset_min) - find_start_date(previous)).days
     if not earliest <= passed <= latest:
         raise AllocationError(
             f"session {session} is due {earliest} to {latest} days after session {session - 1}, which was {passed} "
@@ -248,7 +253,7 @@ def _check_day(protocol: Protocol, before: SessionLog, session: int, utc_offset_
 
 
 def is_session_complete(log: SessionLog) -> bool:
-    """Return whether a session has nothing left to do."""
+    """Return whether a session ended for good or, in a log older than session parts, all episodes are finished."""
     return log.end_reason in FINAL_END_REASONS or (not log.plan.parts and not find_remaining_episodes(log))
 
 
@@ -261,8 +266,8 @@ def find_remaining_episodes(log: SessionLog) -> list[int]:
     return [episode.episode for episode in log.plan.episodes if episode.episode not in finished]
 
 
-def _plan_rest(log: SessionLog) -> SessionPlan:
-    """Plan the rest of an interrupted session.
+def _plan_remaining_session(log: SessionLog) -> SessionPlan:
+    """Return the plan of an interrupted session, to be continued in a new segment at the first unfinished episode.
 
     Raises:
         AllocationError: if the session is complete.
@@ -281,11 +286,11 @@ def _plan_rest(log: SessionLog) -> SessionPlan:
         first_episode = len(log.plan.episodes)
     last_segment = max(int(start["segment"]) for start in log.metadata["segments"])
     return msgspec.structs.replace(
-        log.plan, first_episode=first_episode, segment=last_segment + 1, standing=_resume_state(log)
+        log.plan, first_episode=first_episode, segment=last_segment + 1, standing=_build_resume_state(log)
     )
 
 
-def _resume_state(log: SessionLog) -> ResumeState:
+def _build_resume_state(log: SessionLog) -> ResumeState:
     """Return the state from which a session is resumed: its part, points, attempts and outcomes so far."""
     part = log.plan.standing.part
     points = log.plan.standing.points

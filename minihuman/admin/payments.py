@@ -39,7 +39,7 @@ def compute_payments(study_dir: Path) -> Iterator[Payment]:
     """
     ids = Recruitment(study_dir).ids()
     enrolled = {line.participant for line in read_enrolled(study_dir)}
-    payments: dict[tuple[str, int], Path] = {}
+    log_paths: dict[tuple[str, int], Path] = {}  # the first log of each participant's session
     for row in read_session_index(study_dir):
         folder_code = row.path.relative_to(study_dir).parts[0]
         if row.summary is None and folder_code in enrolled:
@@ -47,14 +47,19 @@ def compute_payments(study_dir: Path) -> Iterator[Payment]:
         if row.summary is None or row.summary.participant not in enrolled:
             continue
         session_key = (row.summary.participant, row.summary.session)
-        other = payments.setdefault(session_key, row.path)
-        if other != row.path:
-            raise LogError(f"{row.path} and {other} record the same session; move one of them out of {study_dir}")
+        first_path = log_paths.setdefault(session_key, row.path)
+        if first_path != row.path:
+            raise LogError(f"{row.path} and {first_path} record the same session; move one of them out of {study_dir}")
         yield _compute_payment(row.path, ids)
 
 
 def _compute_payment(path: Path, ids: Mapping[str, PlatformId]) -> Payment:
-    """Compute the payment for the session whose log is at ``path``."""
+    """Compute the payment for the session whose log is at ``path``; ``ids`` are platform ids by participant.
+
+    Raises:
+        AllocationError: if the session's protocol has no [bonus].
+        LogError: if the log cannot be read.
+    """
     log = read_log(path.parent)  # the folder, as a truncated segment may follow the finished log
     bonus = log.plan.bonus
     if bonus is None:
@@ -62,7 +67,7 @@ def _compute_payment(path: Path, ids: Mapping[str, PlatformId]) -> Payment:
     code = log.plan.participant.id
     points = next((event.total for event in reversed(log.part_events) if isinstance(event, Scored)), 0.0)
     platform_id = ids.get(code) or PlatformId(code, platform="", id="")
-    stranded = log.stranded or log.end_reason == "screened_out"
+    has_base_pay = log.stranded or log.end_reason == "screened_out"
     return Payment(
         code,
         log.plan.session,
@@ -70,7 +75,7 @@ def _compute_payment(path: Path, ids: Mapping[str, PlatformId]) -> Payment:
         platform_id.id,
         log.end_reason,
         points,
-        round(compute_bonus(bonus, points, log.waited_ns, stranded), 2),
+        round(compute_bonus(bonus, points, log.waited_ns, has_base_pay), 2),
         bonus.currency,
         log.waited_ns / 60e9,
     )
@@ -92,7 +97,10 @@ def _format_cell(cell: str | int | float) -> str | int:
 
 
 def format_platform_payments(payments: Iterator[Payment], platform: str) -> str:
-    """Format lines of ``id,amount`` for Prolific: the sum over each person's sessions, without sums of zero."""
+    """Format one platform's payments as lines of ``id,amount``, the form that Prolific accepts.
+
+    An amount is the sum over a person's sessions; sums of zero are left out.
+    """
     sums: dict[str, float] = {}
     for payment in payments:
         if payment.platform == platform:

@@ -69,7 +69,9 @@ PROBABILITY_TOLERANCE = 1e-5  # of a probability, since processors may sum in di
 
 
 def verify_advice(log: SessionLog, make_world: WorldFactory) -> Iterator[tuple[str, bool]]:
-    """Yield lines about a session's policy advice, each with whether it reports success.
+    """Recompute a session's policy advice, up to the first step that differs, and yield lines about it.
+
+    Each line comes with whether it reports success. There are none for a session without advice.
 
     Raises:
         LogError: if a policy's file is missing from the study's folder, or was changed.
@@ -84,16 +86,16 @@ def verify_advice(log: SessionLog, make_world: WorldFactory) -> Iterator[tuple[s
         teaching = episode.taught
         if teaching is None or not teaching.policy:
             continue
-        name = teaching.policy
-        if name not in agents:
-            agents[name] = _load_agent(name, policies)
+        policy = teaching.policy
+        if policy not in agents:
+            agents[policy] = _load_agent(policy, policies)
         with closing(make_world(episode.plan.world, episode.plan.options)) as world:
-            for step, deviation in _advice_deviations(episode, teaching, agents[name], world):
+            for step, deviation in _compute_advice_deviations(episode, teaching, agents[policy], world):
                 n_states += 1
                 largest_deviation = max(largest_deviation, deviation)
                 if deviation > PROBABILITY_TOLERANCE:
-                    place = f"{episode.name} step {step}"
-                    yield f"{place}: policy {name[:16]} now says otherwise, by {deviation:.3g} of a probability", False
+                    difference = f"policy {policy[:16]} now says otherwise, by {deviation:.3g} of a probability"
+                    yield f"{episode.name} step {step}: {difference}", False
                     return
     if n_states:
         agreement = "equal" if not largest_deviation else f"within {largest_deviation:.1g}"
@@ -107,10 +109,16 @@ def _load_agent(policy: str, policies: PolicyStore) -> BaseAgent:
     return make_policy_agent(policies.checked(policy))
 
 
-def _advice_deviations(
+def _compute_advice_deviations(
     episode: EpisodeLog, teaching: TeachingRecord, agent: BaseAgent, world: World
 ) -> Iterator[tuple[int, float]]:
-    """Yield each step for which the policy gave advice, with the largest difference of a recomputed probability."""
+    """Yield the index of each step with advice, and the largest deviation of its recomputed from logged probabilities.
+
+    Nothing is yielded if the policy cannot play in the world and gave no advice.
+
+    Raises:
+        MinihumanError: if the policy cannot play in the world although it gave advice.
+    """
     world.reset(episode.plan.seed)
     try:
         agent.begin(episode.plan, world)

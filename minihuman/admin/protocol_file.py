@@ -45,6 +45,8 @@ _USUAL_WORLDS = {  # by template
     "two-groups": f"minihuman/MiniGrid-Empty-Random-6x6-v0,minihuman/MiniGrid-MultiRoom-N2-S4-v0,{_USUAL_WORLD}",
 }
 _STEPS = 100  # step limit for a world without a limit of its own
+_TEAM_PERIOD_MS = 150.0  # between the joint steps of a new team study
+_MAX_DRAWN_KEYS = 9  # the digits 1 to 9
 _MOVES = ("left", "right", "forward", "turn_left", "turn_right", "move_forward", "up", "down")
 SCHEMA_FILE = "minihuman.schema.json"
 MAX_PROTOCOL_BYTES = 2**20
@@ -81,8 +83,11 @@ class ProtocolDraft:
     @property
     def worlds(self) -> list[str]:
         """Return the ids of the worlds, in order; the template's if none is given."""
-        usual = (world for name, world in _USUAL_WORLDS.items() if self.has(name))
-        return [world.strip() for world in (self.world or next(usual, _USUAL_WORLD)).split(",")]
+        ids = self.world
+        if not ids:
+            template_ids = (ids for template, ids in _USUAL_WORLDS.items() if self.has(template))
+            ids = next(template_ids, _USUAL_WORLD)
+        return [world_id.strip() for world_id in ids.split(",")]
 
     @property
     def staged(self) -> bool:
@@ -112,15 +117,20 @@ class ProtocolDraft:
             draft=self,
             schema=SCHEMA_FILE,
             seed=self._derive_seed(),
-            untranslated="" if self.language in texts_by_language else _list_english_words(),
+            untranslated="" if self.language in texts_by_language else _format_english_words(),
             texts=texts_by_language.get(self.language, texts_by_language[ENGLISH]),
             pool=[*dict.fromkeys(key for task in tasks for key in task["pool"])],
-            blocks=[{"name": name, **tasks[place]} for name, place in self._place_worlds().items()],
+            blocks=[{"name": name, **tasks[index]} for name, index in self._assign_worlds_to_blocks().items()],
         )
         decode_protocol(text.encode(), f"{self.name}.toml")
         return text
 
     def _check_templates(self) -> None:
+        """Require that all templates exist and can be combined.
+
+        Raises:
+            ProtocolError: if one does not exist, or two exclude each other.
+        """
         unknown = [name for name in self.templates if name not in TEMPLATES]
         if unknown:
             raise ProtocolError(f"template {unknown[0]!r} is unknown; templates: {', '.join(TEMPLATES)}")
@@ -134,18 +144,18 @@ class ProtocolDraft:
             )
 
     def _derive_seed(self) -> int:
-        """Derive the study's seed, of at most six digits, from its name."""
+        """Derive the study's seed, of at most six digits, from its name by a polynomial hash."""
         digest = 0
-        for place, letter in enumerate(self.name):
-            digest += ord(letter) * 31**place
+        for index, letter in enumerate(self.name):
+            digest += ord(letter) * 31**index
         return digest % 10**6
 
-    def _place_worlds(self) -> dict[str, int]:
-        """Return the name of each block with the place of its world in ``worlds``."""
+    def _assign_worlds_to_blocks(self) -> dict[str, int]:
+        """Return the index in ``worlds`` of each block's world, by the block's name."""
         if self.staged:
             return _STAGES
         if len(self.worlds) > 1:
-            return {f"world-{place + 1}": place for place in range(len(self.worlds))}
+            return {f"world-{index + 1}": index for index in range(len(self.worlds))}
         return {"play": 0}
 
     def describe_outcomes(self) -> list[str]:
@@ -167,18 +177,18 @@ class ProtocolDraft:
             max_steps = world.step_limit or _STEPS
             task: dict[str, Any] = {"world": world_id, "max_steps": max_steps, "noop": find_noop(world)}
         if self.has("trials"):
-            return task | {"max_steps": 1, "others": "", **_fixed_keys({"space": "press"}), "fixed": ""}
+            return task | {"max_steps": 1, "others": "", **_describe_fixed_keys({"space": "press"}), "fixed": ""}
         if self.has("team"):
             keys = {key: name for key, name in keys.items() if name != task["noop"]}
-            period_ms = 150.0
+            period_ms = _TEAM_PERIOD_MS
         if period_ms is not None:
-            task |= _fixed_keys(keys) | {"period_ms": round(period_ms, 3)}
+            task |= _describe_fixed_keys(keys) | {"period_ms": round(period_ms, 3)}
         else:
             moves = [name for name in names if name in useful] or list(names)
-            task |= self._drawn_keys(moves[:9])
+            task |= self._describe_drawn_keys(moves[:_MAX_DRAWN_KEYS])
         return task | {"others": ", ".join(name for name in names if name not in task["actions"]) or "none"}
 
-    def _drawn_keys(self, actions: list[str]) -> dict[str, Any]:
+    def _describe_drawn_keys(self, actions: list[str]) -> dict[str, Any]:
         """Return the template's variables for a block whose key map is drawn at random."""
         key_map = self.keys
         if self.staged or self.has("two-groups"):
@@ -186,7 +196,7 @@ class ProtocolDraft:
         return {
             "free": True,
             "actions": actions,
-            "pool": [*DIGITS[:9]],
+            "pool": [*DIGITS[:_MAX_DRAWN_KEYS]],
             "key_map": key_map,
             "fixed": "",
             "given": _format_keys(dict(zip(DIGITS, actions, strict=False))),
@@ -194,7 +204,7 @@ class ProtocolDraft:
         }
 
 
-def _fixed_keys(keys: Mapping[str, str]) -> dict[str, Any]:
+def _describe_fixed_keys(keys: Mapping[str, str]) -> dict[str, Any]:
     """Return the template's variables for a block whose keys have fixed actions."""
     pairs = _format_keys(keys)
     return {
@@ -212,18 +222,18 @@ def _format_keys(keys: Mapping[str, str]) -> str:
     return ", ".join(f'{key} = "{action}"' for key, action in keys.items())
 
 
-def _list_english_words() -> str:
-    """Return the ``[words]`` tables in English, to be translated for a language that is not shipped."""
+def _format_english_words() -> str:
+    """Format the ``[words]`` tables in English as TOML, to be translated for a language that is not shipped."""
     tables: dict[str, list[str]] = {}
     for key, text in load_words(ENGLISH).items():
         table, _, name = key.rpartition(".")
         if table != "mission":
             tables.setdefault(table, []).append(f"{name} = {json.dumps(text, ensure_ascii=False)}")
-    parts = []
+    formatted_tables = []
     for table, lines in tables.items():
         head = f"[words.{table}]" if table else "[words]"
-        parts.append("\n".join([head, *lines, ""]))
-    return "\n".join(parts)
+        formatted_tables.append("\n".join([head, *lines, ""]))
+    return "\n".join(formatted_tables)
 
 
 def make_study_name(words: str) -> str:
@@ -257,8 +267,8 @@ def read_protocol(path: Path, *, trust: Permission = False) -> Protocol:
     except OSError as error:
         raise ProtocolError(f"{path} cannot be read: {error.strerror}; name a protocol's TOML file") from error
     protocol = decode_protocol(toml, str(path))
-    for line in list_old_names(protocol, str(path)):
-        warnings.warn(line, FutureWarning, stacklevel=2)
+    for message in list_old_names(protocol, str(path)):
+        warnings.warn(message, FutureWarning, stacklevel=2)
     folder = path.resolve().parent
     refused = admit_worlds(list_named_worlds(msgspec.to_builtins(protocol)), folder, trust)
     if refused:
@@ -268,17 +278,24 @@ def read_protocol(path: Path, *, trust: Permission = False) -> Protocol:
         )
     pictures = _find_pictures(protocol)
     policies = _find_policies(protocol)
-    named = {name: _read_picture(folder, name, f"{path}: {field}") for name, field in pictures.items()}
-    named |= {name: _read_policy(folder, name, f"{path}: {field}") for name, field in policies.items()}
-    named |= _read_stimuli(protocol, folder, path)
-    return msgspec.structs.replace(protocol, files=named)
+    contents = {name: _read_picture(folder, name, f"{path}: {field}") for name, field in pictures.items()}
+    contents |= {name: _read_policy(folder, name, f"{path}: {field}") for name, field in policies.items()}
+    contents |= _read_stimuli(protocol, folder, path)
+    return msgspec.structs.replace(protocol, files=contents)
 
 
-def list_named_worlds(value: object) -> Iterator[NamedWorld]:
-    """Yield every world that a protocol's table names, including the overrides of groups."""
-    if isinstance(value, Mapping):
-        world = value.get("world")
-        options = value.get("options")
+def list_named_worlds(node: object) -> Iterator[NamedWorld]:
+    """Yield the id and options of every world that a protocol's table names, including the overrides of groups.
+
+    The id is "" in a table that has options only; the options are empty in a table that has a world only.
+
+    Args:
+        node: a protocol's table, or anything within it.
+    """
+    children: tuple[object, ...] = ()
+    if isinstance(node, Mapping):
+        world = node.get("world")
+        options = node.get("options")
         match world, options:
             case str(), Mapping():
                 yield world, options
@@ -286,14 +303,15 @@ def list_named_worlds(value: object) -> Iterator[NamedWorld]:
                 yield world, {}
             case _, Mapping():
                 yield "", options
-        value = tuple(value.values())
-    if isinstance(value, list | tuple):
-        for part in value:
-            yield from list_named_worlds(part)
+        children = tuple(node.values())
+    elif isinstance(node, list | tuple):
+        children = tuple(node)
+    for child in children:
+        yield from list_named_worlds(child)
 
 
 def _find_pictures(protocol: Protocol) -> dict[str, str]:
-    """Return the pictures of a protocol's pages, each with the field that names it."""
+    """Return the file names of a protocol's logo and its pages' pictures, each with the field that names it."""
     fields: dict[str, str] = {}
     if protocol.study.logo:
         fields[protocol.study.logo] = "$.study.logo"
@@ -304,12 +322,12 @@ def _find_pictures(protocol: Protocol) -> dict[str, str]:
 
 
 def _list_group_variants(protocol: Protocol, parts: Sequence[Overridable]) -> list[tuple[int, Overridable]]:
-    """Return each part with its index once per group, with the group's overrides applied."""
-    return [(place, apply_overrides(part, group.name)) for place, part in enumerate(parts) for group in protocol.groups]
+    """Return each part once per group, with its index and with the group's overrides applied."""
+    return [(index, apply_overrides(part, group.name)) for index, part in enumerate(parts) for group in protocol.groups]
 
 
 def _find_policies(protocol: Protocol) -> dict[str, str]:
-    """Return the policy files of the agents in any group, each with the field that names it."""
+    """Return the names of the policy files of the agents in any group, each with the field that names it."""
     agent_fields: dict[str, str] = {}
     team_fields: dict[str, str] = {}
     for number, block in _list_group_variants(protocol, protocol.blocks):
@@ -322,43 +340,58 @@ def _find_policies(protocol: Protocol) -> dict[str, str]:
 
 
 def _is_policy_file(name: str) -> bool:
-    """Return whether an agent's name in a protocol is that of a policy file beside it."""
+    """Return whether an agent's name in a protocol is the name of a policy file, not of another kind of agent."""
     if name == LATEST_POLICY or name.startswith(f"{SIMULATED}:"):
         return False
     return not is_registered_agent(name)
 
 
 def _read_stimuli(protocol: Protocol, folder: Path, path: Path) -> dict[str, bytes]:
-    """Read the tables of stimuli and the images that they name."""
+    """Read the tables of stimuli, and the images and sounds that tables and timelines name.
+
+    Args:
+        protocol: the decoded protocol.
+        folder: the protocol's folder, resolved.
+        path: the protocol's file, which errors name.
+
+    Returns:
+        The contents of each file, by the name that the protocol gives it.
+    """
     contents: dict[str, bytes] = {}
     for number, block in _list_group_variants(protocol, protocol.blocks):
         if block.stimuli is not None:
             field = f"{path}: $.blocks[{number}].stimuli"
             name = block.stimuli.file
             if name:
-                contents[name] = _read_beside(
+                contents[name] = _read_from_folder(
                     folder, name, field, MAX_PROTOCOL_BYTES, "copy it into the protocol's folder"
                 )
-            for image, place in read_images(block.stimuli, contents):
-                contents[image] = _read_picture(folder, image, f"{field}: {place}: column 'image'")
-        for image, place in read_timeline_images(block, contents):
-            field = f"{path}: $.blocks[{number}].timeline: {place}"
+            for image, row in read_images(block.stimuli, contents):
+                contents[image] = _read_picture(folder, image, f"{field}: {row}: column 'image'")
+        for image, source in read_timeline_images(block, contents):
+            field = f"{path}: $.blocks[{number}].timeline: {source}"
             contents[image] = _read_picture(folder, image, field, formats=TIMELINE_IMAGE_FORMATS)
-        for sound, place in read_timeline_sounds(block, contents):
-            field = f"{path}: $.blocks[{number}].timeline: {place}"
-            contents[sound] = _read_beside(
+        for sound, source in read_timeline_sounds(block, contents):
+            field = f"{path}: $.blocks[{number}].timeline: {source}"
+            contents[sound] = _read_from_folder(
                 folder, sound, field, MAX_SOUND_BYTES, "copy it into the protocol's folder, or use tone or noise"
             )
     return contents
 
 
 def _read_picture(folder: Path, name: str, field: str, *, formats: tuple[str, ...] = ("PNG",)) -> bytes:
-    """Read a picture in the protocol's folder after decoding it; ``field`` names its place in errors.
+    """Return the bytes of a picture in the protocol's folder, after checking its size and that it can be decoded.
+
+    Args:
+        folder: the protocol's folder, resolved.
+        name: the picture's name in the protocol.
+        field: the field that names the picture, for errors.
+        formats: the formats that are accepted, as Pillow names them.
 
     Raises:
         ProtocolError: if it cannot be read, is of another format, or is too large.
     """
-    content = _read_beside(folder, name, field, MAX_PICTURE_BYTES, "copy it into the protocol's folder")
+    content = _read_from_folder(folder, name, field, MAX_PICTURE_BYTES, "copy it into the protocol's folder")
     try:
         with warnings.catch_warnings(), Image.open(io.BytesIO(content), formats=formats) as image:
             warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # large pictures are refused below
@@ -373,8 +406,13 @@ def _read_picture(folder: Path, name: str, field: str, *, formats: tuple[str, ..
 
 
 def _read_policy(folder: Path, name: str, field: str) -> bytes:
-    cure = "copy the policy file into the protocol's folder, or name a registered agent"
-    content = _read_beside(folder, name, field, MAX_POLICY_BYTES, cure)
+    """Return the bytes of a policy file in the protocol's folder, after checking that an agent can be made from it.
+
+    Raises:
+        ProtocolError: if the file cannot be read, or no agent can be made from it.
+    """
+    remedy = "copy the policy file into the protocol's folder, or name a registered agent"
+    content = _read_from_folder(folder, name, field, MAX_POLICY_BYTES, remedy)
     try:
         make_policy_agent(folder / name)
     except MinihumanError as error:
@@ -382,36 +420,41 @@ def _read_policy(folder: Path, name: str, field: str) -> bytes:
     return content
 
 
-def _read_beside(folder: Path, name: str, field: str, limit: int, cure: str) -> bytes:
-    """Read a file in the protocol's folder, which is given as a resolved path.
+def _read_from_folder(folder: Path, name: str, field: str, max_bytes: int, remedy: str) -> bytes:
+    """Read a file in the protocol's folder.
+
+    Args:
+        folder: the protocol's folder, resolved.
+        name: the file's name in the protocol.
+        field: the field that names the file, for errors.
+        max_bytes: the largest size of the file.
+        remedy: what the user can do about an error.
 
     Raises:
-        ProtocolError: if it is not a regular file in the folder, is larger than ``limit`` bytes, or cannot be read.
+        ProtocolError: if it is not a regular file in the folder, is larger than ``max_bytes``, or cannot be read.
     """
     try:
         path = (folder / name).resolve(strict=True)
-        if not path.is_relative_to(folder):
-            raise ProtocolError(f"{field}: {name!r} is outside the protocol's folder; {cure}")
-        return _read_file(path, limit)
+        if path.is_relative_to(folder):
+            return _read_file(path, max_bytes)
     except (OSError, ValueError, RuntimeError) as error:
-        if isinstance(error, ProtocolError):
-            raise
         reason = getattr(error, "strerror", None) or error
-        raise ProtocolError(f"{field}: {folder / name} cannot be read: {reason}; {cure}") from error
+        raise ProtocolError(f"{field}: {folder / name} cannot be read: {reason}; {remedy}") from error
+    raise ProtocolError(f"{field}: {name!r} is outside the protocol's folder; {remedy}")
 
 
-def _read_file(path: Path, limit: int) -> bytes:
+def _read_file(path: Path, max_bytes: int) -> bytes:
     """Read a regular file of a limited size.
 
     Raises:
-        OSError: if it is not a regular file, is larger than ``limit`` bytes, or cannot be read.
+        OSError: if it is not a regular file, is larger than ``max_bytes``, or cannot be read.
     """
     if not stat.S_ISREG(path.stat().st_mode):
         raise OSError(errno.EINVAL, "it is not a regular file")
     with path.open("rb") as file:
-        content = file.read(limit + 1)
-    if len(content) > limit:
-        raise OSError(errno.EFBIG, f"it is larger than {limit} bytes")
+        content = file.read(max_bytes + 1)
+    if len(content) > max_bytes:
+        raise OSError(errno.EFBIG, f"it is larger than {max_bytes} bytes")
     return content
 
 
@@ -419,8 +462,11 @@ _PACKAGE = Path(__file__).parents[1]
 
 
 def find_shipped_protocol(name: str) -> Path:
-    """Return the path of a shipped protocol, given the file's name without its suffix."""
-    inside = _PACKAGE / "protocols" / f"{name}.toml"
-    if inside.exists():
-        return inside
+    """Return the path of a shipped protocol, given the file's name without its suffix.
+
+    If the installed package does not contain it, the path is that in a source checkout, whether or not it exists.
+    """
+    path_in_package = _PACKAGE / "protocols" / f"{name}.toml"
+    if path_in_package.exists():
+        return path_in_package
     return _PACKAGE.parent / "protocols" / f"{name}.toml"

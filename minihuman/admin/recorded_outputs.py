@@ -39,7 +39,7 @@ def record_output(study_dir: Path, kind: str, out: Path) -> str:
         return ""
     output = RecordedOutput(study_dir.name, kind, str(out.absolute()))
     try:
-        with _open(study_dir.parent).hold() as journal:
+        with _open_output_list(study_dir.parent).hold() as journal:
             if output not in journal.lines:
                 journal.append(output)
     except OSError as error:  # a read-only copy of the data folder
@@ -48,14 +48,14 @@ def record_output(study_dir: Path, kind: str, out: Path) -> str:
 
 
 def list_outputs(study_dir: Path) -> Iterator[RecordedOutput]:
-    """Yield the outputs of a study that are still where they were written."""
+    """Yield the recorded outputs of a study whose folders still exist where they were written."""
     study_dir = study_dir.absolute()
-    for output in _open(study_dir.parent).read():
+    for output in _open_output_list(study_dir.parent).read():
         if output.study == study_dir.name and Path(output.path).is_dir():
             yield output
 
 
-def note_withdrawal(study_dir: Path, code: str) -> list[str]:
+def withdraw_from_outputs(study_dir: Path, code: str) -> list[str]:
     """Erase a participant from folders of tables, and add a notice of the withdrawal to every other output.
 
     Returns:
@@ -71,18 +71,19 @@ def note_withdrawal(study_dir: Path, code: str) -> list[str]:
         if output.kind == TABLES:
             _erase_tables(folder, output.study, code)
             continue
-        notice = folder / NOTICE_FILE_NAME
-        known = notice.read_text(encoding="utf-8") if notice.is_file() else _NOTICE
-        if code not in known:
-            write_atomically(f"{known}- {code}\n", notice)
+        notice_path = folder / NOTICE_FILE_NAME
+        notice = notice_path.read_text(encoding="utf-8") if notice_path.is_file() else _NOTICE_HEADER
+        if code not in notice:
+            write_atomically(f"{notice}- {code}\n", notice_path)
         lines.append(f"{folder} ({output.kind}) was made before {code} withdrew; make it again, or delete it")
     return lines
 
 
-_NOTICE = "Since this was made, these participants withdrew from the study. Make it again, or delete it:\n\n"
+_NOTICE_HEADER = "Since this was made, these participants withdrew from the study. Make it again, or delete it:\n\n"
 
 
 def _erase_tables(folder: Path, study: str, code: str) -> None:
+    """Erase the partitions of a participant of a study from a folder of tables."""
     store = FolderStore(folder)
     partitions = map(TablePartition.parse, store.names(""))
     owner = (study, code)
@@ -92,8 +93,8 @@ def _erase_tables(folder: Path, study: str, code: str) -> None:
     store.erase(code, names)
 
 
-def _open(data: Path) -> FileJournal[RecordedOutput]:
-    return FileJournal(data / OUTPUTS_FILE_NAME, _decode_output, mode=0o600)
+def _open_output_list(data_folder: Path) -> FileJournal[RecordedOutput]:
+    return FileJournal(data_folder / OUTPUTS_FILE_NAME, _decode_output, mode=0o600)
 
 
 def _decode_output(line: bytes, number: int) -> RecordedOutput | None:

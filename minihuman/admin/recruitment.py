@@ -133,11 +133,15 @@ class Recruitment:
         return JournalState(RecruitmentState, RecruitmentState.take).after(self._journal.read())
 
     def find_participant(self, key: str) -> str | None:
-        """Return the participant who arrived by a link or from a platform; None for a new visitor."""
+        """Return the participant who arrived with a key; None for a new visitor.
+
+        Args:
+            key: the hash of a link's token, or of a person's platform id.
+        """
         return self._state.after(self._journal.read()).came.get(key)
 
     def has_issued(self, key: str) -> bool:
-        """Return whether a link was issued."""
+        """Return whether a link was issued, given the hash of its token."""
         return key in self._state.after(self._journal.read()).issued
 
     def count_sources(self) -> dict[str, int]:
@@ -172,7 +176,7 @@ class Recruitment:
         return {platform_id.participant: platform_id for platform_id in self._ids.read()}
 
     def forget(self, participant: str) -> None:
-        """Erase permanently how a participant arrived and their platform id."""
+        """Erase permanently the record of how a participant arrived, and their platform id."""
         for journal in (self._journal, self._ids):
             journal.keep(lambda line: not _has_field_value(line, "participant", participant))
 
@@ -180,13 +184,13 @@ class Recruitment:
         """Return the study's secret, after creating it if there is none."""
         if not self._in_database:
             return _read_secret_file(self._secret_path)
-        known = self._secrets.read()
-        if not known:
+        stored = self._secrets.read()
+        if not stored:
             with self._secrets.hold() as journal:
                 if not journal.lines:
                     journal.append(PlatformSecret(secrets.token_hex(32)))
-                known = journal.lines
-        return bytes.fromhex(known[0].secret)
+                stored = journal.lines
+        return bytes.fromhex(stored[0].secret)
 
 
 @dataclass(frozen=True, slots=True)
@@ -203,7 +207,7 @@ def hash_link_token(token: str) -> str:
 
 
 def _decode_entry(line: bytes, number: int) -> RecruitmentEntry | None:
-    """Decode a line; return None for a truncated one, which was never acknowledged, and for other kinds."""
+    """Decode a line; return None for a truncated line, which was never acknowledged, and for unknown kinds."""
     try:
         fields = msgspec.json.decode(line, type=dict[str, Any])
         kind = next((kind for field, kind in _ENTRY_TYPES.items() if field in fields), None)
@@ -231,14 +235,14 @@ def _decode_platform_id(line: bytes, number: int) -> PlatformId | None:
 def _read_secret_file(path: Path) -> bytes:
     """Read the secret in a file, after creating it if there is none; all processes get the same one."""
     while not path.exists():
-        unnamed = path.with_name(f"{SECRET_FILE_NAME}.{secrets.token_hex(4)}")
+        temporary_path = path.with_name(f"{SECRET_FILE_NAME}.{secrets.token_hex(4)}")
         disk = current_system().disk
         disk.make_folder(path.parent)
-        with write_durably(unnamed, _OWNER_ONLY, new=True) as file:
+        with write_durably(temporary_path, _OWNER_ONLY, new=True) as file:
             file.write(secrets.token_bytes(32))
-        with suppress(FileExistsError):
-            disk.link(unnamed, path)
-        disk.unlink(unnamed)
+        with suppress(FileExistsError):  # another process was first
+            disk.link(temporary_path, path)
+        disk.unlink(temporary_path)
         sync_folder(path.parent)
     return path.read_bytes()
 

@@ -7,6 +7,7 @@ different log of the same session gets another name beside it, both here and in 
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import NamedTuple
 
 from minihuman.admin.erasure_ledger import STORE_FOLDER
 from minihuman.dataset.annotations import ANNOTATIONS_SUFFIX, open_annotations, read_annotation_file
@@ -45,21 +46,21 @@ def upload_log(log: Path) -> None:
     """
     study = study_folder(log)
     store = open_remote_store(study.parent)
-    place = log.absolute().relative_to(study.parent)
-    if store is None or place.parts[1] in read_withdrawn_codes(study):
+    path_in_data = log.absolute().relative_to(study.parent)  # STUDY/CODE/ses-NN/FILE
+    if store is None or path_in_data.parts[1] in read_withdrawn_codes(study):
         return
-    name = StudyFile.parse(place.as_posix()).name
+    name = StudyFile.parse(path_in_data.as_posix()).name
     try:
         store.put(name, log)
     except RemoteStoreConflictError:
         stored_version = store.versions(name)[name]
         if stored_version == compute_md5(log):
             return
-        with fetch_temporarily(store, name, version=stored_version) as other:
-            if _continues(log, other):
+        with fetch_temporarily(store, name, version=stored_version) as stored_log:
+            if _continues(log, stored_log):
                 store.put(name, log, over=stored_version)
-            elif not _continues(other, log):
-                store.put(place.with_name(_other_name(log)).as_posix(), log)
+            elif not _continues(stored_log, log):
+                store.put(path_in_data.with_name(_make_alternative_name(log)).as_posix(), log)
 
 
 def sync_logs(data: Path, prefix: str, *, say: Listener = lambda line: None) -> tuple[int, int]:
@@ -112,17 +113,20 @@ class _Synchronization:
         self._say = say
 
     def list_files(self, prefix: str) -> list[tuple[str, StudyFile]]:
-        """List the files here or in the store, in the order of names; report those that have no place in the study."""
-        local_names = list_files(self._data, prefix)
-        ours = [name for name in local_names if name.endswith((ANNOTATIONS_SUFFIX, LOG_SUFFIX))]
-        stored = {name for name in self._versions if name.split("/")[1:2] != [STORE_FOLDER]}
-        files, refusals = parse_study_files({*ours, *stored}, prefix)
+        """List the files here or in the store, in the order of names, without those of participants who withdrew.
+
+        Files whose names have no place in the study are reported and left out.
+        """
+        local_files = list_files(self._data, prefix)
+        local_names = [name for name in local_files if name.endswith((ANNOTATIONS_SUFFIX, LOG_SUFFIX))]
+        # a store also holds the erasure ledger, as STUDY/STORE_FOLDER/ENTRY
+        stored_names = [name for name in self._versions if name.split("/")[1:2] != [STORE_FOLDER]]
+        files, refusals = parse_study_files({*local_names, *stored_names}, prefix)
         for refusal in refusals:
             self._say(refusal)
-        withdrawn = {
-            study: read_withdrawn_codes(self._data / study) for study in {file.study for file in files.values()}
-        }
-        return [(name, file) for name, file in files.items() if file.participant not in withdrawn[file.study]]
+        studies = {file.study for file in files.values()}
+        withdrawn_by_study = {study: read_withdrawn_codes(self._data / study) for study in studies}
+        return [(name, file) for name, file in files.items() if file.participant not in withdrawn_by_study[file.study]]
 
     def sync_log(self, file: StudyFile) -> None:
         """Bring the local log and the one in the store to the same state; report a copy that is refused."""
@@ -133,21 +137,33 @@ class _Synchronization:
             self.stored += 1
         elif version != compute_md5(log):
             try:
-                with fetch_temporarily(self._store, file.name, version=version) as other:
+                with fetch_temporarily(self._store, file.name, version=version) as stored_log:
                     if log.exists():
-                        self._merge_log(file, log, other, version)
+                        self._merge_log(file, log, stored_log, version)
                     else:
-                        _require_same_session(other, file)
-                        copy_durably(other, log, new_folders=LOG_DEPTH)
+                        _require_same_session(stored_log, file)
+                        copy_durably(stored_log, log, new_folders=LOG_DEPTH)
                         self.fetched += 1
             except DamagedCopyError as error:
                 self._say(str(error))
 
-    def _merge_log(self, file: StudyFile, log: Path, other: Path, version: str) -> None:
-        """Keep whichever of two logs continues the other; if neither does, rename this machine's and upload it too."""
-        if compute_md5(other) == compute_md5(log):
+    def _merge_log(self, file: StudyFile, log: Path, stored_log: Path, version: str) -> None:
+        """Keep, here and in the store, the one of two logs that continues the other.
+
+        If neither does, the local log is renamed and uploaded, too. A damaged log is replaced by the other.
+
+        Args:
+            file: the name of both logs in the study.
+            log: the local log.
+            stored_log: a temporary copy of the log in the store.
+            version: the version of the log in the store.
+
+        Raises:
+            DamagedCopyError: if both logs are damaged, or the store's is of another session.
+        """
+        if compute_md5(stored_log) == compute_md5(log):
             return
-        if not is_whole_log(other):
+        if not is_whole_log(stored_log):
             if not is_whole_log(log):
                 raise DamagedCopyError(
                     f"{file.name} is damaged here and in the remote store; restore it from a backup, or run "
@@ -158,17 +174,17 @@ class _Synchronization:
             return
         if not is_whole_log(log):
             put_aside(log, "as-found")
-        elif _continues(log, other):
+        elif _continues(log, stored_log):
             self._store.put(file.name, log, over=version)
             self.stored += 1
             return
-        elif not _continues(other, log):
-            renamed = log.with_name(_other_name(log))
+        elif not _continues(stored_log, log):
+            renamed = log.with_name(_make_alternative_name(log))
             current_system().disk.rename(log, renamed)
             upload_log(renamed)
             self.stored += 1
-        _require_same_session(other, file)
-        copy_durably(other, log)
+        _require_same_session(stored_log, file)
+        copy_durably(stored_log, log)
         self.fetched += 1
 
     def sync_annotations(self, file: StudyFile) -> None:
@@ -179,64 +195,74 @@ class _Synchronization:
             self._store.put(file.name, path)
         elif version != compute_md5(path):
             try:
-                with fetch_temporarily(self._store, file.name, version=version) as other:
-                    self._merge_annotations(file, path, other, version)
+                with fetch_temporarily(self._store, file.name, version=version) as stored_path:
+                    self._merge_annotations(file, path, stored_path, version)
             except DamagedCopyError as error:
                 self._say(str(error))
 
-    def _merge_annotations(self, file: StudyFile, path: Path, other: Path, version: str) -> None:
-        """Merge local annotations with ``other``, the store's copy of a version; a damaged one is replaced.
+    def _merge_annotations(self, file: StudyFile, path: Path, stored_path: Path, version: str) -> None:
+        """Merge local annotations with ``stored_path``, a copy of the store's; damaged ones in the store are replaced.
 
         Raises:
-            LogError: if both are damaged, or the store's is and there are no local annotations.
+            LogError: if the local annotations are damaged.
+            DamagedCopyError: if the store's annotations are damaged and there are no local ones.
         """
         try:
-            stored = read_annotation_file(other)
+            stored = read_annotation_file(stored_path)
         except LogError as error:
             if path.exists():
                 read_annotation_file(path)  # raises if it is damaged, too
                 self._store.put(file.name, path, over=version)
                 return
-            reason = str(error).replace(str(other), other.name)
+            reason = str(error).replace(str(stored_path), stored_path.name)
             raise DamagedCopyError(f"{file.name} in the remote store is refused: {reason}") from error
         if not path.exists():
-            copy_durably(other, path, new_folders=LOG_DEPTH)
+            copy_durably(stored_path, path, new_folders=LOG_DEPTH)
             return
         with open_annotations(path).hold() as local:
             added = [annotation for annotation in local.lines if annotation not in stored]
             if not added:
-                copy_durably(other, path)
+                copy_durably(stored_path, path)
                 return
             if tuple(local.lines[: len(stored)]) != stored:
-                with open_annotations(other).hold() as merged:
+                with open_annotations(stored_path).hold() as merged:
                     merged.append(*added)
-                copy_durably(other, path)
+                copy_durably(stored_path, path)
             self._store.put(file.name, path, over=version)
 
 
+class _Segment(NamedTuple):
+    """The facts that identify a segment of a log."""
+
+    number: str
+    started_unix_ns: str
+    head: str  # of the segment's hash chain; "" if it is missing
+
+
 def _continues(log: Path, other: Path) -> bool:
-    """Return whether a log begins with the same segments as another; an unreadable log has no segments."""
+    """Return whether a log begins with all segments of another log; an unreadable log has no segments."""
     segments = _read_segments(log)
     other_segments = _read_segments(other)
     return len(segments) >= len(other_segments) and all(map(_is_same_segment, segments, other_segments))
 
 
-def _is_same_segment(segment: tuple[str, str, str], other: tuple[str, str, str]) -> bool:
-    """Return whether two descriptions are of the same segment; a chain head that is not known fits any other."""
-    *identity, head = segment
-    *other_identity, other_head = other
-    if identity != other_identity:
+def _is_same_segment(segment: _Segment, other: _Segment) -> bool:
+    """Return whether two descriptions are of the same segment; a missing chain head matches any head."""
+    if (segment.number, segment.started_unix_ns) != (other.number, other.started_unix_ns):
         return False
-    return "" in (head, other_head) or head == other_head
+    return "" in (segment.head, other.head) or segment.head == other.head
 
 
-def _read_segments(log: Path) -> list[tuple[str, str, str]]:
-    """Return the number, start and chain head of each segment; a missing head is ""."""
+def _read_segments(log: Path) -> list[_Segment]:
+    """Read the segments of a log in order; return an empty list for an unreadable log."""
     summary = read_summary(log)
     if summary is None:
         return []
     heads = {end["segment"]: end.get(CHAIN_KEY, "") for end in summary.ends}
-    return [(start["segment"], start["started_unix_ns"], heads.get(start["segment"], "")) for start in summary.starts]
+    return [
+        _Segment(start["segment"], start["started_unix_ns"], heads.get(start["segment"], ""))
+        for start in summary.starts
+    ]
 
 
 def _require_same_session(log: Path, file: StudyFile) -> None:
@@ -258,8 +284,8 @@ def _require_same_session(log: Path, file: StudyFile) -> None:
         raise DamagedCopyError(f"{file.name} in the remote store is refused: it is the log of another session")
 
 
-def _other_name(log: Path) -> str:
-    """Return the name of a log beside another log of the same session: with the start of its MD5."""
+def _make_alternative_name(log: Path) -> str:
+    """Return a name for a log whose own name is that of another log of the session; it has the start of its MD5."""
     return f"{log.name.removesuffix(LOG_SUFFIX)}_other-{compute_md5(log)[:8]}{LOG_SUFFIX}"
 
 

@@ -61,7 +61,7 @@ _BATCH = 500  # rows fetched or inserted at once
 _MAKERS = ("admin", "log/model", "log/salvage")  # the packages whose code makes the rows
 LOCK_WAIT_S = 0.2  # short, since a participant may wait and logs are quickly read again
 _Rows = dict[str, tuple[str, bytes]]  # by log: its fingerprint, and all else as MessagePack, a fifth of objects' memory
-_Storing = Literal["never", "anew", "added"]
+_Storing = Literal["never", "anew", "added"]  # how to store rows: not at all, as a new index, or in the existing one
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,15 +84,17 @@ def read_session_index(study: Path, folders: LogFolders | None = None) -> Iterat
         LogError: if the folder does not exist.
     """
     require_folder(study, instead="a study's folder, or a session log's own")
-    own = study / TABLE_CACHE
-    rows, storing, n_damaged = _load_rows(own)
+    cache = study / TABLE_CACHE
+    rows, storing, n_damaged = _load_rows(cache)
     if n_damaged:
         sessions = "1 session" if n_damaged == 1 else f"{n_damaged} sessions"
-        LOGGER.warning("%s was changed by another program: the rows of %s were made anew from the logs", own, sessions)
+        LOGGER.warning(
+            "%s was changed by another program: the rows of %s were made anew from the logs", cache, sessions
+        )
         storing = "anew"
     fresh, gone = _refresh_rows(rows, study, folders)
     if n_damaged or fresh or gone:
-        _store_rows(own, rows, fresh, gone, storing)
+        _store_rows(cache, rows, fresh, gone, storing)
     for key in sorted(rows):
         _, packed = rows[key]
         path, problem, *fields = msgspec.msgpack.decode(packed)
@@ -111,9 +113,9 @@ def compare_index(study: Path) -> Iterator[str]:
         return
     try:
         with closing(connect_cache(study / TABLE_CACHE, read_only=True)) as connection:
-            if connection.execute(f"FROM {_MADE_BY}").fetchall() != [(_software(),)]:
+            if connection.execute(f"FROM {_MADE_BY}").fetchall() != [(_identify_software(),)]:
                 return
-            known = {row[0]: row for row in connection.execute(f"SELECT {_ROW} FROM {_TABLE}").fetchall()}
+            cached_rows = {row[0]: row for row in connection.execute(f"SELECT {_ROW} FROM {_TABLE}").fetchall()}
     except duckdb.CatalogException:  # it has none yet
         return
     except duckdb.Error as error:
@@ -121,16 +123,16 @@ def compare_index(study: Path) -> Iterator[str]:
         yield f"{TABLE_CACHE}: the session index cannot be read and will be made anew: {first_line}"
         return
     prefix_length = _measure_prefix(study)
-    for log, files in _sessions_below(find_log_folders(study)):
+    for log, files in _group_sessions_below(find_log_folders(study)):
         key = os.fspath(log)[prefix_length:]
-        if key not in known:
+        if key not in cached_rows:
             continue
-        cached_row = known[key]
+        cached_row = cached_rows[key]
         cached_key, fingerprint, *_ = cached_row
-        if not is_same_content(fingerprint or "", _describe_files(files, fingerprint or "")):
+        if not is_same_content(fingerprint or "", _fingerprint_files(files, fingerprint or "")):
             continue
         first_file = os.fspath(files[0])[prefix_length:]
-        row = (cached_key, fingerprint, first_file, *_summary_or_problem(files, study))
+        row = (cached_key, fingerprint, first_file, *_summarize_as_row(files, study))
         for name, cell, expected in zip(_COLUMNS, cached_row, row, strict=True):
             if cell != expected:
                 yield f"{TABLE_CACHE}: session index, {key}, {name} is {cell!r}; the logs say {expected!r}"
@@ -141,16 +143,16 @@ def _measure_prefix(study: Path) -> int:
     return len(os.fspath(study / "_")) - len("_")
 
 
-def _load_rows(own: Path) -> tuple[_Rows, _Storing, int]:
+def _load_rows(cache: Path) -> tuple[_Rows, _Storing, int]:
     """Load the intact rows; return them, how to store new rows, and how many rows were changed by another program."""
     rows = _Rows()
     if duckdb is None:
         return rows, "never", 0
-    if not own.exists():
+    if not cache.exists():
         return rows, "anew", 0
     try:
-        with closing(connect_cache(own, read_only=True, wait_s=LOCK_WAIT_S)) as connection:
-            if connection.execute(f"FROM {_MADE_BY}").fetchall() != [(_software(),)]:
+        with closing(connect_cache(cache, read_only=True, wait_s=LOCK_WAIT_S)) as connection:
+            if connection.execute(f"FROM {_MADE_BY}").fetchall() != [(_identify_software(),)]:
                 return rows, "anew", 0
             ((n_stored,),) = connection.execute(f"SELECT count(*) FROM {_TABLE}").fetchall()
             intact_rows = connection.execute(
@@ -162,25 +164,29 @@ def _load_rows(own: Path) -> tuple[_Rows, _Storing, int]:
         return rows, "added", n_stored - len(rows)
     except duckdb.CatalogException:  # it has no index yet
         return rows, "anew", 0
-    except duckdb.BinderException:  # it has other columns
+    except duckdb.BinderException:  # it has other columns, so another program changed it
         return rows, "anew", 1
     except (duckdb.Error, UnicodeError) as error:
-        return _Rows(), _handle_unusable_index(own, error), 0
+        return _Rows(), _handle_unusable_index(cache, error), 0
 
 
-def _handle_unusable_index(own: Path, error: Exception) -> _Storing:
+def _handle_unusable_index(cache: Path, error: Exception) -> _Storing:
     """Warn that the index cannot be used, remove it if it is broken, and return how to store new rows."""
     first_line, *_ = str(error).split("\n")
     reason = " ".join(first_line.split())
-    LOGGER.warning("%s cannot be used now (%s); the sessions were read from their logs for this once", own, reason)
-    if not is_in_use(error) and os.access(own, os.R_OK | os.W_OK):
+    LOGGER.warning("%s cannot be used now (%s); the sessions were read from their logs for this once", cache, reason)
+    if not is_in_use(error) and os.access(cache, os.R_OK | os.W_OK):
         with suppress(OSError):
-            remove_cache(own)
-    return "never" if own.exists() else "anew"
+            remove_cache(cache)
+    return "never" if cache.exists() else "anew"
 
 
 def _refresh_rows(rows: _Rows, study: Path, folders: LogFolders | None) -> tuple[list[str], list[str]]:
-    """Read sessions whose row is missing or stale, and drop those whose log is gone; return the keys of both."""
+    """Update rows in place: read sessions whose row is missing or stale, and drop rows whose log is gone.
+
+    Returns:
+        The keys of the sessions that were read, and the keys of the rows that were dropped.
+    """
     prefix_length = _measure_prefix(study)
     fresh = list[str]()
     gone = list[str]()
@@ -190,40 +196,48 @@ def _refresh_rows(rows: _Rows, study: Path, folders: LogFolders | None) -> tuple
     for log, files in _list_session_files(folders):
         n_sessions += 1
         key = log[prefix_length:]
-        known_fingerprint, _ = rows.get(key, ("", b""))
-        fingerprint = _describe_files(files, known_fingerprint)
-        if not is_same_content(fingerprint, known_fingerprint):
-            row = (files[0][prefix_length:], *_summary_or_problem([Path(file) for file in files], study))
+        cached_fingerprint, _ = rows.get(key, ("", b""))
+        fingerprint = _fingerprint_files(files, cached_fingerprint)
+        if not is_same_content(fingerprint, cached_fingerprint):
+            row = (files[0][prefix_length:], *_summarize_as_row([Path(file) for file in files], study))
             rows[key] = (fingerprint, msgspec.msgpack.encode(row))
             fresh.append(key)
     if len(rows) > n_sessions:
-        present = {os.fspath(log)[prefix_length:] for log, _ in _sessions_below(find_log_folders(study))}
+        present = {os.fspath(log)[prefix_length:] for log, _ in _group_sessions_below(find_log_folders(study))}
         gone = sorted(rows.keys() - present)
         for key in gone:
             del rows[key]
     return fresh, gone
 
 
-def _store_rows(own: Path, rows: _Rows, fresh: Sequence[str], gone: Sequence[str], storing: _Storing) -> None:
-    """Write new and changed rows into the study's file in one transaction, unless another process has the file open."""
+def _store_rows(cache: Path, rows: _Rows, fresh: Sequence[str], gone: Sequence[str], storing: _Storing) -> None:
+    """Write new and changed rows into the study's cache in one transaction, unless another process has it open.
+
+    Args:
+        cache: the study's cache.
+        rows: all rows, by the key of their session.
+        fresh: the keys of new and changed rows.
+        gone: the keys of sessions whose rows are to be deleted.
+        storing: how to store rows.
+    """
     if storing == "never":
         return
     try:
-        with closing(connect_cache(own, wait_s=0)) as connection:
-            checked = read_checked(own)
+        with closing(connect_cache(cache, wait_s=0)) as connection:
+            checked = read_checked(cache)
             with transaction(connection):
                 _write_rows(connection, rows, fresh, gone, is_new=storing == "anew")
             connection.execute("CHECKPOINT")
             if checked:
-                write_checked(own, checked)
+                write_checked(cache, checked)
     except duckdb.Error as error:
-        LOGGER.info("%s: the session index was not stored: %s", own, error)
+        LOGGER.info("%s: the session index was not stored: %s", cache, error)
 
 
 def _write_rows(
     connection: "duckdb.DuckDBPyConnection", rows: _Rows, fresh: Sequence[str], gone: Sequence[str], *, is_new: bool
 ) -> None:
-    """Replace some rows, or with ``is_new`` the whole index."""
+    """Write the rows of the ``fresh`` keys and delete those of the ``gone`` keys; with ``is_new``, write all rows."""
     if is_new:
         _create_index(connection)
         fresh = sorted(rows)
@@ -242,22 +256,25 @@ def _create_index(connection: "duckdb.DuckDBPyConnection") -> None:
     columns = ", ".join(f"{name} {kind}" for name, kind in _COLUMNS.items())
     connection.execute(f"DROP SCHEMA IF EXISTS {INDEX_SCHEMA} CASCADE")
     connection.execute(f"CREATE SCHEMA {INDEX_SCHEMA}")
-    connection.execute(f"CREATE TABLE {_MADE_BY} AS SELECT ?::TEXT AS software", (_software(),))
+    connection.execute(f"CREATE TABLE {_MADE_BY} AS SELECT ?::TEXT AS software", (_identify_software(),))
     connection.execute(f"CREATE TABLE {_TABLE} ({columns}, digest TEXT)")
 
 
-def _software() -> str:
+def _identify_software() -> str:
     """Identify the software that builds the rows and their digests; rows from other software are rebuilt."""
     return f"{minihuman.__version__} duckdb {duckdb.__version__} {digest_sources(*_MAKERS)}"
 
 
-def _sessions_below(folders: LogFolders) -> Iterator[tuple[Path, list[Path]]]:
+def _group_sessions_below(folders: LogFolders) -> Iterator[tuple[Path, list[Path]]]:
     for folder, names in folders:
         yield from group_sessions(folder, names).items()
 
 
 def _list_session_files(folders: LogFolders) -> Iterator[tuple[str, list[str]]]:
-    """Yield each session's log and its files, as texts: of a path as an object, a large study takes twice the time."""
+    """Yield the path of each session's log and those of its files, as strings.
+
+    With ``Path`` objects, a large study would take twice the time.
+    """
     for folder, names in folders:
         candidates = [name for name in names if LOG_SUFFIX in name]
         if len(candidates) == 1 and is_plain_log_name(candidates[0]):
@@ -268,15 +285,18 @@ def _list_session_files(folders: LogFolders) -> Iterator[tuple[str, list[str]]]:
             yield os.fspath(path), [os.fspath(file) for file in files]
 
 
-def _describe_files(files: Sequence[Path | str], known: str) -> str:
-    return "\n".join(describe_file(file, known=known) for file in files)
+def _fingerprint_files(files: Sequence[Path | str], cached: str) -> str:
+    """Return a text that changes with the contents of files; ``cached`` is an earlier one, which may save reading."""
+    return "\n".join(describe_file(file, known=cached) for file in files)
 
 
-def _summary_or_problem(files: list[Path], study: Path) -> tuple[Any, ...]:
+def _summarize_as_row(files: list[Path], study: Path) -> tuple[Any, ...]:
+    """Return "" and the summary of a session as columns, or the problem, with paths within the study, and nulls."""
     try:
         return ("", *_VALUES(summarize_session(files)))
     except LogError as error:
-        return (str(error).replace(os.fspath(study / "_")[:-1], ""), *(None for _ in fields(SessionSummary)))
+        path_prefix = os.fspath(study / "_")[: -len("_")]
+        return (str(error).replace(path_prefix, ""), *(None for _ in fields(SessionSummary)))
 
 
 def summarize_session(files: Sequence[Path]) -> SessionSummary:
@@ -304,9 +324,10 @@ _SUMMARIZED_VERSIONS = {
 
 
 def _summarize_finished(log: Path) -> SessionSummary | None:
-    """Summarize a log from the metadata at its segments' ends; None if they are missing, as in earlier versions' logs.
+    """Summarize a log from its metadata; return None if they do not suffice, so that the messages must be read.
 
-    Also None if all episodes were played but the session did not end as complete: only the messages show what was left.
+    They do not suffice if the ends of segments lack facts, as in logs of earlier versions, or if all episodes were
+    played but the session did not end as complete: only the messages show what was left.
     """
     from minihuman.log.salvage.summary_section import all_ended_cleanly, read_summary
 
@@ -354,7 +375,7 @@ def find_double_sessions(folders: LogFolders) -> Iterator[str]:
         if sum(name.endswith(LOG_SUFFIX) for name in names) < 2:  # as in nearly every folder
             continue
         logs = [log for log, files in group_sessions(folder, names).items() if log in files]
-        complete: dict[tuple[str, int], dict[str, Path]] = {}  # by session: one log for each different end
+        logs_by_end: dict[tuple[str, int], dict[str, Path]] = {}  # of each completed session: a log for each end
         for log in logs:
             try:
                 contents = read_summary(log)
@@ -362,9 +383,9 @@ def find_double_sessions(folders: LogFolders) -> Iterator[str]:
             except LogError:  # reported elsewhere
                 continue
             if contents is not None and summary.complete:
-                ends = complete.setdefault((summary.participant, summary.session), {})
+                ends = logs_by_end.setdefault((summary.participant, summary.session), {})
                 ends.setdefault(contents.ends[-1].get(CHAIN_KEY, summary.started_at), log)
-        for (participant, session), ends in complete.items():
+        for (participant, session), ends in logs_by_end.items():
             if len(ends) > 1:
                 paths = ", ".join(str(log) for log in ends.values())
                 yield f"{participant} completed session {session} {len(ends)} times: {paths}; keep one in the study"

@@ -50,7 +50,7 @@ from minihuman.storage.outside_names import is_system_companion
 if TYPE_CHECKING:
     from minihuman.dataset.annotations import Annotation
 
-_COUNTED = {  # the text for a session's state
+_STATE_TEXTS = {  # the text for a session's state
     "screened_out": "screened out",
     "failed": "the simulated participant failed",
     "complete": "complete",
@@ -77,20 +77,23 @@ def count_participant_flow(
 
 
 def _list_session_records(rows: Iterable[SessionRow]) -> Iterator[SessionRecord]:
-    """Yield one record per participant and session. If there are several logs, the one under its own name counts."""
+    """Yield one record per participant and session.
+
+    Of several logs of a session, a readable one whose file has the session's name counts, otherwise the first.
+    """
     records: dict[tuple[str, int], SessionRecord] = {}
     for row in rows:
-        named = parse_log_name(row.path.name)
+        key_in_name = parse_log_name(row.path.name)
         if row.summary is not None:
             key = (row.summary.participant, row.summary.session)
             record = SessionRecord(*key, row.summary.group, classify_session(row.summary))
-        elif named is not None:
-            key = named
+        elif key_in_name is not None:
+            key = key_in_name
             record = SessionRecord(*key, "", "unreadable")
         else:
             continue
-        original = key == named and record.state != "unreadable"
-        if key not in records or original:
+        is_preferred = key == key_in_name and record.state != "unreadable"
+        if key not in records or is_preferred:
             records[key] = record
     yield from records.values()
 
@@ -114,7 +117,7 @@ def format_status(study_dir: Path, status: "StudyStatus | None" = None) -> Itera
     for slot in read_enrolled(study_dir):
         if slot.participant in status.slots_without_data:
             yield f"{slot.participant:12} {slot.group:16} {'-':>7} {'-':>9} {'-':>7}  slot taken, nothing recorded"
-    yield from _format_departures(status)
+    yield from _format_participants(status)
     if status.flow is not None:
         yield _format_flow(status.flow)
     if status.interventions:
@@ -124,8 +127,8 @@ def format_status(study_dir: Path, status: "StudyStatus | None" = None) -> Itera
     yield from status.problems
 
 
-def _format_departures(status: "StudyStatus") -> Iterator[str]:
-    """Yield lines on who left the study, and between them one on where participants came from online."""
+def _format_participants(status: "StudyStatus") -> Iterator[str]:
+    """Yield lines about the participants who left without data, were replaced, came online, or withdrew."""
     for kind, count in status.left_without_data.items():
         yield f"{count} {kind}"
     for code in status.replaced:
@@ -152,12 +155,13 @@ def _format_flow(flow: ParticipantFlow) -> str:
 
 
 def _format_sessions(status: "StudyStatus") -> Iterator[str]:
-    logs = Counter(_session(row.summary) for row in status.sessions if row.summary)
+    """Yield a line for each log of a session; it says so if the session has several logs."""
+    n_logs_by_session = Counter(_identify_session(row.summary) for row in status.sessions if row.summary)
     for row in status.sessions:
         line = _format_session(row, is_running=bool(status.live) and row.path.parent in status.live)
         n_logs = 1
         if row.summary:
-            n_logs = logs[_session(row.summary)]
+            n_logs = n_logs_by_session[_identify_session(row.summary)]
         if n_logs > 1:
             line += f", one of {n_logs} logs of this session, of which one counts: {row.path}"
         yield line
@@ -178,10 +182,10 @@ def count_all_interventions(study_dir: Path, folders: LogFolders | None = None) 
         folders = find_log_folders(study_dir)
     notes = [note for _, note in _read_all_annotations(folders)]
     if notes:
-        missing = counts.pop("without a reason", 0) + sum(not note.note for note in notes)
+        n_without_reason = counts.pop("without a reason", 0) + sum(not note.note for note in notes)
         counts["annotations"] = len(notes)
-        if missing:
-            counts["without a reason"] = missing
+        if n_without_reason:
+            counts["without a reason"] = n_without_reason
     return counts
 
 
@@ -238,7 +242,7 @@ def list_problems(
 
 
 def _list_finished_segments(rows: Iterable[SessionRow], folders: LogFolders) -> dict[str, list[str]]:
-    """List the numbers of the segments that each finished log holds, by the log's name."""
+    """Return the numbers of the segments that each finished log holds, by the log's name."""
     n_segments = {row.path.name: row.summary.segments for row in rows if row.summary}
     finished = {}
     for folder, names in folders:
@@ -288,12 +292,12 @@ def _gather_status(study_dir: Path) -> StudyStatus:
     if lines:
         flow = count_flow(lines, _list_session_records(rows))
     replaced = tuple(list_replaced(lines))
-    not_expected = {row.summary.participant for row in rows if row.summary}.union(replaced)
+    has_session_or_replaced = {row.summary.participant for row in rows if row.summary}.union(replaced)
     enrolled = [slot.participant for slot in read_enrolled(study_dir)]
     withdrawn = {line.withdrawn for line in lines if isinstance(line, ParticipantWithdrawn)}
     return StudyStatus(
         sessions=rows,
-        slots_without_data=tuple(code for code in enrolled if code not in not_expected),
+        slots_without_data=tuple(code for code in enrolled if code not in has_session_or_replaced),
         replaced=replaced,
         left_without_data=count_unrecorded_departures(lines),
         withdrew=len(withdrawn),
@@ -317,7 +321,7 @@ def _find_live_folders(folders: LogFolders) -> frozenset[Path]:
     return frozenset(live)
 
 
-def _session(summary: SessionSummary) -> tuple[str, str, int]:
+def _identify_session(summary: SessionSummary) -> tuple[str, str, int]:
     return summary.study, summary.participant, summary.session
 
 
@@ -331,8 +335,8 @@ def _format_session(row: SessionRow, *, is_running: bool) -> str:
     return f"{summary.participant:12} {summary.group:16} {summary.session:7} {episodes:>9} {summary.steps:7}  {state}"
 
 
-def _progress(summary: SessionSummary) -> str:
-    return _COUNTED.get(classify_session(summary), f"unfinished: {summary.end_reason}")
+def _describe_progress(summary: SessionSummary) -> str:
+    return _STATE_TEXTS.get(classify_session(summary), f"unfinished: {summary.end_reason}")
 
 
 def _describe_state(row: SessionRow, summary: SessionSummary, *, is_running: bool) -> str:
@@ -340,7 +344,7 @@ def _describe_state(row: SessionRow, summary: SessionSummary, *, is_running: boo
     if is_running:
         parts = ["running"]
     else:
-        parts = [_progress(summary)]
+        parts = [_describe_progress(summary)]
         if row.path.name.endswith(PART_SUFFIX):
             parts.append("cut off: finished at its next start")
         elif not summary.clean:

@@ -16,7 +16,7 @@ from minihuman.admin.enrolment_entries import NO_NOTE, AuditNote, ParticipantRep
 from minihuman.admin.enrolment_log import record_departure
 from minihuman.admin.erasure_ledger import find_pending_machines
 from minihuman.admin.local_copies import erase_local_copy, record_erasure
-from minihuman.admin.recorded_outputs import note_withdrawal
+from minihuman.admin.recorded_outputs import withdraw_from_outputs
 from minihuman.admin.remote_logs import delete_remote_logs
 from minihuman.admin.unfinished_withdrawals import find_mark
 from minihuman.dataset.participants_file import find_participants_file, names_participant
@@ -55,16 +55,14 @@ class WithdrawalResult:
             end = f"sealed in {self.sealed}, SHA-256 {self.sha256}"
         else:
             end = "erased"
-        local = f"{self.files} files, {self.bytes / 1e6:.1f} MB {end}"
-        stored = f"{self.partitions} files of tables removed from the remote store"
-        if self.partitions is None:
-            return local
-        return f"{local}; {stored}"
+        line = f"{self.files} files, {self.bytes / 1e6:.1f} MB {end}"
+        if self.partitions is not None:
+            line += f"; {self.partitions} files of tables removed from the remote store"
+        return line
 
 
 def _list_remains(study_dir: Path, code: str) -> Iterator[str]:
-    """Yield a line about each machine, output and file of the laboratory that still contains a participant's data."""
-    yield from note_withdrawal(study_dir, code)
+    """Yield a line about each machine that still has a copy, and about the laboratory's file if it names them."""
     yield from find_pending_machines(study_dir)
     if names_participant(study_dir, code):
         yield f"{find_participants_file(study_dir)} still has a line about {code}; delete it"
@@ -100,27 +98,31 @@ def withdraw_participant(
     if seal is not None:
         _check_archive(seal, study_dir, code, files)
     with _mark_as_begun(study_dir, code), _archive_files(files, seal, study_dir) as sha256:
-        data_end: Literal["erased", "sealed"] = "erased" if seal is None else "sealed"
+        disposal: Literal["erased", "sealed"] = "erased" if seal is None else "sealed"
         if code not in read_withdrawn_codes(study_dir):  # otherwise an earlier withdrawal is completed
             record_departure(
-                study_dir, ParticipantWithdrawn(code, now_text(), data_end, note.reason, note.experimenter)
+                study_dir, ParticipantWithdrawn(code, now_text(), disposal, note.reason, note.experimenter)
             )
     partitions = _erase_everywhere(study_dir, code)
-    left = tuple(_list_remains(study_dir, code))
+    remains = (*withdraw_from_outputs(study_dir, code), *_list_remains(study_dir, code))
     _remove_mark(study_dir, code)
-    return WithdrawalResult(len(files), size_bytes, seal, sha256, partitions, left)
+    return WithdrawalResult(len(files), size_bytes, seal, sha256, partitions, remains)
 
 
 def _erase_everywhere(study_dir: Path, code: str) -> int | None:
-    """Erase a participant's data in every place, even if erasing them in another place fails.
+    """Erase a participant's data in every place, even if an earlier place fails, and record this for other machines.
 
     Returns:
         The number of table files removed from their remote store; None if there is none.
+
+    Raises:
+        RemoteStoreError: if data could not be erased from a remote store; all else has then been erased.
+        ErasureError: if other data could not be erased.
     """
     errors = erase_local_copy(study_dir, code)
-    for erase_elsewhere in (delete_remote_logs, record_erasure):
+    for act in (delete_remote_logs, record_erasure):
         try:
-            erase_elsewhere(study_dir, code)
+            act(study_dir, code)
         except (OSError, MinihumanError) as error:
             errors.append(error)
     partitions = None
@@ -136,10 +138,10 @@ def _erase_everywhere(study_dir: Path, code: str) -> int | None:
 def _build_erasure_error(study_dir: Path, code: str, errors: list[Exception]) -> MinihumanError:
     """Return the error for data that could not be erased, with the reasons and what to do."""
     distinct = list(dict.fromkeys(map(str, errors)))
-    unnamed = len(distinct) - MAX_REASONS
+    n_unlisted = len(distinct) - MAX_REASONS
     reasons = "; ".join(distinct[:MAX_REASONS])
-    if unnamed > 0:
-        reasons += f"; and {unnamed} more"
+    if n_unlisted > 0:
+        reasons += f"; and {n_unlisted} more"
     if all(isinstance(error, RemoteStoreError) for error in errors):
         return RemoteStoreError(
             f"{code} has withdrawn, and their data are gone from {study_dir}, but {reasons}; run the command again "
@@ -209,21 +211,21 @@ def _check_archive(archive: Path, study_dir: Path, code: str, files: list[Path])
 def _is_archived(files: list[Path], archive: Path, study_dir: Path, code: str) -> bool:
     """Return whether an archive from an earlier withdrawal holds only this participant's files, with these contents."""
     try:
-        with zipfile.ZipFile(archive) as sealed:
-            names = set(sealed.namelist())
+        with zipfile.ZipFile(archive) as archive_file:
+            names = set(archive_file.namelist())
             if not all(name.startswith(f"{code}/") for name in names):
                 return False
             paths = {path.relative_to(study_dir).as_posix(): path for path in files}
-            return all(name in names and sealed.read(name) == path.read_bytes() for name, path in paths.items())
+            return all(name in names and archive_file.read(name) == path.read_bytes() for name, path in paths.items())
     except (OSError, zipfile.BadZipFile):
         return False
 
 
 @contextmanager
 def _archive_files(files: list[Path], archive: Path | None, study_dir: Path) -> Iterator[str]:
-    """Write files durably into an archive and yield its SHA-256; an error here or inside removes the archive.
+    """Write files durably into an archive and yield its SHA-256, or "" without an archive.
 
-    An archive that an earlier withdrawal made of these files is left unchanged.
+    An error here or in the context removes the archive. One that an earlier withdrawal made of these files is kept.
     """
     if archive is None:
         yield ""
@@ -236,10 +238,10 @@ def _archive_files(files: list[Path], archive: Path | None, study_dir: Path) -> 
         with (
             name_output_when_full(archive),
             replace_durably(archive, archive.with_name(archive.name + UNFINISHED_SUFFIX)) as file,
-            zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as sealed,
+            zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive_file,
         ):
             for path in files:
-                sealed.write(path, path.relative_to(study_dir))
+                archive_file.write(path, path.relative_to(study_dir))
         yield hash_file(archive)
     except BaseException:
         with suppress(OSError):

@@ -260,9 +260,9 @@ def decode_event(topic: str, data: bytes) -> events.Event | None:
 
 
 def find_message_codec(topic: str) -> MessageCodec | None:
-    """Return the codec of a topic whose messages all hold one kind of event, field by field; None for any other."""
+    """Return the codec of a topic whose messages have the fields of one event class; None for any other topic."""
     row = _find_row(topic)
-    codec = None if row is None else _codec_of_row(row)
+    codec = None if row is None else _build_codec(row)
     if isinstance(codec, MessageCodec):
         return codec
     return None
@@ -270,30 +270,33 @@ def find_message_codec(topic: str) -> MessageCodec | None:
 
 @cache
 def _find_encoder(event: type) -> tuple[str, Callable[[Any], Message]]:
+    """Return the topic of an event class, and the function that encodes its events."""
     for row in _list_rows():
         if row.event is event:
-            return row.topic.name, _codec_of_row(row).encode
+            return row.topic.name, _build_codec(row).encode
     raise AssertionError(f"event {event.__name__} has no EventRow; add one to the rows of its activity kind")
 
 
 def _find_decoder(topic: str) -> Decoder | None:
+    """Return the functions that parse and decode a topic's messages; None for a preview or an unknown topic."""
     decoder = _DECODERS.get(topic)
     if decoder is None:
         row = _find_row(topic)
         if row is None:
             return None
-        decoder = (row.topic.message.FromString, _codec_of_row(row).decode)
+        decoder = (row.topic.message.FromString, _build_codec(row).decode)
         _DECODERS[topic] = decoder
     return decoder
 
 
-def _codec_of_row(row: EventRow) -> Codec:
+def _build_codec(row: EventRow) -> Codec:
     return row.codec or MessageCodec(row.event, row.topic.message, row.fields)
 
 
 def _find_row(topic: str) -> EventRow | None:
-    known = topics.BY_NAME.get(topic)
-    if known is not None and known.is_preview:
+    """Return the first event row of a topic; None for a preview or an unknown topic."""
+    session_topic = topics.BY_NAME.get(topic)
+    if session_topic is not None and session_topic.is_preview:
         return None
     return next((row for row in _list_rows() if row.topic.name == topic), None)
 
@@ -304,10 +307,10 @@ def _list_rows() -> Iterator[EventRow]:
     built_in = list_built_in_kinds()
     plugin_kinds = set(list_plugin_names(GROUP)).difference(built_in)
     for kind in (*built_in, *sorted(plugin_kinds)):
-        yield from _rows_of_kind(kind)
+        yield from _load_rows_of_kind(kind)
 
 
-def _rows_of_kind(kind: str) -> tuple[EventRow, ...]:
+def _load_rows_of_kind(kind: str) -> tuple[EventRow, ...]:
     """Return an activity kind's rows; none if the kind cannot be loaded, since its topics are then unknown."""
     try:
         return load_activity_rows(find_kind(kind))
@@ -317,7 +320,7 @@ def _rows_of_kind(kind: str) -> tuple[EventRow, ...]:
 
 @cache
 def load_activity_rows(kind: ActivityKind) -> tuple[EventRow, ...]:
-    """Load the event rows that an activity kind defines."""
+    """Load the event rows that an activity kind defines, none if it defines no events of its own."""
     module, _, name = kind.messages.partition(":")
     if module:
         return tuple(getattr(import_module(module), name))
@@ -326,32 +329,35 @@ def load_activity_rows(kind: ActivityKind) -> tuple[EventRow, ...]:
 
 def list_activity_topics(kinds: Iterable[str]) -> tuple[Topic, ...]:
     """Return the topics that these activity kinds add, each once."""
-    rows = (row for kind in dict.fromkeys(kinds) for row in _rows_of_kind(kind))
+    rows = (row for kind in dict.fromkeys(kinds) for row in _load_rows_of_kind(kind))
     return tuple(dict.fromkeys(row.topic for row in rows))
 
 
 def find_topic(topic: str) -> Topic | None:
-    """Return one of our own topics or of an activity kind's, by name; None for another program's."""
-    known = topics.BY_NAME.get(topic)
-    if known is None:
-        row = _find_row(topic)
-        return None if row is None else row.topic
-    return known
+    """Return the topic of a name, if it belongs to every session or to an activity kind; None for another program's."""
+    session_topic = topics.BY_NAME.get(topic)
+    if session_topic is not None:
+        return session_topic
+    row = _find_row(topic)
+    return None if row is None else row.topic
 
 
 class RecordTopics:
     """A container of the topics that form the record: the session's topics and those of every activity kind."""
 
     def __contains__(self, topic: object) -> bool:
-        known = find_topic(str(topic))
-        return known is not None and not known.is_preview
+        own_topic = find_topic(str(topic))
+        return own_topic is not None and not own_topic.is_preview
 
 
 RECORD_TOPICS = RecordTopics()
 
 
 def event_cause_ns(event: events.Event) -> int:
-    """Return when the cause of an event arrived, such as a key press; the event's own time if it has none."""
+    """Return the time at which the cause of an event, such as a key press, arrived; without a cause, the event's time.
+
+    Both are nanoseconds since the segment began.
+    """
     match event:
         case events.Stepped():
             return event.key_t_ns

@@ -47,7 +47,7 @@ class SegmentHead:
 def pack_segment_head(
     metadata: Iterable[Metadata], schemas: Sequence[Schema], channels: Sequence[Channel], plan: Message
 ) -> bytes:
-    """Return the second copy of a segment's start as compressed bytes."""
+    """Return the second copy of a segment's start as compressed bytes: its records up to the message with the plan."""
     builder = RecordBuilder()
     for record in (*metadata, *schemas, *channels, plan):
         record.write(builder)
@@ -82,8 +82,8 @@ class HashChain:
             beginning = _join_parts(b"message", channel.topic.encode(), name.encode())
             self._beginnings[channel.topic, name] = beginning
         numbers = b"%d %d %d" % (message.sequence, message.log_time, message.publish_time)
-        rest = _join_parts(numbers, message.data)
-        self._head = hashlib.sha256(self._head + beginning + rest).digest()
+        content = _join_parts(numbers, message.data)
+        self._head = hashlib.sha256(self._head + beginning + content).digest()
 
     def add_metadata(self, record: Metadata) -> None:
         """Add a metadata record to the chain, without the chain head that it states."""
@@ -103,6 +103,7 @@ class HashChain:
         self._extend(b"attachment", record.name.encode(), record.media_type.encode(), times.encode(), record.data)
 
     def _add_channel(self, channel: Channel, schema: Schema | None) -> None:
+        """Add a channel and its schema to the chain; a channel without a schema counts as one with an empty schema."""
         encoding, data = ("", b"") if schema is None else (schema.encoding, schema.data)
         self._extend(b"channel", channel.topic.encode(), channel.message_encoding.encode(), encoding.encode(), data)
 

@@ -34,26 +34,25 @@ class ObservationSequence(Sequence[Any]):
         return len(self._messages)
 
     @overload
-    def __getitem__(self, place: int) -> Any: ...
+    def __getitem__(self, index: int) -> Any: ...
     @overload
-    def __getitem__(self, place: slice) -> Sequence[Any]: ...
-    def __getitem__(self, place: int | slice) -> Any:
-        steps = range(len(self))[place]
-        if isinstance(steps, int):
-            return self._read_step(steps)
-        return [self._read_step(step) for step in steps]
+    def __getitem__(self, index: slice) -> Sequence[Any]: ...
+    def __getitem__(self, index: int | slice) -> Any:
+        if isinstance(index, slice):
+            return [self._read_step(step) for step in range(len(self))[index]]
+        return self._read_step(range(len(self))[index])
 
     def _read_step(self, step: int) -> Any:
         """Read the observation at a step."""
-        place = f"episode {self._episode + 1} step {step}"
+        step_name = f"episode {self._episode + 1} step {step}"
         try:
             message = v1.Observation.FromString(self._messages[step])
             observation = decode_observation(message)
         except Exception as error:  # a foreign or newer message can make protobuf, PIL or numpy raise anything
-            raise LogError(f"{place}: the stored observation cannot be read: {error}") from error
+            raise LogError(f"{step_name}: the stored observation cannot be read: {error}") from error
         if (message.episode, message.step) != (self._episode, step):
             raise LogError(
-                f"{place}: the log has the observation of episode {message.episode + 1} step {message.step} in its "
+                f"{step_name}: the log has the observation of episode {message.episode + 1} step {message.step} in its "
                 "place"
             )
         return observation
@@ -61,6 +60,11 @@ class ObservationSequence(Sequence[Any]):
 
 def verify_observations(observations: Sequence[Any], hashes: NDArray[np.uint64], episode: int) -> Iterator[Any]:
     """Yield stored observations after checking each against the hash recorded when it was made.
+
+    Args:
+        observations: the observations at the reset and after each step.
+        hashes: their recorded hashes.
+        episode: the episode's number, counted from 0.
 
     Raises:
         LogError: at the first observation that differs or cannot be read.
@@ -93,7 +97,7 @@ def encode_observation(observation: Any) -> dict[str, bytes]:
 
 
 def encode_png(picture: NDArray[np.uint8]) -> bytes:
-    """Encode uint8[H, W, 3] as PNG without filters: 1.8 CPU-ms at 640 x 480, instead of 4.6 with PIL's."""
+    """Encode a picture, uint8[H, W, 3], as PNG without filters: 1.8 CPU-ms at 640 x 480, instead of 4.6 with PIL's."""
     height, width, _ = picture.shape
     lines = np.zeros((height, 1 + 3 * width), np.uint8)  # each after its filter's number
     lines[:, 1:] = picture.reshape(height, -1)

@@ -46,10 +46,12 @@ PART_SUFFIX = ".mcap.part"
 SYSTEM_COMPANION = "another system keeps it beside a file for itself; delete it"
 MODELS_FOLDER = "models"  # the subfolder of a data folder for models' studies, apart from people's
 _SEGMENT = re.compile(r"_seg-(\d+)$")
-_OURS = re.compile(r"_ses-\d+(_seg-\d+)?\.mcap(\.part)?$")
+_LOG_NAME = re.compile(r"_ses-\d+(_seg-\d+)?\.mcap(\.part)?$")
 _HEADER = struct.Struct("<BQI")  # after the magic bytes: opcode, record length, and length of the profile
+_START_BYTES = 64  # enough for the magic bytes, the header and the profile
+_MAX_REASON_LENGTH = 300  # characters of another library's error in a message
 _PROFILE = b"minihuman"
-_SAFE = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
+_SAFE_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
 LogFolders = Iterable[tuple[Path, list[str]]]  # each with all its file names
 
 
@@ -60,8 +62,8 @@ def require_folder(study: Path, *, instead: str = "a study's folder") -> None:
         LogError: if the path is not a folder; ``instead`` says what to name.
     """
     if not study.is_dir():
-        wrong = "is not a folder" if study.exists() else "does not exist"
-        raise LogError(f"{study} {wrong}; name {instead}")
+        problem = "is not a folder" if study.exists() else "does not exist"
+        raise LogError(f"{study} {problem}; name {instead}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +82,7 @@ class SegmentPath:
             LogError: if the study's or participant's name cannot be a folder's name.
         """
         for kind, name in (("study", plan.study), ("participant", plan.participant.id)):
-            if not _SAFE.fullmatch(name):
+            if not _SAFE_NAME.fullmatch(name):
                 raise LogError(
                     f"{kind} {name!r} cannot be used as a folder name; "
                     "use letters, digits, '-', '_' and '.', with a letter or a digit first"
@@ -111,17 +113,20 @@ class SegmentPath:
 
 
 def is_plain_log_name(name: str) -> bool:
-    """Return whether a file is named as a finished session log is, and as no other program's file."""
-    return name.endswith(LOG_SUFFIX) and bool(_OURS.search(name)) and not is_system_companion(name)
+    """Return whether a file name is that of a finished session log, not of another program's or system's file."""
+    return name.endswith(LOG_SUFFIX) and bool(_LOG_NAME.search(name)) and not is_system_companion(name)
 
 
 def is_companion_file(path: Path) -> bool:
-    """Return whether an MCAP file is another program's, such as an eye tracker's, by name and profile."""
-    if _OURS.search(path.name):
+    """Return whether an MCAP file is another program's, such as an eye tracker's, judging by its name and profile.
+
+    A file that cannot be read counts as a log.
+    """
+    if _LOG_NAME.search(path.name):
         return False
     try:
         with open_regular_file(path) as file:
-            start = file.read(64)
+            start = file.read(_START_BYTES)
     except (OSError, LogError):
         return False
     begin = len(MAGIC) + _HEADER.size
@@ -146,9 +151,9 @@ def study_folder(log: Path) -> Path:
 
 def find_log_folders(top: Path) -> Iterator[tuple[Path, list[str]]]:
     """Yield each folder below ``top`` that has an MCAP file, with its file names; do not follow links."""
-    waiting = [os.fspath(top)]
-    while waiting:
-        folder = waiting.pop()
+    pending_folders = [os.fspath(top)]
+    while pending_folders:
+        folder = pending_folders.pop()
         names: list[str] = []
         try:
             with os.scandir(folder) as entries:
@@ -156,7 +161,7 @@ def find_log_folders(top: Path) -> Iterator[tuple[Path, list[str]]]:
                     if not entry.is_dir():
                         names.append(entry.name)
                     elif not entry.is_symlink():
-                        waiting.append(entry.path)
+                        pending_folders.append(entry.path)
         except OSError:  # deleted meanwhile, or not readable
             continue
         if any(LOG_SUFFIX in name for name in names):
@@ -170,13 +175,13 @@ def list_sessions(folder: Path) -> dict[Path, list[Path]]:
 
 def group_sessions(folder: Path, names: Iterable[str]) -> dict[Path, list[Path]]:
     """Return a folder's sessions as ``list_sessions`` does, given the folder's file names."""
-    log_names = (name for name in sorted(names) if name.endswith((LOG_SUFFIX, PART_SUFFIX)))
-    paths = [folder / name for name in log_names if not is_system_companion(name)]
-    ours = [path for path in paths if not is_companion_file(path)]
-    sessions = {path: [path] for path in ours if path.name.endswith(LOG_SUFFIX)}
-    parts = [SegmentPath.of_part(path) for path in ours if path.name.endswith(PART_SUFFIX)]
-    for part in sorted(parts, key=lambda part: (part.log, part.segment)):
-        sessions.setdefault(part.log, []).append(part.part)
+    mcap_names = (name for name in sorted(names) if name.endswith((LOG_SUFFIX, PART_SUFFIX)))
+    mcap_paths = [folder / name for name in mcap_names if not is_system_companion(name)]
+    log_paths = [path for path in mcap_paths if not is_companion_file(path)]
+    sessions = {path: [path] for path in log_paths if path.name.endswith(LOG_SUFFIX)}
+    segments = [SegmentPath.of_part(path) for path in log_paths if path.name.endswith(PART_SUFFIX)]
+    for segment in sorted(segments, key=lambda segment: (segment.log, segment.segment)):
+        sessions.setdefault(segment.log, []).append(segment.part)
     return sessions
 
 
@@ -213,5 +218,6 @@ def raise_as_log_error(path: Path, doing: str = "read") -> Iterator[None]:
     except (MinihumanError, OSError):
         raise
     except Exception as error:  # a foreign, changed or newer log can make any parser raise anything
-        text = str(error).partition("\n")[0][:300]
-        raise LogError(f"{path} cannot be {doing}: {type(error).__name__}: {text}") from error
+        first_line = str(error).partition("\n")[0]
+        reason = f"{type(error).__name__}: {first_line[:_MAX_REASON_LENGTH]}"
+        raise LogError(f"{path} cannot be {doing}: {reason}") from error

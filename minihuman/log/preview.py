@@ -51,7 +51,7 @@ class PreviewEncoder:
         Args:
             topic: the message's topic.
             data: the message.
-            event: what the message says, if it has been decoded.
+            event: the event in the message, if it has been decoded already.
 
         Raises:
             Exception: any error that protobuf or one of our decoders raises for bytes that are not such a message.
@@ -79,16 +79,17 @@ class PreviewEncoder:
         assert not self.is_pose_per_step
         if event.pose is not None:
             self._path = self._path or self._begin_path(event.t_ns)
-            self._path.poses.append(_place_pose(event.pose))
+            self._path.poses.append(_convert_pose(event.pose))
 
     def finish(self) -> Iterator[tuple[str, Message]]:
-        """Yield the poses of the current episode, at its end or where the segment breaks off."""
+        """Yield the message with the poses of the running episode, if it has any, and begin a new one."""
         path = self._path
         self._path = None
         if path is not None:
             yield topics.POSE, path
 
     def _encode_event(self, event: events.Event) -> Iterator[tuple[str, Message]]:
+        """Yield the previews of an event that is not a step, an observation, a key or a frame."""
         stamp = self._timestamp(event.t_ns)
         if isinstance(event, events.EpisodeStarted | events.EpisodeEnded | events.SessionEnded):
             yield from self.finish()
@@ -98,18 +99,19 @@ class PreviewEncoder:
             if event.map is not None:
                 image = self._encode_picture(draw_floor_plan(event.map, event.pose))
                 yield topics.MAP_IMAGE, CompressedImage(timestamp=stamp, frame_id=FRAME_ID, data=image, format="png")
-        line = _log_line(event)
+        line = _describe_event(event)
         if line is not None:
             level, name, text = line
             yield topics.LOG, Log(timestamp=stamp, level=level, name=name, message=text)
 
     def _add_pose(self, pose: Pose, t_ns: int) -> Iterator[tuple[str, Message]]:
-        placed = _place_pose(pose)
+        """Add a pose to those of the running episode; yield it at once if each pose has its own message."""
+        converted = _convert_pose(pose)
         if self.is_pose_per_step:
-            yield topics.POSE, PoseInFrame(timestamp=self._timestamp(t_ns), frame_id=FRAME_ID, pose=placed)
+            yield topics.POSE, PoseInFrame(timestamp=self._timestamp(t_ns), frame_id=FRAME_ID, pose=converted)
             return
         self._path = self._path or self._begin_path(t_ns)
-        self._path.poses.append(placed)
+        self._path.poses.append(converted)
 
     def _begin_path(self, t_ns: int) -> PosesInFrame:
         return PosesInFrame(timestamp=self._timestamp(t_ns), frame_id=FRAME_ID)
@@ -119,17 +121,18 @@ class PreviewEncoder:
         return Timestamp(seconds=seconds, nanos=nanos)
 
 
-def _place_pose(pose: Pose) -> FoxglovePose:
+def _convert_pose(pose: Pose) -> FoxglovePose:
     """Return a pose in the form that viewers require: a position and a quaternion."""
-    half = pose.yaw_rad / 2
-    turned = Quaternion(x=0.0, y=math.sin(half), z=0.0, w=math.cos(half))
-    return FoxglovePose(position=Vector3(x=pose.x, y=pose.y, z=pose.z), orientation=turned)
+    half_rad = pose.yaw_rad / 2
+    orientation = Quaternion(x=0.0, y=math.sin(half_rad), z=0.0, w=math.cos(half_rad))
+    return FoxglovePose(position=Vector3(x=pose.x, y=pose.y, z=pose.z), orientation=orientation)
 
 
 _LogLine = tuple[Log.Level.ValueType, str, str]  # level, name and text
 
 
-def _log_line(event: events.Event) -> _LogLine | None:
+def _describe_event(event: events.Event) -> _LogLine | None:
+    """Describe an event in a line for viewers; return None for an event that needs none."""
     match event:
         case events.SessionStarted() | events.SessionEnded():
             return _describe_session(event)
@@ -178,38 +181,47 @@ def _describe_episode(event: events.EpisodeStarted | events.EpisodeEnded | event
 LONG_SIDE_PX = 384
 MARGIN_PX = 12
 ARROW_PX = 9  # the least radius of the agent's arrow
+_ARROW_RADIUS = 0.4  # of the agent's arrow, in cells or metres
+_ARROW_BACK_RAD = 2.5  # angle from the arrow's tip to its two other corners
+_MIN_EXTENT = 1e-9  # against a division by zero for a map without extent
 PAPER = "#ffffff"
 FLOOR = "#f1efe9"
 WALL = "#33363b"
 AGENT = "#0072b2"
 
 
-def draw_floor_plan(floor: Map, pose: Pose | None) -> Image.Image:
-    """Draw a map from above, +x right and +z down, with its things and any given pose; of a building, its floor."""
-    if floor.levels:
-        floor = floor.plan_of(floor.floor_at(floor.levels[0] if pose is None else pose.y))
-    x0, z0, x1, z1 = floor.bounds
-    scale = (LONG_SIDE_PX - 2 * MARGIN_PX) / max(x1 - x0, z1 - z0, 1e-9)  # px per cell or metre
+def draw_floor_plan(world_map: Map, pose: Pose | None) -> Image.Image:
+    """Draw a map from above, +x right and +z down, with its things and an arrow at the pose.
 
-    def at(x: float, z: float) -> tuple[float, float]:
+    Of a building, the floor at the pose is drawn, or the lowest floor without a pose.
+    """
+    floor = world_map
+    if world_map.levels:
+        height = world_map.levels[0] if pose is None else pose.y
+        floor = world_map.plan_of(world_map.floor_at(height))
+    x0, z0, x1, z1 = floor.bounds
+    scale = (LONG_SIDE_PX - 2 * MARGIN_PX) / max(x1 - x0, z1 - z0, _MIN_EXTENT)  # px per cell or metre
+
+    def to_pixel(x: float, z: float) -> tuple[float, float]:
         return (MARGIN_PX + (x - x0) * scale, MARGIN_PX + (z - z0) * scale)
 
-    right, bottom = at(x1, z1)
+    right, bottom = to_pixel(x1, z1)
     image = Image.new("RGB", (math.ceil(right) + MARGIN_PX, math.ceil(bottom) + MARGIN_PX), PAPER)
     draw = ImageDraw.Draw(image)
-    draw.rectangle((*at(x0, z0), right, bottom), fill=FLOOR)
+    draw.rectangle((*to_pixel(x0, z0), right, bottom), fill=FLOOR)
     for wall in floor.walls:
-        draw.line((*at(wall[0], wall[1]), *at(wall[2], wall[3])), fill=WALL, width=3)
+        draw.line((*to_pixel(wall[0], wall[1]), *to_pixel(wall[2], wall[3])), fill=WALL, width=3)
     for thing in floor.things:
-        x, z = at(thing.x, thing.z)
+        x, z = to_pixel(thing.x, thing.z)
         radius = max(thing.radius * scale, 2.0)
         draw.ellipse((x - radius, z - radius, x + radius, z + radius), fill=thing.colour, outline=WALL)
     if pose is not None:
-        draw.polygon([at(*corner) for corner in _arrow(pose, max(0.4, ARROW_PX / scale))], fill=AGENT)
+        corners = _find_arrow_corners(pose, max(_ARROW_RADIUS, ARROW_PX / scale))
+        draw.polygon([to_pixel(x, z) for x, z in corners], fill=AGENT)
     return image
 
 
-def _arrow(pose: Pose, radius: float) -> list[tuple[float, float]]:
+def _find_arrow_corners(pose: Pose, radius: float) -> list[tuple[float, float]]:
     """Return the corners (x, z) of an arrowhead at the pose, pointing in its direction of view."""
-    angles = (pose.yaw_rad, pose.yaw_rad + 2.5, pose.yaw_rad - 2.5)
+    angles = (pose.yaw_rad, pose.yaw_rad + _ARROW_BACK_RAD, pose.yaw_rad - _ARROW_BACK_RAD)
     return [(pose.x + radius * math.cos(angle), pose.z - radius * math.sin(angle)) for angle in angles]

@@ -20,7 +20,10 @@ def find_schema_version(plan: SessionPlan, facts: Mapping[str, str]) -> int:
 
 
 def has_outcome_rules(plan: SessionPlan) -> bool:
-    """Return whether an outcome may not follow from the last reward: ``ended``, or a goal at a step limit."""
+    """Return whether any episode's outcome is decided by another rule than its last reward.
+
+    Examples are the outcome ``ended``, and a goal that is reached at the step limit.
+    """
     return any(episode.outcome_rule != LAST_REWARD for episode in plan.episodes)
 
 
@@ -30,12 +33,17 @@ def has_timelines(plan: SessionPlan) -> bool:
 
 
 def records_whole_texts(plan: SessionPlan, facts: Mapping[str, str]) -> bool:
-    """Return whether answers or messages are logged as whole texts, which a replay needs to give the same texts."""
-    return (facts.get("text_rules", "1") == TEXT_RULES and _has_part_with(plan, "has_text_fields")) or (
-        facts.get("message_rules", "1") == MESSAGE_RULES and _has_part_with(plan, "has_text_entry")
-    )
+    """Return whether answers or messages are logged as whole texts, from which a replay restores them.
+
+    Args:
+        plan: the session's plan.
+        facts: the facts about the station, which state by what rules texts are logged.
+    """
+    has_whole_answers = facts.get("text_rules", "1") == TEXT_RULES and _has_part_with(plan, "has_text_fields")
+    has_whole_messages = facts.get("message_rules", "1") == MESSAGE_RULES and _has_part_with(plan, "has_text_entry")
+    return has_whole_answers or has_whole_messages
 
 
 def _has_part_with(plan: SessionPlan, name: str) -> bool:
-    """Return whether the plan of a part has a property that is true."""
+    """Return whether any part's plan has a property of this name that is true."""
     return any(getattr(part.plan, name, False) for part in plan.parts)

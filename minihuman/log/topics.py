@@ -102,30 +102,30 @@ def schema_bytes(message: type[Message]) -> bytes:
 
 
 @cache
-def _serialise_schema(message: Any) -> bytes:
-    """Serialise the files that define a message type, reduced to the types that it needs."""
-    needed: set[str] = set()
+def _serialise_schema(descriptor: Any) -> bytes:
+    """Serialise the files that define a message type, given its descriptor, reduced to the types that it needs."""
+    needed_names: set[str] = set()
     files: dict[str, Any] = {}
 
-    def collect(kind: Any) -> None:
-        if kind.full_name not in needed:
-            needed.add(kind.full_name)
+    def collect_types(kind: Any) -> None:
+        if kind.full_name not in needed_names:
+            needed_names.add(kind.full_name)
             for field in kind.fields:
                 if field.message_type is not None:
-                    collect(field.message_type)
+                    collect_types(field.message_type)
 
-    def collect_file(file: Any) -> None:
+    def collect_files(file: Any) -> None:
         for imported in file.dependencies:
-            collect_file(imported)
+            collect_files(imported)
         files.setdefault(file.name, file)
 
-    collect(message)
-    collect_file(message.file)
-    result = FileDescriptorSet()
+    collect_types(descriptor)
+    collect_files(descriptor.file)
+    reduced = FileDescriptorSet()
     for file in files.values():
-        copy = result.file.add()
+        copy = reduced.file.add()
         file.CopyToProto(copy)
-        needed_types = [kind for kind in copy.message_type if f"{copy.package}.{kind.name}" in needed]
+        needed_types = [kind for kind in copy.message_type if f"{copy.package}.{kind.name}" in needed_names]
         del copy.message_type[:]
         copy.message_type.extend(needed_types)
-    return result.SerializeToString(deterministic=True)
+    return reduced.SerializeToString(deterministic=True)

@@ -248,7 +248,7 @@ HEARS = (
     "tarfile",
 )
 JOINED = {
-    ("admin/remote_logs.py", "_other_name(log)"): "of a local log and a digest",
+    ("admin/remote_logs.py", "_make_alternative_name(log)"): "of a local log and a digest",
     ("admin/local_copies.py", "code"): "read by form, as a participant's code",
     ("admin/withdrawal.py", "code"): "parsed as a participant's code first",
     ("admin/withdrawal.py", "f'.{mark.name}'"): "of a file of ours",

@@ -656,5 +656,5 @@ def _unwind(loop: ServerLoop) -> None:
 
 def simulate(seed: int, parts: Parts = Parts(), *, machines: int = 1, at_commits: bool = False) -> Outcome:
     """Run a seed."""
-    with patch.object(live_log, "_package_list", lambda: _PACKAGES):
+    with patch.object(live_log, "_list_packages", lambda: _PACKAGES):
         return Simulation(seed, parts, machines=machines, at_commits=at_commits).run()

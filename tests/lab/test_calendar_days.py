@@ -50,9 +50,9 @@ def test_monday_evening_to_wednesday_morning_is_two_days_wherever_the_server_sta
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(next_session, "wall_time", lambda: datetime(2026, 11, 25, 17, tzinfo=UTC))  # 09:00 there
-    next_session._check_day(TWO_DAYS, begun(MONDAY_EVENING, utc_offset_min="-480"), 2)
+    next_session._require_due_today(TWO_DAYS, begun(MONDAY_EVENING, utc_offset_min="-480"), 2)
     with pytest.raises(AllocationError, match="which was 1 days ago"):
-        next_session._check_day(TWO_DAYS, begun(MONDAY_EVENING), 2)
+        next_session._require_due_today(TWO_DAYS, begun(MONDAY_EVENING), 2)
 
 
 @pytest.mark.parametrize("offset_min", [-480, 330])
@@ -63,7 +63,7 @@ def test_the_day_is_that_of_the_new_sessions_own_offset_where_it_is_known(
     monkeypatch.setattr(next_session, "wall_time", lambda: datetime(2026, 11, 25, 3, tzinfo=UTC))
     log = begun(MONDAY_EVENING, utc_offset_min="-480")
     with nullcontext() if offset_min == 330 else pytest.raises(AllocationError, match="which was 1 days ago"):
-        next_session._check_day(TWO_DAYS, log, 2, offset_min)
+        next_session._require_due_today(TWO_DAYS, log, 2, offset_min)
 
 
 def test_who_is_due_is_told_by_the_participants_calendar_and_not_by_the_servers(

@@ -112,18 +112,19 @@ class _ContentsReader:
         contents = self._contents
         records = [(record, dict(self._scan.schemas)) for record in self._scan.records()]
         self._decode_sure_events([record for record, _ in records])
-        for record, self._schemas in records:
+        for record, schemas in records:
+            self._schemas = schemas
             match record:
                 case Metadata():
                     self._chain.add_metadata(record)
-                    self._take_metadata(record)
+                    self._add_metadata(record)
                 case Attachment() if record.name == integrity.SEGMENT_HEAD_NAME:
-                    self._take_copy(record)
+                    self._add_plan_copies(record)
                 case Attachment():
                     self._chain.add_attachment(record)
                     contents.attached.append(record)
                 case ChunkMessages():
-                    self._take_chunk(record)
+                    self._add_chunk(record)
         contents.finished = self._scan.finished
         self._finish_messages()
         if contents.plan_copies != contents.plans and all(segment.provable for segment in contents.segments):
@@ -132,7 +133,7 @@ class _ContentsReader:
             )
         return contents
 
-    def _take_metadata(self, record: Metadata) -> None:
+    def _add_metadata(self, record: Metadata) -> None:
         """Add a metadata record to the contents, and note what is wrong with it."""
         contents = self._contents
         if record.name == log_names.SEGMENT_METADATA:
@@ -166,14 +167,17 @@ class _ContentsReader:
         if earlier is not None:
             self._contents.differences.append(f"metadata {name} is there twice")
 
-    def _take_copy(self, record: Attachment) -> None:
-        """Record the plan in the second copy of a segment's start."""
+    def _add_plan_copies(self, record: Attachment) -> None:
+        """Add the plan in the second copy of a segment's start to the contents, unless the copy is damaged."""
         with suppress(ValueError):  # a damaged copy holds no plan; its hash tells of the damage
             messages = ChunkMessages(SegmentHead.of(record.data).records, self._scan.channels)
             self._contents.plan_copies += (message.data for message in messages)
 
     def _decode_sure_events(self, records: Sequence[Metadata | Attachment | ChunkMessages]) -> None:
-        """Decode a segment's events; None for a message that may not have the bytes that minihuman writes."""
+        """Decode the events of all messages in advance, segment by segment.
+
+        An event is None if its message may not have the bytes that minihuman writes; it is then decoded by itself.
+        """
         chunks: list[ChunkMessages] = []
         started_ns = ""
         for record in records:
@@ -185,19 +189,19 @@ class _ContentsReader:
                 started_ns = record.metadata.get("started_unix_ns", "")
         self._sure_events += decode_sure_events(chunks, started_ns)
 
-    def _take_chunk(self, chunk: ChunkMessages) -> None:
+    def _add_chunk(self, chunk: ChunkMessages) -> None:
         """Add a chunk's messages to their segment."""
         for record in chunk:
             event = self._sure_events.popleft()
             if find_topic(record.channel.topic) is not None:
-                self._take_message(record, event)
+                self._add_message(record, event)
 
-    def _take_message(self, record: LogMessage, sure_event: Event | None) -> None:
-        """Add a message to its segment, and note how it differs from what was to be written.
+    def _add_message(self, record: LogMessage, sure_event: Event | None) -> None:
+        """Add a message to the hash chain and to its segment, and note how it differs from the expected message.
 
         Args:
             record: the message.
-            sure_event: its event, if the message is sure to be as the event is written.
+            sure_event: its event, if the message certainly has the bytes with which the event is written; else None.
         """
         contents = self._contents
         schema = self._schemas.get(record.channel.schema_id)
@@ -209,7 +213,7 @@ class _ContentsReader:
         segment.last_ns = max(segment.last_ns, record.log_time)
         if not segment.provable:
             return
-        if sure_event is not None and self._verify_in(segment).accept(record, sure_event):
+        if sure_event is not None and self._open_verifier(segment).try_accept(record, sure_event):
             segment.events.append(sure_event)
             segment.last_sequence = record.sequence
             return
@@ -218,13 +222,13 @@ class _ContentsReader:
         schema_name = ""
         if schema is not None:
             schema_name = schema.name
-        event, differences = self._verify_in(segment).check(record, schema_name)
+        event, differences = self._open_verifier(segment).decode_and_compare(record, schema_name)
         contents.differences += (f"segment {segment.number}: {difference}" for difference in differences)
         if event is not None:
             segment.events.append(event)
             segment.last_sequence = record.sequence
 
-    def _verify_in(self, segment: LogSegment) -> MessageVerifier:
+    def _open_verifier(self, segment: LogSegment) -> MessageVerifier:
         """Return the segment's message verifier, created at its first message."""
         if self._verifier is None:
             assert self._decode is not None  # its segment's metadata came first

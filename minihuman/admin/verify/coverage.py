@@ -51,13 +51,14 @@ class Sample:
         return cls(share, seed)
 
     def draw(self, logs: Sequence[Path]) -> list[Path]:
-        """Draw from logs, in their order."""
-        n_drawn = min(len(logs), max(1, math.ceil(self.share * len(logs) - 1e-9)))
-        places = np.random.default_rng(self.seed).permutation(len(logs))[:n_drawn]
-        return [logs[place] for place in sorted(places.tolist())]
+        """Return the logs that are drawn, in the order of ``logs``."""
+        n_exact = self.share * len(logs) - 1e-9  # so that no rounding error adds a log
+        n_drawn = min(len(logs), max(1, math.ceil(n_exact)))
+        indices = np.random.default_rng(self.seed).permutation(len(logs))[:n_drawn]
+        return [logs[index] for index in sorted(indices.tolist())]
 
     def describe(self, n_drawn: int, n_logs: int) -> str:
-        """Describe the sample, as every report of its result does."""
+        """Describe the sample in a phrase, given the number of sessions that were drawn and of all sessions."""
         return f"a sample of {n_drawn} of {n_logs} sessions, {100 * self.share:g} %, seed {self.seed}"
 
 
@@ -93,8 +94,8 @@ class VerificationRecord:
             content = file.read_bytes() if file.exists() else b""
         except OSError as error:
             raise LogError(f"{file} cannot be read: {error.strerror}") from error
-        *whole_lines, rest = content.split(b"\n")
-        self._ends_with_newline = not rest  # an empty file, too, may be appended to as it is
+        *whole_lines, partial_line = content.split(b"\n")
+        self._ends_with_newline = not partial_line  # an empty file, too, may be appended to as it is
         for number, line in enumerate(whole_lines, 1):
             self._read_line(line, number)
 
@@ -113,29 +114,37 @@ class VerificationRecord:
     def find(self, log: Path, heads: Iterable[tuple[str, str]]) -> tuple[str, ...] | None:
         """Return the lines about a log that this software verified in its present state; None if it must be verified.
 
+        The log's state is remembered for a later ``add`` call.
+
         Args:
             log: the log, or a session's folder.
-            heads: the segments of the log and their chain heads, by the enrolment log.
+            heads: the numbers of the log's segments and their chain heads, as the enrolment log has them.
         """
         try:
             self._digests[log] = _digest_log(log, heads)
         except (LogError, OSError):  # verification reports the error
             return None
-        known = self._verified.get(str(log.absolute()))
-        if known is None or (known.digest, known.software) != (self._digests[log], self._software):
+        verified = self._verified.get(str(log.absolute()))
+        if verified is None or (verified.digest, verified.software) != (self._digests[log], self._software):
             return None
-        return tuple(f"{line} (verified at {known.at}, unchanged since)" for line in known.lines)
+        return tuple(f"{line} (verified at {verified.at}, unchanged since)" for line in verified.lines)
 
     def add(self, log: Path, lines: Sequence[str]) -> None:
-        """Append a log in which nothing differs, with its state at the ``find`` call that must precede.
+        """Append a log in which nothing differs, with its state at the preceding ``find`` call.
+
+        Nothing is appended if ``find`` could not read the log.
+
+        Args:
+            log: the log, as in the ``find`` call.
+            lines: the lines of the result.
 
         Raises:
             LogError: if the file cannot be written.
         """
         if log not in self._digests:
             return
-        at = datetime.now(UTC).isoformat(timespec="seconds")
-        verified = _VerifiedLog(str(log.absolute()), self._digests[log], self._software, at, tuple(lines))
+        verified_at = datetime.now(UTC).isoformat(timespec="seconds")
+        verified = _VerifiedLog(str(log.absolute()), self._digests[log], self._software, verified_at, tuple(lines))
         start = b"" if self._ends_with_newline else b"\n"
         try:
             with self._file.open("ab") as file:
@@ -147,7 +156,7 @@ class VerificationRecord:
 
 
 def _digest_log(log: Path, heads: Iterable[tuple[str, str]]) -> str:
-    """Return the digests of all files from which a log's findings follow, with its chain heads.
+    """Return a text that identifies the state of a log: the digests of its files and annotations, and its chain heads.
 
     Raises:
         LogError: if a folder holds no session.
@@ -158,6 +167,7 @@ def _digest_log(log: Path, heads: Iterable[tuple[str, str]]) -> str:
 
 
 def _list_files(log: Path) -> Iterator[Path]:
+    """Yield the files of a session, and its file of annotations if there is one."""
     yield from list_session_files(log)
     annotations = annotations_path(log)
     if annotations.exists():

@@ -47,22 +47,22 @@ def describe_other_rules(log: SessionLog) -> str:
     return ""
 
 
-def follow_from_events(log: SessionLog) -> bool:
-    """Return whether comparing a log's events with the session machine's also proves its episodes.
+def are_proven_by_events(log: SessionLog) -> bool:
+    """Return whether a log's episodes need no replay of their own if all its events equal the session machine's.
 
     The machine steps the same worlds with the same seeds and actions, and all its events are compared. That is not
     enough for logs of earlier rules or pictures, for worlds that failed, and for teams, whose joint actions must be
     compared, too.
     """
-    has_own_rules = all(facts.get("session_rules") == str(MACHINE_VERSION) for facts in log.metadata["segments"])
-    has_own_images = all(renders_same_images(segment.facts) for segment in log.segments)
+    has_current_rules = all(facts.get("session_rules") == str(MACHINE_VERSION) for facts in log.metadata["segments"])
+    has_same_images = all(renders_same_images(segment.facts) for segment in log.segments)
     has_failed = any(segment.end_reason == "world_error" for segment in log.segments)
     has_team = any(episode.team is not None for episode in log.episodes)
-    return has_own_rules and has_own_images and not has_failed and not has_team
+    return has_current_rules and has_same_images and not has_failed and not has_team
 
 
-def count_episodes(log: SessionLog) -> EpisodeVerification:
-    """Return the result of replaying a log's episodes if none differs."""
+def summarize_exact_replay(log: SessionLog) -> EpisodeVerification:
+    """Return the result of verifying a log whose episodes are known not to differ, without replaying them."""
     return EpisodeVerification(len(log.episodes), sum(len(episode.actions) for episode in log.episodes), "")
 
 
@@ -82,7 +82,7 @@ def verify_episodes(log: SessionLog, make_world: WorldFactory = World) -> Episod
         with closing(make_world(world_id, options)) as world:
             skips_observations = world.drawn and not has_same_images
             for episode in group:
-                difference = _first_difference(episode, world, compare_observations=not skips_observations)
+                difference = _find_first_difference(episode, world, compare_observations=not skips_observations)
                 if difference:
                     return EpisodeVerification(episodes, steps, difference, n_other_renderer)
                 n_other_renderer += skips_observations
@@ -91,31 +91,29 @@ def verify_episodes(log: SessionLog, make_world: WorldFactory = World) -> Episod
     return EpisodeVerification(episodes, steps, "", n_other_renderer)
 
 
-def _first_difference(episode: EpisodeLog, world: World, *, compare_observations: bool) -> str:
+def _find_first_difference(episode: EpisodeLog, world: World, *, compare_observations: bool) -> str:
     """Return the first difference of an episode from its replay in the world; "" if there is none."""
     try:
-        for difference in _list_differences(episode, world):
-            if compare_observations or " observation hash " not in difference:
-                return difference
+        return next(_list_differences(episode, world, compare_observations=compare_observations), "")
     except WorldFailedError as error:
         return f"{episode.name}: the world raises {error}"
-    return ""
 
 
-def _list_differences(episode: EpisodeLog, world: World) -> Iterator[str]:
+def _list_differences(episode: EpisodeLog, world: World, *, compare_observations: bool) -> Iterator[str]:
     """Play an episode's actions again in the world and yield the differences."""
     play = RunningEpisode(episode.plan, world, picture_px=None)
-    yield from _compare_start(episode.start, play.start(episode.start.t_ns), f"{episode.name} reset")
+    start = play.start(episode.start.t_ns)
+    yield from _compare_start(episode.start, start, f"{episode.name} reset", compare_observations=compare_observations)
     for index, action in enumerate(episode.actions_taken):
-        place = f"{episode.name} step {index + 1}"
+        step_name = f"{episode.name} step {index + 1}"
         if play.outcome is not None:
-            yield f"{place}: logged, but the episode now ends at step {index} with {play.outcome!r}"
+            yield f"{step_name}: logged, but the episode now ends at step {index} with {play.outcome!r}"
         replayed = play.step(0, action, key=episode.step_keys[index], key_t_ns=0)
-        yield from _compare_step(episode, index, replayed, place)
+        yield from _compare_step(episode, index, replayed, step_name, compare_observations=compare_observations)
         if episode.team is not None:
             rewards = episode.team.rewards[index]
             if not np.array_equal(rewards, world.unwrapped.rewards, equal_nan=True):
-                yield f"{place}: rewards {rewards.tolist()} in the log, now {list(world.unwrapped.rewards)}"
+                yield f"{step_name}: rewards {rewards.tolist()} in the log, now {list(world.unwrapped.rewards)}"
     if episode.team is not None:
         yield from _list_team_differences(episode, episode.team)
     if episode.end_cause and play.outcome is None:
@@ -133,51 +131,52 @@ def _list_team_differences(episode: EpisodeLog, team: TeamRecord) -> Iterator[st
         yield f"{episode.name}: the joint actions of seat {team.seat} are not the seat's own"
 
 
-def _compare_start(logged: EpisodeStarted, replayed: EpisodeStarted, place: str) -> Iterator[str]:
+def _compare_start(
+    logged: EpisodeStarted, replayed: EpisodeStarted, step_name: str, *, compare_observations: bool
+) -> Iterator[str]:
+    """Yield the differences between the logged start of an episode and its start now."""
     for name in ("action_names", "mission", "map", "pose"):
         if getattr(logged, name) != getattr(replayed, name):
-            yield f"{place}: {name} {getattr(logged, name)!r} in the log, now {getattr(replayed, name)!r}"
-    yield from _compare_hashes(
-        place, logged.state_hash, replayed.state_hash, logged.observation_hash, replayed.observation_hash
-    )
+            yield f"{step_name}: {name} {getattr(logged, name)!r} in the log, now {getattr(replayed, name)!r}"
+    yield from _compare_hash(step_name, "state", logged.state_hash, replayed.state_hash)
+    if compare_observations:
+        yield from _compare_hash(step_name, "observation", logged.observation_hash, replayed.observation_hash)
 
 
-def _compare_step(episode: EpisodeLog, index: int, replayed: Stepped, place: str) -> Iterator[str]:
+def _compare_step(
+    episode: EpisodeLog, index: int, replayed: Stepped, step_name: str, *, compare_observations: bool
+) -> Iterator[str]:
     """Yield the differences between a logged step and the same step now; the state after it has the next index."""
     state = index + 1
-    yield from _compare_hashes(
-        place,
-        int(episode.state_hashes[state]),
-        replayed.state_hash,
-        int(episode.observation_hashes[state]),
-        replayed.observation_hash,
-    )
+    yield from _compare_hash(step_name, "state", int(episode.state_hashes[state]), replayed.state_hash)
+    if compare_observations:
+        logged_hash = int(episode.observation_hashes[state])
+        yield from _compare_hash(step_name, "observation", logged_hash, replayed.observation_hash)
     for name, logged, now in (
-        ("success", _logged_success(episode, index), replayed.success),
+        ("success", _read_logged_success(episode, index), replayed.success),
         ("reward", float(episode.rewards[index]), replayed.reward),
         ("terminated", bool(episode.terminated[index]), replayed.terminated),
         ("truncated", bool(episode.truncated[index]), replayed.truncated),
     ):
-        are_both_nan = logged != logged and now != now
+        are_both_nan = logged != logged and now != now  # only NaN differs from itself
         if logged != now and not are_both_nan:
-            yield f"{place}: {name} {logged!r} in the log, now {now!r}"
+            yield f"{step_name}: {name} {logged!r} in the log, now {now!r}"
     pose = pose_as_row(replayed.pose)
     if not np.array_equal(episode.poses[state], pose, equal_nan=True):
-        yield f"{place}: pose {episode.poses[state].tolist()} in the log, now {list(pose)}"
+        yield f"{step_name}: pose {episode.poses[state].tolist()} in the log, now {list(pose)}"
 
 
-def _logged_success(episode: EpisodeLog, index: int) -> bool | None:
+def _read_logged_success(episode: EpisodeLog, index: int) -> bool | None:
     """Return whether a step was a success according to the log; None if the log does not record it."""
     if episode.successes is None or np.isnan(episode.successes[index]):
         return None
     return bool(episode.successes[index])
 
 
-def _compare_hashes(place: str, state: int, state_now: int, observation: int, observation_now: int) -> Iterator[str]:
-    """Yield a difference for each of the two hashes that is not as logged."""
-    for name, logged, now in (("state", state, state_now), ("observation", observation, observation_now)):
-        if logged != now:
-            yield f"{place}: {name} hash {logged:016x} in the log, now {now:016x}"
+def _compare_hash(step_name: str, name: str, logged: int, now: int) -> Iterator[str]:
+    """Yield a line if the hash of the state or the observation is not as logged."""
+    if logged != now:
+        yield f"{step_name}: {name} hash {logged:016x} in the log, now {now:016x}"
 
 
 _Played = dict[tuple[int, int], tuple[EpisodeLog, TeamRecord]]  # by episode and attempt
@@ -196,15 +195,15 @@ def verify_teams(study: Path) -> Iterator[tuple[str, bool]]:
         if len(people) < 2:
             continue
         logs = {seat: _read_member(study, entry, str(seat)) for seat in people}
-        played_by_seat = {seat: _find_episodes(log, entry) for seat, log in logs.items()}
-        place = f"team {entry.team}, block {entry.block}"
+        played_by_seat = {seat: _find_team_episodes(log, entry) for seat, log in logs.items()}
+        team_name = f"team {entry.team}, block {entry.block}"
         differences = [*_compare_members(played_by_seat), *_compare_messages(logs, played_by_seat)]
-        yield from ((f"{place}: {difference}", False) for difference in differences)
+        yield from ((f"{team_name}: {difference}", False) for difference in differences)
         for seat in people:
             if str(seat) not in entry.members:
-                yield f"{place}: seat {seat} withdrawn", True
+                yield f"{team_name}: seat {seat} withdrawn", True
         if not differences:
-            yield f"{place}: {_describe_agreement(played_by_seat)}", True
+            yield f"{team_name}: {_describe_agreement(played_by_seat)}", True
 
 
 def _describe_agreement(played_by_seat: dict[int, _Played]) -> str:
@@ -221,15 +220,15 @@ def _read_member(study: Path, entry: TeamRecorded, seat: str) -> SessionLog | No
     """Read a member's log; return None for a member who withdrew or has no log."""
     code = entry.members.get(seat)
     if code is None:
-        folder = None
-    else:
-        folder = session_folder(study.parent, study.name, code, entry.session)
-    if folder is not None and folder.is_dir() and list_sessions(folder):
-        return read_log(folder)
-    return None
+        return None
+    folder = session_folder(study.parent, study.name, code, entry.session)
+    if not folder.is_dir() or not list_sessions(folder):
+        return None
+    return read_log(folder)
 
 
-def _find_episodes(log: SessionLog | None, entry: TeamRecorded) -> _Played:
+def _find_team_episodes(log: SessionLog | None, entry: TeamRecorded) -> _Played:
+    """Return the episodes that a team played in its block, from the log of a member; empty without a log."""
     if log is None:
         return {}
     return {
@@ -251,12 +250,16 @@ def _compare_members(played_by_seat: dict[int, _Played]) -> Iterator[str]:
         for (number, attempt), (episode, team) in played.items():
             if all(sources[other_seat] == "agent" for sources in team.sources):
                 continue
-            attempts = {key[1]: record for key, record in other_played.items() if key[0] == number}
-            if not attempts:
+            other_attempts = {
+                other_attempt: record
+                for (other_number, other_attempt), record in other_played.items()
+                if other_number == number
+            }
+            if not other_attempts:
                 continue
-            n_same = {key: _count_same(team, other_team) for key, (_, other_team) in attempts.items()}
-            best = max(n_same, key=lambda key: (n_same[key], key == attempt))
-            records = {seat: (episode, team), other_seat: attempts[best]}
+            n_same = {key: _count_equal_steps(team, other_team) for key, (_, other_team) in other_attempts.items()}
+            best = max(n_same, key=lambda key: (n_same[key], key == attempt))  # of equal ones, that of the same number
+            records = {seat: (episode, team), other_seat: other_attempts[best]}
             difference = _find_record_difference(dict(sorted(records.items())), n_same[best])
             if difference:
                 lines[f"episode {number + 1} of the block{difference}"] = None
@@ -282,7 +285,7 @@ def _find_record_difference(records: Mapping[int, tuple[EpisodeLog, TeamRecord]]
 
 
 def _compare_messages(logs: dict[int, SessionLog | None], played_by_seat: dict[int, _Played]) -> Iterator[str]:
-    """Yield the messages that were shown to a seat but are missing from their author's log, if that log is complete."""
+    """Yield a line for each message that a seat was shown but that its author's log lacks, if that log is complete."""
     shown_messages = {}
     sent = {}
     for seat, log in logs.items():
@@ -307,7 +310,8 @@ def _list_shown_messages(log: SessionLog, played: _Played) -> list[MessageShown]
     return [event for event in log.part_events if isinstance(event, MessageShown) and event.episode in episodes]
 
 
-def _count_same(record: TeamRecord, other: TeamRecord) -> int:
+def _count_equal_steps(record: TeamRecord, other: TeamRecord) -> int:
     """Count the joint steps on which two records agree before the first difference."""
-    n = min(len(record.actions), len(other.actions))
-    return int((record.actions[:n] == other.actions[:n]).all(axis=1).cumprod().sum())
+    n_compared = min(len(record.actions), len(other.actions))
+    is_equal = (record.actions[:n_compared] == other.actions[:n_compared]).all(axis=1)
+    return int(is_equal.cumprod().sum())  # the product is 0 from the first difference on

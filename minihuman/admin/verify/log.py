@@ -17,9 +17,9 @@ from minihuman.admin.policies import verify_advice
 from minihuman.admin.verify.contents import LogContents, LogSegment, read_log_contents
 from minihuman.admin.verify.episodes import (
     EpisodeVerification,
-    count_episodes,
+    are_proven_by_events,
     describe_other_rules,
-    follow_from_events,
+    summarize_exact_replay,
     verify_episodes,
 )
 from minihuman.admin.verify.picture_verification import PictureVerification, verify_pictures
@@ -48,10 +48,11 @@ from minihuman.worlds.adapters.world import World
 from minihuman.worlds.isolation.isolated_world import IsolatedWorlds
 
 MAX_DIFFERENCES = 20  # of a log, that are listed
+_PACKAGE_LIST = "packages.txt"  # an attachment whose content depends on the machine
 
 
 def find_log_differences(path: Path, make_world: WorldFactory) -> Iterator[str]:
-    """Yield everything in a log that does not follow from the rest of it; nothing for a log that is proven.
+    """Yield a line for each part of a log that does not follow from the rest of it; none if the log is proven.
 
     Segments recorded before session rules and hash chains existed are left to ``verify``.
 
@@ -72,33 +73,33 @@ def find_log_differences(path: Path, make_world: WorldFactory) -> Iterator[str]:
 
 
 def _find_segment_differences(contents: LogContents, index: int, make_world: WorldFactory) -> Iterator[str]:
-    """Yield everything in the segment at an index that does not follow from the rest of the log."""
+    """Yield a line for each part of the segment at an index that does not follow from the rest of the log."""
     segment = contents.segments[index]
     segments_so_far = contents.segments[: index + 1]
-    yield from _compare_metadata(segment, index)
+    yield from _compare_metadata(segment)
     yield from _compare_end(segment, segments_so_far, finished=contents.finished)
     yield from compare_plan(segment)
     for rule in find_violations(segment.events):
         yield f"well-formed: {rule}"
-    yield from _replay(segment, make_world)
+    yield from _find_replay_differences(segment, make_world)
 
 
 def _compare_chain_heads(path: Path, contents: LogContents) -> Iterator[str]:
     """Yield a line for each segment whose chain head differs from the enrolment log's."""
-    known = _find_chain_heads(study_folder(path)).get(path.name, {})
+    recorded_heads = _find_chain_heads(study_folder(path)).get(path.name, {})
     for segment in contents.segments:
-        if segment.end is None or segment.number not in known:
+        if segment.end is None or segment.number not in recorded_heads:
             continue
         chain = segment.end.get(CHAIN_KEY, "")
-        known_chain = known[segment.number]
-        if known_chain != chain:
-            yield (f"segment {segment.number} ended with chain {chain[:16]}; the enrolment log says {known_chain[:16]}")
+        recorded = recorded_heads[segment.number]
+        if recorded != chain:
+            yield (f"segment {segment.number} ended with chain {chain[:16]}; the enrolment log says {recorded[:16]}")
 
 
 def find_chain_heads(log: Path) -> list[tuple[str, str]]:
-    """Return each segment of a log with its chain head in the study's enrolment log; others are left out."""
-    known = _find_chain_heads(study_folder(log))
-    return [head for file in list_session_files(log) for head in known.get(file.name, {}).items()]
+    """Return the number and the chain head of each of a log's segments whose head the study's enrolment log has."""
+    recorded_heads = _find_chain_heads(study_folder(log))
+    return [head for file in list_session_files(log) for head in recorded_heads.get(file.name, {}).items()]
 
 
 def is_of_our_worlds(log: Path) -> bool:
@@ -111,9 +112,9 @@ def is_of_our_worlds(log: Path) -> bool:
 
 
 def _find_chain_heads(study: Path) -> Mapping[str, Mapping[str, str]]:
-    """Return the chain heads that a study's enrolment log has, by log and segment.
+    """Return the chain heads that a study's enrolment log has, by log and then by segment.
 
-    It is read again only if its file has changed, since reading it for every session takes quadratic time.
+    A file is read again only if it has changed, since reading it for every session takes quadratic time.
     """
     try:
         facts = (study / ENROLMENT_FILE_NAME).stat()
@@ -124,27 +125,28 @@ def _find_chain_heads(study: Path) -> Mapping[str, Mapping[str, str]]:
 
 @lru_cache(maxsize=2)
 def _read_chain_heads(study: Path, version: tuple[int, ...]) -> Mapping[str, Mapping[str, str]]:
+    """Return a study's chain heads from the cache, in which ``version`` identifies the content of the enrolment log."""
     return read_chain_heads(study)
 
 
-def _replay(segment: LogSegment, make_world: WorldFactory) -> Iterator[str]:
+def _find_replay_differences(segment: LogSegment, make_world: WorldFactory) -> Iterator[str]:
     """Compare a segment with its replay; yield the differences.
 
-    If a model took part, every prompt, its picture and the parsing of answers are compared, too.
-
-    A world that failed may end its process or run forever, so it is replayed in a separate process.
+    If a model took part, every prompt, its picture and the parsing of answers are compared, too. A world that failed
+    may end its process or run forever, so it is replayed in a separate process.
     """
     if segment.ended is not None and segment.ended.reason == "world_error":
         worlds = IsolatedWorlds(make_world)
         try:
-            yield from _compare_segment(segment, worlds)
+            yield from _compare_with_replay(segment, worlds)
         finally:
             worlds.close()
         return
-    yield from _compare_segment(segment, make_world)
+    yield from _compare_with_replay(segment, make_world)
 
 
-def _compare_segment(segment: LogSegment, make_world: WorldFactory) -> Iterator[str]:
+def _compare_with_replay(segment: LogSegment, make_world: WorldFactory) -> Iterator[str]:
+    """Yield the differences of a segment from its replay in this process, including the calls of a model."""
     started = segment.started
     if started is None or not any(isinstance(event, ModelCall) for event in segment.events):
         yield from compare_replay(segment.events, make_world)
@@ -155,21 +157,24 @@ def _compare_segment(segment: LogSegment, make_world: WorldFactory) -> Iterator[
 
 
 def _compare_attachments(contents: LogContents) -> Iterator[str]:
-    """Yield the differences between the attachments and the plans, each of whose attachments must be present once."""
+    """Yield the differences between a log's attachments and those that its plans require, each exactly once.
+
+    Third parties' attachments are not compared, nor is the content of the list of packages.
+    """
     names = set()
     expected = set()
     for segment in contents.segments:
         if segment.started:
             for name, _, content in build_attachments(segment.started.plan):
                 names.add(name)
-                if name != "packages.txt":  # it depends on the machine
+                if name != _PACKAGE_LIST:
                     expected.add((name, content))
     counts = Counter((attached.name, attached.data) for attached in contents.attached if attached.name in names)
     all_provable = all(segment.provable for segment in contents.segments)
     for (name, content), count in counts.items():
         if count > 1:
             yield f"attachment {name} is there twice"
-        if all_provable and name != "packages.txt" and (name, content) not in expected:
+        if all_provable and name != _PACKAGE_LIST and (name, content) not in expected:
             yield f"attachment {name} is not what the plan says"
     present = {name for name, _ in counts}
     for name in sorted(names - present):
@@ -179,7 +184,7 @@ def _compare_attachments(contents: LogContents) -> Iterator[str]:
             yield f"attachment {name} of {len(content)} bytes is missing"
 
 
-def _compare_metadata(segment: LogSegment, index: int) -> Iterator[str]:
+def _compare_metadata(segment: LogSegment) -> Iterator[str]:
     """Yield the differences between the metadata at a segment's start and its plan."""
     started = segment.started
     if started is None:
@@ -206,7 +211,7 @@ def _compare_end(segment: LogSegment, so_far: Sequence[LogSegment], *, finished:
     if end.get(CHAIN_KEY) != segment.head:
         logged = end.get(CHAIN_KEY, "none")
         yield f"the hash chain is {segment.head[:16]}, its end says {logged[:16]}: something was changed"
-    for name, expected in _expect_end(segment, so_far).items():
+    for name, expected in _build_expected_end(segment, so_far).items():
         if end.get(name) != expected:
             yield f"metadata {log_names.END_METADATA}: {name} {end.get(name)!r}, by the messages {expected!r}"
     clean = end.get("clean")
@@ -220,9 +225,14 @@ def _compare_end(segment: LogSegment, so_far: Sequence[LogSegment], *, finished:
         yield f"its live file was damaged: {stopped}"
 
 
-def _expect_end(segment: LogSegment, so_far: Sequence[LogSegment]) -> dict[str, str]:
-    """Return the metadata that a segment's end should have according to the messages up to it."""
-    events_so_far = [event for part in so_far for event in part.events]
+def _build_expected_end(segment: LogSegment, so_far: Sequence[LogSegment]) -> dict[str, str]:
+    """Return the metadata that a segment's end should have according to the messages of it and the segments before.
+
+    Args:
+        segment: the segment.
+        so_far: the segments up to this one, including it.
+    """
+    events_so_far = [event for earlier in so_far for event in earlier.events]
     reason = "cut_off"
     if segment.ended is not None:
         reason = segment.ended.reason
@@ -239,7 +249,7 @@ def _expect_end(segment: LogSegment, so_far: Sequence[LogSegment]) -> dict[str, 
         "planned": str(n_planned),
         "lasted_ns": str(segment.last_ns - segment.first_ns),
     }
-    if all(part.provable for part in so_far):
+    if all(earlier.provable for earlier in so_far):
         ends = [event for event in events_so_far if isinstance(event, EpisodeEnded)]
         completed = {end.episode for end in ends if end.outcome != "abandoned"}
         expected["completed"] = str(len(completed))
@@ -262,12 +272,12 @@ def verify_session(log: Path, *, trust: bool = False, policies: bool = False) ->
     if trust:
         Trust(modules=list_foreign_modules(episode.plan.world for episode in session.episodes)).record()
     yield from _describe_rules(session)
-    differences: list[str] | None = None
-    if follow_from_events(session):
+    differences: list[str] | None = None  # None until all files have been compared with their replay
+    if are_proven_by_events(session):
         differences = _find_differences_in_one_replay(session, log)
     make_world = WorldTape().make_world
     if differences == []:
-        steps = count_episodes(session)
+        steps = summarize_exact_replay(session)
         pictures = verify_pictures(session)
     else:
         steps, pictures = _replay_session(session, log, make_world)
@@ -289,7 +299,7 @@ def verify_session(log: Path, *, trust: bool = False, policies: bool = False) ->
 
 
 def _describe_rules(session: SessionLog) -> Iterator[tuple[str, bool]]:
-    """Yield a line if other rules recorded the session."""
+    """Yield a line if the session was recorded by other rules of worlds than the current ones."""
     note = describe_other_rules(session)
     if note:
         yield note, True

@@ -38,10 +38,15 @@ class MessageVerifier:
         self._waiting: list[LogMessage] = []  # preview messages since the last message of the record
         self._last: LogMessage | None = None  # the last message of the record
 
-    def check(self, message: LogMessage, schema: str) -> tuple[Event | None, list[str]]:
-        """Return the event in a message, and a line for each way in which the message differs from the expected one.
+    def decode_and_compare(self, message: LogMessage, schema: str) -> tuple[Event | None, list[str]]:
+        """Return the event in the next message, and a line for each way in which it differs from the expected message.
 
-        The event is None for a preview message, or for a message that cannot be read.
+        The event is None for a preview message, or for a message that cannot be read. Preview messages are kept, and
+        compared with the next message of the record.
+
+        Args:
+            message: the message.
+            schema: the name of the message's schema.
         """
         topic = message.channel.topic
         if topic in _FOR_VIEWERS:
@@ -51,34 +56,34 @@ class MessageVerifier:
         previews = self._waiting
         self._waiting = []
         self._last = message
-        place = f"message {message.sequence} on {topic}"
+        message_name = f"message {message.sequence} on {topic}"
         try:
             event = self._decode(topic, message.data)
         except Exception as error:  # a changed message can make protobuf raise anything
-            return None, [f"{place} cannot be read: {error}"]
+            return None, [f"{message_name} cannot be read: {error}"]
         if event is None:
-            return None, [f"{place} says nothing"]
+            return None, [f"{message_name} says nothing"]
         differences = []
         event_topic, encoded = encode_event(event)
         log_time = self._started_ns + event.t_ns
         if event_topic != topic or not _is_as_written(encoded, message.data):
-            differences.append(f"{place} is not as it is written")
+            differences.append(f"{message_name} is not as it is written")
         if message.log_time != log_time:
-            differences.append(f"{place}: log time {message.log_time}, by its own time {log_time}")
+            differences.append(f"{message_name}: log time {message.log_time}, by its own time {log_time}")
         if message.publish_time != self._started_ns + event_cause_ns(event):
-            differences.append(f"{place}: publish time {message.publish_time} is not when it was caused")
+            differences.append(f"{message_name}: publish time {message.publish_time} is not when it was caused")
         expected = list(self._previews.encode(topic, message.data, event))
-        return event, differences + self._compare_previews(expected, message, previews, place)
+        return event, differences + self._compare_previews(expected, message, previews, message_name)
 
     def _keep_picture(self, picture: Image.Image) -> bytes:
-        """Keep a picture to be compared, instead of encoding it."""
+        """Keep a picture to be compared, instead of encoding it; return no bytes."""
         self._picture = picture
         return b""
 
-    def accept(self, message: LogMessage, event: Event) -> bool:
-        """Accept a message that surely has its event's bytes and times.
+    def try_accept(self, message: LogMessage, event: Event) -> bool:
+        """Accept the next message, which certainly has its event's bytes and times, without comparing it.
 
-        Return False, and do nothing, if previews belong to it: these must be compared.
+        Return False, and do nothing, if previews belong to it, which must be compared.
         """
         if self._waiting or self._previews.is_pose_per_step:
             return False
@@ -94,7 +99,7 @@ class MessageVerifier:
         return self._compare_previews(list(self._previews.finish()), self._last, self._waiting, "the segment's end")
 
     def _compare_previews(
-        self, expected: list[tuple[str, Message]], message: LogMessage, previews: list[LogMessage], place: str
+        self, expected: list[tuple[str, Message]], message: LogMessage, previews: list[LogMessage], message_name: str
     ) -> list[str]:
         """Compare the previews of a message with the expected ones; return the differences."""
         if self._live and not previews:
@@ -103,29 +108,32 @@ class MessageVerifier:
         topics_logged = [preview.channel.topic for preview in previews]
         if topics_expected != topics_logged:
             logged = ", ".join(topics_logged) or "none"
-            return [f"{place} is repeated for viewers on {logged}; it should be on {topics_expected}"]
+            return [f"{message_name} is repeated for viewers on {logged}; it should be on {topics_expected}"]
         differences = []
-        for (topic, again), preview in zip(expected, previews, strict=True):
-            times = (preview.sequence, preview.log_time, preview.publish_time)
-            has_times = times == (0, message.log_time, message.publish_time)
-            if not has_times or not _shows_same(topic, again, preview.data, self._picture):
-                differences.append(f"{place}: its copy for viewers on {topic} is another")
+        for (topic, expected_preview), preview in zip(expected, previews, strict=True):
+            numbers = (preview.sequence, preview.log_time, preview.publish_time)
+            has_same_times = numbers == (0, message.log_time, message.publish_time)  # previews have no sequence number
+            if not has_same_times or not _shows_same(topic, expected_preview, preview.data, self._picture):
+                differences.append(f"{message_name}: its copy for viewers on {topic} is another")
         return differences
 
 
-def _is_as_written(again: Message, logged: bytes) -> bool:
-    """Return whether a message has the bytes that this version of minihuman, or an earlier one, writes for it."""
-    if again.SerializeToString(deterministic=True) == logged:
+def _is_as_written(expected: Message, logged: bytes) -> bool:
+    """Return whether a message has the bytes that this version of minihuman, or an earlier one, writes for it.
+
+    An expected plan is changed to the form of the earlier version.
+    """
+    if expected.SerializeToString(deterministic=True) == logged:
         return True
-    if not isinstance(again, v1.SessionPlan):
+    if not isinstance(expected, v1.SessionPlan):
         return False
-    for part, logged_part in zip(again.parts, v1.SessionPlan.FromString(logged).parts, strict=False):
-        part.plan_json = _without_later_defaults(part.plan_json, logged_part.plan_json)
-    return again.SerializeToString(deterministic=True) == logged
+    for part, logged_part in zip(expected.parts, v1.SessionPlan.FromString(logged).parts, strict=False):
+        part.plan_json = _drop_later_defaults(part.plan_json, logged_part.plan_json)
+    return expected.SerializeToString(deterministic=True) == logged
 
 
-def _without_later_defaults(plan_json: str, logged_json: str) -> str:
-    """Return a part's plan without the default values of fields that are missing from the logged plan."""
+def _drop_later_defaults(plan_json: str, logged_json: str) -> str:
+    """Return a part's plan without the fields that are missing from the logged plan, as JSON."""
     plan = msgspec.json.decode(plan_json)
     logged = msgspec.json.decode(logged_json)
     if not isinstance(plan, dict) or not isinstance(logged, dict):
@@ -133,43 +141,50 @@ def _without_later_defaults(plan_json: str, logged_json: str) -> str:
     return msgspec.json.encode({name: value for name, value in plan.items() if name in logged}).decode()
 
 
-def _shows_same(topic: str, again: Message, logged_bytes: bytes, picture: Image.Image | None) -> bool:
+def _shows_same(topic: str, expected: Message, logged_bytes: bytes, floor_plan: Image.Image | None) -> bool:
     """Return whether two previews show the same; other versions of a library may compress a picture differently.
 
     Args:
         topic: the topic of both.
-        again: the expected preview; a floor plan without its picture.
+        expected: the expected preview; for a floor plan, without its picture.
         logged_bytes: the logged preview.
-        picture: the floor plan.
+        floor_plan: the picture of the latest expected floor plan, if there was one.
     """
-    expected_bytes = again.SerializeToString(deterministic=True)
-    is_map = topic == topics.MAP_IMAGE and picture is not None
-    is_same = expected_bytes == logged_bytes and not is_map
-    if is_same or topic not in (topics.MAP_IMAGE, topics.OBSERVATION_IMAGE):
-        return is_same
+    expected_bytes = expected.SerializeToString(deterministic=True)
+    if topic != topics.MAP_IMAGE:
+        floor_plan = None
+    if floor_plan is None and expected_bytes == logged_bytes:
+        return True
+    if topic not in (topics.MAP_IMAGE, topics.OBSERVATION_IMAGE):
+        return False
     try:
-        if _without_picture(expected_bytes) != _without_picture(logged_bytes):
+        if _clear_picture(expected_bytes) != _clear_picture(logged_bytes):
             return False
-        logged = Image.open(io.BytesIO(CompressedImage.FromString(logged_bytes).data))
-        if not is_map:
-            expected = Image.open(io.BytesIO(CompressedImage.FromString(expected_bytes).data))
-            return np.array_equal(np.asarray(expected), np.asarray(logged))
-        assert picture is not None
-        is_alike = (logged.mode, logged.size) == (picture.mode, picture.size)
-        if is_alike and ImageChops.difference(logged, picture).getbbox() is None:
+        logged_picture = _open_picture(logged_bytes)
+        if floor_plan is None:
+            return np.array_equal(np.asarray(_open_picture(expected_bytes)), np.asarray(logged_picture))
+        is_alike = (logged_picture.mode, logged_picture.size) == (floor_plan.mode, floor_plan.size)
+        if is_alike and ImageChops.difference(logged_picture, floor_plan).getbbox() is None:
             return True
         # Pillow 10 and 12 put the outline of a disc on different pixels
-        return _differ_by_a_pixel(np.asarray(picture), np.asarray(logged))
+        return _differ_by_a_pixel(np.asarray(floor_plan), np.asarray(logged_picture))
     except Exception:  # the bytes are no picture
         return False
 
 
+def _open_picture(encoded: bytes) -> Image.Image:
+    """Open the picture in an encoded preview."""
+    return Image.open(io.BytesIO(CompressedImage.FromString(encoded).data))
+
+
 def _differ_by_a_pixel(drawing: NDArray[np.uint8], other: NDArray[np.uint8]) -> bool:
-    """Return whether two drawings [H, W, 3] are the same except for edges that lie up to one pixel apart."""
-    return drawing.shape == other.shape and _lies_within(drawing, other) and _lies_within(other, drawing)
+    """Return whether two drawings, uint8[H, W, 3], differ at most by edges that lie one pixel apart."""
+    if drawing.shape != other.shape:
+        return False
+    return _is_within_neighbours(drawing, other) and _is_within_neighbours(other, drawing)
 
 
-def _lies_within(drawing: NDArray[np.uint8], other: NDArray[np.uint8]) -> bool:
+def _is_within_neighbours(drawing: NDArray[np.uint8], other: NDArray[np.uint8]) -> bool:
     """Return whether each pixel of a drawing has a colour within the range of the other drawing's adjacent pixels."""
     image = Image.fromarray(other)
     low = np.asarray(image.filter(ImageFilter.MinFilter(3)))
@@ -177,7 +192,8 @@ def _lies_within(drawing: NDArray[np.uint8], other: NDArray[np.uint8]) -> bool:
     return bool(((low <= drawing) & (drawing <= high)).all())
 
 
-def _without_picture(data: bytes) -> bytes:
-    message = CompressedImage.FromString(data)
+def _clear_picture(encoded: bytes) -> bytes:
+    """Return an encoded preview without its picture."""
+    message = CompressedImage.FromString(encoded)
     message.data = b""
     return message.SerializeToString(deterministic=True)

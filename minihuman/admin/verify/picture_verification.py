@@ -50,7 +50,7 @@ class PictureVerification:
 
 
 def verify_pictures(log: SessionLog, make_world: WorldFactory = World) -> PictureVerification | None:
-    """Draw the shown pictures of third-party worlds again; return None if no participant saw such an episode.
+    """Draw the shown pictures of third-party worlds again; return None if no participant saw such a world.
 
     The verdict covers the episodes up to the first that differs.
 
@@ -120,26 +120,32 @@ def _list_differences(
 
 
 def _judge_difference(recorded: Mapping[str, str], difference: str, pictures: int) -> PictureVerification:
-    """Return the verdict on a difference; pictures that were drawn with other software cannot be compared."""
+    """Return "different", or "not comparable" if the pictures were drawn with other software or on another machine.
+
+    Args:
+        recorded: the facts about the station that the log recorded.
+        difference: a line about the first picture that differs.
+        pictures: the number of equal pictures before it.
+    """
     changed = []
     for name, recorded_fact in recorded.items():
-        if not _draws(name):
+        if not _affects_pictures(name):
             continue
-        fact_here = _find_fact(name)
-        version, *_ = recorded_fact.split(" ")
-        if version != fact_here:
-            changed.append(f"{name.removeprefix(_VERSION)} {recorded_fact}, here {fact_here}")
+        current_fact = _read_current_fact(name)
+        recorded_version, *_ = recorded_fact.split(" ")  # without the release of the operating system
+        if recorded_version != current_fact:
+            changed.append(f"{name.removeprefix(_VERSION)} {recorded_fact}, here {current_fact}")
     if changed:
         return PictureVerification("not comparable", pictures, f"they were drawn with {'; '.join(changed)}")
     return PictureVerification("different", pictures, difference)
 
 
-def _draws(fact: str) -> bool:
+def _affects_pictures(fact: str) -> bool:
     """Return whether pictures may depend on a recorded fact about the station."""
     return fact in _STATION_FACTS or (fact.startswith(_VERSION) and fact not in _NOT_COMPARED)
 
 
-def _find_fact(name: str) -> str:
+def _read_current_fact(name: str) -> str:
     """Return this machine's value of a station fact, without the release of the operating system."""
     if name in _STATION_FACTS:
         return _STATION_FACTS[name]()

@@ -38,8 +38,8 @@ def compare_plan(segment: LogSegment) -> Iterator[str]:
         yield "plan: protocol_sha256 is not the protocol's"
     try:
         protocol = _decode_protocol(plan.protocol_toml)
-        protocol = msgspec.structs.replace(protocol, files=_page_pictures(protocol, plan) | plan.files)
-        again = expand_protocol(
+        protocol = msgspec.structs.replace(protocol, files=_find_page_pictures(protocol, plan) | plan.files)
+        expected_plan = expand_protocol(
             protocol,
             plan.participant,
             session=plan.session,
@@ -54,14 +54,14 @@ def compare_plan(segment: LogSegment) -> Iterator[str]:
         return
     for name in SessionPlan.__struct_fields__:
         logged = getattr(plan, name)
-        now = getattr(again, name)
+        expected = getattr(expected_plan, name)
         if name == "parts":
-            now = tuple(_as_part_before(protocol, plan, *parts) for parts in zip_longest(now, logged))
+            expected = tuple(_adapt_part(protocol, plan, *parts) for parts in zip_longest(expected, logged))
         if name == "words":  # later versions added texts
-            now = {key: text for key, text in now.items() if key in logged}
+            expected = {key: text for key, text in expected.items() if key in logged}
         if name == "episodes":
-            now = tuple(_as_planned_before(episode, before) for episode, before in zip_longest(now, logged))
-        if name not in _ONCE_PER_PLAN and logged != now:
+            expected = tuple(_adapt_episode(*episodes) for episodes in zip_longest(expected, logged))
+        if name not in _ONCE_PER_PLAN and logged != expected:
             yield f"plan: {name} is not what the protocol gives"
 
 
@@ -70,8 +70,8 @@ def _decode_protocol(protocol_toml: bytes) -> Protocol:
     return decode_logged_protocol(protocol_toml)
 
 
-def _page_pictures(protocol: Protocol, plan: SessionPlan) -> dict[str, bytes]:
-    """Return the pictures of pages under the protocol's names for them; the log holds them page by page."""
+def _find_page_pictures(protocol: Protocol, plan: SessionPlan) -> dict[str, bytes]:
+    """Return the pictures of a plan's pages by their names in the protocol, since a log holds them without names."""
     pictures: dict[str, bytes] = {}
     for part in plan.parts:
         if not isinstance(part.plan, PagePlan):
@@ -84,37 +84,37 @@ def _page_pictures(protocol: Protocol, plan: SessionPlan) -> dict[str, bytes]:
     return pictures
 
 
-def _as_part_before(
+def _adapt_part(
     protocol: Protocol, plan: SessionPlan, part: PlannedPart | None, logged: PlannedPart | None
 ) -> PlannedPart | None:
     """Return a planned part in the form of the logged part's version: with the same pages and fields."""
     if part is None or logged is None or part.name != logged.name:
         return part
-    return _without_later_fields(_divided_as_before(protocol, plan, part, logged), logged)
+    return _drop_later_fields(_adopt_pages(protocol, plan, part, logged), logged)
 
 
-def _divided_as_before(protocol: Protocol, plan: SessionPlan, part: PlannedPart, logged: PlannedPart) -> PlannedPart:
-    """Adopt the logged pages of a plan that has no pagination rules, if they contain the whole text.
+def _adopt_pages(protocol: Protocol, plan: SessionPlan, part: PlannedPart, logged: PlannedPart) -> PlannedPart:
+    """Return a part with the logged pages, if the logged plan has no pagination rules and they contain the whole text.
 
     Such pages were measured with the fonts and libraries of the recording machine, so they cannot be reproduced
     elsewhere.
     """
     match part.plan, logged.plan:
         case PagePlan(), PagePlan(pages=pages, pagination=msgspec.UNSET) as page:
-            pictures = len(page.pictures) or bool(page.example)
-            divided = {"pages": pages, "pagination": msgspec.UNSET}
+            n_pictures = len(page.pictures) or int(bool(page.example))
+            logged_fields = {"pages": pages, "pagination": msgspec.UNSET}
         case PlayPlan(), PlayPlan(instruction=pages, pagination=msgspec.UNSET) if pages:
-            pictures = 0
-            divided = {"instruction": pages, "pagination": msgspec.UNSET}
+            n_pictures = 0
+            logged_fields = {"instruction": pages, "pagination": msgspec.UNSET}
         case _:
             return part
     text = find_paged_text(protocol, part.name, plan.participant.group)
-    if text is None or not is_division(pages, text, pictures=pictures):
+    if text is None or not is_division(pages, text, pictures=n_pictures):
         return part
-    return msgspec.structs.replace(part, plan=msgspec.structs.replace(part.plan, **divided))
+    return msgspec.structs.replace(part, plan=msgspec.structs.replace(part.plan, **logged_fields))
 
 
-def _without_later_fields(part: PlannedPart, logged: PlannedPart) -> PlannedPart:
+def _drop_later_fields(part: PlannedPart, logged: PlannedPart) -> PlannedPart:
     """Return a planned part without the fields that plans did not have when the logged part was made."""
     if not isinstance(part.plan, PlayPlan) or not isinstance(logged.plan, PlayPlan):
         return part
@@ -128,7 +128,7 @@ def _without_later_fields(part: PlannedPart, logged: PlannedPart) -> PlannedPart
     return msgspec.structs.replace(part, plan=msgspec.structs.replace(part.plan, computed=logged.plan.computed))
 
 
-def _as_planned_before(episode: EpisodePlan | None, logged: EpisodePlan | None) -> EpisodePlan | None:
+def _adapt_episode(episode: EpisodePlan | None, logged: EpisodePlan | None) -> EpisodePlan | None:
     """Return a planned episode in the form of the logged episode's version.
 
     Earlier versions had images and labels among an episode's options, and computed first-person worlds only with the
@@ -145,7 +145,11 @@ def _as_planned_before(episode: EpisodePlan | None, logged: EpisodePlan | None) 
 
 
 def compare_slot(protocol: Protocol, segment: LogSegment, plan: SessionPlan) -> Iterator[str]:
-    """Compare group and stratum with the allocation list, and the stratum with the answer; yield the differences."""
+    """Compare a participant's group and stratum with the allocation list, and the stratum with their answer.
+
+    Yields:
+        The differences.
+    """
     participant = plan.participant
     slots = build_allocation_list(protocol)
     if not 0 <= participant.place < len(slots):
@@ -165,7 +169,7 @@ def compare_slot(protocol: Protocol, segment: LogSegment, plan: SessionPlan) -> 
 
 
 def _compare_group(protocol: Protocol, plan: SessionPlan, slot: AllocationSlot) -> Iterator[str]:
-    """Yield the differences of a participant's group from the design's decision, or from the allocation list."""
+    """Yield how a participant's group differs from the design's decision or, without a design, the allocation list."""
     participant = plan.participant
     assigned = participant.assigned
     has_design = protocol.allocation.design is not None

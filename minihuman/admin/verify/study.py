@@ -44,18 +44,18 @@ def find_sessions(path: Path, *, required: bool = True) -> list[Path]:
     """
     if not path.is_dir():
         return [path]
-    places: list[Path] = []
+    session_paths: list[Path] = []
     for folder, names in find_log_folders(path):
         sessions = list(group_sessions(folder, names).values())
         if len(sessions) == 1 and len(sessions[0]) > 1:
-            places.append(folder)
+            session_paths.append(folder)
         else:
-            places += chain.from_iterable(sessions)
-    if not places and required:
+            session_paths += chain.from_iterable(sessions)
+    if not session_paths and required:
         raise LogError(
             f"{path} contains no session logs (*{LOG_SUFFIX} or *{PART_SUFFIX}); name a log or a study's folder"
         )
-    return sorted(places)
+    return sorted(session_paths)
 
 
 def verify_enrolment(study: Path) -> Iterator[tuple[str, bool]]:
@@ -70,10 +70,10 @@ def verify_enrolment(study: Path) -> Iterator[tuple[str, bool]]:
     folders = list(find_log_folders(study))
     for path in find_system_companions(folders):
         yield f"skipped {path.name}: {SYSTEM_COMPANION}", True
-    for double in find_double_sessions(folders):
-        yield double, False
-    for pending in find_pending_machines(study):
-        yield pending, False
+    for problem in find_double_sessions(folders):
+        yield problem, False
+    for problem in find_pending_machines(study):
+        yield problem, False
     journal = open_enrolment_log(study)
     if not journal.begun:
         return
@@ -82,8 +82,8 @@ def verify_enrolment(study: Path) -> Iterator[tuple[str, bool]]:
     participants = {log.name.partition("_")[0] for log, _ in sessions}
     yield from find_incomplete_logs(journal.read(), {log.name: _read_ends(log) for log in finished_logs})
     yield from find_slots_without_log(journal.read(), participants)
-    for unfinished in find_unfinished_withdrawals(study):
-        yield unfinished, False
+    for problem in find_unfinished_withdrawals(study):
+        yield problem, False
     protocol = _read_protocol(finished_logs)
     if protocol:
         yield from verify_design_decisions(study, protocol)
@@ -92,7 +92,7 @@ def verify_enrolment(study: Path) -> Iterator[tuple[str, bool]]:
 
 
 def _read_protocol(sessions: Sequence[Path]) -> Protocol | None:
-    """Read the protocol of a study's first log if it has adaptive designs of the study; otherwise return None."""
+    """Read the protocol of a study's first log; return None if it has no adaptive design, or there is no log."""
     if not sessions:
         return None
     protocol = decode_logged_protocol(read_log(sessions[0]).plan.protocol_toml)
@@ -102,7 +102,7 @@ def _read_protocol(sessions: Sequence[Path]) -> Protocol | None:
 
 
 def _read_ends(log: Path) -> tuple[str, ...]:
-    """Return the numbers of a log's segments that have a chain head; empty for a log that cannot be read."""
+    """Return the numbers of a finished log's segments that have a chain head; empty for a log that cannot be read."""
     summary = read_summary(log)
     if summary is None:
         return ()
@@ -110,7 +110,11 @@ def _read_ends(log: Path) -> tuple[str, ...]:
 
 
 def verify_manifest(study: Path, seal: str) -> Iterator[tuple[str, bool]]:
-    """Yield lines about a study compared with its manifest, each with whether it reports success.
+    """Compare a study's files with its manifest; yield lines, each with whether it reports success.
+
+    Args:
+        study: the study's folder.
+        seal: the manifest's file, or its digest.
 
     Raises:
         LogError: if ``seal`` is neither a manifest file nor a digest.

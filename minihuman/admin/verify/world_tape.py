@@ -51,7 +51,7 @@ class WorldTape:
         return _TapedWorld(world_id, options, self)
 
     def find_episode(self, world_id: str, options: Mapping[str, Any], seed: int) -> _Moment:
-        """Return the first moment of an episode."""
+        """Return the first moment of an episode, after adding it to the tape if it is not there yet."""
         return self._episodes.setdefault((world_id, hash64(options), seed), _Moment())
 
 
@@ -91,13 +91,13 @@ class _TapedWorld(World):
             result, self._moment = moment.steps[action]
             self._unmade_steps.append(action)
             return result
-        self._make_steps()
+        self._catch_up()
         result = super().step(action)
         self._moment = _Moment(subgoals=super().subgoals())  # recorded now, as only the second replay reads them
         moment.steps[action] = (result, self._moment)
         return result
 
-    def _make_steps(self) -> None:
+    def _catch_up(self) -> None:
         """Let the environment make the steps that were read from the tape."""
         steps = self._unmade_steps
         self._unmade_steps = []
@@ -106,11 +106,11 @@ class _TapedWorld(World):
 
     def _leave_tape(self) -> None:
         """Stop reading the tape and use the environment itself, which the caller may now change."""
-        self._make_steps()
+        self._catch_up()
         self._moment = None
 
     def _call(self, name: str, function: Any, *arguments: Any) -> Any:
-        self._make_steps()
+        self._catch_up()
         return super()._call(name, function, *arguments)
 
     def pose(self) -> Pose | None:
@@ -138,7 +138,7 @@ class _TapedWorld(World):
     @property
     def observation(self) -> Any:
         """Return the latest observation."""
-        self._make_steps()
+        self._catch_up()
         return super().observation
 
     @property
@@ -160,7 +160,7 @@ class _TapedWorld(World):
 
     def save(self) -> Any:
         """Return an exact copy of the state."""
-        self._make_steps()
+        self._catch_up()
         return super().save()
 
     def restore(self, saved: Any) -> None:
@@ -175,12 +175,12 @@ class _TapedWorld(World):
         palette: Palette = "classic",
     ) -> NDArray[np.uint8]:
         """Return what a person sees."""
-        self._make_steps()
+        self._catch_up()
         return super().frame(view, size_px, palette)
 
     def render(self, size_px: tuple[int, int]) -> Any:
         """Return the environment's own picture."""
-        self._make_steps()
+        self._catch_up()
         return super().render(size_px)
 
     def close(self) -> None:
@@ -190,7 +190,7 @@ class _TapedWorld(World):
 
     def text(self) -> str:
         """Return the present observation as text."""
-        self._make_steps()
+        self._catch_up()
         return super().text()
 
 
@@ -224,7 +224,10 @@ class WorldPool:
 
     @classmethod
     def _keep(cls, world: "_PooledWorld") -> bool:
-        """Keep a closed world; return False if it is to be closed."""
+        """Keep a closed world for the next proof; return False, without keeping it, if its environment is to be closed.
+
+        One world is kept for each id and options, and the one that was kept first is closed if there are too many.
+        """
         if not world.can_repeat:
             return False
         key = (world.id, hash64(world.options))

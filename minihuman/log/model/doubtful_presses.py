@@ -17,8 +17,8 @@ _SURELY_BEFORE_NS = 100 * _NS_PER_MS  # a window notices the focus within a few 
 _AUTO_REPEAT_NS = 2_000 * _NS_PER_MS  # known systems repeat a held key after at most this
 _PAD_FRAME_NS = 100 * _NS_PER_MS  # a page reads a gamepad once a frame
 _NEVER_NS = 1 << 62
-_ACTED = ("accepted", "queued")
-_MOST_LISTED = 5
+_EFFECTIVE_VERDICTS = ("accepted", "queued")
+_MAX_LISTED = 5
 
 
 class DoubtfulPress(NamedTuple):
@@ -42,9 +42,9 @@ def describe_doubtful_presses(presses: Sequence[DoubtfulPress]) -> str:
         return ""
     n_certain = sum(press.is_certain for press in presses)
     n_possible = len(presses) - n_certain
-    listed = ", ".join(_format_press(press) for press in presses[:_MOST_LISTED])
-    if len(presses) > _MOST_LISTED:
-        listed += f" and {len(presses) - _MOST_LISTED} more"
+    listed = ", ".join(_format_press(press) for press in presses[:_MAX_LISTED])
+    if len(presses) > _MAX_LISTED:
+        listed += f" and {len(presses) - _MAX_LISTED} more"
     return (
         f"keys that were down before the window had the focus were accepted: {n_certain} for certain, {n_possible} "
         f"possibly ({listed})"
@@ -58,22 +58,29 @@ def _format_press(press: DoubtfulPress) -> str:
 
 def _find_in_segment(segment: Segment) -> Iterator[DoubtfulPress]:
     """Yield the doubtful presses of a segment, which come soon after the window gained the focus."""
-    gains_ns = [note.t_ns for note in segment.notes if isinstance(note, Noted) and _is_gain(note)]
+    gains_ns = [note.t_ns for note in segment.notes if isinstance(note, Noted) and _is_focus_gain(note)]
     downs = [press for press in segment.keys if press.down and press.verdict != "repeat"]
     for gain_ns, next_gain_ns in pairwise([*gains_ns, _NEVER_NS]):
         after_gain = [press for press in downs if gain_ns <= press.t_ns < next_gain_ns]
-        for place, press in enumerate(after_gain):
-            doubtful_press = _judge_press(press, gain_ns, segment.facts, is_first=place == 0)
-            if doubtful_press and press.verdict in _ACTED:
+        for index, press in enumerate(after_gain):
+            doubtful_press = _judge_press(press, gain_ns, segment.facts, is_first=index == 0)
+            if doubtful_press and press.verdict in _EFFECTIVE_VERDICTS:
                 yield doubtful_press
 
 
-def _is_gain(note: Noted) -> bool:
+def _is_focus_gain(note: Noted) -> bool:
     return (note.kind, note.text) == ("focus", "found")
 
 
 def _judge_press(press: KeyPressed, gain_ns: int, facts: dict[str, str], *, is_first: bool) -> DoubtfulPress | None:
-    """Return a press as doubtful if its key may have been down before the window gained the focus."""
+    """Return a press as doubtful if its key may have been down before the window gained the focus; else None.
+
+    Args:
+        press: the press.
+        gain_ns: the time at which the window gained the focus.
+        facts: the segment's facts, which name the window.
+        is_first: whether it is the first press after the window gained the focus.
+    """
     pressed_ns = press.t_ns - press.waited_ns
     window = facts.get("window", "")
     if window == "pygame" and pressed_ns < gain_ns:

@@ -54,13 +54,13 @@ class CategoricalTexts(Sequence[str]):
         return map(self.categories.__getitem__, self.codes.tolist())
 
     @overload
-    def __getitem__(self, place: int) -> str: ...
+    def __getitem__(self, index: int) -> str: ...
     @overload
-    def __getitem__(self, place: slice | NDArray[Any]) -> "CategoricalTexts": ...
-    def __getitem__(self, place: int | slice | NDArray[Any]) -> "str | CategoricalTexts":
-        if isinstance(place, slice | np.ndarray):
-            return CategoricalTexts(self.codes[place], self.categories)
-        text: str = self.categories[self.codes[place]]
+    def __getitem__(self, index: slice | NDArray[Any]) -> "CategoricalTexts": ...
+    def __getitem__(self, index: int | slice | NDArray[Any]) -> "str | CategoricalTexts":
+        if isinstance(index, slice | np.ndarray):
+            return CategoricalTexts(self.codes[index], self.categories)
+        text: str = self.categories[self.codes[index]]
         return text
 
     def __eq__(self, other: object) -> bool:
@@ -75,17 +75,20 @@ class CategoricalTexts(Sequence[str]):
         return is_equal
 
     def count_values(self, rows: NDArray[np.bool_] | slice = slice(None)) -> Counter[str]:
-        """Count how often each category occurs in the selected rows, with 0 for one that does not."""
+        """Count how often each category occurs in the selected rows, including categories that do not occur there."""
         counts = np.bincount(self.codes[rows], minlength=len(self.categories))
         return Counter(dict(zip(self.categories, counts.tolist(), strict=True)))
 
     def first_index(self, rows: NDArray[np.bool_]) -> dict[str, int]:
-        """Return the first of the selected rows in which each text occurs, for the texts that occur there."""
-        places = np.flatnonzero(rows)
-        codes, firsts = np.unique(self.codes[places], return_index=True)
-        return {
-            self.categories[code]: place for code, place in zip(codes.tolist(), places[firsts].tolist(), strict=True)
-        }
+        """Return the index of the first selected row with each text, by text; texts without a selected row are absent.
+
+        Args:
+            rows: a mask of the selected rows, (n,).
+        """
+        indices = np.flatnonzero(rows)
+        codes, firsts = np.unique(self.codes[indices], return_index=True)
+        first_indices = indices[firsts].tolist()
+        return {self.categories[code]: index for code, index in zip(codes.tolist(), first_indices, strict=True)}
 
 
 KeyOrFrame = TypeVar("KeyOrFrame", KeyPressed, FrameShown)
@@ -144,7 +147,7 @@ class EventColumns(Sequence[KeyOrFrame], Generic[KeyOrFrame]):
         return self._column(name)[self._rows.start : self._rows.stop : self._rows.step]
 
     def place(self, part: "EventColumns[KeyOrFrame]") -> slice:
-        """Return the position, in this sequence, of a part that was sliced from it."""
+        """Return the slice of this sequence that holds the same events as a contiguous part that was sliced from it."""
         begin = part._rows.start - self._rows.start
         return slice(begin, begin + len(part))
 
@@ -155,11 +158,11 @@ class EventColumns(Sequence[KeyOrFrame], Generic[KeyOrFrame]):
         return map(self._kind, *(_convert_column(field.name, self.column(field.name)) for field in fields(self._kind)))
 
     @overload
-    def __getitem__(self, place: int) -> KeyOrFrame: ...
+    def __getitem__(self, index: int) -> KeyOrFrame: ...
     @overload
-    def __getitem__(self, place: slice) -> "EventColumns[KeyOrFrame]": ...
-    def __getitem__(self, place: int | slice) -> "KeyOrFrame | EventColumns[KeyOrFrame]":
-        rows = self._rows[place]
+    def __getitem__(self, index: slice) -> "EventColumns[KeyOrFrame]": ...
+    def __getitem__(self, index: int | slice) -> "KeyOrFrame | EventColumns[KeyOrFrame]":
+        rows = self._rows[index]
         if isinstance(rows, range):
             return EventColumns(self._kind, self._column, rows)
         return self._kind(*(_convert_cell(field.name, self._column(field.name)[rows]) for field in fields(self._kind)))
@@ -186,7 +189,7 @@ def _convert_cell(name: str, cell: Any) -> Any:
 
 
 def _build_column(name: str, values: list[Any]) -> Any:
-    """Build the column of a field from the values that event objects have."""
+    """Build the column of a field, given its name, from the values that the event objects have."""
     match name:
         case "key" | "symbol" | "verdict" | "phase":
             return CategoricalTexts.of(values)

@@ -132,12 +132,13 @@ def part_events_in_session_time(events: Iterable[PartEvent], start_ns: int) -> t
 
 
 def _shift_event(event: PartEvent, start_ns: int) -> PartEvent:
+    """Shift all times of an event that are known, from the time of its segment to session time."""
     if isinstance(event, Linked):  # its other times are durations
         return replace(event, t_ns=event.t_ns + start_ns)
     names = (field.name for field in fields(event) if field.name.endswith("_ns"))
     times = {name: getattr(event, name) for name in names}
-    known = {name: t_ns + start_ns for name, t_ns in times.items() if t_ns or name == "t_ns"}  # 0: unknown
-    return replace(event, **known)
+    shifted = {name: t_ns + start_ns for name, t_ns in times.items() if t_ns or name == "t_ns"}  # others: 0 if unknown
+    return replace(event, **shifted)
 
 
 CUT_OFF = "cut_off"  # the outcome or end reason if the log ends before there is one
@@ -191,13 +192,16 @@ class TeamRecord:
 
     @property
     def steps_by_source(self) -> tuple[dict[str, int], ...]:
-        """Return, for each seat, the number of joint steps in which each source acted."""
+        """Return, for each seat, the number of joint steps in which "person", "late" or "agent" acted."""
         by_seat = zip(*self.sources, strict=True) if self.sources else ((),) * len(self.seats)
         return tuple(dict(sorted(Counter(sources).items())) for sources in by_seat)
 
     @property
     def absent_share(self) -> float | None:
-        """Return the share of joint steps in which a person's seat idled without input, or an agent acted for it."""
+        """Return the share of joint steps in which a person's seat idled without input, or an agent acted for it.
+
+        None if there are no joint steps.
+        """
         if not self.sources:
             return None
         n_absent = 0
@@ -215,7 +219,10 @@ class TeamRecord:
 
 
 def _measure_lobby_ns(segment: Segment) -> int:
-    """Return the time in lobbies in one segment."""
+    """Return the nanoseconds in a segment's lobbies, each of which lasts to the next team event or the segment's end.
+
+    A team event is that a team formed, or that one ended for any reason but "declined".
+    """
     ends_ns = []
     for event in segment.part_events:
         if isinstance(event, TeamFormed) or (isinstance(event, TeamEnded) and event.reason != "declined"):

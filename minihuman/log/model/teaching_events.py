@@ -84,11 +84,12 @@ def gather_corrections(events: Iterable[object]) -> tuple[CorrectionRecord, ...]
     beginning: CorrectionBegun | None = None
     steps: list[CorrectionStepped] = []
 
-    def close(outcome: CorrectionOutcome) -> None:
-        if (
-            beginning is not None
-            and (episode := episodes.get((beginning.part, beginning.episode, beginning.attempt))) is not None
-        ):
+    def add_correction(outcome: CorrectionOutcome) -> None:
+        """Add the correction that began last, unless it has ended or its episode is unknown."""
+        if beginning is None:
+            return
+        episode = episodes.get((beginning.part, beginning.episode, beginning.attempt))
+        if episode is not None:
             corrections.append(_build_correction(episode, beginning, steps, outcome))
 
     for event in events:
@@ -96,15 +97,15 @@ def gather_corrections(events: Iterable[object]) -> tuple[CorrectionRecord, ...]
             case EpisodeLookedAt():
                 episodes[event.part, event.episode, event.attempt] = event
             case CorrectionBegun():
-                close("stopped")
+                add_correction("stopped")
                 beginning = event
                 steps = []
             case CorrectionStepped():
                 steps.append(event)
             case CorrectionEnded():
-                close(event.outcome)
+                add_correction(event.outcome)
                 beginning = None
-    close("stopped")
+    add_correction("stopped")
     return tuple(corrections)
 
 

@@ -38,13 +38,14 @@ def decode_sure_events(chunks: Sequence[ChunkMessages], started_ns: str) -> list
     if not started_ns.isdecimal() or int(started_ns) >= _FAR_NS:
         return events
     batches: defaultdict[str, list[_Batch]] = defaultdict(list)
-    place = position = 0
+    n_messages = 0  # in the chunks so far
+    n_bytes = 0
     for chunk in chunks:
         for messages in chunk.by_topic(among=FREQUENT_TOPICS):
-            spans = (messages.places + place, messages.begins + position, messages.ends + position)
-            batches[messages.topic].append((*spans, *chunk.times_at(messages.places)))
-        place += len(chunk)
-        position += len(chunk.data)
+            positions = (messages.places + n_messages, messages.begins + n_bytes, messages.ends + n_bytes)
+            batches[messages.topic].append((*positions, *chunk.times_at(messages.places)))
+        n_messages += len(chunk)
+        n_bytes += len(chunk.data)
     payloads = b"".join((*(chunk.data for chunk in chunks), BEYOND))
     for topic, arrays in batches.items():
         batch = tuple(map(np.concatenate, zip(*arrays, strict=True)))
@@ -52,14 +53,21 @@ def decode_sure_events(chunks: Sequence[ChunkMessages], started_ns: str) -> list
             decoded, is_sure = _decode_topic(topic, batch, payloads, int(started_ns))
         except (ValueError, IndexError):  # single messages are then decoded one by one
             continue
-        for message_place, event, sure in zip(batch[0].tolist(), decoded, is_sure.tolist(), strict=True):
+        places, *_ = batch
+        for place, event, sure in zip(places.tolist(), decoded, is_sure.tolist(), strict=True):
             if sure:
-                events[message_place] = event
+                events[place] = event
     return events
 
 
 def _decode_topic(topic: str, batch: _Batch, payloads: bytes, started_ns: int) -> tuple[list[Event], NDArray[np.bool_]]:
-    """Return the events of messages on one topic, and bool[n], whether each is sure.
+    """Return the events of n messages on one topic, and bool[n], whether each is sure, as the module explains.
+
+    Args:
+        topic: a frequent topic.
+        batch: the positions and times of the messages.
+        payloads: the bytes of all chunks.
+        started_ns: the wall-clock time of the segment's time 0, in nanoseconds.
 
     Raises:
         ValueError: if the bytes are not such messages.

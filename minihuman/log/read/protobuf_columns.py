@@ -87,14 +87,14 @@ class MessageColumns(Mapping[str, FieldColumn]):
         self._fields = {field.name: _Field(field, data, ends, canonical=canonical) for field in fields}
         self._read: dict[str, FieldColumn] = {}
         self.is_canonical = np.full(len(begins), canonical)
-        at = begins.copy()
-        while (at < ends).any():
-            before = at.copy()
+        positions = begins.copy()
+        while (positions < ends).any():
+            before = positions.copy()
             for field in self._fields.values():  # writers keep the fields' order, so one round suffices
-                field.take(at)
-            self.is_canonical &= at == ends  # otherwise a field is out of order, repeated or unknown
-            for row in np.flatnonzero((at == before) & (at < ends)):
-                at[row] = _after_unknown(data, int(at[row]), int(ends[row]))
+                field.take(positions)
+            self.is_canonical &= positions == ends  # otherwise a field is out of order, repeated or unknown
+            for row in np.flatnonzero((positions == before) & (positions < ends)):
+                positions[row] = _skip_unknown_field(data, int(positions[row]), int(ends[row]))
         if canonical:
             for field in self._fields.values():
                 self.is_canonical &= field.find_canonical()
@@ -127,43 +127,47 @@ class _Field:
         self._first_tag_byte = (tag & 0x7F) | 0x80 if self._second_tag_byte else tag
         self._tag_bytes = 2 if self._second_tag_byte else 1
         self._bytes: ByteArray = np.frombuffer(data, np.uint8)
-        self._eights = _eights(data)
+        self._eights = _view_eight_bytes(data)
         self._ends = ends
         self.is_present = np.zeros(len(ends), np.bool_)
         self._numbers = np.zeros(len(ends), np.uint64)  # the number itself, or the position of a text or message
         self._lengths = np.zeros(len(ends), np.int64)
         self._varint_bytes = np.ones(len(ends), np.int64) if canonical else None  # bytes of the number or length
 
-    def take(self, at: MessageOffsets) -> None:
-        """Read the field from every message that has it at position ``at``, and move those positions past it."""
-        has_field = (self._bytes[at] == self._first_tag_byte) & (at < self._ends)
+    def take(self, positions: MessageOffsets) -> None:
+        """Read the field from every message that has it at its position, and move these positions past the field.
+
+        Args:
+            positions: the position in each message from which on it has not been read; changed in place.
+        """
+        has_field = (self._bytes[positions] == self._first_tag_byte) & (positions < self._ends)
         if self._second_tag_byte:
-            has_field &= self._bytes[at + 1] == self._second_tag_byte
+            has_field &= self._bytes[positions + 1] == self._second_tag_byte
         count = np.count_nonzero(has_field)
         if not count:
             return
         rows = slice(None) if count == len(has_field) else np.flatnonzero(has_field)
-        places = at[rows] + self._tag_bytes
+        cursors = positions[rows] + self._tag_bytes
         ends = self._ends[rows]
         if self._wire_type == _FIXED64:
-            self._numbers[rows] = self._eights[places]
-            places += 8
+            self._numbers[rows] = self._eights[cursors]
+            cursors += 8
         else:
-            varints_begin = places
-            numbers, places = _varints(self._eights, places)
+            varints_begin = cursors
+            numbers, cursors = _decode_varints(self._eights, cursors)
             if self._varint_bytes is not None:
-                self._varint_bytes[rows] = places - varints_begin
+                self._varint_bytes[rows] = cursors - varints_begin
             if self._wire_type == _LENGTH:
-                if (numbers > (ends - places).clip(0).astype(np.uint64)).any():
+                if (numbers > (ends - cursors).clip(0).astype(np.uint64)).any():
                     raise ValueError(f"field {self._kind.name} is truncated")
                 self._lengths[rows] = numbers
-                numbers = places.astype(np.uint64)
-                places = places + self._lengths[rows]
+                numbers = cursors.astype(np.uint64)
+                cursors = cursors + self._lengths[rows]
             self._numbers[rows] = numbers
-        if (places > ends).any():
+        if (cursors > ends).any():
             raise ValueError(f"field {self._kind.name} is truncated")
         self.is_present[rows] = True
-        at[rows] = places
+        positions[rows] = cursors
 
     def find_canonical(self) -> NDArray[np.bool_]:
         """Return bool[n], whether the field, if present, has the bytes that protobuf writes for its value.
@@ -183,10 +187,15 @@ class _Field:
         return is_canonical
 
     def values(self, data: bytes, *, canonical: bool = False) -> Any:
-        """Return the whole column; every message must have been read."""
+        """Return the whole column, after all messages have been read.
+
+        Args:
+            data: the bytes of the messages.
+            canonical: whether the columns of a nested message find out which messages are in their canonical form.
+        """
         match self._kind.type:
             case FieldDescriptor.TYPE_DOUBLE if self._is_list:
-                return self._lists(data)
+                return self._read_lists(data)
             case FieldDescriptor.TYPE_INT64:
                 return self._numbers.view(np.int64)
             case FieldDescriptor.TYPE_DOUBLE:
@@ -201,7 +210,7 @@ class _Field:
                 return _read_texts(data, begins, ends)
         return self._numbers
 
-    def _lists(self, data: bytes) -> NDArray[np.float64]:
+    def _read_lists(self, data: bytes) -> NDArray[np.float64]:
         """Return lists of doubles as rows, float64[n, longest list], padded with NaN.
 
         Raises:
@@ -216,57 +225,68 @@ class _Field:
         return rows
 
 
-def _eights(data: bytes) -> Uint64Array:
+def _view_eight_bytes(data: bytes) -> Uint64Array:
     """Return, for each position, its eight bytes as one number, so that many positions can be read at once."""
     return np.ndarray(len(data) - 7, "<u8", data, strides=(1,))
 
 
-def _varints(eights: Uint64Array, at: MessageOffsets) -> tuple[Uint64Array, MessageOffsets]:
-    """Decode the varint at each position, lowest seven bits first; return the numbers and the next positions."""
-    eight = eights[at]
+def _decode_varints(eights: Uint64Array, positions: MessageOffsets) -> tuple[Uint64Array, MessageOffsets]:
+    """Decode the varint at each position, lowest seven bits first; return the numbers and the next positions.
+
+    Args:
+        eights: the eight bytes from each position of the data on, as ``_view_eight_bytes`` returns them.
+        positions: the positions of the varints.
+
+    Raises:
+        ValueError: if a varint is longer than ten bytes.
+    """
+    eight = eights[positions]
     if not (eight & _EIGHTH).any():  # the common case: lengths, flags, small numbers
-        return eight & _SEVEN, at + 1
+        return eight & _SEVEN, positions + 1
     stops = ~eight & _EIGHTHS
     within = (stops & -stops) - np.uint64(1)  # the bits up to the first stop; all without a stop
     numbers = eight & within & _SEVENS
     for bits, lower in _PAIRS:  # joins groups of 7 bits to 14, 28 and 56
         numbers = (numbers & lower) | ((numbers & ~lower) >> bits)
-    at = at + ((within & _ONES) * _ONES >> np.uint64(56)).astype(np.int64)
-    more = np.flatnonzero(stops == 0)
+    positions = positions + ((within & _ONES) * _ONES >> np.uint64(56)).astype(np.int64)
+    unfinished = np.flatnonzero(stops == 0)  # numbers of more than eight bytes
     shift = 56
-    while more.size:
+    while unfinished.size:
         if shift >= _VARINT_BITS:
             raise ValueError("a varint is longer than 10 bytes")
-        byte = eights[at[more]] & np.uint64(0xFF)
-        numbers[more] |= (byte & _SEVEN) << np.uint64(shift)
-        at[more] += 1
-        more = more[byte > 127]
+        byte = eights[positions[unfinished]] & np.uint64(0xFF)
+        numbers[unfinished] |= (byte & _SEVEN) << np.uint64(shift)
+        positions[unfinished] += 1
+        unfinished = unfinished[byte > 127]
         shift = shift + 7
-    return numbers, at
+    return numbers, positions
 
 
 def _read_texts(data: bytes, begins: MessageOffsets, ends: MessageOffsets) -> CategoricalTexts:
-    """Read the texts between these positions; texts are compared in parts of seven bytes with their count."""
-    eights = _eights(data)
+    """Read the text of each message, which lies between its positions ``begins`` and ``ends``.
+
+    To find the distinct texts, parts of seven bytes are compared as numbers whose eighth byte is the part's length.
+    """
+    eights = _view_eight_bytes(data)
     last_eight = len(eights) - 1
     lengths = ends - begins
     longest = int(lengths.max(initial=0))
     codes = np.zeros_like(lengths)
     for offset in range(0, max(1, longest), 7):
         byte_counts = (lengths - offset).clip(0, 7).astype(np.uint64)
-        places = np.minimum(begins + offset, last_eight)
-        seven_bytes = eights[places] & _FIRST_BYTES[byte_counts]
-        part = seven_bytes | (byte_counts << np.uint64(56))
-        firsts, part_codes = _distinct(part)
+        positions = np.minimum(begins + offset, last_eight)
+        seven_bytes = eights[positions] & _FIRST_BYTES[byte_counts]
+        part_keys = seven_bytes | (byte_counts << np.uint64(56))
+        firsts, part_codes = _find_distinct(part_keys)
         if offset:  # texts are equal if their earlier parts and this one are
             pairs = codes.astype(np.uint64) * np.uint64(len(firsts)) + part_codes.astype(np.uint64)
-            firsts, part_codes = _distinct(pairs)
+            firsts, part_codes = _find_distinct(pairs)
         codes = part_codes
     texts = tuple(data[begins[first] : ends[first]].decode() for first in firsts.tolist())
     return CategoricalTexts(codes, texts)
 
 
-def _distinct(values: Uint64Array) -> tuple[MessageOffsets, NDArray[np.int64]]:
+def _find_distinct(values: Uint64Array) -> tuple[MessageOffsets, NDArray[np.int64]]:
     """Return the position of one occurrence of each distinct value, and for each row the index of its value.
 
     It sorts only if two values share a hash slot.
@@ -275,36 +295,46 @@ def _distinct(values: Uint64Array) -> tuple[MessageOffsets, NDArray[np.int64]]:
     holders = np.full(1 << 64 - int(_DOWN), -1)
     holders[slots] = np.arange(len(values))
     is_held = holders >= 0
-    places = holders[is_held]
+    occurrences = holders[is_held]
     codes = (np.cumsum(is_held) - 1)[slots]
-    if (values[places[codes]] == values).all():
-        return places, codes
-    _, places, codes = np.unique(values, return_index=True, return_inverse=True)
-    return places, codes
+    if (values[occurrences[codes]] == values).all():
+        return occurrences, codes
+    _, occurrences, codes = np.unique(values, return_index=True, return_inverse=True)
+    return occurrences, codes
 
 
-def _after_unknown(data: bytes, at: int, end: int) -> int:
-    """Return the position after an unknown field, which a newer writer may have added."""
-    tag, at = _varint(data, at)
-    match tag & 7:
-        case _ if tag >> 3 == 0:
-            raise ValueError("a field has number 0")
-        case 0:
-            _, at = _varint(data, at)
-        case 1:
-            at += 8
-        case 2:
-            length, at = _varint(data, at)
-            at += length
-        case 5:
-            at += 4
-        case wire_type:
-            raise ValueError(f"wire type {wire_type} is not supported")
-    if at > end:
+def _skip_unknown_field(data: bytes, position: int, end: int) -> int:
+    """Return the position after an unknown field, which a newer writer may have added.
+
+    Args:
+        data: the bytes of the messages.
+        position: the position of the field.
+        end: the position at which its message ends.
+
+    Raises:
+        ValueError: if the bytes are not such a field.
+    """
+    tag, position = _decode_varint(data, position)
+    number = tag >> 3
+    wire_type = tag & 7
+    if number == 0:
+        raise ValueError("a field has number 0")
+    if wire_type == _VARINT:
+        _, position = _decode_varint(data, position)
+    elif wire_type == _FIXED64:
+        position += 8
+    elif wire_type == _LENGTH:
+        length, position = _decode_varint(data, position)
+        position += length
+    elif wire_type == _FIXED32:
+        position += 4
+    else:
+        raise ValueError(f"wire type {wire_type} is not supported")
+    if position > end:
         raise ValueError("an unknown field is truncated")
-    return at
+    return position
 
 
-def _varint(data: bytes, at: int) -> tuple[int, int]:
-    numbers, places = _varints(_eights(data), np.array([at]))
-    return int(numbers[0]), int(places[0])
+def _decode_varint(data: bytes, position: int) -> tuple[int, int]:
+    numbers, next_positions = _decode_varints(_view_eight_bytes(data), np.array([position]))
+    return int(numbers[0]), int(next_positions[0])

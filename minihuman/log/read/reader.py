@@ -27,7 +27,7 @@ class LogReader:
         self.ends: list[dict[str, str]] = []  # metadata of each finished segment: reason, clean
         self.damage = ""  # describes what could not be read
         self.missing: list[MissingMessages] = []  # messages that were lost
-        self._at = 0  # position of the chunk that is being read
+        self._chunk_position = 0  # position of the chunk that is being read
         self._decode: EventDecoder  # for the segment that is being read
 
     def messages(self) -> Iterator[LogMessage]:
@@ -54,7 +54,7 @@ class LogReader:
                         raise LogError(f"{self.path} is not a minihuman log: it has no schema version")
                     self._decode = select_decoder(start, self.path)
                     self.starts += [start] * record.count(PLAN)
-                    self._at = scan.position
+                    self._chunk_position = scan.position
                     yield record
                 case Metadata() if record.name == SEGMENT_METADATA:
                     start = record.metadata
@@ -63,11 +63,11 @@ class LogReader:
         self.damage = scan.damage
         self.missing = scan.missing
         incomplete_segments = {str(gap.segment) for gap in scan.declared}
-        for place, end in enumerate(self.ends):
+        for index, end in enumerate(self.ends):
             if end["segment"] in incomplete_segments:
-                self.ends[place] = end | {"clean": "false"}
-        if not self.path.name.endswith(PART_SUFFIX) and (lacks := scan.unfinished_reason):
-            raise LogError(f"{self.path} is {lacks}; to keep the intact part, run: minihuman recover {self.path}")
+                self.ends[index] = end | {"clean": "false"}
+        if not self.path.name.endswith(PART_SUFFIX) and (defect := scan.unfinished_reason):
+            raise LogError(f"{self.path} is {defect}; to keep the intact part, run: minihuman recover {self.path}")
 
     def events(self) -> Iterator[Event]:
         """Yield every event in the order in which it was recorded.
@@ -90,20 +90,21 @@ class LogReader:
         try:
             return self._decode(topic, data)
         except Exception as error:  # a foreign or newer message can make protobuf raise anything
-            place = f"{self.path}: in the chunk at byte {self._at}"
-            raise LogError(f"{place}, a message on {topic} cannot be read: {error}") from error
+            chunk_name = f"the chunk at byte {self._chunk_position}"
+            raise LogError(f"{self.path}: in {chunk_name}, a message on {topic} cannot be read: {error}") from error
 
 
 def read_segment_starts(path: Path, *, first: bool = False) -> dict[int, str]:
-    """Return the wall-clock time at which each segment of a file starts, as the log writes it, by segment number.
+    """Return the wall-clock time at which each segment with a plan starts, by segment number.
 
-    With ``first``, only that of the first segment is read.
+    The times are texts, as in the log: nanoseconds since 1970. With ``first``, reading stops after the first of these
+    segments has begun; otherwise the whole file is read.
 
     Raises:
         LogError: as ``LogReader.chunks`` does.
     """
-    reading = LogReader(path)
-    for _ in reading.chunks():
-        if first and reading.starts:
+    reader = LogReader(path)
+    for _ in reader.chunks():
+        if first and reader.starts:
             break
-    return {int(facts["segment"]): facts["started_unix_ns"] for facts in reading.starts}
+    return {int(facts["segment"]): facts["started_unix_ns"] for facts in reader.starts}

@@ -84,47 +84,48 @@ class SessionAssembler:
     """Assembles a session from its messages, in the order in which they were recorded."""
 
     def __init__(self) -> None:
-        self._parts: list[_SegmentDraft] = []
+        self._segments: list[_SegmentDraft] = []
         self._chunks: list[bytes] = []  # that hold messages of the topics that have thousands
         self._batches: dict[str, list[TopicMessages]] = defaultdict(list)  # with positions in the bytes of these chunks
         self._unread: dict[str, tuple[list[int], list[bytes]]] = {  # places and messages, which are read on access
             topics.OBSERVATION: ([], []),
             topics.SAMPLE: ([], []),
         }
-        self._spans: list[_EpisodeDraft] = []
+        self._episodes: list[_EpisodeDraft] = []
         self._policy = ""  # of an agent, currently
         self._formed: TeamFormed | None = None  # of the current part
         self._ready: SeatsReadied | None = None  # of the next episode
         self._count = 0  # number of messages so far
         self._size = 0  # bytes in ``_chunks``
 
-    def read(self, reading: LogReader) -> None:
+    def read(self, reader: LogReader) -> None:
         """Add a file's messages.
 
         Raises:
             LogError: as ``LogReader.events`` does, except for steps, keys and pictures, which are decoded later.
         """
-        for chunk in reading.chunks():
+        for chunk in reader.chunks():
             rare_messages = self._collect_frequent(chunk)
-            rare_messages += ((self._count + place, _BREAK, b"") for place in chunk.breaks)
-            for place, topic, data in sorted(rare_messages, key=lambda message: (message[0], message[1] != _BREAK)):
+            rare_messages += ((self._count + position, _BREAK, b"") for position in chunk.breaks)
+            # in the order of positions; a break comes before the message at its position
+            for position, topic, data in sorted(rare_messages, key=lambda message: (message[0], message[1] != _BREAK)):
                 if topic == _BREAK:
-                    self._close(place)  # messages after a gap may belong to another episode
+                    self._end_episode(position)  # messages after a gap may belong to another episode
                 else:
-                    self._take(place, reading.decode(topic, data))
+                    self._add_event(position, reader.decode(topic, data))
             self._count += len(chunk)
 
     def _collect_frequent(self, chunk: ChunkMessages) -> list[tuple[int, str, bytes]]:
         """Store a chunk's frequent messages, observations and samples; return the others with their positions."""
         rare_messages: list[tuple[int, str, bytes]] = []
         chunk_begin = self._size
-        for topic, places, begins, ends in chunk.by_topic(among=RECORD_TOPICS):
+        for topic, positions, begins, ends in chunk.by_topic(among=RECORD_TOPICS):
             if topic in FREQUENT_TOPICS:
-                batch = TopicMessages(topic, places + self._count, begins + chunk_begin, ends + chunk_begin)
+                batch = TopicMessages(topic, positions + self._count, begins + chunk_begin, ends + chunk_begin)
                 self._batches[topic].append(batch)
                 self._size = chunk_begin + len(chunk.data)
                 continue
-            numbers = (self._count + places).tolist()
+            numbers = (self._count + positions).tolist()
             payloads = [chunk.data[begin:end] for begin, end in zip(begins.tolist(), ends.tolist(), strict=True)]
             if topic in self._unread:
                 self._unread[topic][0].extend(numbers)
@@ -138,15 +139,15 @@ class SessionAssembler:
     @property
     def started(self) -> list[events.SessionStarted]:
         """Return the first event of each segment."""
-        return [part.started for part in self._parts]
+        return [draft.started for draft in self._segments]
 
     @property
     def end_reason(self) -> str:
         """Return the reason why the last segment ended; "cut_off" if its log states none."""
-        ended = self._parts[-1].ended
+        ended = self._segments[-1].ended
         return CUT_OFF if ended is None else ended.reason
 
-    def session(
+    def assemble(
         self, starts: Sequence[dict[str, str]], ends: Sequence[dict[str, str]]
     ) -> tuple[tuple[Segment, ...], tuple[EpisodeLog, ...]]:
         """Return the session's segments and every episode in the order played, all on one clock.
@@ -162,59 +163,67 @@ class SessionAssembler:
         rows = FrequentRows(self._batches, self._chunks)
         placed = self._place_segments(starts, ends, rows)
         rows.shift_to_session_time(
-            np.array([part.begin for part in self._parts], np.int64),
+            np.array([draft.begin for draft in self._segments], np.int64),
             np.array([segment.start_ns for segment, _ in placed], np.int64),
         )
         segments = tuple(
             replace(
                 segment,
-                keys=rows.key_events[rows.keys.between(*between)],
-                samples=self._samples(segment, *between),
+                keys=rows.key_events[rows.keys.between(*message_range)],
+                samples=self._find_samples(segment, *message_range),
             )
-            for segment, between in placed
+            for segment, message_range in placed
         )
         return segments, tuple(self._build_episodes(segments, rows))
 
     def _build_episodes(self, segments: Sequence[Segment], rows: FrequentRows) -> Iterator[EpisodeLog]:
         """Yield every episode in the order played, after checking that none of its steps is missing."""
-        starts = [replace(span.start, t_ns=span.start.t_ns + segments[span.segment].start_ns) for span in self._spans]
-        steps = [rows.steps.between(span.begin, span.end) for span in self._spans]
+        starts = self._shift_starts(segments)
+        steps = [rows.steps.between(draft.begin, draft.end) for draft in self._episodes]
         of_states = build_state_columns(starts, [step_rows.start for step_rows in steps], rows.steps.column)
         of_steps = build_step_columns(rows.steps.column)
         episode_numbers = rows.steps.column("episode").values
         step_numbers = rows.steps.column("step").values
         vectors = rows.steps.column("action_vector").values
-        nexts = [*(span.begin for span in self._spans[1:]), None]
+        nexts = [*(draft.begin for draft in self._episodes[1:]), None]
         attempts: Counter[int] = Counter()
-        for number, (span, start, step_rows) in enumerate(zip(self._spans, starts, steps, strict=True)):
+        for number, (draft, start, step_rows) in enumerate(zip(self._episodes, starts, steps, strict=True)):
             episode = start.plan.episode
-            segment = segments[span.segment]
+            segment = segments[draft.segment]
             check_step_numbers(episode, episode_numbers[step_rows], step_numbers[step_rows])
             attempts[episode] += 1
             n_steps = step_rows.stop - step_rows.start
             begin = step_rows.start + number  # each earlier episode has one more row, for its reset
             state_columns = {name: column[begin : begin + n_steps + 1] for name, column in of_states.items()}
             times_ns = state_columns["t_ns"]
-            used = ~np.isnan(vectors[step_rows]).all(axis=0)  # other columns belong to other worlds
+            has_vectors = ~np.isnan(vectors[step_rows]).all(axis=0)  # of this world; none if its actions are numbers
             yield EpisodeLog(
                 start=start,
                 **state_columns,
                 **{name: column[step_rows] for name, column in of_steps.items()},
                 step_keys=rows.steps.column("key").values[step_rows],
-                action_vectors=vectors[step_rows][:, used] if used.any() else None,  # otherwise its actions are numbers
+                action_vectors=vectors[step_rows][:, has_vectors] if has_vectors.any() else None,
                 successes=read_successes(start.plan, rows.steps.column, step_rows),
                 infos=read_infos(start.plan, rows.steps.column, step_rows),
-                keys=rows.key_events[rows.keys.between(span.begin, span.end)],
-                frames=rows.frame_events[rows.frames.between(span.begin, nexts[number])],  # it stays visible
-                outcome=span.outcome,
-                end_cause=span.end_cause,
-                observations=self._find_observations(span, n_steps),
+                keys=rows.key_events[rows.keys.between(draft.begin, draft.end)],
+                frames=rows.frame_events[rows.frames.between(draft.begin, nexts[number])],  # it stays visible
+                outcome=draft.outcome,
+                end_cause=draft.end_cause,
+                observations=self._find_observations(draft, n_steps),
                 segment=segment.number,
                 attempt=attempts[episode],
                 pauses=_clip_pauses(segment.pauses, int(times_ns[0]), int(times_ns[-1])),
-                taught=_build_teaching(span, n_steps, segment.start_ns),
-                team=gather_team(span.formed, span.ready, span.activity_events, n_steps),
+                taught=_build_teaching(draft, n_steps, segment.start_ns),
+                team=gather_team(draft.formed, draft.ready, draft.activity_events, n_steps),
             )
+
+    def _shift_starts(self, segments: Sequence[Segment]) -> list[events.EpisodeStarted]:
+        """Return the start of each episode in session time."""
+        starts = []
+        for draft in self._episodes:
+            segment = segments[draft.segment]
+            starts.append(replace(draft.start, t_ns=draft.start.t_ns + segment.start_ns))
+        return starts
 
     def _place_segments(
         self, starts: Sequence[dict[str, str]], ends: Sequence[dict[str, str]], rows: FrequentRows
@@ -222,89 +231,93 @@ class SessionAssembler:
         """Return every segment placed in session time, still without its keys, with the positions of its messages."""
         ended_cleanly = {int(end["segment"]): end["clean"] == "true" for end in ends}
         first_unix_ns = int(starts[0]["started_unix_ns"])
-        begins = [part.begin for part in self._parts]
-        spans = list(zip(begins, [*begins[1:], None], strict=True))
+        begins = [draft.begin for draft in self._segments]
+        message_ranges = list(zip(begins, [*begins[1:], None], strict=True))
         placed: list[tuple[Segment, tuple[int, int | None]]] = []
         after_ns = 0
-        for part, facts, span in zip(self._parts, starts, spans, strict=True):
+        for draft, facts, message_range in zip(self._segments, starts, message_ranges, strict=True):
             number = int(facts["segment"])
             unix_ns = int(facts["started_unix_ns"])
-            monotonic_ns = part.started.facts.get("started_monotonic_ns", "")
+            monotonic_ns = draft.started.facts.get("started_monotonic_ns", "")
             start_ns = max(unix_ns - first_unix_ns, after_ns)
-            step_times_ns = rows.steps.column("t_ns").values[rows.steps.between(*span)]
-            key_times_ns = rows.keys.column("t_ns").values[rows.keys.between(*span)]
-            end_ns = start_ns + self._lasted_ns(part, [step_times_ns, key_times_ns])
+            step_times_ns = rows.steps.column("t_ns").values[rows.steps.between(*message_range)]
+            key_times_ns = rows.keys.column("t_ns").values[rows.keys.between(*message_range)]
+            end_ns = start_ns + self._find_duration_ns(draft, [step_times_ns, key_times_ns])
             segment = Segment(
                 number=number,
                 started_at=facts["started_at"],
                 started_unix_ns=unix_ns,
                 started_monotonic_ns=int(monotonic_ns) if monotonic_ns else None,
-                monotonic_clock=part.started.facts.get("monotonic_clock", ""),
+                monotonic_clock=draft.started.facts.get("monotonic_clock", ""),
                 start_ns=start_ns,
                 end_ns=end_ns,
-                end_reason=CUT_OFF if part.ended is None else part.ended.reason,
+                end_reason=CUT_OFF if draft.ended is None else draft.ended.reason,
                 clean=ended_cleanly.get(number, False),
-                facts=part.started.facts,
-                notes=notes_in_session_time(part.notes, start_ns),
-                part_events=part_events_in_session_time(part.part_events, start_ns),
+                facts=draft.started.facts,
+                notes=notes_in_session_time(draft.notes, start_ns),
+                part_events=part_events_in_session_time(draft.part_events, start_ns),
                 keys=EventColumns.of(events.KeyPressed, ()),
             )
-            placed.append((segment, span))
+            placed.append((segment, message_range))
             after_ns = end_ns + 1  # session time goes on even if the clock was set back
         return placed
 
     @staticmethod
-    def _lasted_ns(part: _SegmentDraft, times_ns: Sequence[NDArray[np.int64]]) -> int:
+    def _find_duration_ns(draft: _SegmentDraft, times_ns: Sequence[NDArray[np.int64]]) -> int:
         """Return the last known time of a segment, in nanoseconds since its start.
 
         Args:
             part: the segment.
-            times_ns: the times of the segment's steps and of its keys.
+            times_ns: the times of the segment's steps, and those of its keys, in segment time.
         """
-        if part.ended is not None:
-            return part.last_ns
-        return max(part.last_ns, *(int(topic_times_ns.max(initial=0)) for topic_times_ns in times_ns))
+        if draft.ended is not None:
+            return draft.last_ns
+        return max(draft.last_ns, *(int(topic_times_ns.max(initial=0)) for topic_times_ns in times_ns))
 
-    def _samples(self, segment: Segment, begin: int, end: int | None) -> SampleSequence:
-        places, messages = self._unread[topics.SAMPLE]
-        return SampleSequence(messages[_slice_between(places, begin, end)], segment.start_ns)
+    def _find_samples(self, segment: Segment, begin: int, end: int | None) -> SampleSequence:
+        """Return the samples of a segment, whose messages lie between two positions."""
+        positions, messages = self._unread[topics.SAMPLE]
+        return SampleSequence(messages[_slice_between(positions, begin, end)], segment.start_ns)
 
-    def _find_observations(self, span: _EpisodeDraft, steps: int) -> ObservationSequence | None:
+    def _find_observations(self, draft: _EpisodeDraft, steps: int) -> ObservationSequence | None:
         """Return the observations of an episode; None if the log does not have all of them."""
-        places, messages = self._unread[topics.OBSERVATION]
-        observed = messages[_slice_between(places, span.begin, span.end)]
+        positions, messages = self._unread[topics.OBSERVATION]
+        observed = messages[_slice_between(positions, draft.begin, draft.end)]
         if len(observed) > steps:
-            return ObservationSequence(span.start.plan.episode, observed[: steps + 1])
+            return ObservationSequence(draft.start.plan.episode, observed[: steps + 1])
         return None
 
-    def _take(self, place: int, event: events.Event | None) -> None:
+    def _add_event(self, position: int, event: events.Event | None) -> None:
         """Add an event at a position among all messages to the segment and the episode to which it belongs."""
-        if not self._parts and not isinstance(event, events.SessionStarted):
+        if not self._segments and not isinstance(event, events.SessionStarted):
             return  # the plan is lost, so the segment is unknown
         match event:
             case events.SessionStarted():
-                self._close(place)
-                self._parts.append(_SegmentDraft(event, place))
+                self._end_episode(position)
+                self._segments.append(_SegmentDraft(event, position))
             case events.SessionEnded():
-                self._parts[-1].ended = event
+                self._segments[-1].ended = event
             case events.EpisodeStarted():
-                self._close(place)
-                segment = len(self._parts) - 1
-                self._spans.append(
-                    _EpisodeDraft(event, segment, place, policy=self._policy, formed=self._formed, ready=self._ready)
+                self._end_episode(position)
+                segment = len(self._segments) - 1
+                self._episodes.append(
+                    _EpisodeDraft(event, segment, position, policy=self._policy, formed=self._formed, ready=self._ready)
                 )
             case events.EpisodeEnded():
-                self._close(place, event.outcome, event.cause)
+                self._end_episode(position, event.outcome, event.cause)
             case events.Noted() | events.Paused() | events.Resumed():
-                self._parts[-1].notes.append(event)
+                self._segments[-1].notes.append(event)
             case _ if isinstance(event, PartEvent):
-                self._parts[-1].part_events.append(event)
+                self._segments[-1].part_events.append(event)
                 self._assign_activity_event(event)
         if event is not None:
-            self._parts[-1].last_ns = max(self._parts[-1].last_ns, event.t_ns)
+            self._segments[-1].last_ns = max(self._segments[-1].last_ns, event.t_ns)
 
     def _assign_activity_event(self, event: PartEvent) -> None:
-        """Assign an activity's event to the episode that it belongs to, which may just have ended."""
+        """Assign an activity's event to the latest episode if it belongs to it, even if the episode has ended.
+
+        Events about a policy or a team are kept for the episodes that begin later in the same part.
+        """
         match event:
             case PolicyGiven():
                 self._policy = event.policy
@@ -319,25 +332,25 @@ class SessionAssembler:
             case events.ModelCall() | events.DesignDecided():
                 return  # about the agent or the next episode, not about this one
             case events.ActivityEvent() if (
-                self._spans and getattr(event, "episode", None) == self._spans[-1].start.plan.episode
+                self._episodes and getattr(event, "episode", None) == self._episodes[-1].start.plan.episode
             ):
-                self._spans[-1].activity_events.append(event)
+                self._episodes[-1].activity_events.append(event)
 
-    def _close(self, place: int, outcome: events.Outcome | None = None, cause: events.EndCause = "") -> None:
-        """End the last episode, if it has not ended yet."""
-        if self._spans and self._spans[-1].end is None:
-            span = self._spans[-1]
-            span.end = place
-            span.outcome = outcome
-            span.end_cause = cause
+    def _end_episode(self, position: int, outcome: events.Outcome | None = None, cause: events.EndCause = "") -> None:
+        """End the latest episode, if it has not ended yet, before the message at a position."""
+        if self._episodes and self._episodes[-1].end is None:
+            episode = self._episodes[-1]
+            episode.end = position
+            episode.outcome = outcome
+            episode.end_cause = cause
 
 
-def _slice_between(places: Sequence[int], begin: int, end: int | None) -> slice:
+def _slice_between(positions: Sequence[int], begin: int, end: int | None) -> slice:
     """Return the slice of sorted positions that lie after ``begin`` and not after ``end``; None for the log's end."""
-    first = bisect(places, begin)
+    first = bisect(positions, begin)
     if end is None:
         return slice(first, None)
-    return slice(first, bisect(places, end))
+    return slice(first, bisect(positions, end))
 
 
 def _clip_pauses(pauses: PauseSpans, first_ns: int, last_ns: int) -> PauseSpans:
@@ -346,13 +359,13 @@ def _clip_pauses(pauses: PauseSpans, first_ns: int, last_ns: int) -> PauseSpans:
     return tuple((max(begin, first_ns), min(end, last_ns)) for begin, end in within)
 
 
-def _build_teaching(span: _EpisodeDraft, steps: int, start_ns: int) -> TeachingRecord | None:
+def _build_teaching(draft: _EpisodeDraft, steps: int, start_ns: int) -> TeachingRecord | None:
     """Build the record of an agent's part in an episode; None if a team played it or no agent took part."""
-    if not span.activity_events or span.formed is not None:
+    if not draft.activity_events or draft.formed is not None:
         return None
-    in_time = part_events_in_session_time(span.activity_events, start_ns)
+    in_time = part_events_in_session_time(draft.activity_events, start_ns)
     activity_events = [event for event in in_time if isinstance(event, events.ActivityEvent)]
-    return gather_teaching(activity_events, steps=steps, actions=len(span.start.action_names), policy=span.policy)
+    return gather_teaching(activity_events, steps=steps, actions=len(draft.start.action_names), policy=draft.policy)
 
 
 def read_events(path: Path) -> Iterator[events.Event]:
@@ -374,18 +387,18 @@ def read_log(path: Path | str) -> SessionLog:
     """
     path = Path(path)
     files = list_session_files(path)
-    readings = [LogReader(file) for file in files]
-    gathered = SessionAssembler()
-    for file, reading in zip(files, readings, strict=True):
+    readers = [LogReader(file) for file in files]
+    assembler = SessionAssembler()
+    for file, reader in zip(files, readers, strict=True):
         with raise_as_log_error(file):
-            gathered.read(reading)
-    if not gathered.started:
+            assembler.read(reader)
+    if not assembler.started:
         raise LogError(f"{path} was cut off before its session started, so it has nothing to read; name another log")
-    for started in gathered.started:
+    for started in assembler.started:
         find_logged_sources(started.facts)
     try:
         with raise_as_log_error(path):
-            return _build_session_log(path, gathered, readings)
+            return _build_session_log(path, assembler, readers)
     except LogError as error:
         if str(path) in str(error):
             raise
@@ -410,20 +423,26 @@ def list_session_files(path: Path) -> list[Path]:
     return files
 
 
-def _build_session_log(path: Path, gathered: SessionAssembler, readings: list[LogReader]) -> SessionLog:
-    first = gathered.started[0]
+def _build_session_log(path: Path, assembler: SessionAssembler, readers: list[LogReader]) -> SessionLog:
+    """Build a session's log from its files, after all of them have been read.
+
+    Raises:
+        LogError: if a step or a key press cannot be read, or a step is missing.
+        OutsideNameError: if the name of the study or the participant cannot be a file's name.
+    """
+    first = assembler.started[0]
     require_name(first.plan.study, "the study")  # exports name files by these, and a foreign log may contain anything
     require_name(first.plan.participant.id, "the participant")
-    starts = [facts for reading in readings for facts in reading.starts]
-    ends = [facts for reading in readings for facts in reading.ends]
-    segments, episodes = gathered.session(starts, ends)
+    starts = [facts for reader in readers for facts in reader.starts]
+    ends = [facts for reader in readers for facts in reader.ends]
+    segments, episodes = assembler.assemble(starts, ends)
     return SessionLog(
         path=path,
         plan=first.plan,
         player=first.facts.get("player", "unknown"),
         started_at=starts[0]["started_at"],
         clean=all_ended_cleanly(starts, ends),
-        end_reason=gathered.end_reason,
+        end_reason=assembler.end_reason,
         facts=first.facts,
         episodes=episodes,
         segments=segments,

@@ -51,13 +51,13 @@ class SampleSequence(Sequence[events.Sampled]):
         return map(self._read_sample, self._messages)
 
     @overload
-    def __getitem__(self, place: int) -> events.Sampled: ...
+    def __getitem__(self, index: int) -> events.Sampled: ...
     @overload
-    def __getitem__(self, place: slice) -> "SampleSequence": ...
-    def __getitem__(self, place: int | slice) -> "events.Sampled | SampleSequence":
-        if isinstance(place, slice):
-            return SampleSequence(self._messages[place], self._start_ns)
-        return self._read_sample(self._messages[place])
+    def __getitem__(self, index: slice) -> "SampleSequence": ...
+    def __getitem__(self, index: int | slice) -> "events.Sampled | SampleSequence":
+        if isinstance(index, slice):
+            return SampleSequence(self._messages[index], self._start_ns)
+        return self._read_sample(self._messages[index])
 
     def _read_sample(self, message: bytes) -> events.Sampled:
         """Decode a sample, and shift its time to session time."""
@@ -73,6 +73,11 @@ _VERDICTS = get_args(events.KeyVerdict)
 def check_step_numbers(episode: int, episodes: NDArray[np.int64], steps: NDArray[np.int64]) -> None:
     """Refuse an episode that lacks a step, or has a step of another episode.
 
+    Args:
+        episode: the episode's number, counted from 0.
+        episodes: the number of the episode that each of its steps states, int64[steps].
+        steps: the number that each of its steps states, counted from 1, int64[steps].
+
     Raises:
         LogError: if a step is missing or belongs to another episode.
     """
@@ -86,7 +91,7 @@ def check_step_numbers(episode: int, episodes: NDArray[np.int64], steps: NDArray
 
 
 def build_step_columns(column: Callable[[str], FieldColumn]) -> dict[str, NDArray[Any]]:
-    """Build the columns of ``EpisodeLog`` that have a row for each step."""
+    """Build the columns of ``EpisodeLog`` that have a row for each step; ``column`` returns a field of all steps."""
     rt_ms = column("rt_ms")
     return {
         "actions": column("action").values,
@@ -101,24 +106,34 @@ def build_step_columns(column: Callable[[str], FieldColumn]) -> dict[str, NDArra
 def build_state_columns(
     starts: Sequence[events.EpisodeStarted], resets: Sequence[int], column: Callable[[str], FieldColumn]
 ) -> dict[str, NDArray[Any]]:
-    """Build the columns of ``EpisodeLog`` that have a row for each episode's reset and for each step."""
+    """Build the columns of ``EpisodeLog`` that have a row for each episode's reset and for each step.
+
+    Args:
+        starts: the start of each episode.
+        resets: the row of each episode's first step among the steps of all episodes.
+        column: returns a field of all steps, given its name.
+    """
     pose = column("pose")
-    after = np.stack([np.where(pose.is_present, pose.values[axis].values, np.nan) for axis in _AXES], axis=1)
-    first = np.array([pose_as_row(start.pose) for start in starts], np.float64).reshape(-1, len(_AXES))
-    state_columns: dict[str, NDArray[Any]] = {"poses": np.insert(after, resets, first, axis=0)}
-    for of_episode, name, dtype in (
+    step_poses = np.stack([np.where(pose.is_present, pose.values[axis].values, np.nan) for axis in _AXES], axis=1)
+    reset_poses = np.array([pose_as_row(start.pose) for start in starts], np.float64).reshape(-1, len(_AXES))
+    state_columns: dict[str, NDArray[Any]] = {"poses": np.insert(step_poses, resets, reset_poses, axis=0)}
+    for column_name, field_name, dtype in (
         ("t_ns", "t_ns", np.int64),
         ("state_hashes", "state_hash", np.uint64),
         ("observation_hashes", "observation_hash", np.uint64),
         ("onsets", "onset", np.bool_),
     ):
-        first = np.array([getattr(start, name) for start in starts], dtype)
-        state_columns[of_episode] = np.insert(column(name).values, resets, first)
+        reset_cells = np.array([getattr(start, field_name) for start in starts], dtype)
+        state_columns[column_name] = np.insert(column(field_name).values, resets, reset_cells)
     return state_columns
 
 
 def build_key_columns(column: Callable[[str], FieldColumn], count: int) -> EventColumns[events.KeyPressed]:
     """Build the columns of key presses and releases from the columns of their messages.
+
+    Args:
+        column: returns a field of all the messages, given its name.
+        count: the number of messages.
 
     Raises:
         LogError: if a verdict is outside its vocabulary.
@@ -126,13 +141,14 @@ def build_key_columns(column: Callable[[str], FieldColumn], count: int) -> Event
     for word in column("verdict").values.categories:
         require_one_of(_VERDICTS, word)
 
-    def values(name: str) -> Any:
+    @cache
+    def read_column(name: str) -> Any:
         cells = column(name)
         if name == "action":
             return np.where(cells.is_present, cells.values, NO_ACTION)
         return cells.values
 
-    return EventColumns(events.KeyPressed, cache(values), range(count))
+    return EventColumns(events.KeyPressed, read_column, range(count))
 
 
 class TopicRows:
@@ -140,10 +156,10 @@ class TopicRows:
 
     def __init__(self, topic: str, batches: Sequence[TopicMessages], data: bytes) -> None:
         self._topic = topic
-        self.places, self._begins, self._ends = (
-            np.concatenate([np.zeros(0, np.int64), *(getattr(of_topic, name) for of_topic in batches)])
-            for name in ("places", "begins", "ends")
-        )
+        no_positions = np.zeros(0, np.int64)
+        self.places = np.concatenate([no_positions, *(batch.places for batch in batches)])
+        self._begins = np.concatenate([no_positions, *(batch.begins for batch in batches)])
+        self._ends = np.concatenate([no_positions, *(batch.ends for batch in batches)])
         self._data = data
         self._shifted: dict[str, FieldColumn] = {}
         self._offsets_ns: NDArray[np.int64] | None = None  # from segment time to session time; None if all are 0
@@ -183,7 +199,7 @@ class TopicRows:
         return cells
 
     def between(self, begin: int, end: int | None) -> slice:
-        """Return the rows of the messages at positions from ``begin`` up to ``end``; None for the log's end."""
+        """Return the rows of the messages at positions from ``begin`` to before ``end``; None is the log's end."""
         first = int(np.searchsorted(self.places, begin))
         if end is None:
             return slice(first, len(self.places))
@@ -200,7 +216,7 @@ class FrequentRows:
         )
 
     def shift_to_session_time(self, begins: NDArray[np.int64], starts_ns: NDArray[np.int64]) -> None:
-        """Shift all times to the session's clock."""
+        """Shift all times to session time; the arguments are those of ``TopicRows.shift_to_session_time``."""
         for rows in (self.steps, self.keys, self.frames):
             rows.shift_to_session_time(begins, starts_ns)
 

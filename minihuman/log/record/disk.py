@@ -40,6 +40,7 @@ STEP_BYTES = 2_048  # twice what a step with its key events, frame and pose take
 OBSERVATION_BYTES = 32_768  # two PNGs of 80 x 60 pixels, of up to 15,000 bytes each
 MAX_ESTIMATED_STEPS = 20_000  # more than anyone plays in one episode, even if the protocol allows more
 RESERVE_BYTES = 16 * 1024 * 1024  # for finishing the log, floor plans, and data of other programs
+_COPY_BYTES = 1 << 20  # that are copied at once when a file is restored
 
 
 def require_disk_space(folder: Path, episode: EpisodePlan) -> None:
@@ -162,16 +163,16 @@ class LiveFile:
         """Copy the whole file to a new descriptor durably; return the number of bytes copied."""
         lock_descriptor(new_fd)
         copied = 0
-        while block := read_at(self.fd, 1 << 20, copied):
+        while block := read_at(self.fd, _COPY_BYTES, copied):
             copied += os.write(new_fd, block)
         self._settings.sync(new_fd)
-        for folder in self._part.parents[:4]:
+        for folder in self._part.parents[:4]:  # session, participant, study and data folder, any of which may be new
             sync_folder(folder)
         return copied
 
 
 def _join_pieces(pieces: Iterable[AppendBlock]) -> Iterator[AppendBlock]:
-    """Join blocks of bytes into as few writes as possible."""
+    """Yield blocks joined into as few as possible; a block for which the disk must have room stays separate."""
     buffered: list[bytes] = []
     for piece in pieces:
         if piece.room_for is not None and buffered:
@@ -292,6 +293,7 @@ class FileWriter:
             thread.join()
 
     def _write_jobs(self, jobs: Sequence[WriteJob]) -> None:
+        """Append the blocks of jobs to the file, unless an earlier write failed; record an error in ``failure``."""
         if self.failure is None or isinstance(self.failure, TimeoutError):
             try:
                 self.file.append(piece for job in jobs for piece in job.pieces)
@@ -302,7 +304,13 @@ class FileWriter:
         self._written_count += len(jobs)
 
     def _make_durable(self, jobs: Sequence[WriteJob], *, sync: Callable[[], None], closing: bool = False) -> None:
-        """Sync the file after writes, and record how much is durable or why it is not."""
+        """Sync the file after writes, and record how much is durable or why it is not.
+
+        Args:
+            jobs: the jobs that were written since the last call.
+            sync: makes the file durable.
+            closing: whether to sync even if there are no jobs.
+        """
         if not self._is_broken and (jobs or closing):
             try:
                 sync()
@@ -322,6 +330,7 @@ class FileWriter:
             self._settling.notify_all()
 
     def _write_all(self) -> None:
+        """Write queued jobs until the end of the queue is marked by None."""
         while (job := self._jobs.get()) is not None:
             self._write_jobs([job])
             job.over = True
@@ -330,6 +339,7 @@ class FileWriter:
         self._unsynced.put(None)
 
     def _sync_all(self) -> None:
+        """Make written jobs durable, all that wait at once, until the end of the queue is marked by None."""
         closing = False
         while not closing:
             jobs = [self._unsynced.get(), *_take_waiting(self._unsynced)]
@@ -348,11 +358,11 @@ class FileWriter:
     def finish_commit(self, failed: Exception | None) -> None:
         """Record, for a ``GroupCommit``, that the written blocks are durable, or why they cannot be."""
 
-        def outcome() -> None:
+        def raise_failure() -> None:
             if failed is not None:
                 raise failed
 
-        self._make_durable([job for job in _take_waiting(self._unsynced) if job is not None], sync=outcome)
+        self._make_durable([job for job in _take_waiting(self._unsynced) if job is not None], sync=raise_failure)
 
 
 def _take_waiting(jobs: "queue.SimpleQueue[WriteJob | None]") -> list[WriteJob | None]:
@@ -397,7 +407,7 @@ class GroupCommit:
         self._thread: threading.Thread | None = None
 
     def expect(self, file: FileWriter, *, at_once: bool = False) -> None:
-        """Schedule a commit of a file, after a short delay or at once."""
+        """Schedule a commit of a file's queued blocks, after ``GATHER_S`` or at once."""
         if at_once:
             self._hurried.append(file)
         else:
@@ -425,19 +435,19 @@ class GroupCommit:
         """Wait until a file is due."""
         while True:
             self._wake.clear()
-            left_s: float | None = None
+            remaining_s: float | None = None  # None while nothing is due
             if self._due:
                 due_s, _ = self._due[0]
-                left_s = due_s - time.monotonic()
-            if self._hurried or (left_s is not None and left_s <= 0):
+                remaining_s = due_s - time.monotonic()
+            if self._hurried or (remaining_s is not None and remaining_s <= 0):
                 return
-            self._idle = left_s is None
-            if not self._idle or not self._due:
-                self._wake.wait(left_s)
+            self._idle = remaining_s is None
+            if not self._idle or not self._due:  # another thread may have added a file before it could see ``_idle``
+                self._wake.wait(remaining_s)
             self._idle = False
 
     def _take_due_files(self) -> list[FileWriter]:
-        """Take the files that are due, each once."""
+        """Take the files that are hurried, or due within ``COMMIT_WINDOW_S``, each once."""
         files: dict[FileWriter, None] = {}
         while self._hurried:
             files[self._hurried.popleft()] = None
@@ -457,11 +467,11 @@ class GroupCommit:
             with _isolate_failures():
                 if file.write_waiting():
                     written_files.append(file)
-        failed = self._sync_files([file.fd for file in written_files])
+        errors = self._sync_files([file.fd for file in written_files])
         self.rounds += 1
         for file in written_files:
             with _isolate_failures():
-                file.finish_commit(failed.get(file.fd))
+                file.finish_commit(errors.get(file.fd))
 
     def _sync_files(self, fds: Sequence[int]) -> dict[int, OSError]:
         """Make files durable; return the error of each file for which that failed."""
@@ -472,17 +482,18 @@ class GroupCommit:
                 return {}
             except OSError:  # the error may concern one file only, so sync each by itself
                 pass
-        failed = {}
+        errors = {}
         for fd in fds:
             try:
                 self._sync_one(fd)
             except OSError as error:
-                failed[fd] = error
-        return failed
+                errors[fd] = error
+        return errors
 
 
 @contextmanager
 def _isolate_failures() -> Iterator[None]:
+    """Log any error in the context instead of raising it."""
     try:
         yield
     except Exception:  # a bug of ours: the other files must still be committed

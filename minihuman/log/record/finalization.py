@@ -18,7 +18,7 @@ from minihuman.errors import LogError, MinihumanError, NewerLogError
 from minihuman.log import names, topics
 from minihuman.log.codec import RECORD_TOPICS
 from minihuman.log.model.session_log import CUT_OFF
-from minihuman.log.paths import PART_SUFFIX, SegmentPath, is_companion_file, raise_as_log_error
+from minihuman.log.paths import MAGIC, PART_SUFFIX, SegmentPath, is_companion_file, raise_as_log_error
 from minihuman.log.read.reader import read_segment_starts
 from minihuman.log.record.file_lock import hold_leftover, is_being_recorded
 from minihuman.log.record.live_log import LIBRARY_NAME
@@ -103,21 +103,21 @@ def finish_log(
     """
     starts = {} if _is_blank(segment_path.part) else read_segment_starts(segment_path.part, first=True)
     if not starts:  # nothing was recorded yet, or the file's start was lost
-        return _discard_live_file(segment_path.part)
+        return _put_unreadable_aside(segment_path.part)
     earlier = read_segment_starts(segment_path.log) if segment_path.log.exists() else {}
-    new = starts.items() - earlier.items()
-    if new:
+    has_new_segment = bool(starts.items() - earlier.items())
+    if has_new_segment:
         _require_new_segment(segment_path, earlier)
     temporary = segment_path.log.with_name(f"{segment_path.log.name}{UNFINISHED_SUFFIX}")
     try:
         finalized = _write_finished_log(segment_path, temporary, with_log=bool(earlier), clean=clean, promised=promised)
-        if new:  # otherwise an earlier call was killed before it removed the live file
+        if has_new_segment:  # otherwise an earlier call was killed before it removed the live file
             publish(temporary)
             _rename(temporary, segment_path.log)
     finally:
         _remove(temporary)
-    if not new and not finalized.damage:
-        finalized = _require_logged(segment_path, finalized)
+    if not has_new_segment and not finalized.damage:
+        finalized = _compare_with_log(segment_path, finalized)
     if finalized.damage:  # keep it, since the unread bytes may still be of use
         return replace(finalized, damaged_copy_path=put_aside(segment_path.part, "as-found"))
     current_system().disk.unlink(segment_path.part)
@@ -125,12 +125,26 @@ def finish_log(
     return finalized
 
 
-def _discard_live_file(part: Path) -> FinalizedLog:
-    aside = put_aside(part, "unreadable")
-    return FinalizedLog(aside, False, 0, 0, CUT_OFF, "it holds no session plan", damaged_copy_path=aside)
+def _put_unreadable_aside(part: Path) -> FinalizedLog:
+    """Rename a live file that holds no plan, and return this outcome."""
+    new_path = put_aside(part, "unreadable")
+    return FinalizedLog(
+        path=new_path,
+        readable=False,
+        steps=0,
+        episodes=0,
+        end_reason=CUT_OFF,
+        damage="it holds no session plan",
+        damaged_copy_path=new_path,
+    )
 
 
 def _require_new_segment(segment_path: SegmentPath, earlier: Mapping[int, str]) -> None:
+    """Require that the log has no other segment with the live file's number; ``earlier`` has the log's segments.
+
+    Raises:
+        LogError: if it has one.
+    """
     if segment_path.segment in earlier:
         raise LogError(
             f"{segment_path.log} already has a different segment {segment_path.segment}; move that log away, then "
@@ -138,8 +152,9 @@ def _require_new_segment(segment_path: SegmentPath, earlier: Mapping[int, str]) 
         )
 
 
-def _require_logged(segment_path: SegmentPath, finalized: FinalizedLog) -> FinalizedLog:
-    """Return the outcome; if the live file has more than the log, as after a resume, it is stated as damaged."""
+def _compare_with_log(segment_path: SegmentPath, finalized: FinalizedLog) -> FinalizedLog:
+    """Return the outcome, stated as damaged if the live file has messages that the log lacks, as after a resume."""
+    # ``in`` continues after the message that was found last, since it consumes the iterator: the order is checked, too
     logged = _read_record(segment_path.log)
     topics_in_log = [message[0] for message in _read_record(segment_path.part) if message in logged]
     if len(topics_in_log) >= finalized.messages:
@@ -153,7 +168,7 @@ def _require_logged(segment_path: SegmentPath, finalized: FinalizedLog) -> Final
 
 
 def _read_record(path: Path) -> Iterator[tuple[str, int, int, int, bytes]]:
-    """Yield the content of a file's messages in file order, without previews."""
+    """Yield the topic, the numbers and the data of a file's messages in file order, without previews."""
     return (
         (record.channel.topic, *record[1:])
         for record in LogScanner(path)
@@ -162,9 +177,9 @@ def _read_record(path: Path) -> Iterator[tuple[str, int, int, int, bytes]]:
 
 
 def _is_blank(part: Path) -> bool:
-    """Return whether a file's first bytes are zeros, as after a power cut that preserves only its size."""
+    """Return whether a file is empty or begins with zeros, as after a power cut that preserves only its size."""
     with part.open("rb") as file:
-        return not file.read(8).strip(b"\0")
+        return not file.read(len(MAGIC)).strip(b"\0")
 
 
 def recover_log(part: Path, publish: Callable[[Path], None] = lambda _: None) -> FinalizedLog:
@@ -223,25 +238,26 @@ def is_whole_log(log: Path) -> bool:
 
 
 def _rewrite_damaged(log: Path) -> FinalizedLog:
+    """Replace a damaged log by a new one with all that is intact in it, as ``repair_log`` does."""
     temporary = log.with_name(f"{log.name}{UNFINISHED_SUFFIX}")
     try:
         scan = LogScanner(log)
         with _open_finished_log(temporary) as copy:
             copy.copy_file(scan)
-            segments = {int(facts["segment"]) for facts in copy.starts}
-            if not segments:
+            numbers = {int(facts["segment"]) for facts in copy.starts}
+            if not numbers:
                 raise LogError(
                     f"{log} is {scan.unfinished_reason} and has no session plan left, so it cannot be repaired; move "
                     "it out of the study"
                 )
-            lacks = scan.unfinished_reason
+            damage = scan.unfinished_reason
             copy.record_missing(gap for gap in scan.missing if gap not in scan.declared)
             last = int(copy.starts[-1]["segment"])
-            for segment in sorted(segments - {int(facts["segment"]) for facts in copy.ends if "segment" in facts}):
+            for segment in sorted(numbers - {int(facts["segment"]) for facts in copy.ends if "segment" in facts}):
                 facts = copy.summarize_segment() if segment == last else {"reason": CUT_OFF}
-                copy.record_end(segment, **facts, clean=False, stopped=f"{names.FINISHED_LOG_WAS}{lacks}")
-            copy.add_metadata(names.REPAIRED_METADATA, {"damage": lacks})
-        aside = put_aside(log, "as-found", linked=True)
+                copy.record_end(segment, **facts, clean=False, stopped=f"{names.FINISHED_LOG_WAS}{damage}")
+            copy.add_metadata(names.REPAIRED_METADATA, {"damage": damage})
+        kept_path = put_aside(log, "as-found", linked=True)
         _rename(temporary, log)
     except OSError as error:
         raise LogError(f"{log} could not be repaired and is unchanged: {error.strerror}") from error
@@ -249,14 +265,17 @@ def _rewrite_damaged(log: Path) -> FinalizedLog:
         _remove(temporary)
     steps = copy.total[topics.STEP]
     episodes = copy.total[topics.EPISODE_START]
-    ended = copy.end_reason or CUT_OFF
-    return FinalizedLog(log, True, steps, episodes, ended, lacks, damaged_copy_path=aside, was_finished=True)
+    end_reason = copy.end_reason or CUT_OFF
+    return FinalizedLog(log, True, steps, episodes, end_reason, damage, damaged_copy_path=kept_path, was_finished=True)
 
 
 def archive_log(log: Path, folder: Path) -> Path:
     """Copy an intact log into a folder without its message index, which makes it nearly a third smaller.
 
     The copy verifies as the log itself does.
+
+    Returns:
+        The path of the copy.
 
     Raises:
         LogError: if the log cannot be opened, is not a session log or is damaged, or its copy exists already.
@@ -287,6 +306,7 @@ def find_leftovers(folder: Path) -> list[Path]:
 def _write_finished_log(
     segment_path: SegmentPath, target: Path, *, with_log: bool, clean: bool, promised: ExpectedContent | None
 ) -> FinalizedLog:
+    """Write a live file into a new finished log, after the session's log if ``with_log``; return the outcome."""
     with _open_finished_log(target) as copy:
         if with_log:
             copy.copy_file(LogScanner(segment_path.log))
@@ -338,15 +358,21 @@ def _remove(temporary: Path) -> None:
         current_system().disk.unlink(temporary)
 
 
-def put_aside(part: Path, why: str, *, linked: bool = False) -> Path:
-    """Rename a file to an unused name and return the new path; with ``linked``, keep it under its own name, too."""
+def put_aside(file: Path, why: str, *, linked: bool = False) -> Path:
+    """Rename a file to an unused name and return the new path.
+
+    Args:
+        part: the file, a live file or a finished log.
+        why: the reason, which becomes part of the new name.
+        linked: whether to keep the file under its own name, too.
+    """
     for number in itertools.count(1):
-        aside = part.with_name(f"{part.name}.{why}-{number}")
-        if not aside.exists():
+        new_path = file.with_name(f"{file.name}.{why}-{number}")
+        if not new_path.exists():
             break
     if linked:
-        os.link(part, aside)
+        os.link(file, new_path)
     else:
-        current_system().disk.rename(part, aside)
-    sync_folder(part.parent)
-    return aside
+        current_system().disk.rename(file, new_path)
+    sync_folder(file.parent)
+    return new_path

@@ -31,9 +31,9 @@ from minihuman.log.topics import TOPICS, Topic, schema_bytes
 from minihuman.plugins import DISTRIBUTION
 
 _MESSAGE = struct.Struct("<BQHIQQ")  # opcode, bytes that follow, channel, sequence, log time, publish time
-_OF_A_MESSAGE = 22  # of those bytes, before its data
+_MESSAGE_HEAD_BYTES = 22  # of those bytes, before its data
 _CHUNK = struct.Struct("<BQQQQIIQ")  # opcode, bytes that follow, first time, last, bytes, CRC, no compression, bytes
-_OF_A_CHUNK = 40
+_CHUNK_HEAD_BYTES = 40
 
 
 class ChunkBuilder:
@@ -45,7 +45,7 @@ class ChunkBuilder:
 
     def add(self, channel: int, sequence: int, log_ns: int, publish_ns: int, data: bytes) -> None:
         """Add a message to the chunk."""
-        head = _MESSAGE.pack(Opcode.MESSAGE, _OF_A_MESSAGE + len(data), channel, sequence, log_ns, publish_ns)
+        head = _MESSAGE.pack(Opcode.MESSAGE, _MESSAGE_HEAD_BYTES + len(data), channel, sequence, log_ns, publish_ns)
         self._records += (head, data)
         self._times_ns.append(log_ns)
 
@@ -59,7 +59,10 @@ class ChunkBuilder:
         self._times_ns = []
         size = len(records)
         crc = zlib.crc32(records)
-        return _CHUNK.pack(Opcode.CHUNK, _OF_A_CHUNK + size, min(times_ns), max(times_ns), size, crc, 0, size) + records
+        return (
+            _CHUNK.pack(Opcode.CHUNK, _CHUNK_HEAD_BYTES + size, min(times_ns), max(times_ns), size, crc, 0, size)
+            + records
+        )
 
 
 _NAME = re.compile(r"[A-Za-z0-9._-]+")  # a requirement starts with it
@@ -111,7 +114,7 @@ class LiveLogEncoder:
         """
         live = cls(started_ns=started_ns)
         live._writer.start(profile=PROFILE, library=LIBRARY_NAME)
-        live._number(plan)
+        live._register_channels(plan)
         for topic in filter(None, map(find_topic, rare)):
             live._register_channel(topic)
         live._bytes.take()  # the file has its beginning
@@ -125,13 +128,13 @@ class LiveLogEncoder:
         return dict(self._channels)
 
     def encode(self, events: Sequence[Event]) -> list[AppendBlock]:
-        """Encode events; each start of an episode begins a block of its own."""
+        """Encode events as blocks to append; the start of a segment or an episode begins a new block."""
         pieces: list[AppendBlock] = []
         room_for: EpisodePlan | None = None
         for event in events:
             if not self._channels:
                 assert isinstance(event, SessionStarted), f"a log starts with SessionStarted, not {event!r}"
-                pieces.append(AppendBlock(self._start(event)))
+                pieces.append(AppendBlock(self._encode_start(event)))
                 continue
             if isinstance(event, EpisodeStarted):
                 pieces.append(AppendBlock(self._take_encoded(), room_for))
@@ -141,11 +144,12 @@ class LiveLogEncoder:
         return [piece for piece in pieces if piece.data]
 
     def _take_encoded(self) -> bytes:
+        """Return all bytes that have been encoded and not taken yet, and end the present chunk."""
         self._writer.flush()
         self._bytes.write(self._chunk.take())
         return self._bytes.take()
 
-    def _start(self, event: SessionStarted) -> bytes:
+    def _encode_start(self, event: SessionStarted) -> bytes:
         """Encode a segment's start: the plan in a chunk of its own, preceded by its second copy.
 
         The copy follows the attachments. If a write is torn, a plan that can be read thus has everything that belongs
@@ -164,7 +168,7 @@ class LiveLogEncoder:
         for name, media_type, content in build_attachments(event.plan):
             writer.add_attachment(started_ns, started_ns, name, media_type, content)
         begin += self._take_encoded()
-        channels = self._number(event.plan)
+        channels = self._register_channels(event.plan)
         plan = self._add_plan(event)
         plan_chunk = self._take_encoded()
         builder = RecordBuilder()
@@ -174,7 +178,7 @@ class LiveLogEncoder:
         ).write(builder)
         return begin + bytes(builder.end()) + plan_chunk
 
-    def _number(self, plan: SessionPlan) -> list[Channel]:
+    def _register_channels(self, plan: SessionPlan) -> list[Channel]:
         """Register the topics' schemas and channels, always in the same order; return the channels."""
         topics = (*TOPICS, *list_activity_topics(part.kind for part in plan.parts))
         return [self._register_channel(topic) for topic in topics if not topic.is_preview]
@@ -193,8 +197,8 @@ class LiveLogEncoder:
     def _add_event(self, event: Event) -> None:
         """Add an event to the chunk, after registering its topic if it is new."""
         topic, message = encode_event(event)
-        new = topic not in self._channels
-        if new:  # of a kind of activity that the plan has no part of
+        is_new = topic not in self._channels
+        if is_new:  # of a kind of activity that the plan has no part of
             new_topic = find_topic(topic)
             assert new_topic is not None
             self._bytes.write(self._chunk.take())
@@ -203,25 +207,32 @@ class LiveLogEncoder:
         self.steps += isinstance(event, Stepped)
         data = message.SerializeToString(deterministic=True)
         log_ns = self._started_ns + event.t_ns
-        caused = self._started_ns + event_cause_ns(event)
-        if new:  # the library writes the channel into the same chunk
-            self._writer.add_message(self._channels[topic], log_ns, data, caused, self.messages)
+        publish_ns = self._started_ns + event_cause_ns(event)
+        if is_new:  # the library writes the channel into the same chunk
+            self._writer.add_message(self._channels[topic], log_ns, data, publish_ns, self.messages)
             self._writer.flush()
         else:
-            self._chunk.add(self._channels[topic], self.messages, log_ns, caused, data)
+            self._chunk.add(self._channels[topic], self.messages, log_ns, publish_ns, data)
 
     def _add_plan(self, event: SessionStarted) -> Message:
+        """Add the message with the segment's plan, and return it."""
         topic, message = encode_event(event)
         self.messages += 1
-        added = Message(
+        plan_message = Message(
             channel_id=self._channels[topic],
             log_time=self._started_ns + event.t_ns,
             data=message.SerializeToString(deterministic=True),
             publish_time=self._started_ns + event_cause_ns(event),
             sequence=self.messages,
         )
-        self._writer.add_message(added.channel_id, added.log_time, added.data, added.publish_time, added.sequence)
-        return added
+        self._writer.add_message(
+            plan_message.channel_id,
+            plan_message.log_time,
+            plan_message.data,
+            plan_message.publish_time,
+            plan_message.sequence,
+        )
+        return plan_message
 
 
 class _DrainedStream:
@@ -275,17 +286,17 @@ def build_attachments(plan: SessionPlan) -> tuple[tuple[str, str, bytes], ...]:
     return (
         ("protocol.toml", "application/toml", plan.protocol_toml),
         ("key_maps.json", "application/json", msgspec.json.encode(key_maps)),
-        ("packages.txt", "text/plain", _package_list()),
+        ("packages.txt", "text/plain", _list_packages()),
     )
 
 
 @cache
-def _package_list() -> bytes:
+def _list_packages() -> bytes:
     """Return the installed dependencies, optional ones included, as text with one ``name==version`` per line."""
-    requirements: dict[str, str] = {}
-    needed = [DISTRIBUTION]
-    while needed:
-        name = needed.pop()
+    requirements: dict[str, str] = {}  # by normalised name
+    pending_names = [DISTRIBUTION]
+    while pending_names:
+        name = pending_names.pop()
         key = _SEPARATORS.sub("-", name).lower()
         if key in requirements:
             continue
@@ -294,6 +305,6 @@ def _package_list() -> bytes:
         except PackageNotFoundError:
             continue
         requirements[key] = f"{package.name}=={package.version}"
-        names = (_NAME.match(line) for line in package.requires or ())
-        needed += (name[0] for name in names if name)
+        matches = (_NAME.match(requirement) for requirement in package.requires or ())
+        pending_names += (match[0] for match in matches if match)
     return "".join(f"{requirements[key]}\n" for key in sorted(requirements)).encode()

@@ -22,7 +22,7 @@ UNNUMBERED = 0  # the sequence number of previews
 EPISODE_BYTES = 16 * 1024  # a smaller episode shares its chunk with the next
 _PREVIEW_TOPICS = frozenset(topic.name for topic in topics.TOPICS if topic.is_preview)
 _SUMMARY_TOPICS = frozenset({topics.SKIP, topics.PLAN, topics.EPISODE_END, topics.SESSION_END})  # for a segment's end
-_HEAD = (names.SEGMENT_METADATA, names.FACTS_METADATA)
+_HEAD_METADATA = (names.SEGMENT_METADATA, names.FACTS_METADATA)
 
 
 class LogCopier:
@@ -61,7 +61,7 @@ class LogCopier:
             match record:
                 case LogMessage():
                     self._copy_message(record, scan.schemas.get(record.channel.schema_id))
-                case Metadata() if record.name in _HEAD:
+                case Metadata() if record.name in _HEAD_METADATA:
                     self._head[record.name] = record
                 case Metadata():
                     self.add_metadata(record.name, record.metadata)
@@ -120,6 +120,7 @@ class LogCopier:
         self.chain.add_attachment(record)
 
     def _copy_message(self, message: LogMessage, schema: Schema | None) -> None:
+        """Copy a message after its previews; a message with a plan also completes the start of its segment."""
         topic = message.channel.topic
         if topic in _PREVIEW_TOPICS:
             self._previews = None  # an earlier version's file has previews
@@ -127,7 +128,7 @@ class LogCopier:
             self._early_previews.append((message, schema))  # a log line about the next plan
             return
         if topic == topics.PLAN:
-            self._write_second_start(message, schema)
+            self._write_start_with_copy(message, schema)
         self._write_segment_start()
         if topic in RECORD_TOPICS:
             self.last_sequence = message.sequence
@@ -144,6 +145,7 @@ class LogCopier:
                 self._count_event(decode_event(topic, message.data))
 
     def _count_event(self, event: Event | None) -> None:
+        """Update the session's counts and the segment's end reason with an event."""
         match event:
             case SessionStarted(plan=plan):
                 self.planned = len(plan.episodes)
@@ -154,8 +156,8 @@ class LogCopier:
             case SessionEnded(reason=reason):
                 self.end_reason = reason
 
-    def _write_second_start(self, message: LogMessage, schema: Schema | None) -> None:
-        """Write the second copy of a segment's start after its metadata."""
+    def _write_start_with_copy(self, message: LogMessage, schema: Schema | None) -> None:
+        """Write the held-back start of a segment, with its second copy, before the message with the plan."""
         self._flush()
         if self._draw and names.SEGMENT_METADATA in self._head:
             self._previews = PreviewEncoder(int(self._head[names.SEGMENT_METADATA].metadata["started_unix_ns"]))
@@ -168,24 +170,29 @@ class LogCopier:
             channels[0].schema_id = self._schemas[schema.name, schema.data]
             schemas.append(Schema(channels[0].schema_id, schema.data, schema.encoding, schema.name))
         plan = Message(number, message.log_time, message.data, message.publish_time, message.sequence)
-        copied = integrity.pack_segment_head(self._head.values(), schemas, channels, plan)
-        self._write_segment_start(copied, message.log_time)
+        second_copy = integrity.pack_segment_head(self._head.values(), schemas, channels, plan)
+        self._write_segment_start(second_copy, message.log_time)
 
-    def _write_segment_start(self, copied: bytes = b"", log_time: int = 0) -> None:
-        """Write the held-back start of a segment: metadata, the second copy if any, attachments and previews."""
+    def _write_segment_start(self, second_copy: bytes = b"", log_time: int = 0) -> None:
+        """Write the held-back start of a segment, if any: metadata, second copy, attachments and previews.
+
+        Args:
+            second_copy: the start's second copy; b"" for none.
+            log_time: the log time of the second copy.
+        """
         head = self._head
         self._head = {}
-        attached = self._early_attachments
+        early_attachments = self._early_attachments
         self._early_attachments = []
         previews = self._early_previews
         self._early_previews = []
         for record in head.values():
             self.add_metadata(record.name, record.metadata)
-        if copied:
+        if second_copy:
             self._writer.add_attachment(
-                log_time, log_time, integrity.SEGMENT_HEAD_NAME, integrity.SEGMENT_HEAD_MEDIA_TYPE, copied
+                log_time, log_time, integrity.SEGMENT_HEAD_NAME, integrity.SEGMENT_HEAD_MEDIA_TYPE, second_copy
             )
-        for attachment in attached:
+        for attachment in early_attachments:
             self._copy_attachment(attachment)
         for message, schema in previews:
             self._add_message(message, schema)
@@ -233,6 +240,7 @@ class LogCopier:
         return self._channels[key]
 
     def _register_schema(self, schema: Schema | None) -> int:
+        """Return a schema's number in the copy, registering the schema if it is new."""
         if schema is None:
             self._schemas["", b""] = 0  # 0 is MCAP's number for no schema, as another program's topic may have
             return 0

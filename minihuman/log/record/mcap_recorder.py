@@ -65,17 +65,22 @@ def resume_segment(part: Path) -> LeftoverSegment:
     fd = open_leftover(part, os.O_RDWR | os.O_APPEND)
     try:
         _cut_torn_end(part, fd)
-        left = _read_leftover(part, fd)
+        leftover = _read_leftover(part, fd)
         write_again(part)  # the writer may have stopped after a failed fsync
-        return left
+        return leftover
     except BaseException:
         os.close(fd)
         raise
 
 
 def _cut_torn_end(part: Path, fd: int) -> None:
+    """Truncate a live file after its last whole record.
+
+    Raises:
+        LogError: if the file is damaged in another way.
+    """
     scan = LogScanner(part)
-    for _ in scan.records():
+    for _ in scan.records():  # finds the damage
         pass
     if torn := _TORN.fullmatch(scan.damage):
         current_system().disk.truncate(fd, int(torn[1]))
@@ -84,7 +89,11 @@ def _cut_torn_end(part: Path, fd: int) -> None:
 
 
 def _read_leftover(part: Path, fd: int) -> LeftoverSegment:
-    """Read a segment that was cut off, to be resumed; refuse one that ended or that another version wrote."""
+    """Read a segment that was cut off, to be resumed.
+
+    Raises:
+        LogError: if the file holds no plan, the session has ended, or another version of minihuman wrote the file.
+    """
     scan = LogScanner(part)
     start: dict[str, str] = {}
     events: list[Event] = []
@@ -264,7 +273,11 @@ class McapRecorder(Recorder):
                 os.close(self._fd)
 
     def _require_undamaged(self, finished: FinalizedLog) -> FinalizedLog:
-        """Return a finished log; raise DataLossError if it lacks something that was written."""
+        """Return the outcome of finishing a log.
+
+        Raises:
+            DataLossError: if the log lacks something that was written.
+        """
         if not finished.damage or not self._live.messages:  # without messages nothing can be lost
             return finished
         raise DataLossError(

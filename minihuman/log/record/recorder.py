@@ -148,7 +148,7 @@ class BufferedRecorder(WrappedRecorder):
         """
         self._waiting += events
         if len(self._waiting) >= MAX_BUFFERED_EVENTS:
-            self._begin_waiting()
+            self._forward_buffered()
 
     def flush(self) -> None:
         """Write the buffered events.
@@ -156,10 +156,10 @@ class BufferedRecorder(WrappedRecorder):
         Raises:
             LogError: as the wrapped recorder does.
         """
-        self._begin_waiting()
+        self._forward_buffered()
         self.settle()
 
-    def _begin_waiting(self) -> None:
+    def _forward_buffered(self) -> None:
         waiting = self._waiting
         self._waiting = []
         if waiting:
@@ -198,21 +198,21 @@ class DeferredRecorder(WrappedRecorder):
     def __init__(self, plan: SessionPlan, open_recorder: Callable[[], Recorder]) -> None:
         self._open_recorder = open_recorder
         self._waiting: list[Sequence[Event]] = []  # the events of each write before the consent
-        self._asks = asks_consent_before_play(plan)
-        self._waits = self._asks or is_allocation_pending(plan)
+        self._asks_consent = asks_consent_before_play(plan)
+        self._is_deferred = self._asks_consent or is_allocation_pending(plan)
         self._closed = False
         super().__init__(self._make_first_recorder())
 
     def _make_first_recorder(self) -> Recorder:
         """Open the recorder, or return a placeholder if the session has to wait for a consent or an allocation."""
-        if self._waits:
+        if self._is_deferred:
             return _NullRecorder()
         return self._open_recorder()
 
     @property
     def opened(self) -> bool:
         """Return whether the session is being recorded."""
-        return not self._waits
+        return not self._is_deferred
 
     def begin(self, events: Sequence[Event]) -> None:
         """Keep the events, or record them; the kept events are recorded first once the participant consents.
@@ -220,14 +220,14 @@ class DeferredRecorder(WrappedRecorder):
         Raises:
             LogError: as the wrapped recorder does, or if it cannot be opened.
         """
-        if not self._waits:
+        if not self._is_deferred:
             self._recorder.begin(events)
         elif not self._closed:
             self._waiting.append(events)
-            agreed = any(isinstance(event, Noted) and event.kind == "consent" for event in events)
-            if events and (agreed or not self._asks):
+            has_consent = any(isinstance(event, Noted) and event.kind == "consent" for event in events)
+            if events and (has_consent or not self._asks_consent):
                 self._recorder = self._open_recorder()
-                self._waits = False
+                self._is_deferred = False
                 waiting = self._waiting
                 self._waiting = []
                 for batch in waiting:

@@ -55,7 +55,7 @@ class Lease:
     _count_writes: Callable[[], int] = lambda: 0
 
     def count_acknowledgeable(self, now_s: float) -> int:
-        """Return how many of the recorder's writes may be acknowledged; -1 if not even earlier ones may be."""
+        """Return how many of the recorder's writes may be acknowledged at a time; -1 if none may be any more."""
         is_held = not self.lost and now_s < self.renewed_s + TTL_S - SAFETY_MARGIN_S
         return self.copied_writes if is_held else -1
 
@@ -70,8 +70,8 @@ class Lease:
         self._count_writes = count_writes
         self._copied = {}  # copy everything again, since a torn end may have been cut off
 
-    def _read(self) -> tuple[LogPiece | None, int]:
-        """Return the data that are not copied yet, and the number of durable writes."""
+    def _read_uncopied(self) -> tuple[LogPiece | None, int]:
+        """Return the piece of the log that is not copied yet, or None, and the number of durable writes."""
         writes = self._count_writes()  # counted first, so that the file contains them
         part = self._find_part()
         if part is None:
@@ -139,7 +139,7 @@ class SessionLeases:
             log = path.with_suffix("")
             if name.endswith(PART_SUFFIX) and log.name not in copies and log.exists():
                 put_aside(log, SUPERSEDED)  # another server resumed the session afterwards
-            if _holds_copy(path, copy):
+            if _contains_copy(path, copy):
                 continue
             if path.exists():
                 put_aside(path, SUPERSEDED)
@@ -202,7 +202,7 @@ class SessionLeases:
         """
         with self._guard:
             began_s = self._clock()
-            pieces = [(lease, *lease._read()) for lease in leases if not lease._ended]
+            pieces = [(lease, *lease._read_uncopied()) for lease in leases if not lease._ended]
             renewals = [LeaseRenewal(lease.session, lease.grant.fence, piece) for lease, piece, _ in pieces]
             wanted_by_session = self._table.renew(renewals)
             for lease, piece, writes in pieces:
@@ -213,12 +213,11 @@ class SessionLeases:
                     lease._note_copied(piece, writes)
 
     def end(self, lease: Lease, reason: str) -> None:
-        """Copy the rest of the log, and mark the session as ended.
+        """Copy the remaining part of the log, stop copying, and mark the session as ended if it cannot be resumed.
 
         Args:
             lease: the session's lease.
-            reason: the reason for which the session ended for good, so that no server resumes it; "" if it can be
-                resumed.
+            reason: the reason why the session ended for good, so that no server resumes it; "" if it can be resumed.
 
         Raises:
             LeaseLostError: if another server has the session, so that it did not end here.
@@ -262,7 +261,7 @@ class SessionLeases:
             ) from error
 
     def release(self, lease: Lease) -> bool:
-        """Copy the rest of the log and release the lease; return False if the database cannot be reached."""
+        """Copy the remaining part of the log and release the lease; return False if the database cannot be reached."""
         try:
             if not lease.lost and not lease._ended and not lease.grant.ended:
                 self.renew([lease])
@@ -274,7 +273,7 @@ class SessionLeases:
         return True
 
 
-def _holds_copy(path: Path, copy: bytes) -> bool:
+def _contains_copy(path: Path, copy: bytes) -> bool:
     """Return whether a file contains everything that was copied of it; a live file may contain more."""
     if not path.exists():
         return False

@@ -77,13 +77,13 @@ def split_chunk(data: bytes, index: Sequence[bytes]) -> ChunkRecords:
         starts = _find_starts(data, _read_index(index))
     except (ValueError, IndexError):
         starts = _find_starts(data, np.zeros(0, np.int64))
-    is_message = _at_each(data, np.dtype("u1"))[starts] == Opcode.MESSAGE
+    is_message = _view_at_each_byte(data, np.dtype("u1"))[starts] == Opcode.MESSAGE
     other_records = []
     for start in starts[~is_message].tolist():
         opcode, length = RECORD_HEADER.unpack_from(data, start)
         other_records.append((opcode, data[start + RECORD_HEADER.size : start + RECORD_HEADER.size + length]))
     starts = starts[is_message]
-    return ChunkRecords(data, starts, _at_each(data, _MESSAGE)[starts], other_records)
+    return ChunkRecords(data, starts, _view_at_each_byte(data, _MESSAGE)[starts], other_records)
 
 
 class ChunkMessages:
@@ -117,7 +117,7 @@ class ChunkMessages:
         return None
 
     def times_at(self, places: ByteOffsets) -> tuple[NDArray[np.uint64], NDArray[np.uint64]]:
-        """Return the log times and the publish times of the messages at these places."""
+        """Return the log times and the publish times of the messages at these positions in the chunk."""
         return self._heads["log_time"][places], self._heads["publish_time"][places]
 
     def __iter__(self) -> Iterator[LogMessage]:
@@ -132,7 +132,7 @@ class ChunkMessages:
         return sum(len(messages.places) for messages in self.by_topic(among=(topic,)))
 
     def by_topic(self, *, among: Container[str]) -> Iterator[TopicMessages]:
-        """Yield, for each of the given topics that occurs, its messages."""
+        """Yield the positions of the chunk's messages, topic by topic, for those of the given topics that occur."""
         numbers = self._heads["channel"].copy()  # contiguous, since it is scanned for each topic
         for number, channel in self._channels.items():
             if channel.topic in among:
@@ -140,37 +140,47 @@ class ChunkMessages:
                 yield TopicMessages(channel.topic, places, self._begins[places], self._ends[places])
 
 
-def _at_each(data: bytes, dtype: np.dtype[Any]) -> NDArray[Any]:
+def _view_at_each_byte(data: bytes, dtype: np.dtype[Any]) -> NDArray[Any]:
     """View the data as an array with one value per position, so that many positions can be read at once."""
     return np.ndarray(max(0, len(data) + 1 - dtype.itemsize), dtype, data, strides=(1,))
 
 
 def _read_index(index: Sequence[bytes]) -> ByteOffsets:
-    """Return where a chunk's messages begin, according to its index."""
+    """Return where a chunk's messages begin, in ascending order, according to the index records that follow it."""
     entries = [np.frombuffer(record, _INDEX_ENTRY, offset=_INDEX_HEAD.size) for record in index]
     return np.sort(np.concatenate([np.zeros(0, np.int64), *(entry["place"].astype(np.int64) for entry in entries)]))
 
 
-def _find_starts(data: bytes, known: ByteOffsets) -> ByteOffsets:
-    """Return where each record begins, given the positions of some."""
-    ends = known + RECORD_HEADER.size + _at_each(data, np.dtype("<u8"))[known + 1].astype(np.int64)
-    before = np.concatenate([[0], ends])
-    behind = np.concatenate([known, [len(data)]])
-    gaps = np.flatnonzero(before != behind)
-    walked = (_walk_records(data, int(before[gap]), int(behind[gap])) for gap in gaps)
-    return np.sort(np.concatenate([known, *walked]))
+def _find_starts(data: bytes, indexed_starts: ByteOffsets) -> ByteOffsets:
+    """Return where each record begins, given where those begin that are in the index.
+
+    Raises:
+        ValueError: if the bytes between these are not records.
+        IndexError: if the index points outside the data.
+    """
+    lengths = _view_at_each_byte(data, np.dtype("<u8"))[indexed_starts + 1].astype(np.int64)  # after the opcode
+    indexed_ends = indexed_starts + RECORD_HEADER.size + lengths
+    gap_begins = np.concatenate([[0], indexed_ends])
+    gap_ends = np.concatenate([indexed_starts, [len(data)]])
+    gaps = np.flatnonzero(gap_begins != gap_ends)
+    walked = (_walk_records(data, int(gap_begins[gap]), int(gap_ends[gap])) for gap in gaps)
+    return np.sort(np.concatenate([indexed_starts, *walked]))
 
 
 def _walk_records(data: bytes, begin: int, end: int) -> ByteOffsets:
-    """Return where each record between two positions begins."""
+    """Return where each record between two positions begins.
+
+    Raises:
+        ValueError: if the last record does not end at ``end``.
+    """
     starts: list[int] = []
-    at = begin
-    length = _LENGTH.unpack_from
-    head = RECORD_HEADER.size
-    while at < end:
-        starts.append(at)
-        at += head + length(data, at + 1)[0]
-    if at != end:
+    position = begin
+    unpack_length = _LENGTH.unpack_from
+    header_bytes = RECORD_HEADER.size
+    while position < end:
+        starts.append(position)
+        position += header_bytes + unpack_length(data, position + 1)[0]  # the length follows the opcode
+    if position != end:
         raise ValueError("a record extends past the end of its chunk")
     return np.array(starts, np.int64)
 
@@ -226,6 +236,12 @@ def decompress_zstd(data: bytes) -> bytes:
 
 
 def _decompress_chunk(data: bytes, size: int) -> bytes:
+    """Decompress a zstd frame of ``size`` bytes; the result may be longer or shorter if the frame states no size.
+
+    Raises:
+        ValueError: if the size is larger than a record may be, or the frame states another size.
+        zstandard.ZstdError: if the data are not zstd.
+    """
     stated = zstandard.get_frame_parameters(data).content_size
     if not 0 <= size <= MAX_RECORD_BYTES:
         raise ValueError(f"compressed data expands to {size} bytes; at most {MAX_RECORD_BYTES} are allowed")
@@ -239,21 +255,23 @@ def _decompress_chunk(data: bytes, size: int) -> bytes:
 
 
 def find_next_record(view: mmap.mmap, begin: int) -> int | None:
-    """Return the position of the next intact record at or after a byte; None if none is found soon."""
-    tries = 0
-    while (candidate := _RECORD_START.search(view, begin)) is not None and tries < MAX_CANDIDATES:
+    """Return the position of the next intact record at or after a byte; None if no early candidate is intact."""
+    n_tried = 0
+    while (candidate := _RECORD_START.search(view, begin)) is not None and n_tried < MAX_CANDIDATES:
         begin = candidate.start()
         try:
-            if _is_whole_record(view, begin):
-                return begin
-            tries += 1
+            is_whole = _is_whole_record(view, begin)
         except Exception:  # garbage can make a parser raise anything
-            tries += 1
+            is_whole = False
+        if is_whole:
+            return begin
+        n_tried += 1
         begin += 1
     return None
 
 
 def _is_whole_record(view: mmap.mmap, begin: int) -> bool:
+    """Return whether an intact record begins at a byte; any error that a parser raises means that none does."""
     opcode, length = RECORD_HEADER.unpack_from(view, begin)
     end = begin + RECORD_HEADER.size + length
     if length > MAX_RECORD_BYTES or end > len(view):
@@ -284,8 +302,8 @@ def parse_attachment(content: bytes) -> Attachment:
     if crc not in (0, zlib.crc32(content[:-4])):
         raise ValueError("an attachment has a wrong checksum")
     attachment: Attachment = Attachment.read(as_data_stream(content))
-    texts = len(attachment.name.encode()) + len(attachment.media_type.encode())
-    if _ATTACHMENT_BYTES + texts + len(attachment.data) != len(content):
+    text_bytes = len(attachment.name.encode()) + len(attachment.media_type.encode())
+    if _ATTACHMENT_BYTES + text_bytes + len(attachment.data) != len(content):
         raise ValueError("an attachment differs from its stated size")
     return attachment
 
@@ -314,8 +332,9 @@ def parse_metadata(content: bytes) -> Metadata:
         ValueError: if the content does not have its stated size.
     """
     metadata: Metadata = Metadata.read(as_data_stream(content))
-    size = 4 + len(metadata.name.encode()) + 4
-    size += sum(8 + len(key.encode()) + len(value.encode()) for key, value in metadata.metadata.items())
+    texts = (metadata.name, *metadata.metadata.keys(), *metadata.metadata.values())
+    map_length_bytes = _TEXT_LENGTH.size
+    size = map_length_bytes + sum(_TEXT_LENGTH.size + len(text.encode()) for text in texts)
     if size != len(content):
         raise ValueError("a metadata record's size differs from the size stated for it")
     return metadata

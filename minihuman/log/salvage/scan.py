@@ -48,7 +48,7 @@ from minihuman.log.topics import PLAN
 _CRC = struct.Struct("<I")
 _FOOTER = struct.Struct("<QQI")  # position of the summary, position of its offsets, its checksum
 _FEW = 64  # more numbers than this are compared faster as an array
-_CUT_OFF = "its record"
+_PAST_END = "its record"  # begins the reason if a record extends past the end of the file
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,8 +69,13 @@ class MissingMessages:
     last: int
 
     def without(self, sequences: Sequence[int]) -> "list[MissingMessages]":
-        """Return what is still missing once the messages with these numbers are found; only the first can be."""
-        first = self.first + (self.first in sequences)
+        """Return what is still missing after messages with these numbers were found, as a list of at most one range.
+
+        Only the first message of the range can be among them, which is that of a segment's plan.
+        """
+        first = self.first
+        if first in sequences:
+            first += 1
         if first <= self.last:
             return [MissingMessages(self.segment, first, self.last)]
         return []
@@ -97,7 +102,7 @@ class LogScanner:
         self.stop_reason = ""  # why the scan ended before the end of the file; "" if it did not
         self.crc = 0  # of all bytes read, up to the end of the data
         self.position = 0  # where the last record that was read begins
-        self._behind = 0  # where it ends, including its index; counted, since ``tell`` is a system call
+        self._record_end = 0  # where it ends, including its index; counted, since ``tell`` is a system call
         self._segment = 0
         self._sequence = 0  # number of our last message, which count from 1 in each segment
         self._between: list[int] = []  # consecutive numbers on unknown topics since then
@@ -137,6 +142,7 @@ class LogScanner:
         yield from self._restore_start(None)
 
     def _scan_file(self) -> Iterator[FileRecord]:
+        """Yield the file's intact records chunk by chunk, and record the damage between them."""
         with open_regular_file(self.path) as file:
             size = os.fstat(file.fileno()).st_size
             start = file.read(len(MAGIC))
@@ -147,8 +153,9 @@ class LogScanner:
             while self.position < size and not self.stop_reason:
                 records: Sequence[FileRecord] = ()
                 try:
-                    records = self._parse(*self._read_record(file, size), file, size)
-                    next_position = self._behind
+                    opcode, content = self._read_record(file, size)
+                    records = self._parse(opcode, content, file, size)
+                    next_position = self._record_end
                 except Exception as error:  # garbage can make a parser raise anything
                     reason = f"{type(error).__name__}: {error}".rstrip(": ")
                     next_position = self._skip_damage(file, reason)
@@ -156,21 +163,24 @@ class LogScanner:
                 self.position = next_position
 
     def _skip_damage(self, file: BinaryIO, reason: str) -> int:
-        """Record a damaged range and return the position of the next intact record; the file's end if there is none."""
-        at = self.position
+        """Record damage at the present position, and return the position of the next intact record.
+
+        If there is none, record why the scan stops, and return the position of the file's end.
+        """
+        begin = self.position
         with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as view:
-            next_begin = find_next_record(view, at + 1)
+            next_begin = find_next_record(view, begin + 1)
             size = len(view)
             if next_begin is None:
-                torn = _CUT_OFF in reason or not view[at:].strip(b"\0")  # a power cut may preserve a write's size only
-                if torn:
-                    self.stop_reason = f"cut off at byte {at}"
+                is_blank = not view[begin:].strip(b"\0")  # a power cut may preserve a write's size only
+                if is_blank or _PAST_END in reason:
+                    self.stop_reason = f"cut off at byte {begin}"
                 else:
-                    self.stop_reason = f"damaged at byte {at}: {reason}"
+                    self.stop_reason = f"damaged at byte {begin}: {reason}"
                 return size
             if not self.gaps:
                 self._declare_channels(view)
-        self.gaps.append(DamagedRange(at, next_begin, reason))
+        self.gaps.append(DamagedRange(begin, next_begin, reason))
         file.seek(next_begin)
         return next_begin
 
@@ -178,16 +188,22 @@ class LogScanner:
         """Read the channels from a finished file's summary, since the chunk that declared them may be damaged."""
         footer = len(view) - len(MAGIC) - RECORD_HEADER.size - _FOOTER.size
         with suppress(Exception):
-            at, _, _ = _FOOTER.unpack_from(view, footer + RECORD_HEADER.size)
-            while at and at < footer:
-                opcode, length = RECORD_HEADER.unpack_from(view, at)
-                begin = at + RECORD_HEADER.size
+            position, _, _ = _FOOTER.unpack_from(view, footer + RECORD_HEADER.size)
+            while 0 < position < footer:  # 0 if there is no summary
+                opcode, length = RECORD_HEADER.unpack_from(view, position)
+                begin = position + RECORD_HEADER.size
                 end = begin + length
                 self._declare_record(opcode, view[begin:end])
-                at = end
+                position = end
 
     def _restore_start(self, record: FileRecord | None) -> Iterator[ChunkMessages | Metadata]:
-        """Yield the records of a segment's start that only its copy still has, before the records that follow it."""
+        """Yield those records of a segment's start that are damaged in the file, from the start's second copy.
+
+        The metadata are yielded when the copy is read, and the plan before the messages that follow the copy.
+
+        Args:
+            record: the record that comes next in the file; None at the file's end.
+        """
         match record:
             case Attachment() if record.name == integrity.SEGMENT_HEAD_NAME:
                 yield from self._restore_start(None)  # of an earlier segment, which has no other records left
@@ -197,7 +213,7 @@ class LogScanner:
                         self._declare_record(*declared)
                     for metadata in self._copy.metadata:
                         if self._latest_metadata.get(metadata.name) != metadata:
-                            self._note(f"metadata {metadata.name} differs from its copy")
+                            self._note_damage(f"metadata {metadata.name} differs from its copy")
                             yield metadata
             case Metadata():
                 self._latest_metadata[record.name] = record
@@ -206,10 +222,11 @@ class LogScanner:
                 self._copy = None
                 if record is None or not record.count(PLAN):
                     sequences = copy.records.heads["sequence"].tolist()
-                    self.missing = [left for gap in self.missing for left in gap.without(sequences)]
+                    self.missing = [still_missing for gap in self.missing for still_missing in gap.without(sequences)]
                     yield ChunkMessages(copy.records, self.channels)
 
-    def _note(self, reason: str) -> None:
+    def _note_damage(self, reason: str) -> None:
+        """Record that something is wrong at the present position although nothing is skipped."""
         self.gaps.append(DamagedRange(self.position, self.position, reason))
 
     def _read_record(self, file: BinaryIO, size: int) -> tuple[int, bytes]:
@@ -224,10 +241,10 @@ class LogScanner:
             opcode, length = RECORD_HEADER.unpack(head)
             end += length
         if end > size:
-            raise ValueError(f"{_CUT_OFF} extends to byte {end}, but there are only {size} bytes")
+            raise ValueError(f"{_PAST_END} extends to byte {end}, but there are only {size} bytes")
         if length > MAX_RECORD_BYTES:
             raise ValueError(f"a record has {length} bytes; at most {MAX_RECORD_BYTES} are allowed")
-        self._behind = end
+        self._record_end = end
         content = file.read(length)
         if opcode != Opcode.DATA_END:
             self.crc = zlib.crc32(content, zlib.crc32(head, self.crc))
@@ -243,7 +260,7 @@ class LogScanner:
             case Opcode.CHUNK:
                 messages = self._read_chunk_messages(parse_chunk(content), self._read_index(file, size))
                 if messages.times not in (None, parse_chunk_times(content)):
-                    self._note("a chunk's stated times differ from its messages'")
+                    self._note_damage("a chunk's stated times differ from its messages'")
                 return [messages]
             case Opcode.METADATA:
                 metadata = parse_metadata(content)
@@ -260,7 +277,7 @@ class LogScanner:
         return []
 
     def _follow_segments(self, metadata: Metadata) -> None:
-        """Note where a segment begins, which messages it lacks at its end, and which messages are declared missing."""
+        """Note from metadata that a segment begins, which messages its end lacks, or which are declared missing."""
         facts = metadata.metadata
         if metadata.name == SEGMENT_METADATA:
             self._segment = _parse_number(facts.get("segment", ""))
@@ -273,10 +290,15 @@ class LogScanner:
             self.declared.add(MissingMessages(**{name: _parse_number(value) for name, value in facts.items()}))
 
     def _check_end(self, content: bytes, file: BinaryIO) -> None:
-        """Check what follows the data: the summary, by its checksum, and the file's end."""
+        """Check what follows the data, and set ``finished`` if it is intact, else ``stop_reason`` to what is wrong.
+
+        Args:
+            content: the content of the record that ends the data.
+            file: the file, positioned after this record.
+        """
         (crc,) = _CRC.unpack(content)
         summary = file.read()
-        self._behind += len(summary)
+        self._record_end += len(summary)
         footer = len(summary) - len(MAGIC) - RECORD_HEADER.size - _FOOTER.size
         if footer < 0 or not summary.endswith(MAGIC):
             self.stop_reason = "cut off within its index"
@@ -295,12 +317,13 @@ class LogScanner:
             self.finished = not self.gaps
 
     def _read_index(self, file: BinaryIO, size: int) -> list[bytes]:
-        """Return the index records that follow a chunk."""
+        """Return the contents of the index records that follow a chunk, and move the file behind them."""
         index_records: list[bytes] = []
-        at = self._behind
+        position = self._record_end
         while len(head := file.read(RECORD_HEADER.size)) == RECORD_HEADER.size:
             opcode, length = RECORD_HEADER.unpack(head)
-            if opcode != Opcode.MESSAGE_INDEX or at + RECORD_HEADER.size + length > size or length > MAX_RECORD_BYTES:
+            end = position + RECORD_HEADER.size + length
+            if opcode != Opcode.MESSAGE_INDEX or end > size or length > MAX_RECORD_BYTES:
                 break
             content = file.read(length)
             try:
@@ -309,34 +332,38 @@ class LogScanner:
                 break  # read again as a record of its own, and refused there
             index_records.append(content)
             self.crc = zlib.crc32(content, zlib.crc32(head, self.crc))
-            at += RECORD_HEADER.size + length
-        file.seek(at)
-        self._behind = at
+            position = end
+        file.seek(position)
+        self._record_end = position
         return index_records
 
     def _read_chunk_messages(self, data: bytes, index: list[bytes]) -> ChunkMessages:
+        """Return the messages in a chunk's uncompressed data, and record the channels and gaps that it reveals."""
         records = split_chunk(data, index)
         for opcode, content in records.other_records:
             self._declare_record(opcode, content)
-        missing = self._gaps_between(self._number_ours(records))
+        missing = self._find_gaps(self._list_own_numbers(records))
         self.missing += missing
         sequences = records.heads["sequence"]
         breaks = [int(np.flatnonzero(sequences == gap.last + 1)[0]) for gap in missing]
         return ChunkMessages(records, self.channels, breaks=breaks)
 
-    def _number_ours(self, records: ChunkRecords) -> NDArray[np.uint32]:
-        """Return the sequence numbers of our messages, including those of a newer version's topics between them."""
+    def _list_own_numbers(self, records: ChunkRecords) -> NDArray[np.uint32]:
+        """Return the sequence numbers of our messages in a chunk, without those of other programs' messages.
+
+        A message on an unknown topic counts as ours, of a newer version, if its number lies between two of ours.
+        """
         sequences: NDArray[np.uint32] = records.heads["sequence"]
-        unknown = [number for number, channel in self.channels.items() if find_topic(channel.topic) is None]
-        if not unknown and not self._between:
+        unknown_channels = [number for number, channel in self.channels.items() if find_topic(channel.topic) is None]
+        if not unknown_channels and not self._between:
             return sequences
-        guests = np.isin(records.heads["channel"], unknown)
-        if not guests.any() and not self._between:
+        is_unknown = np.isin(records.heads["channel"], unknown_channels)
+        if not is_unknown.any() and not self._between:
             return sequences
         numbers: list[int] = []
         last = self._sequence
-        for sequence, guest in zip(sequences.tolist(), guests.tolist(), strict=True):
-            if guest:
+        for sequence, on_unknown_topic in zip(sequences.tolist(), is_unknown.tolist(), strict=True):
+            if on_unknown_topic:
                 if sequence == last + len(self._between) + 1:
                     self._between.append(sequence)
                 continue
@@ -346,11 +373,18 @@ class LogScanner:
             self._between = []
         return np.array(numbers, np.uint32)
 
-    def _gaps_between(self, sequences: NDArray[np.uint32]) -> list[MissingMessages]:
-        """Return the messages missing before a chunk or in it; refuse a chunk whose messages are out of order."""
-        next_ones = range(self._sequence + 1, self._sequence + 1 + len(sequences))
-        is_short_run = len(sequences) < _FEW and sequences.tolist() == list(next_ones)
-        if is_short_run or np.array_equal(sequences, np.array(next_ones)):
+    def _find_gaps(self, sequences: NDArray[np.uint32]) -> list[MissingMessages]:
+        """Return the messages missing before a chunk or in it, and continue counting after its last message.
+
+        Args:
+            sequences: the sequence numbers of our messages in the chunk.
+
+        Raises:
+            ValueError: if the messages are out of order.
+        """
+        expected = range(self._sequence + 1, self._sequence + 1 + len(sequences))
+        is_short_run = len(sequences) < _FEW and sequences.tolist() == list(expected)
+        if is_short_run or np.array_equal(sequences, np.array(expected)):
             self._sequence += len(sequences)  # the common case
             return []
         numbers = sequences[sequences > 0].astype(np.int64)  # previews have 0
@@ -365,28 +399,28 @@ class LogScanner:
             )
         self._sequence = int(numbers[-1])
         return [
-            MissingMessages(self._segment, int(before[place]) + 1, int(numbers[place]) - 1)
-            for place in np.flatnonzero(differences > 1).tolist()
+            MissingMessages(self._segment, int(before[index]) + 1, int(numbers[index]) - 1)
+            for index in np.flatnonzero(differences > 1).tolist()
         ]
 
     def _declare_record(self, opcode: int, content: bytes) -> None:
         """Add the schema or the channel that a chunk's record declares."""
         if opcode == Opcode.CHANNEL:
-            channel = _channel(content)
+            channel = _parse_channel(content)
             self.channels[channel.id] = channel
         elif opcode == Opcode.SCHEMA:
-            schema = _schema(content)
+            schema = _parse_schema(content)
             self.schemas[schema.id] = schema
 
 
 @lru_cache(maxsize=64)  # most logs declare the same channels
-def _channel(content: bytes) -> Channel:
+def _parse_channel(content: bytes) -> Channel:
     channel: Channel = Channel.read(as_data_stream(content))
     return channel
 
 
 @lru_cache(maxsize=64)
-def _schema(content: bytes) -> Schema:
+def _parse_schema(content: bytes) -> Schema:
     schema: Schema = Schema.read(as_data_stream(content))
     return schema
 
