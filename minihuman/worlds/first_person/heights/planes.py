@@ -26,7 +26,7 @@ class Plane(NamedTuple):
         return self.height + self.rise_x * x + self.rise_z * z
 
     def raised(self, by_m: float) -> "Plane":
-        """Return the plane, raised by metres."""
+        """Return this plane raised by ``by_m`` metres."""
         return Plane(self.height + by_m, self.rise_x, self.rise_z)
 
     @property

@@ -39,6 +39,7 @@ _LOOK_AHEAD_M = 1.2  # how far a leg ends before the end of its sectors, whose l
 _AT_ENTRY_M = 0.35  # how near to the middle of an opening a leg ends
 _BEHIND_M = 1.5  # how much of the route so far belongs to a leg: the body still overlaps it
 _MOST_LEGS = 200
+_MAX_CELL_M = 0.1  # of the grid by which a leg is searched for
 
 _NO_ZONES = np.zeros((0, 0, 4))
 
@@ -117,7 +118,7 @@ def _is_at(stage: BuildingState, goal: Entity) -> bool:
 
 
 def _goal_place(stage: BuildingState, goal: Entity) -> tuple[int, float, float]:
-    """Return the sector over which a goal is, and its place.
+    """Return the sector over which a goal is, and its x and z.
 
     Raises:
         WorldError: if there is no floor below it.
@@ -165,14 +166,14 @@ def _find_leg(stage: BuildingState, goal: Entity, n_moves: int, avoid: frozenset
 
 
 def _choose_region(floor: SectorPlan, route: Route, walker: Walker, avoid: frozenset[int]) -> tuple[list[int], int]:
-    """Return sectors that do not lie above each other, and how many of the route's they begin with.
+    """Return the sectors of the next leg, none above another, and how many of the route's they begin with.
 
     The sectors around the route come after it, so that a leg may make a detour around things.
     """
     region: list[int] = []
     n_route = 0
     for number in route.sectors:
-        if any(_lie_above(floor, number, other) for other in region):
+        if any(_share_area(floor, number, other) for other in region):
             break
         region.append(number)
         n_route += 1
@@ -183,12 +184,12 @@ def _choose_region(floor: SectorPlan, route: Route, walker: Walker, avoid: froze
             into = opening.into
             if into in region or into in avoid or not can_pass(sector, opening, floor.rooms[into], middle, walker):
                 continue
-            if not any(_lie_above(floor, into, other) for other in region):
+            if not any(_share_area(floor, into, other) for other in region):
                 region.append(into)
     return region, n_route
 
 
-def _lie_above(floor: SectorPlan, a: int, b: int) -> bool:
+def _share_area(floor: SectorPlan, a: int, b: int) -> bool:
     """Return whether two sectors share a part of the plan."""
     first = floor.rooms[a].outline
     second = floor.rooms[b].outline
@@ -203,7 +204,10 @@ def _lie_above(floor: SectorPlan, a: int, b: int) -> bool:
 
 
 def _choose_entry(route: Route, n_route: int) -> tuple[float, float]:
-    """Return the place at which a leg ends: as far along the route as its sectors let the body stand."""
+    """Return the point (x, z) at which a leg ends: the last entry that is far enough from the end of its sectors.
+
+    If none is, it is the route's first entry.
+    """
     end_x, end_z = route.entries[n_route - 1]
     for x, z in reversed(route.entries[: n_route - 1]):
         if math.hypot(x - end_x, z - end_z) >= _LOOK_AHEAD_M:
@@ -227,7 +231,7 @@ def _search_region(
             max(shape.max_z for shape in shapes),
         )
     )
-    cell = min(body.step / 2, 0.1)
+    cell = min(body.step / 2, _MAX_CELL_M)
     discs = _obstacles(stage, region)
     free = clearance_map(walls, discs, _NO_ZONES, bounds, cell, body.radius)
     column = int((target[0] - bounds[0]) / cell)
@@ -290,7 +294,7 @@ def _obstacles(stage: BuildingState, region: Sequence[int]) -> NDArray[np.float6
 
 
 def _walk(stage: BuildingState, moves: Sequence[int]) -> list[int]:
-    """Do moves by the real rules, as far as they succeed; return them."""
+    """Move the agent by the real rules until a move fails; return the moves that succeeded."""
     ahead_m = stage.parameters.number("forward_step", None)
     turn_rad = math.radians(stage.parameters.number("turn_step", None))
     done = []

@@ -58,7 +58,7 @@ class BuildingState(WorldState):
 
     @property
     def floor(self) -> SectorPlan:  # type: ignore[override]  # has what the flat plan's callers read
-        """The plan, which is finished when it is first read."""
+        """Return the plan, which is finished when it is first read."""
         return self.close_floor_plan()
 
     def close_floor_plan(self) -> SectorPlan:  # type: ignore[override]
@@ -106,7 +106,10 @@ class BuildingState(WorldState):
         x: tuple[float | None, float | None],
         z: tuple[float | None, float | None],
     ) -> None:
-        """Place an entity where it touches nothing, at a uniformly random position in a room, part of one, or anywhere.
+        """Place an entity where it touches nothing, at a uniformly random position.
+
+        Without a room, one is drawn by floor area. The ranges ``x`` and ``z`` limit the position; an end that is None
+        is that of the room. The heading ``dir`` is in radians; None for a random one.
 
         Raises:
             WorldError: if no free position is found.
@@ -171,7 +174,7 @@ class BuildingState(WorldState):
         )
 
     def blocker(self, entity: Entity, x: float, z: float, radius: Length) -> Entity | str | None:
-        """Return what an entity of a radius would touch if it went to a place: WALL, another entity, or None."""
+        """Return what an entity of a radius would touch if it went to (x, z): WALL, another entity, or None."""
         arrival = self._arrive(entity, x, z, radius)
         if arrival is None:
             return WALL
@@ -194,7 +197,7 @@ class BuildingState(WorldState):
         return pos
 
     def solid_walls(self, entity: Entity, x: float, z: float) -> NDArray[np.float64]:
-        """Return the walls, (n, 4) x0, z0, x1, z1, that stop an entity which moves to a place."""
+        """Return the walls, float64[n, 4] with x0, z0, x1, z1, that stop an entity which moves to (x, z)."""
         body = self.body_of(entity)
         room = self._room_of(entity)
         arrival = trace(self.floor, room, (entity.pos[0], entity.pos[2]), (x, z), body)
@@ -202,7 +205,7 @@ class BuildingState(WorldState):
         return np.array(rows, np.float64).reshape(-1, 4)
 
     def is_beside(self, entity: Entity, other: Entity) -> bool:
-        """Return whether two entities stop each other where they meet: they do at common heights."""
+        """Return whether two entities overlap in height, so that they stop each other where they meet."""
         return other is not entity and self._at_common_height(entity.pos[1], entity.pos[1] + entity.height, other)
 
     def load_fits(self, load: Entity, x: float, y: float, z: float) -> bool:
@@ -237,7 +240,7 @@ class BuildingState(WorldState):
         arrival = trace(plan, self._room_of(entity), (entity.pos[0], entity.pos[2]), (x, z), body)
         if arrival is None or not has_headroom(plan, arrival.room, x, z, body.height):
             return None
-        if arrival.fell:
+        if arrival.fell:  # it is pushed from the walls where it lands
             return arrival
         if next(solids(plan, arrival.room, x, z, body), None) is not None:
             return None
@@ -255,7 +258,7 @@ class BuildingState(WorldState):
         return self._touched(entity, x, sector.floor_plane.at(x, z), z, entity.radius) is None
 
     def _touched(self, entity: Entity, x: float, y: float, z: float, radius: Length) -> Entity | None:
-        """Return the first other entity that one at a position would overlap."""
+        """Return the first other entity that an entity would overlap at (x, y, z); None if it would overlap none."""
         for other in self.entities:
             if other is entity or not self._at_common_height(y, y + entity.height, other):
                 continue
