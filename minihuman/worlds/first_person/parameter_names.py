@@ -25,7 +25,7 @@ class ParameterRange(NamedTuple):
 
 
 class ParameterNames:
-    """A table of parameters with Miniworld's methods; setting a world's parameter takes effect from its next step on.
+    """A table of parameters with Miniworld's methods; a changed parameter of a world takes effect with its next step.
 
     Args:
         table: the parameters

@@ -39,6 +39,8 @@ from minihuman.worlds.first_person.walls import CEILING, corners_of, room_faces,
 from minihuman.worlds.pose import Pose
 
 GONE = (np.nan,) * 4
+_SHADOW_SHARE = 0.7  # the radius of a shadow, as a share of its entity's
+_SHADOW_SHARES: dict[type[Entity], float] = {Box: 1.1, ImageFrame: 0.0, TextFrame: 0.0}  # for kinds that differ
 
 
 def light(stage: WorldState) -> Light:
@@ -54,7 +56,7 @@ def places(stage: WorldState, things: Sequence[Entity]) -> NDArray[np.float64]:
     return np.array(rows, dtype=np.float64).reshape(-1, 4)
 
 
-def shaded(stage: WorldState, places: NDArray[np.float64]) -> NDArray[np.float64]:
+def shadow_places(stage: WorldState, places: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the places of entities' shadows, below them; NaN for an entity that is not on the ground."""
     heights = np.array([stage.shadow_height((x, y, z)) for x, y, z in places[:, :3].tolist()], np.float64)
     below = np.where(np.isnan(heights)[:, None], np.nan, places)
@@ -67,8 +69,8 @@ def shadow(thing: Entity) -> ShadowLook:
 
     A box's shadow surrounds its corners, and those of other entities are narrower than their radius.
     """
-    part = {Box: 1.1, ImageFrame: 0.0, TextFrame: 0.0}.get(type(thing), 0.7)
-    return ShadowLook(part * float(thing.radius))
+    share = _SHADOW_SHARES.get(type(thing), _SHADOW_SHARE)
+    return ShadowLook(share * float(thing.radius))
 
 
 def room_tables(floor: FloorPlan, library: Library, *, display: bool = False) -> tuple[FaceTable, RoomTable]:
@@ -83,10 +85,10 @@ def room_tables(floor: FloorPlan, library: Library, *, display: bool = False) ->
         shades = room_occluders(first, edges, heights, floor.pieces, textures, sizes_m, JOINT_M)
     else:
         shades = ()
-    doors = floor.portals[floor.portals[:, 5] >= 0]
+    doors = floor.portals[floor.portals[:, 5] >= 0]  # those that lead into a room
     x, z = edges[:, :2].T
     a, b = edges[:, 5:].T
-    bounds = [extent.reduceat(at, first[:-1]) for extent in (np.minimum, np.maximum) for at in (x, z)]
+    bounds = [extreme.reduceat(corner, first[:-1]) for extreme in (np.minimum, np.maximum) for corner in (x, z)]
     return faces, RoomTable(
         first_face,
         np.column_stack(bounds),
@@ -115,13 +117,13 @@ def _coverings(floor: FloorPlan, library: Library) -> tuple[I64, F64]:
 
 
 def _covering(room: RoomPlan) -> tuple[str | None, ...]:
-    """Return the textures of a room's floor, wall and ceiling; None without a ceiling."""
-    wall, floor, ceiling = room.pictures
+    """Return the names of the textures of a room's floor, wall and ceiling; for the ceiling, None without one."""
+    wall_number, floor_number, ceiling_number = room.pictures
     if room.ceiling is None:
-        above = None
+        ceiling = None
     else:
-        above = variant(room.ceiling, ceiling)
-    return variant(room.floor, floor), variant(room.wall, wall), above
+        ceiling = variant(room.ceiling, ceiling_number)
+    return variant(room.floor, floor_number), variant(room.wall, wall_number), ceiling
 
 
 def variant(texture: str, number: int) -> str:
@@ -154,7 +156,7 @@ def look(thing: Entity, palette: Palette, library: Library) -> Look:
             raise WorldError(f"{thing!r} is a {type(thing).__name__}, which cannot be drawn; use a box, mesh or frame")
 
 
-_MOST_EASELS = 8  # pairs of palette and size in the cache; resizing a window passes through many sizes
+_MAX_TARGETS = 8  # render targets in the cache, by palette and size; resizing a window passes through many sizes
 
 
 RoomTables = Callable[..., tuple[FaceTable, RoomTable]]  # takes a plan, a library, and whether they are for a display
@@ -180,7 +182,7 @@ class WorldRenderer:
         self._floor: FloorPlan | None = None
         self._rooms: tuple[FaceTable, RoomTable]  # the tables of that floor
         self._staged: dict[Palette, tuple[WorldState, list[Entity], Scene]] = {}
-        self._easels: dict[tuple[Palette, tuple[int, int]], _Observed] = {}  # where what the agent sees is drawn
+        self._targets: dict[tuple[Palette, tuple[int, int]], _Observed] = {}  # for the agent's view
 
     def __reduce__(self) -> tuple[Any, ...]:
         return partial(WorldRenderer, shadows=self.shadows, display=self.display, tables=self.tables), (
@@ -191,7 +193,7 @@ class WorldRenderer:
     def forget(self) -> None:
         """Discard the scene, so that the next picture shows the whole state as it then is."""
         self._staged.clear()
-        self._easels.clear()
+        self._targets.clear()
 
     def measure(self, entity: Entity) -> None:
         """Set the width of an entity whose mesh is in the world's folder.
@@ -212,14 +214,14 @@ class WorldRenderer:
     ) -> RenderTarget:
         """Return the render target of the agent's view with all entities in place, by default in observation size."""
         key = palette, size_px or self.size_px
-        observed = self._easels.get(key)
+        observed = self._targets.get(key)
         if observed is None or observed.stage is not stage or observed.entities != stage.entities:
             camera(stage)  # raises an error if the camera is invalid
             target = RenderTarget(self.scene(stage, palette), *key[1], trig=stage.agent.trig)
-            if len(self._easels) == _MOST_EASELS:
-                self._easels.clear()
+            if len(self._targets) == _MAX_TARGETS:
+                self._targets.clear()
             observed = _Observed(stage, self._staged[palette][1], target, shadows=self.shadows)
-            self._easels[key] = observed
+            self._targets[key] = observed
         return observed.aim_target()
 
     def draw(self, stage: WorldState, *, view: View, size_px: tuple[int, int], palette: Palette) -> NDArray[np.uint8]:
@@ -271,9 +273,8 @@ class WorldRenderer:
         scene = self.scene(stage)
         things = self._staged["classic"][1]
         numbers = visible_things(scene, camera(stage), *self.size_px)
-        visible_ids = {
-            id(things[number]) for number in numbers if number < len(things)
-        }  # after them come their shadows
+        # numbers from len(things) are those of shadows
+        visible_ids = {id(things[number]) for number in numbers if number < len(things)}
         return [entity for entity in stage.entities if id(entity) in visible_ids]
 
     def scene(self, stage: WorldState, palette: Palette = "classic") -> Scene:
@@ -309,30 +310,31 @@ class WorldRenderer:
         """Return the places of entities, followed by those of their shadows if shadows are drawn."""
         table = places(stage, things)
         if self.shadows:
-            return np.concatenate([table, shaded(stage, table)])
+            return np.concatenate([table, shadow_places(stage, table)])
         return table
 
 
 class _Observed:
-    """The observations of a state whose set of entities is constant, with their places at the last observation."""
+    """The render target of a state whose set of entities is constant, with their places when it was last aimed."""
 
     def __init__(self, stage: WorldState, things: Sequence[Entity], target: RenderTarget, *, shadows: bool) -> None:
         self.stage = stage
         self.entities = list(stage.entities)
-        self._easel = target
+        self._target = target
         self._shadows = len(things) if shadows else 0  # the number of the first shadow; 0 without shadows
         self._things = [(number, thing) for number, thing in enumerate(things) if thing in self.entities]
-        self._at = [(thing.pos, thing.dir) for _, thing in self._things]
+        self._places = [(thing.pos, thing.dir) for _, thing in self._things]
 
     def aim_target(self) -> RenderTarget:
+        """Move the target's entities to their present places, aim its camera, and return it."""
         for nth, (number, thing) in enumerate(self._things):
-            pos, yaw_rad = self._at[nth]
+            pos, yaw_rad = self._places[nth]
             if thing.pos is not pos or thing.dir != yaw_rad:
-                self._at[nth] = thing.pos, thing.dir
-                self._easel.move(number, thing.pos, thing.dir)
+                self._places[nth] = thing.pos, thing.dir
+                self._target.move(number, thing.pos, thing.dir)
                 if self._shadows:
-                    x, y, z, yaw = shaded(self.stage, np.array([(*thing.pos, thing.dir)]))[0].tolist()
-                    self._easel.move(number + self._shadows, (x, y, z), yaw)
+                    x, y, z, yaw = shadow_places(self.stage, np.array([(*thing.pos, thing.dir)]))[0].tolist()
+                    self._target.move(number + self._shadows, (x, y, z), yaw)
         agent = self.stage.agent
         x, y, z = agent.pos
         yaw_rad = agent.dir
@@ -340,12 +342,12 @@ class _Observed:
         cos_yaw, sin_yaw = turn(yaw_rad, agent.trig)
         eye = x + ahead * cos_yaw, y + agent.cam_height, z - ahead * sin_yaw
         pitch_rad = agent.cam_pitch * (math.pi / 180)
-        self._easel.aim(eye, yaw_rad, pitch_rad, agent.cam_fov_y, NEAR_M, FAR_M)
-        return self._easel
+        self._target.aim(eye, yaw_rad, pitch_rad, agent.cam_fov_y, NEAR_M, FAR_M)
+        return self._target
 
 
 def camera(stage: WorldState, pos: Position | None = None, yaw_rad: float | None = None) -> Camera:
-    """Return the agent's camera, at the agent's place or as if the agent were at another."""
+    """Return the agent's camera, as if the agent had another position or heading if these are given."""
     agent = stage.agent
     x, y, z = agent.pos if pos is None else pos
     yaw = agent.dir if yaw_rad is None else yaw_rad

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from minihuman.worlds.first_person.env import FirstPersonEnv
 
 _MOST_CELLS = 20_000_000  # the most cells of a floor, which take some seconds and 200 MB
+_MAX_CELL_M = 0.1
 _MARGIN = 1e-7  # metres added to the distances that the rules keep from walls and things, so that rounding is harmless
 
 
@@ -57,7 +58,7 @@ def plan(world: "FirstPersonEnv", goal: Entity, *, avoid: Sequence[Entity] = ())
     )
     if math.hypot(x - goal.pos[0], z - goal.pos[2]) < reach:
         return moves[:1]
-    cell = min(body.step / 2, 0.1)
+    cell = min(body.step / 2, _MAX_CELL_M)
     bounds = np.array(stage.floor.bounds)
     cells = (bounds[2] - bounds[0]) * (bounds[3] - bounds[1]) / cell**2
     if cells > _MOST_CELLS:
@@ -94,21 +95,27 @@ def least_steps(world: "FirstPersonEnv", goal: Entity) -> int:
         return 1
     drift = max(abs(_get_lowest(stage, "forward_drift")), abs(stage.parameters.largest("forward_drift")))
     longest = math.hypot(stage.reach, drift)
-    way = straight
+    distance = straight
     if longest < 2 * stage.agent.radius:  # a longer step could jump across a wall
         barriers = _barriers(stage, goal, reach, longest)
         ends = np.array(((x, z), (goal.pos[0], goal.pos[2])))
-        way = shortest_way(barriers, np.concatenate((ends, _turning_points(stage.floor, barriers))))
-    steps = max(math.ceil((way - reach) / longest - 1e-9), 1)
+        distance = shortest_way(barriers, np.concatenate((ends, _turning_points(stage.floor, barriers))))
+    steps = max(math.ceil((distance - reach) / longest - 1e-9), 1)
     if "move_back" in world.action_names:
         return steps
-    off = abs((math.atan2(-dz, dx) - stage.agent.dir + math.pi) % (2 * math.pi) - math.pi)
-    spared = math.asin(reach / straight) + math.atan2(drift, _get_lowest(stage, "forward_step"))
-    return steps + max(math.ceil((off - spared) / math.radians(stage.parameters.largest("turn_step")) - 1e-9), 0)
+    off_rad = abs((math.atan2(-dz, dx) - stage.agent.dir + math.pi) % (2 * math.pi) - math.pi)
+    # the agent need not turn towards the goal's middle, but only towards its reach, and a step can drift aside
+    spared_rad = math.asin(reach / straight) + math.atan2(drift, _get_lowest(stage, "forward_step"))
+    turn_rad = math.radians(stage.parameters.largest("turn_step"))
+    return steps + max(math.ceil((off_rad - spared_rad) / turn_rad - 1e-9), 0)
 
 
 def read_moves(world: "FirstPersonEnv") -> tuple[int, ...]:
-    """Return the world's actions for a left turn, a right turn, a step and, if it exists, a step back."""
+    """Return the world's actions for a left turn, a right turn, a step and, if it exists, a step back.
+
+    Raises:
+        WorldError: if the world lacks a turn or the forward step.
+    """
     try:
         moves = tuple(world.action_names.index(name) for name in ("turn_left", "turn_right", "move_forward"))
     except ValueError:
@@ -191,7 +198,7 @@ def _barriers(stage: WorldState, goal: Entity, reach: float, longest: float) -> 
     clearance = 0.999 * math.sqrt(radius * radius - longest * longest / 4)
     middle = np.array((goal.pos[0], goal.pos[2]))
     segments: list[tuple[NDArray[np.float64], NDArray[np.float64], float]] = []
-    for wall in _merged(stage.floor.walls):
+    for wall in _merge_walls(stage.floor.walls):
         a = wall[:2]
         b = wall[2:]
         ahead = (b - a) / math.hypot(*(b - a))
@@ -204,7 +211,10 @@ def _barriers(stage: WorldState, goal: Entity, reach: float, longest: float) -> 
 def _out_of_reach(
     a: NDArray[np.float64], b: NDArray[np.float64], middle: NDArray[np.float64], reach: float, margin: float
 ) -> list[tuple[float, ...]]:
-    """Return the parts of a segment that are out of reach of the goal; the whole segment if all of it is."""
+    """Return the parts of the segment from ``a`` to ``b`` (x, z) that are out of reach of the goal.
+
+    A point is out of reach if its distance from the goal's middle is at least ``reach`` minus ``margin``.
+    """
     length = math.hypot(*(b - a))
     share = float((middle - a) @ (b - a)) / length**2
     foot = a + (b - a) * min(max(share, 0.0), 1.0)
@@ -212,11 +222,12 @@ def _out_of_reach(
         return [(*a, *b)]
     across = math.hypot(*(a + (b - a) * share - middle))
     half = math.sqrt(reach**2 - across**2) / length
+    parts: list[tuple[float, ...]] = []
     if share > half:
-        before = [(*a, *(a + (b - a) * (share - half)))]
-    else:
-        before = []
-    return before + ([(*(a + (b - a) * (share + half)), *b)] if share + half < 1 else [])
+        parts.append((*a, *(a + (b - a) * (share - half))))
+    if share + half < 1:
+        parts.append((*(a + (b - a) * (share + half)), *b))
+    return parts
 
 
 def _turning_points(floor: FloorPlan, barriers: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -231,8 +242,8 @@ def _turning_points(floor: FloorPlan, barriers: NDArray[np.float64]) -> NDArray[
     return ends[inside & ~lies_on(barriers, ends)]
 
 
-def _merged(walls: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return walls, joining any two of which one continues the other."""
+def _merge_walls(walls: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return walls (x0, z0, x1, z1), with a wall and those that continue it straight joined to one."""
     rows = [tuple(row) for row in walls.tolist()]
     starts = {row[:2]: row for row in rows}
     joined: dict[tuple[float, ...], None] = {}
@@ -263,18 +274,22 @@ def _continues(a: tuple[float, ...], b: tuple[float, ...]) -> bool:
 BACKWARDS = 8  # steps back from a thing that are tried to take it: beside a wall, it can only be taken from farther off
 
 
-def plan_take_all(world: "FirstPersonEnv", left: Callable[[], list[Entity]]) -> list[int] | None:
-    """Return actions that pick up all things that ``left`` returns, the nearest first; None if none were found.
+def plan_take_all(world: "FirstPersonEnv", list_things: Callable[[], list[Entity]]) -> list[int] | None:
+    """Return actions that pick up all things of a world, the nearest first; None if none were found.
 
     The world ends in its original state. Its step limit applies.
+
+    Args:
+        world: the world
+        list_things: a function that returns the things that are still to be picked up in the world's present state
     """
     saved = world.save()
     actions = []
     try:
-        while things := left():
+        while things := list_things():
             x, _, z = world.agent.pos
             nearest = min(things, key=lambda thing: math.hypot(thing.pos[0] - x, thing.pos[2] - z))
-            leg = _take(world, nearest, len(things), left)
+            leg = _approach_and_take(world, nearest, len(things), list_things)
             if leg is None:
                 return None
             actions += leg
@@ -283,15 +298,20 @@ def plan_take_all(world: "FirstPersonEnv", left: Callable[[], list[Entity]]) -> 
         world.restore(saved)
 
 
-def _take(world: "FirstPersonEnv", thing: Entity, count: int, left: Callable[[], list[Entity]]) -> list[int] | None:
-    """Approach a thing, face it, and pick up that thing or another one in front of it; return the actions."""
+def _approach_and_take(
+    world: "FirstPersonEnv", thing: Entity, count: int, list_things: Callable[[], list[Entity]]
+) -> list[int] | None:
+    """Approach a thing, face it, and pick up that thing or another one in front of it; return the actions.
+
+    The result is None if no thing could be picked up, so that there are still ``count`` of them.
+    """
     pickup = world.action_names.index("pickup")
     for approach in _approaches(world, thing, ()):
         before = world.save()
-        ended = ends(world, pickup, [])
-        if len(left()) < count:
+        is_over = take_action(world, pickup, [])
+        if len(list_things()) < count:
             return [*approach, pickup]
-        if ended:
+        if is_over:
             return None
         world.restore(before)
     return None
@@ -301,17 +321,17 @@ def _approaches(world: "FirstPersonEnv", thing: Entity, avoid: Sequence[Entity])
     """Bring the agent near a thing, facing it, and yield the actions; then repeatedly from one step farther away."""
     back = world.action_names.index("move_back")
     actions = list[int]()
-    if any(ends(world, action, actions) for action in plan(world, thing, avoid=avoid) or ()):
+    if any(take_action(world, action, actions) for action in plan(world, thing, avoid=avoid) or ()):
         return
     for _ in range(BACKWARDS):
-        if any(ends(world, action, actions) for action in turns_to(world, thing)):
+        if any(take_action(world, action, actions) for action in turns_to(world, thing)):
             return
         yield actions
-        if ends(world, back, actions):
+        if take_action(world, back, actions):
             return
 
 
-def ends(world: "FirstPersonEnv", action: int, actions: list[int]) -> bool:
+def take_action(world: "FirstPersonEnv", action: int, actions: list[int]) -> bool:
     """Take an action, add it to ``actions``, and return whether the episode is over."""
     _, terminated, truncated = world.advance(action)
     actions.append(action)
@@ -322,8 +342,8 @@ def turns_to(world: "FirstPersonEnv", thing: Entity) -> list[int]:
     """Return the turns after which the agent faces a thing as closely as possible."""
     turn_rad = math.radians(world.stage.parameters.number("turn_step", None))
     x, _, z = world.agent.pos
-    wanted_rad = math.atan2(z - thing.pos[2], thing.pos[0] - x)
-    off_rad = (wanted_rad - world.agent.dir + math.pi) % (2 * math.pi) - math.pi
+    bearing_rad = math.atan2(z - thing.pos[2], thing.pos[0] - x)
+    off_rad = (bearing_rad - world.agent.dir + math.pi) % (2 * math.pi) - math.pi
     name = "turn_left" if off_rad > 0 else "turn_right"
     return [world.action_names.index(name)] * round(abs(off_rad) / turn_rad)
 
@@ -338,8 +358,9 @@ def plan_put_next(world: "FirstPersonEnv", thing: Entity, target: Entity) -> lis
     try:
         carried = world.agent.carrying
         if carried is None and world.near(thing, target):
-            return [world.action_names.index("turn_left")]  # a world looks after a step
-        if carried is not None and carried is not thing and ends(world, world.action_names.index("drop"), actions):
+            return [world.action_names.index("turn_left")]  # a world checks for success only after a step
+        has_other_load = carried is not None and carried is not thing
+        if has_other_load and take_action(world, world.action_names.index("drop"), actions):
             return None
         if carried is thing:
             remaining = _bring(world, target)
@@ -353,12 +374,15 @@ def plan_put_next(world: "FirstPersonEnv", thing: Entity, target: Entity) -> lis
 
 
 def _fetch_and_bring(world: "FirstPersonEnv", thing: Entity, target: Entity) -> list[int] | None:
-    """Fetch a thing and bring it to a target, avoiding more and more of the things near it; return the actions."""
+    """Fetch a thing and bring it to a target; return the actions, or None if none were found.
+
+    Attempts avoid first none of the other entities, then the nearest one to the thing, then the nearest two, and so on.
+    """
     saved = world.save()
     near = [entity for entity in world.entities if entity not in (thing, world.agent)]
     near.sort(key=lambda entity: math.dist(entity.pos, thing.pos))
-    for kept_off in range(len(near) + 1):
-        actions = _fetch(world, thing, target, near[:kept_off])
+    for n_avoided in range(len(near) + 1):
+        actions = _fetch(world, thing, target, near[:n_avoided])
         if actions is not None:
             return actions
         world.restore(saved)
@@ -366,14 +390,14 @@ def _fetch_and_bring(world: "FirstPersonEnv", thing: Entity, target: Entity) -> 
 
 
 def _fetch(world: "FirstPersonEnv", thing: Entity, target: Entity, avoid: list[Entity]) -> list[int] | None:
-    """Pick up a thing, from near or from farther away, and return the actions.
+    """Pick up a thing, from near or from farther away, and bring it to a target; return the actions or None.
 
     A carried thing floats ahead of the agent, where it might touch a wall if it was picked up from near.
     """
     pickup = world.action_names.index("pickup")
     for approach in _approaches(world, thing, avoid):
         before = world.save()
-        if not ends(world, pickup, []) and world.agent.carrying is thing:
+        if not take_action(world, pickup, []) and world.agent.carrying is thing:
             brought = _bring(world, target)
             if brought is not None:
                 return [*approach, pickup, *brought]
@@ -382,13 +406,13 @@ def _fetch(world: "FirstPersonEnv", thing: Entity, target: Entity, avoid: list[E
 
 
 def _bring(world: "FirstPersonEnv", target: Entity) -> list[int] | None:
-    """Carry the load next to a thing and put it down; return the actions."""
+    """Carry the load next to a target and put it down; return the actions, or None if it did not end up there."""
     carried = world.agent.carrying
     actions = list[int]()
     assert carried is not None
-    if any(ends(world, action, actions) for action in plan(world, target) or ()):
+    if any(take_action(world, action, actions) for action in plan(world, target) or ()):
         return None
-    ends(world, world.action_names.index("drop"), actions)
+    take_action(world, world.action_names.index("drop"), actions)
     if world.near(carried, target):
         return actions
     return None

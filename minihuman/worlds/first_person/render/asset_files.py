@@ -29,7 +29,11 @@ class OwnAssets(Assets):
     """The built-in assets: the textures of `RECIPES`, a picture of each letter and digit, and the built-in meshes."""
 
     def texture(self, name: str) -> Texture:
-        """Paint the texture of a name: a recipe's name, or "chars/ch_0x" with a character's code, "_" and a variant."""
+        """Paint the texture of a name: a recipe's name, or "chars/ch_0x" with a character's code, "_" and a variant.
+
+        Raises:
+            WorldError: if there is no such texture.
+        """
         stem, _, variant = name.rpartition("_")
         if not variant.isdigit():
             stem = name
@@ -38,10 +42,10 @@ class OwnAssets(Assets):
             return _letter(chr(int(stem[11:])), int(variant))
         if stem not in RECIPES or not 1 <= int(variant) <= len(RECIPES[stem][1]):
             raise WorldError(f"unknown texture {name!r}; use one of {', '.join(RECIPES)}, with _1 and up for variants")
-        recipe, kinds = RECIPES[stem]
-        wide_m, high_m, bright = kinds[int(variant) - 1]
-        seed = zlib.crc32(stem.encode()) % 1_000_003 + 1000 * int(variant)
-        return Texture(as_bright(recipe(seed), bright), (wide_m, high_m))
+        recipe, variants = RECIPES[stem]
+        width_m, height_m, brightness = variants[int(variant) - 1]
+        seed = zlib.crc32(stem.encode()) % 1_000_003 + 1000 * int(variant)  # each picture has its own
+        return Texture(as_bright(recipe(seed), brightness), (width_m, height_m))
 
     def mesh(self, name: str) -> MeshData:
         """Return a built-in mesh."""
@@ -77,7 +81,9 @@ class Material:
 
 
 @dataclass(slots=True)
-class _Lines:
+class _ObjLines:
+    """The contents of an OBJ file, by the kind of line."""
+
     vertices: list[list[float]] = field(default_factory=list)
     places: list[list[float]] = field(default_factory=list)
     normals: list[list[float]] = field(default_factory=list)
@@ -117,7 +123,7 @@ def read_obj(path: Path) -> MeshData:
     )
 
 
-def _place_texture(lines: _Lines) -> F64:
+def _place_texture(lines: _ObjLines) -> F64:
     """Return the texture place of each corner, (faces, 3, 2); zeros for a corner that states none."""
     places = np.array(lines.places or [[0.0, 0.0]], np.float32)
     index = np.array([[0 if place is None else place for _, place, _ in face] for face in lines.faces])
@@ -149,7 +155,7 @@ def read_mtl(path: Path) -> dict[str, Material]:
     return materials
 
 
-def _read_lines(path: Path) -> _Lines:
+def _read_lines(path: Path) -> _ObjLines:
     """Read the lines of an OBJ file that describe triangles.
 
     Raises:
@@ -161,7 +167,7 @@ def _read_lines(path: Path) -> _Lines:
         raise WorldError(f"{path}: cannot be read ({error.strerror}); check the mesh's name") from error
     except UnicodeDecodeError as error:
         raise WorldError(f"{path} is not a text file; a mesh must be an OBJ file") from error
-    lines = _Lines()
+    lines = _ObjLines()
     material = ""
     for number, line in enumerate(text.splitlines(), 1):
         match line.split():
@@ -184,7 +190,7 @@ def _read_lines(path: Path) -> _Lines:
 
 
 def _parse_numbers(words: list[str], count: int, path: Path, number: int) -> list[float]:
-    """Parse the words of a line as ``count`` finite numbers."""
+    """Return the words of a line as ``count`` finite numbers; raise a WorldError if they are none."""
     try:
         values = [float(word) for word in words]
     except ValueError:
@@ -194,7 +200,7 @@ def _parse_numbers(words: list[str], count: int, path: Path, number: int) -> lis
     return values
 
 
-def _parse_corner(word: str, lines: _Lines, path: Path, number: int) -> tuple[int, int | None, int]:
+def _parse_corner(word: str, lines: _ObjLines, path: Path, number: int) -> tuple[int, int | None, int]:
     """Parse a face's corner; return the indices of its vertex, texture place (None if it has none) and normal."""
     parts = word.split("/")
     if len(parts) == 2:
@@ -222,7 +228,11 @@ def _parse_index(word: str, count: int, noun: str, path: Path, number: int) -> i
 
 
 def _centred(corners: F64, path: Path, far: F64) -> F64:
-    """Move corners so that their base is at y = 0 and the middle between lowest place and ``far`` at x = z = 0."""
+    """Return corners moved so that their base is at y = 0, and the middle between their least and ``far`` at x = z = 0.
+
+    Raises:
+        WorldError: if the corners have no height.
+    """
     low = corners.min(axis=(0, 1))
     high = corners.max(axis=(0, 1))
     if high[1] <= low[1]:
@@ -355,10 +365,11 @@ class FolderAssets(Assets):
         """Return the path of a texture; None if it is not in the folder. A mesh's texture is named by its path."""
         if name.endswith(".png"):
             return Path(name)
-        names = (name, name.removesuffix("_1"))
-        return next(
-            (file for file in (self._folder / "textures" / f"{stem}.png" for stem in names) if file.exists()), None
-        )
+        for stem in (name, name.removesuffix("_1")):
+            file = self._folder / "textures" / f"{stem}.png"
+            if file.exists():
+                return file
+        return None
 
 
 library_lock = threading.Lock()  # hold it while a scene is laid out: that may read another texture into the library
@@ -366,7 +377,7 @@ library_lock = threading.Lock()  # hold it while a scene is laid out: that may r
 
 @cache
 def asset_library(folder: str | None) -> Library:
-    """Return the library of a folder, or that of the built-in assets; the same object for the same folder."""
+    """Return the library of a folder, or of the built-in assets alone for None; the same object for the same folder."""
     if folder is None:
         return own_library()
     return Library(FolderAssets(Path(folder)))
