@@ -165,15 +165,15 @@ class TeamGrid(OwnRules, TeamWorld, abc.ABC):
 
     def _require_separate_bodies(self) -> None:
         """Raise WorldError if a body has no cell, or stands in the cell of another."""
-        body_by_place: dict[tuple[int, ...], int] = {}
+        body_by_cell: dict[tuple[int, ...], int] = {}
         for body in range(self.bodies):
-            place = tuple(self._body(body)[:2])
-            if min(place) < 0:
+            cell = tuple(self._body(body)[:2])
+            if min(cell) < 0:
                 mistake = "nowhere"
-            elif place in body_by_place:
-                mistake = f"where body {body_by_place[place]} stands"
+            elif cell in body_by_cell:
+                mistake = f"where body {body_by_cell[cell]} stands"
             else:
-                body_by_place[place] = body
+                body_by_cell[cell] = body
                 continue
             raise WorldError(f"{type(self).__name__} placed body {body} {mistake}; give each a cell of its own")
 
@@ -204,7 +204,7 @@ class TeamGrid(OwnRules, TeamWorld, abc.ABC):
         return numbers
 
     def held_by(self, body: int) -> int | None:
-        """Return the code of the object that a body carries, or None."""
+        """Return the code of the object that a body carries; None if it carries nothing."""
         code = self._body(body)[3]
         return None if code == EMPTY else code
 
@@ -238,7 +238,7 @@ class TeamGrid(OwnRules, TeamWorld, abc.ABC):
     def _judge(
         self, actions: Sequence[int], rewards: tuple[float, ...], terminated: bool
     ) -> tuple[tuple[float, ...], bool]:
-        """Run `reward_and_done`, compiled if possible."""
+        """Run `reward_and_done`, compiled if possible; return the rewards and whether the episode ended."""
         rules = self._compiled_rules
         if rules is None or not rules.has_reward:
             return self.reward_and_done(actions, rewards, terminated)

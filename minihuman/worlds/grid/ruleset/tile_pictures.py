@@ -39,6 +39,7 @@ COLOURS: dict[str, tuple[RGB, ...]] = {
     ),
 }
 CARRIED = 0.56  # the size of a carried object's picture, in tiles
+_HIGHLIGHT = 0.13  # the share by which seen cells are lightened towards white
 
 
 def hex_colour(tile: int, palette: Palette) -> str:
@@ -46,16 +47,16 @@ def hex_colour(tile: int, palette: Palette) -> str:
     return "#{:02x}{:02x}{:02x}".format(*COLOURS[palette][tile >> 4])
 
 
-def _regular(
+def _list_corners(
     corners: int, radius: float, *, inner: float = 0.0, u: float = 0.5, v: float = 0.5
 ) -> list[tuple[float, float]]:
     """Return the corners of a regular polygon that points up, or of a star if it has an inner radius."""
     points = []
     count = 2 * corners if inner else corners
     for number in range(count):
-        far = inner if inner and number % 2 else radius
-        angle = 2 * math.pi * number / count - math.pi / 2
-        points.append((0.5 + far * math.cos(angle), v + far * math.sin(angle)))
+        distance = inner if inner and number % 2 else radius
+        angle_rad = 2 * math.pi * number / count - math.pi / 2
+        points.append((0.5 + distance * math.cos(angle_rad), v + distance * math.sin(angle_rad)))
     return points
 
 
@@ -85,13 +86,13 @@ def _mat(canvas: Canvas, colour: RGB) -> None:
 
 
 def _hexagon(canvas: Canvas, colour: RGB) -> None:
-    canvas.fill(canvas.polygon(*_regular(6, 0.31), rounding=0.04), shade(colour, -0.35))
-    canvas.fill(canvas.polygon(*_regular(6, 0.31)), colour)
-    canvas.fill(canvas.polygon(*_regular(6, 0.15)), shade(colour, -0.25))
+    canvas.fill(canvas.polygon(*_list_corners(6, 0.31), rounding=0.04), shade(colour, -0.35))
+    canvas.fill(canvas.polygon(*_list_corners(6, 0.31)), colour)
+    canvas.fill(canvas.polygon(*_list_corners(6, 0.15)), shade(colour, -0.25))
 
 
 def _star(canvas: Canvas, colour: RGB) -> None:
-    corners = _regular(5, 0.34, inner=0.15, v=0.53)
+    corners = _list_corners(5, 0.34, inner=0.15, v=0.53)
     canvas.fill(canvas.polygon(*corners, rounding=0.045), shade(colour, -0.35))
     canvas.fill(canvas.polygon(*corners, rounding=0.01), colour)
 
@@ -206,24 +207,24 @@ def draw_ruleset(row: Row, *, view: View, view_size: int, tile_px: int, palette:
         image = np.zeros((view_size, view_size, 2), np.uint8)
         see_tiles(row, image)
         tiles = image[..., 0].astype(np.int64) | image[..., 1].astype(np.int64) << 4
-        place = view_size - 1, view_size // 2
+        agent_cell = view_size - 1, view_size // 2
         direction = numbers.UP
     else:
         height, width = row[: numbers.WIDTH + 1].tolist()
         tiles = row[-height * width :].reshape(height, width)
-        place = int(row[numbers.Y]), int(row[numbers.X])
+        agent_cell = int(row[numbers.Y]), int(row[numbers.X])
         direction = int(row[numbers.DIRECTION])
     out = np.empty((tiles.shape[0] * tile_px, tiles.shape[1] * tile_px, 3), np.uint8)
     for (y, x), tile in np.ndenumerate(tiles):
         out[y * tile_px : (y + 1) * tile_px, x * tile_px : (x + 1) * tile_px] = draw_tile(int(tile), tile_px, palette)
     if view == "full" and lit:
         _lighten(row, out, view_size, tile_px)
-    top, left = (part * tile_px for part in place)
-    _blend(_draw_agent(direction, tile_px, palette), out[top : top + tile_px, left : left + tile_px])
+    top_px, left_px = (index * tile_px for index in agent_cell)
+    _blend(_draw_agent(direction, tile_px, palette), out[top_px : top_px + tile_px, left_px : left_px + tile_px])
     if row[numbers.POCKET]:
         size_px = max(1, round(tile_px * CARRIED))
-        inset = tile_px - size_px
-        corner = out[top + inset : top + tile_px, left + inset : left + tile_px]
+        inset_px = tile_px - size_px
+        corner = out[top_px + inset_px : top_px + tile_px, left_px + inset_px : left_px + tile_px]
         _blend(_draw_in_hand(int(row[numbers.POCKET]), size_px, palette), corner)
     return out
 
@@ -232,12 +233,11 @@ def _lighten(row: Row, out: Pixels, view_size: int, tile_px: int) -> None:
     """Lighten the part of a picture of the whole grid that the agent sees."""
     height, width = row[: numbers.WIDTH + 1].tolist()
     y, x, direction = row[numbers.Y : numbers.DIRECTION + 1].tolist()
-    half = view_size // 2
-    reach = view_size - 1
-    above, right, below, left = (reach if side == direction else half for side in range(4))
-    opposite = (direction + 2) % 4
-    above, right, below, left = (0 if side == opposite else far for side, far in enumerate((above, right, below, left)))
-    rows = slice(max(0, y - above) * tile_px, min(height, y + below + 1) * tile_px)
-    columns = slice(max(0, x - left) * tile_px, min(width, x + right + 1) * tile_px)
+    n_seen = [view_size // 2] * 4  # cells up, right, down and left of the agent
+    n_seen[direction] = view_size - 1
+    n_seen[(direction + 2) % 4] = 0
+    n_up, n_right, n_down, n_left = n_seen
+    rows = slice(max(0, y - n_up) * tile_px, min(height, y + n_down + 1) * tile_px)
+    columns = slice(max(0, x - n_left) * tile_px, min(width, x + n_right + 1) * tile_px)
     part = out[rows, columns].astype(np.float64)
-    out[rows, columns] = (part + (255 - part) * 0.13).round()
+    out[rows, columns] = (part + (255 - part) * _HIGHLIGHT).round()
