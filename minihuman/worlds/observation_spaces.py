@@ -46,8 +46,8 @@ def find_mismatch(observation: Any, space: gymnasium.Space[Any], name: str = "th
             is_scalar = isinstance(observation, np.ndarray) and not observation.shape and observation.dtype.kind in "iu"
             if not (is_integer or is_scalar):
                 return f"{name} is {describe_value(observation)}, and its space holds a whole number"
-            inside = int(space.start) <= int(observation) < int(space.start) + int(space.n)
-            if inside:
+            is_inside = int(space.start) <= int(observation) < int(space.start) + int(space.n)
+            if is_inside:
                 return ""
             return _outside_range(observation, space, name)
     return ""
@@ -102,18 +102,19 @@ def _find_bad_part(observation: Any, space: gymnasium.Space[Any], name: str) -> 
 
 
 def _find_bad_number(array: NDArray[Any], observation: Any, space: spaces.Box, name: str) -> str:
+    """Describe why an observation, ``array`` as an array, is not in a Box of its shape; return "" if it is."""
     if not isinstance(observation, np.ndarray | np.generic):
         return f"{name} is {describe_value(observation)}, and must be an array of {space.dtype}"
     low = np.asarray(space.low)
     high = np.asarray(space.high)
-    bad = np.argwhere(~((array >= low) & (array <= high)))
-    if len(bad):
-        at = tuple(bad[0].tolist())
-        if at:
-            place = f"{name}[{', '.join(map(str, at))}]"
+    outside = np.argwhere(~((array >= low) & (array <= high)))
+    if len(outside):
+        index = tuple(outside[0].tolist())
+        if index:
+            element_name = f"{name}[{', '.join(map(str, index))}]"
         else:
-            place = name
-        return f"{place} is {array[at]:g}, and its space holds {low[at]:g} to {high[at]:g}"
+            element_name = name
+        return f"{element_name} is {array[index]:g}, and its space holds {low[index]:g} to {high[index]:g}"
     if array.dtype != space.dtype:
         return f"{name} is of type {array.dtype}, and its space is of {space.dtype}"
     return ""

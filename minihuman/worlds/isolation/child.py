@@ -180,11 +180,12 @@ class WorldServer:
         world = self._world
         pose = world.pose()
         if pose is None:
-            place = None
+            pose_numbers = None
         else:
-            place = (pose.x, pose.y, pose.z, pose.yaw_rad)
+            pose_numbers = (pose.x, pose.y, pose.z, pose.yaw_rad)
         state_hash = world.state_hash()
-        return messages.StateReport(state_hash, None if world.knows_state else state_hash, place, world.subgoals())
+        scene_hash = None if world.knows_state else state_hash
+        return messages.StateReport(state_hash, scene_hash, pose_numbers, world.subgoals())
 
     def _draw(self, request: messages.Draw) -> tuple[tuple[int, ...], bool]:
         """Draw the picture into shared memory; return its shape, and False if the memory is too small."""
@@ -202,7 +203,11 @@ class WorldServer:
         return picture.shape, True
 
     def _query(self, name: str) -> Any:
-        """Return an attribute of the world, or the result of calling it."""
+        """Return an attribute of the world, or the result of calling it.
+
+        Raises:
+            WorldError: if the observation is queried and cannot be encoded.
+        """
         if name == "observation":
             try:
                 return encode_value(self._world.observation)
