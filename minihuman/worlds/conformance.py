@@ -71,10 +71,10 @@ class Moment(NamedTuple):
             return f"step {self.step} of seed {self.seed}"
         return f"the reset with seed {self.seed}"
 
-    def find_difference(self, other: "Moment") -> str:
+    def find_difference(self, moment: "Moment") -> str:
         """Return the name of the first field that differs from another moment, or "" if none does. NaN equals NaN."""
         names = ("mission", "observation", "state", "reward", "terminated", "truncated", "picture")
-        differing = (name for name in names if not _is_same(getattr(self, name), getattr(other, name)))
+        differing = (name for name in names if not _is_same(getattr(self, name), getattr(moment, name)))
         return next(differing, "")
 
 
@@ -271,34 +271,39 @@ class _ValueWatch:
             self._report.notices.append(f"its picture is of {self._type}; fractions are cut off, so return uint8")
 
 
-def _describe_difference(moments: Sequence[Moment], other_moments: Sequence[Moment]) -> str:
+def _describe_difference(first_play: Sequence[Moment], second_play: Sequence[Moment]) -> str:
     """Describe where two plays first differ, such as "the observation at step 3 of seed 0"; "" if they are equal.
 
     Pictures are compared only where both plays drew them.
     """
-    for moment, other in zip(moments, other_moments, strict=False):
-        if not (moment.picture and other.picture):
-            moment = moment._replace(picture=0)
-            other = other._replace(picture=0)
-        if part := moment.find_difference(other):
-            return f"the {part} at {moment.description}"
-    if len(moments) == len(other_moments):
+    for first, second in zip(first_play, second_play, strict=False):
+        if first.picture and second.picture:
+            part = first.find_difference(second)
+        else:
+            part = first._replace(picture=0).find_difference(second._replace(picture=0))
+        if part:
+            return f"the {part} at {first.description}"
+    if len(first_play) == len(second_play):
         return ""
     return "how many steps were made"
 
 
-def _explain_replay(rehearsal: Rehearsal, difference: str, plain: Sequence[Moment]) -> str:
-    """Explain why plays with and without pictures differ: unseeded random numbers, or side effects of drawing."""
+def _explain_replay(rehearsal: Rehearsal, difference: str, without_pictures: Sequence[Moment]) -> str:
+    """Return a sentence that says why a play with pictures differs from one without.
+
+    Either drawing has side effects, or the world is nondeterministic, so that another play without pictures differs.
+    """
     with closing(World(rehearsal.world, rehearsal.options)) as world:
-        again = play(world, rehearsal, draws=False)
-    repeat_difference = _describe_difference(plain, again)
+        repetition = play(world, rehearsal, draws=False)
+    repeat_difference = _describe_difference(without_pictures, repetition)
     if not repeat_difference:
         return (
             f"drawing changes it: with pictures {difference} differs from without; let render() change nothing, so "
             "draw no random numbers from np_random in it"
         )
-    unseeded = plain[0].observation == again[0].observation and plain[0].state != again[0].state
-    if unseeded:
+    first = without_pictures[0]
+    is_unseeded = first.observation == repetition[0].observation and first.state != repetition[0].state
+    if is_unseeded:
         remedy = "call super().reset(seed=seed) in reset()"
     else:
         remedy = "draw every random number from self.np_random"
@@ -309,7 +314,7 @@ def _explain_replay(rehearsal: Rehearsal, difference: str, plain: Sequence[Momen
 
 
 def _examine_copy(world: World, rehearsal: Rehearsal, report: ConformanceReport) -> None:
-    """Save the world in mid-episode, play on, restore it, play on again, and compare the two plays."""
+    """Check a copy of the world in mid-episode: play on, restore the copy, play on again, and report any difference."""
     seed = rehearsal.seeds[0]
     for n_steps in (N_STEPS_BEFORE_SAVE, 1):  # 1 if the episode is over within the former
         world.reset(seed)
@@ -322,14 +327,15 @@ def _examine_copy(world: World, rehearsal: Rehearsal, report: ConformanceReport)
     except WorldError:
         report.notices.append("it cannot be copied, so a browser shows each step one round trip after its key")
         return
-    first = _play_after_save(world, rehearsal)
+    first_play = _play_after_save(world, rehearsal)
     try:
         world.restore(saved)
-        again = _play_after_save(world, rehearsal)
+        second_play = _play_after_save(world, rehearsal)
     except WorldError as error:
         report.unprovable.append(f"a copy of it in mid-episode cannot be gone back to ({error}); {_COPY_ADVICE}")
         return
-    if difference := _describe_difference(first, again):
+    difference = _describe_difference(first_play, second_play)
+    if difference:
         report.unprovable.append(f"gone back to a copy of it in mid-episode, {difference} differs; {_COPY_ADVICE}")
 
 
@@ -385,6 +391,6 @@ def _compare_processes(moments: Sequence[Moment], replay: Sequence[Moment] | str
         )
 
 
-def _is_same(value: Any, other: Any) -> bool:
+def _is_same(first: Any, second: Any) -> bool:
     """Return whether two values are equal, or both NaN."""
-    return bool(value == other) or (value != value and other != other)
+    return bool(first == second) or (first != first and second != second)

@@ -59,6 +59,7 @@ def _outside_range(observation: Any, space: spaces.Discrete, name: str) -> str:
 
 
 def _find_dict_mismatch(observation: Any, space: spaces.Dict, name: str) -> str:
+    """Describe how an observation's structure differs from a Dict space; return "" if it matches."""
     if not isinstance(observation, dict):
         return f"{name} is {describe_value(observation)}, and its space is a Dict"
     missing = [key for key in space.spaces if key not in observation]
@@ -72,6 +73,7 @@ def _find_dict_mismatch(observation: Any, space: spaces.Dict, name: str) -> str:
 
 
 def _find_array_mismatch(observation: Any, space: gymnasium.Space[Any], name: str) -> str:
+    """Describe how an observation differs from an array space in shape or kind of numbers; return "" if it matches."""
     try:
         array = np.asarray(observation)
     except ValueError:  # rows of unequal length

@@ -20,7 +20,7 @@ _MISSING_ARGUMENTS = re.compile(
 _UNEXPECTED_ARGUMENT = re.compile(r"unexpected keyword argument '(\w+)'")
 
 
-def has_own_rule(native: Any) -> bool:
+def has_own_reward_rule(native: Any) -> bool:
     """Return whether a native world defines the reward for an episode's end by a method ``reward_and_done``."""
     if isinstance(native, SeatEnv):
         inner = native.team

@@ -75,7 +75,7 @@ class contain_errors:  # noqa: N801 - used as `contextlib.suppress` is
 
 
 def describe_error(error: BaseException) -> str:
-    """Return what a world's code raised and where, such as "raised ValueError: no such cell (maze.py:31)"."""
+    """Describe an exception of a world's code and its place, as in "raised ValueError: no such cell (maze.py:31)"."""
     frames = traceback.extract_tb(error.__traceback__)
     if frames:
         location = f" ({Path(frames[-1].filename).name}:{frames[-1].lineno})"

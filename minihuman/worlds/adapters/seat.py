@@ -93,7 +93,7 @@ class SeatEnv(gymnasium.Env[Any, Any], NativeWorld):
         return joint_step.rewards[self.seat], joint_step.terminated, joint_step.truncated, info
 
     def render(self) -> Any:
-        """Return what the person in this body sees."""
+        """Return the picture for the person in this body, uint8[H, W, 3]."""
         return self.picture()
 
     def pose(self) -> Pose:

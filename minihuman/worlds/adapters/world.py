@@ -17,7 +17,12 @@ from numpy.typing import NDArray
 
 from minihuman.errors import WorldError
 from minihuman.trust import locate_world
-from minihuman.worlds.adapters.environment import has_own_rule, is_built_in, make_environment, require_stated_space
+from minihuman.worlds.adapters.environment import (
+    has_own_reward_rule,
+    is_built_in,
+    make_environment,
+    require_stated_space,
+)
 from minihuman.worlds.adapters.foreign_code import WorldCodeError, contain_errors
 from minihuman.worlds.adapters.returned_values import (
     explain_unhashable,
@@ -64,7 +69,7 @@ class World:
             self.is_built_in = is_built_in(self._env)
             native = self._env.unwrapped
             self.drawn = isinstance(native, NativeWorld) and native.drawn  # see `NativeWorld.drawn`
-            self.reward_means_success = has_own_rule(native)
+            self.reward_means_success = has_own_reward_rule(native)
             require_stated_space(world_id, self._env, "action_space")
             self.actions = build_actions(world_id, self._env)
             require_stated_space(world_id, self._env, "observation_space")
@@ -116,12 +121,12 @@ class World:
         """Return the environment's own step limit per episode; None if it states no number."""
         if self.is_built_in:
             return step_limit_of(self._env)
-        own = self._call("max_steps", getattr, self._env.unwrapped, "max_steps", None)
+        stated = self._call("max_steps", getattr, self._env.unwrapped, "max_steps", None)
         if self._env.spec:
             registered = self._env.spec.max_episode_steps
         else:
             registered = None
-        limits = [limit for limit in (own, registered) if isinstance(limit, int | float | np.number)]
+        limits = [limit for limit in (stated, registered) if isinstance(limit, int | float | np.number)]
         return min((int(limit) for limit in limits if math.isfinite(limit)), default=None)
 
     def name_actions(self, chosen: Iterable[str]) -> None:
@@ -165,8 +170,8 @@ class World:
             self._observation, reward, terminated, truncated, info = self._env.step(value)
             onset = bool(info.get("onset"))
         else:
-            stepped = self._call("step()", self._step_env, value)
-            self._observation, reward, terminated, truncated, onset, info = stepped
+            returned = self._call("step()", self._step_env, value)
+            self._observation, reward, terminated, truncated, onset, info = returned
         self._has_advanced = False
         self._steps += 1
         return StepResult(
@@ -417,6 +422,7 @@ class World:
             LOG.warning("the world did not close: %s: %s", type(error.__cause__).__name__, error.__cause__)
 
     def _action_value(self, action: Action) -> Any:
+        """Return an action in the form that the environment's ``step`` takes; raise a WorldError for an unknown one."""
         try:
             return self.actions.value(action)
         except WorldError as error:

@@ -162,8 +162,8 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
         statuses = np.full(self.num_envs, -1)
         if joint is not None:
             joint.step(action_array, renewed, rewards, statuses)
-        stepped = statuses >= 0
-        terminated, truncated = (stepped & (statuses & part != 0) for part in (TERMINATED, TRUNCATED))
+        was_stepped = statuses >= 0
+        terminated, truncated = (was_stepped & (statuses & part != 0) for part in (TERMINATED, TRUNCATED))
         changed = np.flatnonzero(statuses & ~MOVED).tolist()  # worlds that did other than move, which Python handles
         final: dict[int, tuple[Any, dict[str, Any]]] = {}  # last observations and infos of worlds that begin anew
         for i in changed:
@@ -171,7 +171,7 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
             if renewed[i]:
                 world.begin()
                 continue
-            if not stepped[i]:
+            if not was_stepped[i]:
                 rewards[i], terminated[i], truncated[i] = world.advance(action_array[i])
             is_over = bool(terminated[i] or truncated[i])
             vars(world)["_over"] = is_over
@@ -248,10 +248,10 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
         return commands
 
     def _require_running(self) -> None:
-        """Check that no episode is over, where worlds do not begin anew by themselves.
+        """Check that no episode is over if autoreset is disabled.
 
         Raises:
-            WorldError: if one is.
+            WorldError: if an episode is over.
         """
         if self._autoreset is AutoresetMode.DISABLED and self._over.any():
             raise WorldError(
@@ -376,22 +376,20 @@ class JointStep:
     ) -> None:
         """Step every world that is not skipped; write each world's reward, and its status as in `rules.act` or -1."""
         self._latest = -1  # until all views are aimed
-        own = self._own
-        scored = bool(self._flats[0].score)
-        if scored:
+        has_score = bool(self._flats[0].score)
+        if has_score:
             for flat, world in zip(self._flats, self._worlds, strict=True):
                 flat.write_counts(world)
         self._act(actions, skipped, statuses)
-        rewards[:] = np.where(skipped, 0.0, own[:, EARNED])
-        outcomes = zip(
-            self._worlds, self._flats, self._agents, own[:, : HEADING + 1].tolist(), statuses.tolist(), strict=True
-        )
+        rewards[:] = np.where(skipped, 0.0, self._own[:, EARNED])
+        poses = self._own[:, : HEADING + 1].tolist()
+        outcomes = zip(self._worlds, self._flats, self._agents, poses, statuses.tolist(), strict=True)
         for world, flat, agent, (x, y, z, heading), status in outcomes:
             if status >= 0:
                 vars(world)["step_count"] += 1
                 agent["pos"] = (x, y, z)
                 agent["dir"] = heading
-                if scored or status & _MORE:
+                if has_score or status & _MORE:
                     flat.apply_step(world, status)
 
     def _act(self, actions: NDArray[Any], skipped: NDArray[np.bool_], statuses: NDArray[np.int64]) -> None:

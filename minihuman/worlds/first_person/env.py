@@ -408,7 +408,7 @@ class FirstPersonEnv(ShowsItself, gymnasium.Env[Any, Any], MiniworldCompat, Free
 
     @property
     def is_compiled(self) -> bool:
-        """Return whether kernels alone step the world with our own sine; `reward_and_done` or `advance` prevents it."""
+        """Return whether only kernels with our own sine step the world, not its own `reward_and_done` or `advance`."""
         kind = type(self)
         has_our_step = kind.advance is FirstPersonEnv.advance and kind.step is FirstPersonEnv.step
         return bool(self.trig) and has_our_step and self.kernels_judge and len(self.action_names) <= rules.MOST_ACTIONS

@@ -43,13 +43,13 @@ _SHADOW_SHARE = 0.7  # the radius of a shadow, as a share of its entity's
 _SHADOW_SHARES: dict[type[Entity], float] = {Box: 1.1, ImageFrame: 0.0, TextFrame: 0.0}  # for kinds that differ
 
 
-def light(stage: WorldState) -> Light:
+def build_light(stage: WorldState) -> Light:
     """Return the light of an episode."""
     x, y, z = stage.light_pos
     return Light((x + 1, y + 1, z + 1), stage.light_colour, stage.light_ambient)
 
 
-def places(stage: WorldState, things: Sequence[Entity]) -> NDArray[np.float64]:
+def entity_places(stage: WorldState, things: Sequence[Entity]) -> NDArray[np.float64]:
     """Return the present places of entities, (n, 4) x, y, z, yaw_rad; NaN for an entity that was removed."""
     present = set(map(id, stage.entities))
     rows = [(*thing.pos, thing.dir) if id(thing) in present else GONE for thing in things]
@@ -64,7 +64,7 @@ def shadow_places(stage: WorldState, places: NDArray[np.float64]) -> NDArray[np.
     return below
 
 
-def shadow(thing: Entity) -> ShadowLook:
+def build_shadow(thing: Entity) -> ShadowLook:
     """Return an entity's shadow; frames have none.
 
     A box's shadow surrounds its corners, and those of other entities are narrower than their radius.
@@ -131,7 +131,7 @@ def variant(texture: str, number: int) -> str:
     return f"{texture}_{number + 1}"
 
 
-def look(thing: Entity, palette: Palette, library: Library) -> Look:
+def build_look(thing: Entity, palette: Palette, library: Library) -> Look:
     """Return the look of an entity; only built-in balls and keys exist in the colours of every palette.
 
     Raises:
@@ -216,7 +216,7 @@ class WorldRenderer:
         key = palette, size_px or self.size_px
         observed = self._targets.get(key)
         if observed is None or observed.stage is not stage or observed.entities != stage.entities:
-            camera(stage)  # raises an error if the camera is invalid
+            build_camera(stage)  # raises an error if the camera is invalid
             target = RenderTarget(self.scene(stage, palette), *key[1], trig=stage.agent.trig)
             if len(self._targets) == _MAX_TARGETS:
                 self._targets.clear()
@@ -247,10 +247,10 @@ class WorldRenderer:
         with library_lock:
             scene = add_things(
                 tables(library),
-                [look(thing, palette, library) for thing in things],
+                [build_look(thing, palette, library) for thing in things],
                 library=library,
-                places=places(stage, things),
-                light=light(stage),
+                places=entity_places(stage, things),
+                light=build_light(stage),
                 sky=stage.sky_colour,
                 display=self.display,
             )
@@ -259,7 +259,7 @@ class WorldRenderer:
 
     def depth(self, stage: WorldState, *, size_px: tuple[int, int]) -> NDArray[np.float32]:
         """Return the depth of the agent's view in metres along its axis."""
-        return render_depth(self.scene(stage), camera(stage), *size_px)
+        return render_depth(self.scene(stage), build_camera(stage), *size_px)
 
     def staged(
         self, stage: WorldState, palette: Palette, size_px: tuple[int, int]
@@ -272,7 +272,7 @@ class WorldRenderer:
         """Return the entities in the agent's view, in the order in which they were placed."""
         scene = self.scene(stage)
         things = self._staged["classic"][1]
-        numbers = visible_things(scene, camera(stage), *self.size_px)
+        numbers = visible_things(scene, build_camera(stage), *self.size_px)
         # numbers from len(things) are those of shadows
         visible_ids = {id(things[number]) for number in numbers if number < len(things)}
         return [entity for entity in stage.entities if id(entity) in visible_ids]
@@ -291,15 +291,15 @@ class WorldRenderer:
             things = staged[1]
             scene = staged[2].at(self._places(stage, staged[1]))
         else:
-            looks = [look(thing, palette, asset_library(self.assets)) for thing in things]
-            looks += map(shadow, things) if self.shadows else ()
+            looks = [build_look(thing, palette, asset_library(self.assets)) for thing in things]
+            looks += map(build_shadow, things) if self.shadows else ()
             with library_lock:
                 scene = add_things(
                     self._rooms,
                     looks,
                     library=asset_library(self.assets),
                     places=self._places(stage, things),
-                    light=light(stage),
+                    light=build_light(stage),
                     sky=stage.sky_colour,
                     display=self.display,
                 )
@@ -308,7 +308,7 @@ class WorldRenderer:
 
     def _places(self, stage: WorldState, things: Sequence[Entity]) -> NDArray[np.float64]:
         """Return the places of entities, followed by those of their shadows if shadows are drawn."""
-        table = places(stage, things)
+        table = entity_places(stage, things)
         if self.shadows:
             return np.concatenate([table, shadow_places(stage, table)])
         return table
@@ -346,7 +346,7 @@ class _Observed:
         return self._target
 
 
-def camera(stage: WorldState, pos: Position | None = None, yaw_rad: float | None = None) -> Camera:
+def build_camera(stage: WorldState, pos: Position | None = None, yaw_rad: float | None = None) -> Camera:
     """Return the agent's camera, as if the agent had another position or heading if these are given."""
     agent = stage.agent
     x, y, z = agent.pos if pos is None else pos

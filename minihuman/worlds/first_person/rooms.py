@@ -225,11 +225,11 @@ class Room(RoomNames):
             raise WorldError(
                 f"the portal is {top:g} m high; it must be above 0 and at most its wall's {self.wall_height:g} m"
             )
-        for other in self.portals:
-            if other.edge == edge and start < other.end and other.start < end:
+        for portal in self.portals:
+            if portal.edge == edge and start < portal.end and portal.start < end:
                 raise WorldError(
                     f"the portal from {start:g} to {end:g} m along the wall {side.start} to {side.end} "
-                    f"overlaps the one from {other.start:g} to {other.end:g} m; leave a gap"
+                    f"overlaps the one from {portal.start:g} to {portal.end:g} m; leave a gap"
                 )
         self.portals.append(Portal(edge, float(start) + 0.0, float(end), float(top), into))  # + 0.0 avoids -0.0
 

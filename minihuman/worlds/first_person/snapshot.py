@@ -70,8 +70,8 @@ def save_state(world: str, over: bool, state: dict[str, Any]) -> FirstPersonSnap
             return {name: copy_inner(inner) for name, inner in value.items()}
         return copy.deepcopy(value)
 
-    own = split_attributes(state, _Held({}, {}))
-    return FirstPersonSnapshot(world, over, state["_stage"], own, tuple(shelf.values()), tuple(streams.values()))
+    attributes = split_attributes(state, _Held({}, {}))
+    return FirstPersonSnapshot(world, over, state["_stage"], attributes, tuple(shelf.values()), tuple(streams.values()))
 
 
 def restore_state(saved: FirstPersonSnapshot, *, in_place: bool) -> dict[str, Any]:

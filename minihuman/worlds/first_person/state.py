@@ -144,13 +144,13 @@ class WorldState:
         """Return what an entity of a radius would touch at (x, z): WALL, another entity, or None."""
         if touches_wall(self.floor.walls, x, z, float(radius)):
             return WALL
-        for other in self.entities:
-            if other is entity:
+        for obstacle in self.entities:
+            if obstacle is entity:
                 continue
-            dx = other.pos[0] - x
-            dz = other.pos[2] - z
-            if math.sqrt(dx * dx + dz * dz) < float(radius + other.radius):
-                return other
+            dx = obstacle.pos[0] - x
+            dz = obstacle.pos[2] - z
+            if math.sqrt(dx * dx + dz * dz) < float(radius + obstacle.radius):
+                return obstacle
         return None
 
     def shadow_height(self, pos: Position) -> float:
@@ -494,7 +494,7 @@ class FlatState:
     def _copy_place(self, thing: Entity, row: int) -> None:
         """Copy an entity's position and heading from the arrays, without recording a change."""
         facts = self._facts
-        at = row * rules.COLUMNS
+        start = row * rules.COLUMNS
         attributes = vars(thing)
-        attributes["pos"] = facts[at], facts[at + 1], facts[at + 2]
-        attributes["dir"] = facts[at + 3]
+        attributes["pos"] = facts[start], facts[start + 1], facts[start + 2]
+        attributes["dir"] = facts[start + 3]

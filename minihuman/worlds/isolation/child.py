@@ -164,14 +164,14 @@ class WorldServer:
 
     def _step(self, request: messages.Step) -> messages.StepReport:
         """Step the world and report the result."""
-        self._stepped = stepped = self._world.step(request.action)
+        self._stepped = result = self._world.step(request.action)
         return messages.StepReport(
-            stepped.reward,
-            stepped.terminated,
-            stepped.truncated,
-            stepped.observation_hash,
-            stepped.onset,
-            stepped.is_own,
+            result.reward,
+            result.terminated,
+            result.truncated,
+            result.observation_hash,
+            result.onset,
+            result.is_own,
             self._report_state(),
         )
 

@@ -223,15 +223,15 @@ class IsolatedWorld(World):
 
     def step(self, action: Action) -> StepResult:
         """Step the world by an action, as `World.step`."""
-        stepped = self._ask(messages.Step(action), messages.StepReport, "step()")
-        self._moment = stepped.moment
+        report = self._ask(messages.Step(action), messages.StepReport, "step()")
+        self._moment = report.moment
         return RemoteStepResult(
-            stepped.reward,
-            stepped.terminated,
-            stepped.truncated,
-            stepped.observation_hash,
-            stepped.onset,
-            is_own=stepped.is_own,
+            report.reward,
+            report.terminated,
+            report.truncated,
+            report.observation_hash,
+            report.onset,
+            is_own=report.is_own,
             world=self,
         )
 

@@ -311,6 +311,7 @@ class BuildingEnv(FirstPersonEnv):
 
 
 def _shape_of(outline: RoomOutline | Sequence[Point]) -> RoomOutline:
+    """Return an outline unchanged, or the outline of a sequence of corners (x, z)."""
     if isinstance(outline, RoomOutline):
         return outline
     return outline_of(tuple((float(x), float(z)) for x, z in outline))

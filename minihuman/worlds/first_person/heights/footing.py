@@ -79,7 +79,7 @@ def lets_through(opening: WallOpening, along: float, bottom: float, top: float) 
     return low <= bottom + _ROUNDING_M and top <= high + _ROUNDING_M
 
 
-def trace(
+def trace_move(
     plan: SectorPlan, room: int, start: tuple[float, float], end: tuple[float, float], body: Walker
 ) -> Footing | None:
     """Return where the middle of a body arrives that moves straight from one point (x, z) to another.
@@ -160,7 +160,7 @@ def _find_opening(plan: SectorPlan, room: int, edge: int, along: float, body: Wa
     return None
 
 
-def solids(plan: SectorPlan, room: int, x: float, z: float, body: Walker) -> Iterator[Segment]:
+def find_solids(plan: SectorPlan, room: int, x: float, z: float, body: Walker) -> Iterator[Segment]:
     """Yield the walls, and the edges over which it does not go, that a body at (x, z) in a sector overlaps."""
     waiting = [room]
     reached = {room}
@@ -222,7 +222,7 @@ def _is_near(edge: OutlineEdge, along: float, x: float, z: float, radius: float)
     return math.sqrt((px - x) ** 2 + (pz - z) ** 2) < radius
 
 
-def floats_at(plan: SectorPlan, x: float, z: float, bottom: float, top: float, radius: float) -> bool:
+def can_float_at(plan: SectorPlan, x: float, z: float, bottom: float, top: float, radius: float) -> bool:
     """Return whether a cylinder between two heights overlaps no floor, wall or ceiling around the point (x, z)."""
     room = room_below(plan, x, z, bottom)
     if room is None or plan.rooms[room].ceiling_plane.at(x, z) < top - _ROUNDING_M:
@@ -261,7 +261,7 @@ def push_from_walls(plan: SectorPlan, room: int, x: float, z: float, body: Walke
     """
     for _ in range(_MOST_PUSHES):
         nearest: tuple[float, float, float] | None = None
-        for segment in solids(plan, room, x, z, body):
+        for segment in find_solids(plan, room, x, z, body):
             px, pz = nearest_point(segment, x, z)
             distance = math.sqrt((px - x) ** 2 + (pz - z) ** 2)
             if nearest is None or distance < nearest[0]:

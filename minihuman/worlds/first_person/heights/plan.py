@@ -133,6 +133,7 @@ def finish_sector_plan(sectors: Sequence[Sector], rng: np.random.Generator | Non
 
 
 def _finish_sector(sector: Sector, rng: np.random.Generator | None) -> PlannedSector:
+    """Return the finished sector; a random stream draws the pictures of its textures."""
     textures = sector.wall, sector.floor, sector.ceiling
     pictures = (0, 0, 0)
     if rng is not None:
@@ -202,7 +203,7 @@ def _cut_walls(room: PlannedSector) -> tuple[WallPiece, ...]:
     pieces = []
     for number, edge in enumerate(room.outline.edges):
         openings = [opening for opening in room.openings if opening.edge == number]
-        cuts = sorted({0.0, edge.length, *(at for opening in openings for at in (opening.start, opening.end))})
+        cuts = sorted({0.0, edge.length, *(end for opening in openings for end in (opening.start, opening.end))})
         for start, end in pairwise(cuts):
             if end - start < _ROUNDING_M:
                 continue

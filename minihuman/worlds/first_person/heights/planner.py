@@ -173,7 +173,7 @@ def _choose_region(floor: SectorPlan, route: Route, walker: Walker, avoid: froze
     region: list[int] = []
     n_route = 0
     for number in route.sectors:
-        if any(_share_area(floor, number, other) for other in region):
+        if any(_share_area(floor, number, chosen) for chosen in region):
             break
         region.append(number)
         n_route += 1
@@ -184,7 +184,7 @@ def _choose_region(floor: SectorPlan, route: Route, walker: Walker, avoid: froze
             into = opening.into
             if into in region or into in avoid or not can_pass(sector, opening, floor.rooms[into], middle, walker):
                 continue
-            if not any(_share_area(floor, into, other) for other in region):
+            if not any(_share_area(floor, into, chosen) for chosen in region):
                 region.append(into)
     return region, n_route
 
@@ -242,9 +242,9 @@ def _search_region(
 
 
 def region_walls(floor: SectorPlan, region: Sequence[int], walker: Walker) -> NDArray[np.float64]:
-    """Return what stops a body within some sectors, (n, 4): walls, and openings that lead out or that it does not pass.
+    """Return the segments that stop a body within some sectors, float64[n, 4] with x0, z0, x1, z1.
 
-    The columns are x0, z0, x1, z1.
+    They are walls, openings that lead out of the sectors or that the body cannot pass, and edges of holes.
     """
     inside = set(region)
     rows: list[tuple[float, ...]] = []

@@ -23,6 +23,7 @@ from minihuman.worlds.first_person.rooms import (
 )
 
 LEAST_OPENING_M = 0.01  # the least width and height of an opening
+_ROUNDING_M = 1e-9  # by which rounding may exceed a limit
 _TOUCHING_M = 0.001  # walls that are no farther apart touch, without a passage between them
 _INSIDE_M = 0.05  # a wall that lies farther inside a room does not face it
 _PARALLEL = 0.999  # of walls that face each other: the least of the cosine of their angle
@@ -217,7 +218,7 @@ def _limit_walls(a: Sector, b: Sector, walls: FacingWalls, limits: OpeningLimits
     ends = (low - edge.start[axis]) / slope + 0.0, (high - edge.start[axis]) / slope + 0.0
     start, end = min(ends), max(ends)
     reach = walls.span_a
-    if not reach[0] - 1e-9 <= start < end <= reach[1] + 1e-9:
+    if not reach[0] - _ROUNDING_M <= start < end <= reach[1] + _ROUNDING_M:
         fits = sorted(edge.at(along)[axis] for along in reach)
         raise WorldError(
             f"an opening from {'xz'[axis]} = {low:g} to {high:g} does not fit between {a.describe()} and "
@@ -250,32 +251,36 @@ def _cut_openings(a: Sector, b: Sector, walls: FacingWalls, min_y: float | None,
         )
     opening = WallOpening(walls.edge_a, *walls.span_a, (bottoms[0], bottoms[1]), (tops[0], tops[1]), b.number)
     opposite = WallOpening(walls.edge_b, *walls.span_b, (bottoms[1], bottoms[0]), (tops[1], tops[0]), a.number)
-    for room, new in ((a, opening), (b, opposite)):
-        _check_free(room, new)
-        room.openings.append(new)
+    for room, room_opening in ((a, opening), (b, opposite)):
+        _check_free(room, room_opening)
+        room.openings.append(room_opening)
 
 
 def _check_planes(a: Sector, b: Sector, ends: list[Point]) -> None:
     """Raise a WorldError if the floors or the ceilings of two sectors cross between the ends of an opening."""
     for name in ("floor_plane", "ceiling_plane"):
         rises = [getattr(a, name).at(*end) - getattr(b, name).at(*end) for end in ends]
-        if min(rises) < -1e-9 and max(rises) > 1e-9:
+        if min(rises) < -_ROUNDING_M and max(rises) > _ROUNDING_M:
             raise WorldError(
                 f"the {name.removesuffix('_plane')}s of {a.describe()} and {b.describe()} cross within the opening; "
                 "end it where they meet"
             )
 
 
-def _check_free(room: Sector, new: WallOpening) -> None:
+def _check_free(room: Sector, opening: WallOpening) -> None:
     """Raise a WorldError if a new opening overlaps another one in its wall."""
-    for other in room.openings:
-        beside = other.edge != new.edge or new.start > other.end - 1e-9 or other.start > new.end - 1e-9
-        above = max(new.top) <= min(other.bottom) + 1e-9 or max(other.top) <= min(new.bottom) + 1e-9
-        if not (beside or above):
-            side = room.outline.edges[new.edge]
+    for cut in room.openings:
+        is_beside = (
+            cut.edge != opening.edge or opening.start > cut.end - _ROUNDING_M or cut.start > opening.end - _ROUNDING_M
+        )
+        is_above = (
+            max(opening.top) <= min(cut.bottom) + _ROUNDING_M or max(cut.top) <= min(opening.bottom) + _ROUNDING_M
+        )
+        if not (is_beside or is_above):
+            side = room.outline.edges[opening.edge]
             raise WorldError(
                 f"two openings overlap in the wall from {side.start} to {side.end} of {room.describe()}, into rooms "
-                f"{other.into} and {new.into}; leave a gap between them"
+                f"{cut.into} and {opening.into}; leave a gap between them"
             )
 
 
@@ -329,7 +334,7 @@ def open_hole(upper: Sector, lower: Sector, hole: tuple[float, float, float, flo
     corners = [(x, z) for x in (min_x, max_x) for z in (min_z, max_z)]
     for room in (upper, lower):
         if not all(
-            nx * (x - ax) + nz * (z - az) >= -1e-9
+            nx * (x - ax) + nz * (z - az) >= -_ROUNDING_M
             for (ax, az), _, _, _, (nx, nz) in room.outline.edges
             for x, z in corners
         ):
@@ -343,12 +348,13 @@ def open_hole(upper: Sector, lower: Sector, hole: tuple[float, float, float, flo
             f"the floor of {upper.describe()} and the ceiling of {lower.describe()} are {max(gaps, key=abs):g} m apart "
             "at the hole; give the lower room the height at which the upper floor lies"
         )
-    if any(_overlap(hole, other) for other in upper.floor_holes):
+    if any(_overlap(hole, cut) for cut in upper.floor_holes):
         raise WorldError(f"two holes overlap in the floor of {upper.describe()}; join them")
     upper.floor_holes.append(Hole(*hole, lower.number))
     lower.ceiling_holes.append(Hole(*hole, upper.number))
 
 
-def _overlap(hole: tuple[float, float, float, float], other: Hole) -> bool:
-    """Return whether two rectangles overlap."""
-    return hole[0] < other.max_x and other.min_x < hole[2] and hole[1] < other.max_z and other.min_z < hole[3]
+def _overlap(rectangle: tuple[float, float, float, float], hole: Hole) -> bool:
+    """Return whether a rectangle (min_x, min_z, max_x, max_z) overlaps a hole."""
+    min_x, min_z, max_x, max_z = rectangle
+    return min_x < hole.max_x and hole.min_x < max_x and min_z < hole.max_z and hole.min_z < max_z

@@ -36,7 +36,7 @@ _CEILING = 2
 
 
 def building_tables(plan: SectorPlan, library: Library, *, display: bool = False) -> tuple[FaceTable, RoomTable]:
-    """Return the renderer's tables of a building; for a display, with what darkens its joints."""
+    """Return the renderer's tables of a building; for a display, with the occluders that darken its corners."""
     faces, room_table = _join_rooms([_scene_room(plan, number) for number in range(len(plan.rooms))], library)
     if display:
         occluded = [face for number in range(len(plan.rooms)) for face in _occluded_faces(plan, library, number)]
@@ -83,7 +83,7 @@ def _edge_lines(outline: F64) -> F64:
 
 
 def _occluded_faces(plan: SectorPlan, library: Library, number: int) -> list[OccludedFace]:
-    """Return the faces of a sector with what darkens them, in the order of its surfaces."""
+    """Return the faces of a sector with the segments that darken them, in the order of its surfaces."""
     room = plan.rooms[number]
     floor = OccludedFace(
         floor_joints(plan, number),

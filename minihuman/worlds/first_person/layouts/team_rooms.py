@@ -53,14 +53,14 @@ class _SharedRooms(FourRooms):
     def enter(self, body: int) -> None:
         """Move the agent to a body's place, and put a figure where the agent was."""
         agent = self.agent
-        old = self.figures[self.inside]
-        new = self.figures[body]
-        old.pos = agent.pos
-        old.dir = agent.dir
+        vacated_figure = self.figures[self.inside]
+        entered_figure = self.figures[body]
+        vacated_figure.pos = agent.pos
+        vacated_figure.dir = agent.dir
         self._place_face(self.inside)
-        agent.pos = new.pos
-        agent.dir = new.dir
-        new.pos = _NOWHERE
+        agent.pos = entered_figure.pos
+        agent.dir = entered_figure.dir
+        entered_figure.pos = _NOWHERE
         self.faces[body].pos = _NOWHERE
         self.inside = body
 

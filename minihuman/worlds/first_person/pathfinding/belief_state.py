@@ -80,7 +80,7 @@ class ExploredFloor:
         self.look()
 
     def look(self) -> int:
-        """Remember what is in view now; return the number of newly seen cells."""
+        """Mark the floor in view as seen, and remember the things in view; return the number of newly seen cells."""
         agent = self._world.agent
         tangent = math.tan(math.radians(agent.cam_fov_y) / 2)
         eye = np.array((*self._eye(), agent.dir, _ASPECT * tangent))
@@ -131,15 +131,14 @@ class ExploredFloor:
                 self._looking = self._find_best_look(noise)
             if self._looking is None:
                 return None
-            place, yaw, _ = self._looking
-            cell = self._current_cell()
-            if cell == place:
+            target, yaw, _ = self._looking
+            if self._current_cell() == target:
                 move = self._turn_to(yaw)
             else:
-                move = self._step(place)
+                move = self._step(target)
             if move is not None:
                 return move
-            give_up(self.seen, *place, self.cell, yaw, _HALF_RAD)
+            give_up(self.seen, *target, self.cell, yaw, _HALF_RAD)
             self._looking = None
         return None
 
@@ -152,9 +151,9 @@ class ExploredFloor:
     def _is_look_worthwhile(self) -> bool:
         """Return whether enough of what the next look promised is still unseen."""
         assert self._looking is not None
-        place, yaw, promised = self._looking
-        unseen_m2 = in_sight(unseen_around(self.seen, *place, self.cell), yaw, _HALF_RAD)
-        return bool(unseen_m2 >= max(_STILL * promised, _LEAST_M2))
+        target, yaw, promised_m2 = self._looking
+        unseen_m2 = in_sight(unseen_around(self.seen, *target, self.cell), yaw, _HALF_RAD)
+        return bool(unseen_m2 >= max(_STILL * promised_m2, _LEAST_M2))
 
     def _find_best_look(self, noise: Noise) -> tuple[tuple[int, int], float, float] | None:
         """Return the cell from which to look next, the yaw of the look, and the unseen floor that it promises in m².
@@ -170,15 +169,15 @@ class ExploredFloor:
         free[start] = True
         away = distance_map(free, *start, 0.0)
         stride = max(round(_STRIDE_M / self.cell), 1)
-        places = [start]
-        places += [
+        candidates = [start]
+        candidates += [
             (column, row)
             for column in range(stride // 2, self.seen.shape[0], stride)
             for row in range(stride // 2, self.seen.shape[1], stride)
             if np.isfinite(away[column, row])
         ]
-        cells = np.array(places, np.int64)
-        costs = np.array([away[place] for place in places]) * self.cell / step
+        cells = np.array(candidates, np.int64)
+        costs = np.array([away[candidate] for candidate in candidates]) * self.cell / step
         yaws = np.arctan2(start[1] - cells[:, 1], cells[:, 0] - start[0])  # facing away from the start
         costs[1:] += np.abs(_angle_between(yaws[1:], agent.dir)) / turn
         costs[0] = 0.0
@@ -189,7 +188,7 @@ class ExploredFloor:
         best = int(np.argmin(scores))
         if not np.isfinite(scores[best]):
             return None
-        return places[best], float(looks[best, 1]), float(looks[best, 2])
+        return candidates[best], float(looks[best, 1]), float(looks[best, 2])
 
     def _step(self, target: tuple[int, int]) -> str | None:
         """Return the move towards a cell, around obstacles that were seen; None if there is none."""

@@ -159,17 +159,20 @@ def _reach(stage: WorldState, goal: Entity, mover: Entity | None = None) -> floa
 
 
 def zones_of(world: "FirstPersonEnv") -> NDArray[np.float64]:
-    """Return the rooms that end the episode, (rooms, edges, 4): each edge's start and its inward normal."""
+    """Return the rooms that planned paths avoid, float64[rooms, edges, 4]: each edge's start and inward normal.
+
+    A room with fewer edges than another repeats its last one.
+    """
     rooms = [[(*edge.start, *edge.normal) for edge in room.outline.edges] for room in world.off_limits()]
-    most = max(map(len, rooms), default=0)
-    padded = [edges + edges[-1:] * (most - len(edges)) for edges in rooms]
-    return np.array(padded, dtype=np.float64).reshape(len(rooms), most, 4)
+    n_edges = max(map(len, rooms), default=0)
+    padded = [edges + edges[-1:] * (n_edges - len(edges)) for edges in rooms]
+    return np.array(padded, dtype=np.float64).reshape(len(rooms), n_edges, 4)
 
 
 def _obstacles(stage: WorldState, avoid: Sequence[Entity]) -> NDArray[np.float64]:
-    """Return every entity but the agent and its load: x, z, and the distances that these two keep from it.
+    """Return all entities but the agent and its load, float64[n, 4]: x, z, and the distances that these two keep.
 
-    From the things to avoid, the agent keeps so far away that it is not near them.
+    The agent keeps so far from the things to avoid that it is not near them.
     """
     agent = stage.agent
     carried = stage.agent.carrying

@@ -18,7 +18,7 @@ from PIL import Image, ImageDraw, ImageFont
 from minihuman.errors import WorldError
 from minihuman.worlds.first_person.render.assets import Assets, Library, MeshData, Texture
 from minihuman.worlds.first_person.render.built_in_meshes import mesh_named
-from minihuman.worlds.first_person.render.built_in_textures import RECIPES, as_bright
+from minihuman.worlds.first_person.render.built_in_textures import RECIPES, scale_to_brightness
 from minihuman.worlds.first_person.render.kernel_tables import F64
 
 _LETTER_PX = 128
@@ -45,7 +45,7 @@ class OwnAssets(Assets):
         recipe, variants = RECIPES[stem]
         width_m, height_m, brightness = variants[int(variant) - 1]
         seed = zlib.crc32(stem.encode()) % 1_000_003 + 1000 * int(variant)  # each picture has its own
-        return Texture(as_bright(recipe(seed), brightness), (width_m, height_m))
+        return Texture(scale_to_brightness(recipe(seed), brightness), (width_m, height_m))
 
     def mesh(self, name: str) -> MeshData:
         """Return a built-in mesh."""
@@ -116,14 +116,14 @@ def read_obj(path: Path) -> MeshData:
     return MeshData(
         _centred(corners, path, far),
         normals[normal_index].astype(np.float64),
-        _place_texture(lines),
+        _texture_places(lines),
         np.array([material.colour for material in face_materials], np.float64),
         tuple(None if material.texture is None else str(material.texture) for material in face_materials),
         light_scales=True,
     )
 
 
-def _place_texture(lines: _ObjLines) -> F64:
+def _texture_places(lines: _ObjLines) -> F64:
     """Return the texture place of each corner, (faces, 3, 2); zeros for a corner that states none."""
     places = np.array(lines.places or [[0.0, 0.0]], np.float32)
     index = np.array([[0 if place is None else place for _, place, _ in face] for face in lines.faces])

@@ -102,20 +102,20 @@ def mix(low: tuple[int, int, int], high: tuple[int, int, int], part: F64) -> F64
     return picture
 
 
-def as_bright(colour: F64, target_mean: float) -> NDArray[np.uint8]:
+def scale_to_brightness(colour: F64, target_mean: float) -> NDArray[np.uint8]:
     """Return a texture scaled to a mean brightness (0 to 255) and rounded.
 
     The mean is taken of whole numbers, since sums of others differ between machines.
     """
     colour = np.clip(colour, 0.0, 255.0)
     for _ in range(3):  # repeated, as cutting off what is brighter than white lowers the mean
-        mean = int((pixels(colour).astype(np.int64) * _WEIGHTS).sum()) / (SIZE * SIZE * 10_000)
+        mean = int((round_to_pixels(colour).astype(np.int64) * _WEIGHTS).sum()) / (SIZE * SIZE * 10_000)
         colour *= target_mean / mean
         np.clip(colour, 0.0, 255.0, out=colour)
-    return pixels(colour)
+    return round_to_pixels(colour)
 
 
-def pixels(colour: F64) -> NDArray[np.uint8]:
+def round_to_pixels(colour: F64) -> NDArray[np.uint8]:
     """Return a texture's values rounded to uint8."""
     rounded = np.clip(colour, 0.0, 255.0)
     rounded += 0.5
@@ -131,7 +131,7 @@ def _recipe(paint: Callable[..., F64]) -> Callable[..., Recipe]:
     return lambda *settings: partial(paint, *settings)
 
 
-def _lit(picture: F64, part: F64, depth: float) -> F64:
+def _darken(picture: F64, part: F64, depth: float) -> F64:
     """Return a picture whose brightness is reduced by the share ``depth`` where ``part`` is 0, and unchanged at 1."""
     return picture * (1.0 - depth + depth * part)[..., None]
 
@@ -149,7 +149,7 @@ def _concrete(low: Shade, high: Shade, seed: int) -> F64:
     streaks = 0.6 * soft(16, 256, seed) + 0.4 * soft(32, 128, seed + 1)
     part = 0.5 + 1.1 * (streaks - 0.5) + 0.5 * (cloud(48, seed + 2, 3) - 0.5) + 0.35 * (grain(seed + 9) - 0.5)
     pores = smooth((soft(128, 128, seed + 20) - 0.86) * 12.0)
-    return _lit(mix(low, high, part), 1.0 - pores, 0.10)
+    return _darken(mix(low, high, part), 1.0 - pores, 0.10)
 
 
 @_recipe
@@ -158,7 +158,7 @@ def _slabs(low: Shade, high: Shade, columns: int, rows: int, joint: int, dark: f
     tile_mask, column, row = tiles(columns, rows, joint)
     slab_shade = scatter(column, row, seed)
     part = 0.30 * slab_shade + 0.70 * cloud(32, seed, 3) + 0.15 * (grain(seed + 3) - 0.5)
-    return _lit(mix(low, high, part), tile_mask, dark)
+    return _darken(mix(low, high, part), tile_mask, dark)
 
 
 @_recipe
@@ -180,12 +180,12 @@ def _checks(seed: int) -> F64:
     light = ((x // side + y // side) % 2).astype(np.float64)
     tile_mask, _, _ = tiles(4, 4, 3)
     veins = smooth(1.0 - np.abs(cloud(3, seed + 2, 5) - 0.5) * 26.0)
-    picture = _lit(mix((206, 203, 196), (228, 226, 221), cloud(5, seed)), 1.0 - veins, 0.10)
+    picture = _darken(mix((206, 203, 196), (228, 226, 221), cloud(5, seed)), 1.0 - veins, 0.10)
     black = mix((34, 34, 37), (58, 58, 62), cloud(5, seed + 11) + 0.5 * veins)
     picture -= black  # in place, since a first picture takes the most memory here
     picture *= light[..., None]
     picture += black
-    return _lit(picture, tile_mask, 0.45)
+    return _darken(picture, tile_mask, 0.45)
 
 
 @_recipe
@@ -194,14 +194,14 @@ def _speckled(low: Shade, high: Shade, stones: Shade, seed: int) -> F64:
     picture = mix(low, high, 0.6 * cloud(8, seed, 4) + 0.4 * soft(170, 170, seed + 40))
     stone = smooth((soft(128, 128, seed + 60) - 0.72) * 8.0)
     picture = picture + (0.55 * stone)[..., None] * (np.array(stones, np.float64) - picture)
-    return _lit(picture, grain(seed + 70), 0.20)
+    return _darken(picture, grain(seed + 70), 0.20)
 
 
 @_recipe
 def _grass(low: Shade, high: Shade, seed: int) -> F64:
     """Paint grass with blades and darker patches."""
     blades = 0.5 * soft(128, 32, seed) + 0.3 * soft(256, 64, seed + 1) + 0.2 * grain(seed + 2)
-    return _lit(mix(low, high, 0.75 * blades + 0.45 * cloud(4, seed + 3, 3) - 0.1), soft(200, 60, seed + 4), 0.35)
+    return _darken(mix(low, high, 0.75 * blades + 0.45 * cloud(4, seed + 3, 3) - 0.1), soft(200, 60, seed + 4), 0.35)
 
 
 @_recipe
@@ -220,7 +220,7 @@ def _wood(low: Shade, high: Shade, planks: int, seed: int) -> F64:
     picture = mix(low, high, 0.45 * ring + 0.30 * fibre + 0.35 * plank_shade - 0.05)
     edge = np.minimum(x % width, width - 1 - x % width)
     if planks > 1:
-        return _lit(picture, smooth(edge / 3.0), 0.55)
+        return _darken(picture, smooth(edge / 3.0), 0.55)
     return picture
 
 
@@ -247,7 +247,7 @@ def _ceiling_tiles(seed: int) -> F64:
     """Paint ceiling tiles with small holes and dark joints."""
     tile_mask, _, _ = tiles(4, 4, 5)
     holes = smooth((soft(110, 110, seed) - 0.74) * 14.0)
-    return _lit(_lit(mix((196, 195, 190), (214, 213, 208), grain(seed + 1)), 1.0 - holes, 0.10), tile_mask, 0.65)
+    return _darken(_darken(mix((196, 195, 190), (214, 213, 208), grain(seed + 1)), 1.0 - holes, 0.10), tile_mask, 0.65)
 
 
 @_recipe
@@ -258,7 +258,7 @@ def _panel(base: Shade, inset: int, rows: int, seed: int) -> F64:
     inside = np.minimum(np.minimum(x, SIZE - 1 - x), np.minimum(y % height, height - 1 - y % height)) - inset
     rim = smooth(1.0 - np.abs(inside.astype(np.float64)) / 5.0)
     colour = np.array(base, np.float64) * (0.92 + 0.12 * cloud(4, seed, 5))[..., None]
-    return _lit(colour, 1.0 - rim, 0.40) * np.where(inside > 0, 0.95, 1.0)[..., None]
+    return _darken(colour, 1.0 - rim, 0.40) * np.where(inside > 0, 0.95, 1.0)[..., None]
 
 
 @_recipe

@@ -65,18 +65,18 @@ class Explorer:
 
     def action(self, state: State) -> int | None:
         """Return the next action, or None if nothing is left to try."""
-        way = self.way(state)
-        return way[0] if way else None
+        actions = self.way(state)
+        return actions[0] if actions else None
 
     def way(self, state: State) -> list[int]:
         """Return the actions planned from the current state; empty if nothing is left to try."""
-        new = self.memory.look(state.row)
-        moving = state.row[fields.TASK] == rewards.DODGE  # things move by chance, so no plan knows the next state
-        if self._plan and not moving and np.array_equal(_state_after(self._before, self._plan[0]), state.row):
+        has_new = self.memory.look(state.row)
+        is_random = state.row[fields.TASK] == rewards.DODGE  # things move by chance, so no plan knows the next state
+        if self._plan and not is_random and np.array_equal(_state_after(self._before, self._plan[0]), state.row):
             self._plan.pop(0)  # its first action was taken, with the expected effect
         elif not np.array_equal(self._before, state.row):
             self._plan = []
-        if not self._plan or new:
+        if not self._plan or has_new:
             self._plan = self._decide(state.row)
         self._before = state.row.copy()
         return self._plan
@@ -177,16 +177,16 @@ class Explorer:
         beyond = self.memory.frontier(belief, passing=THING_IN_WAY, judgement=judgement)
         if beyond is None:
             return []
-        _, way, _ = beyond
+        _, path, _ = beyond
         cells = State(belief).cells.ravel()
-        occupied = [cell for cell in way if identities_of(cells[cell]) > 0 and kinds_of(cells[cell]) != DOOR]
+        occupied = [cell for cell in path if identities_of(cells[cell]) > 0 and kinds_of(cells[cell]) != DOOR]
         if not occupied:
             return []
         trial = belief.copy()
         actions: list[int] = []
         for step in range(3):  # put down what is carried, pick up the object, and put it down elsewhere
             if step != 1:
-                part = put_down(trial, way)
+                part = put_down(trial, path)
             else:
                 part = do_to(trial, encoding.PICK_UP, identities_of(cells[occupied[0]]))
             if part is None:

@@ -55,7 +55,7 @@ def make_batch(
     if num_envs < 1 or len(per_world) != num_envs:
         raise WorldError(f"num_envs is {num_envs!r} and there are {len(per_world)} sets of options; give one per world")
     keys = [str(sorted(world_options.items())) for world_options in per_world]  # equal options share a world
-    worlds = {key: world_class(**{**options, **own}) for key, own in zip(keys, per_world, strict=True)}
+    worlds = {key: world_class(**options | world_options) for key, world_options in zip(keys, per_world, strict=True)}
     try:
         for world in worlds.values():
             compile_rules(world)

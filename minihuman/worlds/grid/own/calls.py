@@ -15,6 +15,7 @@ class Calls(LayoutCalls):
     """The translation of calls of Python's built-in functions, and of generators and lambdas."""
 
     def _constant_call(self, node: ast.Call, callee: Any) -> str:
+        """Return the translation of a call of ``callee``, which may be a built-in function of Python."""
         try:
             is_built_in = callee in _PLAIN or callee in _CHECKED or callee in (any, all, sum, divmod, tuple, list)
         except TypeError:  # it cannot be hashed

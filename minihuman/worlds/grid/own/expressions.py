@@ -108,6 +108,7 @@ class Expressions:
             self.refuse(node, f"the name {node.id}", "define it in the module")
 
     def _attribute_symbol(self, node: ast.Attribute) -> Symbol | None:
+        """Return the meaning of an attribute; None if it is computed when the rules run. An unknown one is refused."""
         base = self.symbol(node.value)
         if base is None:
             return None

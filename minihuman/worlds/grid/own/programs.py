@@ -111,8 +111,11 @@ def compile_rules(world: Any) -> None:
         if match is None:
             raise
         line = int(match[1])
-        place = program.place(program.lines[line - 1]) if 0 < line <= len(program.lines) else "the rules"
-        raise TranslationError(f"{place}: {_explain_failure(match[2])}") from refusal
+        if 0 < line <= len(program.lines):
+            location = program.place(program.lines[line - 1])
+        else:
+            location = "the rules"
+        raise TranslationError(f"{location}: {_explain_failure(match[2])}") from refusal
 
 
 def _explain_failure(text: str) -> str:
@@ -168,10 +171,10 @@ def raise_fault(program: Program, table: NDArray[np.int64], *, world: int | None
         Exception: what Python would have raised; the message begins with the author's file and line.
     """
     kind, place, first, second = table[FAULT : FAULT + 4].tolist()
-    where = program.place(place)
+    location = program.place(place)
     if world is not None:
-        where = f"{where} (world {world})"
-    raise error_of(kind, first, second, where)
+        location = f"{location} (world {world})"
+    raise error_of(kind, first, second, location)
 
 
 def mission_of(program: Program, parts: NDArray[np.int64], first: str) -> str:

@@ -87,8 +87,8 @@ def find_tasks(task_set: str, task: Any, difficulty: Difficulty) -> TaskSource:
     if isinstance(difficulty, Sequence):
         pair = check_pair("difficulty", difficulty, 0, UNREACHABLE)
     else:
-        least = check_whole("difficulty", difficulty, 0, UNREACHABLE)
-        pair = least, least
+        level = check_whole("difficulty", difficulty, 0, UNREACHABLE)
+        pair = level, level
     return TaskSource(tasks, *tasks.numbers_of(pair))
 
 

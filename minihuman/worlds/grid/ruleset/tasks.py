@@ -103,13 +103,13 @@ class RuleTask(NamedTuple):
 
 
 def read_record(record: Sequence[int]) -> RuleTask:
-    """Return the task of a record."""
-    plain = [int(number) for number in record]
-    n_rules = plain[N_RULES]
-    first_thing = RECORD + numbers.PER_RULE * n_rules
-    rules = tuple(TileRule(*plain[at : at + numbers.PER_RULE]) for at in range(RECORD, first_thing, numbers.PER_RULE))
-    things = tuple(plain[first_thing : first_thing + plain[N_THINGS]])
-    return RuleTask(RuleGoal(*plain[:N_RULES]), rules, things)
+    """Return the task that a record in a file encodes, as `RuleTask.record` writes it."""
+    integers = [int(number) for number in record]
+    first_thing = RECORD + numbers.PER_RULE * integers[N_RULES]
+    starts = range(RECORD, first_thing, numbers.PER_RULE)
+    rules = tuple(TileRule(*integers[start : start + numbers.PER_RULE]) for start in starts)
+    things = tuple(integers[first_thing : first_thing + integers[N_THINGS]])
+    return RuleTask(RuleGoal(*integers[:N_RULES]), rules, things)
 
 
 def check_task(task: RuleTask, height: int, width: int) -> None:
