@@ -105,8 +105,9 @@ def _imports(module: str) -> frozenset[str]:
     else:
         package = module.rpartition(".")[0]
     imported: set[str] = set()
-    for source, names, plain in _IMPORT.findall((_source(module) or "").replace("\\\n", " ")):
-        bases = [source] if source else plain.split(",")
+    # of "from source import names", or of "import clauses"
+    for source, names, clauses in _IMPORT.findall((_source(module) or "").replace("\\\n", " ")):
+        bases = [source] if source else clauses.split(",")
         for base in (resolve_name(clause.split()[0], package) for clause in bases if clause.strip()):
             imported |= {base, *(f"{base}.{name}" for name in re.findall(r"\w+", names))}
     return frozenset(name for name in imported if name.partition(".")[0] == _OURS and _source(name) is not None)

@@ -76,7 +76,7 @@ class SeatEnv(gymnasium.Env[Any, Any], NativeWorld):
         return self._step_team(action)[:3]
 
     def _step_team(self, action: int) -> tuple[float, bool, bool, dict[str, Any]]:
-        """Make a joint step with this body's action; return its reward, whether the episode ended, and its info."""
+        """Make a joint step with this body's action; return its reward, terminated, truncated and its info."""
         if self.steps < len(self.script):
             planned = self.script[self.steps]
         else:

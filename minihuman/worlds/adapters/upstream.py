@@ -31,9 +31,8 @@ _MINIGRID_COLOURS = {
 
 def is_minigrid_like(env: Any) -> bool:
     """Return whether an unwrapped environment stores its state as Minigrid's environments do."""
-    return all(hasattr(env, name) for name in ("grid", "agent_pos", "agent_dir", "get_frame")) and hasattr(
-        env.grid, "encode"
-    )
+    has_attributes = all(hasattr(env, name) for name in ("grid", "agent_pos", "agent_dir", "get_frame"))
+    return has_attributes and hasattr(env.grid, "encode")
 
 
 class _Adapter(NativeWorld):

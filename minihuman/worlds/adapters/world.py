@@ -203,9 +203,9 @@ class World:
             except WorldCodeError:
                 raise
             except WorldError as error:
-                raise self._named(error) from error
+                raise self._with_world_id(error) from error
 
-    def _named(self, error: WorldError) -> WorldError:
+    def _with_world_id(self, error: WorldError) -> WorldError:
         """Return the error with the world's id at the start of its message."""
         if str(error).startswith(f"{self.id}: "):
             return error
@@ -257,16 +257,16 @@ class World:
         If the world does not reveal its state, the hash covers the observation, the random stream and the step count.
         """
         if self._native:
-            return self._with_wrappers(self._call("state_hash()", self._native.state_hash))
+            return self._hash_with_wrappers(self._call("state_hash()", self._native.state_hash))
         random = self._call("np_random", self._random_state)
         observable = {"observation": self._observation_hash(), "random": random, "steps": self._steps}
-        return self._with_wrappers(hash64(observable))
+        return self._hash_with_wrappers(hash64(observable))
 
     def scene_hash(self) -> int:
         """Return the hash of the state without the step count; if the state is unknown, the same as `state_hash`."""
         if not self._native:
             return self.state_hash()
-        return self._with_wrappers(self._call("scene_hash()", self._native.scene_hash))
+        return self._hash_with_wrappers(self._call("scene_hash()", self._native.scene_hash))
 
     def _random_state(self) -> Any:
         """Return the state of the environment's random stream; raise a WorldError for another kind of stream."""
@@ -428,12 +428,12 @@ class World:
         except WorldError as error:
             raise WorldError(f"{self.id}: {error}") from error
 
-    def _with_wrappers(self, hashed: int) -> int:
-        """Return a hash that also covers what wrappers have changed; the given hash if they changed nothing."""
+    def _hash_with_wrappers(self, state_hash: int) -> int:
+        """Return a hash of a state's hash and what wrappers have changed; the state's hash if they changed nothing."""
         changes = self._wrappers.changes()
         if changes:
-            return hash64([hashed, changes])
-        return hashed
+            return hash64([state_hash, changes])
+        return state_hash
 
     def _observation_hash(self) -> int:
         """Return the hash of the latest observation.

@@ -122,11 +122,11 @@ def _covering(room: RoomPlan) -> tuple[str | None, ...]:
     if room.ceiling is None:
         ceiling = None
     else:
-        ceiling = variant(room.ceiling, ceiling_number)
-    return variant(room.floor, floor_number), variant(room.wall, wall_number), ceiling
+        ceiling = name_texture(room.ceiling, ceiling_number)
+    return name_texture(room.floor, floor_number), name_texture(room.wall, wall_number), ceiling
 
 
-def variant(texture: str, number: int) -> str:
+def name_texture(texture: str, number: int) -> str:
     """Return the name of one picture of a texture, numbered from 0."""
     return f"{texture}_{number + 1}"
 
@@ -145,10 +145,10 @@ def build_look(thing: Entity, palette: Palette, library: Library) -> Look:
         case Mesh():
             return MeshLook(thing.mesh, thing.height)
         case ImageFrame():
-            return FrameLook((variant(thing.texture, 0),), thing.width, thing.height, thing.depth)
+            return FrameLook((name_texture(thing.texture, 0),), thing.width, thing.height, thing.depth)
         case TextFrame():
             letters = tuple(
-                None if texture is None else variant(texture, number)
+                None if texture is None else name_texture(texture, number)
                 for texture, number in zip(thing.textures, thing.variants, strict=True)
             )
             return FrameLook(letters, thing.width, thing.height, thing.depth)

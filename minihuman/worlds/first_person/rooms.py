@@ -267,7 +267,7 @@ class Joint(NamedTuple):
     gap: RoomOutline | None
 
 
-def find_passage(a: Room, b: Room, *, limits: OpeningLimits, top: float | None, number: int) -> Room | None:
+def cut_passage(a: Room, b: Room, *, limits: OpeningLimits, top: float | None, number: int) -> Room | None:
     """Cut facing portals into two rooms, and return the passage between the rooms; None if the rooms touch.
 
     The passage takes its textures from ``a``, and is as high as its portals.

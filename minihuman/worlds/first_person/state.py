@@ -23,7 +23,7 @@ from minihuman.worlds.first_person.rooms import (
     OpeningLimits,
     Room,
     check_convex,
-    find_passage,
+    cut_passage,
     finish_floor_plan,
 )
 from minihuman.worlds.first_person.walls import touches_wall
@@ -94,7 +94,7 @@ class WorldState:
     def connect_rooms(self, a: Room, b: Room, *, limits: OpeningLimits, top: float | None) -> None:
         """Open the walls with which two rooms face each other, and add a passage if there is a gap between them."""
         self._check_open()
-        between = find_passage(a, b, limits=limits, top=top, number=len(self._rooms))
+        between = cut_passage(a, b, limits=limits, top=top, number=len(self._rooms))
         if between is not None:
             self._rooms.append(between)
 

@@ -284,7 +284,8 @@ class TeamGrid(OwnRules, TeamWorld, abc.ABC):
     def state_hash(self) -> int:
         """Hash the layout, bodies, task, mission, random stream and kept attributes to a uint64."""
         saved = self.save()
-        hashed = [saved.row, saved.rng_state[: 6 if saved.rng_state[4] else 4], saved.mission]
+        n_numbers = 6 if saved.rng_state[4] else 4  # the last two are a buffered half draw, if there is one
+        hashed = [saved.row, saved.rng_state[:n_numbers], saved.mission]
         return hash64([*hashed, saved.kept] if self.kept else hashed)
 
     def save(self) -> TeamSnapshot:

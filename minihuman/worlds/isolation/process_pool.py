@@ -174,7 +174,7 @@ class WorldProcessPool:
         atexit.register(self.close)  # runs before multiprocessing waits for the processes
 
     def take(self, world_id: str) -> WorldProcess:
-        """Return a process for a world: one that ran the world before, or a new one."""
+        """Return a process for a world, which then counts as running: one that ran the world before, or a new one."""
         with self._lock:
             for process in self._idle:
                 if process.ran == world_id:

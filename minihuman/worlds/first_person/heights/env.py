@@ -21,7 +21,7 @@ from minihuman.worlds.first_person.heights.floors import building_map, check_rea
 from minihuman.worlds.first_person.heights.planes import Plane
 from minihuman.worlds.first_person.heights.planner import least_steps, plan
 from minihuman.worlds.first_person.heights.sectors import Flight, Sector
-from minihuman.worlds.first_person.heights.sliding import approach, limit_length, slide, turn_body, walk
+from minihuman.worlds.first_person.heights.sliding import approach_velocity, limit_length, slide, turn_body, walk
 from minihuman.worlds.first_person.heights.state import BuildingState
 from minihuman.worlds.first_person.heights.surfaces import building_tables
 from minihuman.worlds.first_person.motion import Command
@@ -302,7 +302,7 @@ class BuildingEnv(FirstPersonEnv):
         turn_body(stage, command.turn * (turn_deg * RADIANS))
         ahead, right = limit_length(command.ahead, command.right)
         if self.acceleration:
-            ahead, right = approach(self.velocity, (ahead, right), self.acceleration)
+            ahead, right = approach_velocity(self.velocity, (ahead, right), self.acceleration)
             vars(self)["velocity"] = (ahead, right)
         walk(stage, ahead * ahead_m, right * ahead_m + ahead * drift_m)
 

@@ -70,7 +70,7 @@ def build_stairs(
         tread = list(sides)
         tread[2 * axis : 2 * axis + 2] = sorted(ends)
         floor = Plane(low + (number + 1) * rise)
-        sectors.append(_sector((tread[0], tread[1], tread[2], tread[3]), floor, ceiling, looks, (low, high)))
+        sectors.append(_build_sector((tread[0], tread[1], tread[2], tread[3]), floor, ceiling, looks, (low, high)))
     return tuple(sectors)
 
 
@@ -109,7 +109,7 @@ def build_ramp(sides: Rectangle, up: str, heights: tuple[float, float], *, looks
             f"{(high - low) / _STEEPEST:g} m long, or use add_stairs()"
         )
     floor = _slope(sides, up, (low, high))
-    return _sector(sides, floor, floor.raised(looks.height), looks, (low, high))
+    return _build_sector(sides, floor, floor.raised(looks.height), looks, (low, high))
 
 
 def _read_heights(heights: tuple[float, float], structure: str) -> tuple[float, float]:
@@ -137,7 +137,10 @@ def _slope(sides: Rectangle, up: str, heights: tuple[float, float]) -> Plane:
     return slope_between(axis, end, start, *heights)
 
 
-def _sector(sides: Rectangle, floor: Plane, ceiling: Plane, looks: FlightLooks, levels: tuple[float, float]) -> Sector:
+def _build_sector(
+    sides: Rectangle, floor: Plane, ceiling: Plane, looks: FlightLooks, levels: tuple[float, float]
+) -> Sector:
+    """Return the sector of a tread or a ramp, between the heights ``levels`` of the flight's foot and head."""
     return Sector(
         rectangle(*(float(side) for side in sides)),
         float(looks.height),

@@ -182,7 +182,7 @@ def find_solids(plan: SectorPlan, room: int, x: float, z: float, body: Walker) -
                     if opening.into not in reached and _is_near(edge, nearest, x, z, body.radius):
                         reached.add(opening.into)
                         waiting.append(opening.into)
-            yield from _overlapped(edge, free, x, z, body.radius)
+            yield from _find_blocked_parts(edge, free, x, z, body.radius)
         if number == room:
             yield from _hole_edges(sector, x, z, body)
 
@@ -201,7 +201,7 @@ def _hole_edges(sector: PlannedSector, x: float, z: float, body: Walker) -> Iter
             yield hole.min_x, hole.max_z, hole.min_x, hole.min_z
 
 
-def _overlapped(
+def _find_blocked_parts(
     edge: OutlineEdge, free: list[tuple[float, float]], x: float, z: float, radius: float
 ) -> Iterator[Segment]:
     """Yield the parts of an edge between its free intervals (from, to) that a circle overlaps."""
@@ -243,7 +243,7 @@ def can_float_at(plan: SectorPlan, x: float, z: float, bottom: float, top: float
                     if opening.into not in reached and _is_near(edge, nearest, x, z, radius):
                         reached.add(opening.into)
                         waiting.append(opening.into)
-            if next(_overlapped(edge, free, x, z, radius), None) is not None:
+            if next(_find_blocked_parts(edge, free, x, z, radius), None) is not None:
                 return False
     return True
 

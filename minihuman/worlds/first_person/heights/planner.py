@@ -133,7 +133,7 @@ def _goal_place(stage: BuildingState, goal: Entity) -> tuple[int, float, float]:
 def _reach(stage: BuildingState, goal: Entity) -> float:
     """Return the distance in the plan at which the agent, or what it puts down, is near the goal."""
     mover = stage.agent.carrying or stage.agent
-    threshold = float(goal.radius + mover.radius + 1.1 * stage.reach)
+    threshold = float(goal.radius + mover.radius + 1.1 * stage.reach)  # as in `WorldState.near`
     room, x, z = _goal_place(stage, goal)
     rise = goal.pos[1] - stage.floor.rooms[room].floor_plane.at(x, z)
     return math.sqrt(max(threshold * threshold - rise * rise, 0.0))
@@ -232,7 +232,7 @@ def _search_region(
         )
     )
     cell = min(body.step / 2, _MAX_CELL_M)
-    discs = _obstacles(stage, region)
+    discs = _list_obstacles(stage, region)
     free = clearance_map(walls, discs, _NO_ZONES, bounds, cell, body.radius)
     column = int((target[0] - bounds[0]) / cell)
     row = int((target[1] - bounds[1]) / cell)
@@ -274,7 +274,7 @@ def region_walls(floor: SectorPlan, region: Sequence[int], walker: Walker) -> ND
     return np.array(rows, np.float64).reshape(-1, 4)
 
 
-def _obstacles(stage: BuildingState, region: Sequence[int]) -> NDArray[np.float64]:
+def _list_obstacles(stage: BuildingState, region: Sequence[int]) -> NDArray[np.float64]:
     """Return the entities that stand in some sectors: x, z, and the distances that the agent and its load keep."""
     agent = stage.agent
     load = agent.carrying

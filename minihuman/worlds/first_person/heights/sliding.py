@@ -17,7 +17,9 @@ _CLEARANCE_M = 1e-9  # between the body and what pushed it out, so that rounding
 _PART = 0.5  # of the body's radius: the length of a part of a move
 
 
-def approach(velocity: tuple[float, float], target: tuple[float, float], max_change: float) -> tuple[float, float]:
+def approach_velocity(
+    velocity: tuple[float, float], target: tuple[float, float], max_change: float
+) -> tuple[float, float]:
     """Return a velocity changed towards a target velocity, by at most ``max_change`` in length."""
     change_x = target[0] - velocity[0]
     change_z = target[1] - velocity[1]

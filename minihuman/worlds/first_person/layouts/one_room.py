@@ -158,7 +158,7 @@ class CollectHealth(FirstPersonEnv):
     def build(self) -> None:
         """Build the room, and place the kits and the agent."""
         self.add_rect_room(min_x=0, max_x=self.size, min_z=0, max_z=self.size, wall="cinder_blocks", floor="slime")
-        for _ in range(18):
+        for _ in range(_N_KITS):
             self.place_entity(Mesh("medkit", 0.40, static=False))
         self.place_agent()
         self.health = 100
@@ -173,6 +173,7 @@ class CollectHealth(FirstPersonEnv):
 
 
 _YARD = {"wall": "brick_wall", "floor": "asphalt", "ceiling": None}
+_N_KITS = 18
 
 
 def _any_colour(world: FirstPersonEnv) -> str:

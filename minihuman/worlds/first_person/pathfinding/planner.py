@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 
 _MOST_CELLS = 20_000_000  # the most cells of a floor, which take some seconds and 200 MB
 _MAX_CELL_M = 0.1
+_CAUTION = 0.999  # the share of a clearance that is used, so that rounding makes no barrier too long
+_OVERLAP_M = 0.01  # of a wall and the barrier that continues it
 _MARGIN = 1e-7  # metres added to the distances that the rules keep from walls and things, so that rounding is harmless
 
 
@@ -67,7 +69,7 @@ def plan(world: "FirstPersonEnv", goal: Entity, *, avoid: Sequence[Entity] = ())
             "world smaller"
         )
     walls = stage.floor.walls
-    discs = _obstacles(stage, avoid)
+    discs = _list_obstacles(stage, avoid)
     zones = zones_of(world)
     free = clearance_map(walls, discs, zones, bounds, cell, body.radius)
     column = int((goal.pos[0] - bounds[0]) / cell)
@@ -97,9 +99,9 @@ def least_steps(world: "FirstPersonEnv", goal: Entity) -> int:
     longest = math.hypot(stage.reach, drift)
     distance = straight
     if longest < 2 * stage.agent.radius:  # a longer step could jump across a wall
-        barriers = _barriers(stage, goal, reach, longest)
+        barriers = _find_barriers(stage, goal, reach, longest)
         ends = np.array(((x, z), (goal.pos[0], goal.pos[2])))
-        distance = shortest_way(barriers, np.concatenate((ends, _turning_points(stage.floor, barriers))))
+        distance = shortest_way(barriers, np.concatenate((ends, _find_turning_points(stage.floor, barriers))))
     steps = max(math.ceil((distance - reach) / longest - 1e-9), 1)
     if "move_back" in world.action_names:
         return steps
@@ -153,7 +155,7 @@ def _reach(stage: WorldState, goal: Entity, mover: Entity | None = None) -> floa
     """Return the ground distance between centres at which the agent, or what it puts down, is near the goal."""
     _check_flat(stage)
     height = stage.agent.pos[1] if mover is None else 0.0
-    threshold = float(goal.radius + (mover or stage.agent).radius + 1.1 * stage.reach)
+    threshold = float(goal.radius + (mover or stage.agent).radius + 1.1 * stage.reach)  # as in `WorldState.near`
     rise = goal.pos[1] - height
     return math.sqrt(max(threshold * threshold - rise * rise, 0.0))
 
@@ -169,7 +171,7 @@ def zones_of(world: "FirstPersonEnv") -> NDArray[np.float64]:
     return np.array(padded, dtype=np.float64).reshape(len(rooms), n_edges, 4)
 
 
-def _obstacles(stage: WorldState, avoid: Sequence[Entity]) -> NDArray[np.float64]:
+def _list_obstacles(stage: WorldState, avoid: Sequence[Entity]) -> NDArray[np.float64]:
     """Return all entities but the agent and its load, float64[n, 4]: x, z, and the distances that these two keep.
 
     The agent keeps so far from the things to avoid that it is not near them.
@@ -189,8 +191,8 @@ def _obstacles(stage: WorldState, avoid: Sequence[Entity]) -> NDArray[np.float64
     return np.array(rows, dtype=np.float64).reshape(-1, 4)
 
 
-def _barriers(stage: WorldState, goal: Entity, reach: float, longest: float) -> NDArray[np.float64]:
-    """Return segments that no path to the goal crosses, and that lie between no stop near the goal and the goal.
+def _find_barriers(stage: WorldState, goal: Entity, reach: float, longest: float) -> NDArray[np.float64]:
+    """Return segments, float64[n, 4], that no path crosses and that lie between no stop near the goal and the goal.
 
     A stop keeps the body's radius from every wall, and the line between two stops keeps ``clearance``, so walls extend
     by that much beyond their ends. Where the line from a stop near the goal to the goal crosses a segment, that point
@@ -198,15 +200,15 @@ def _barriers(stage: WorldState, goal: Entity, reach: float, longest: float) -> 
     that distance is left out.
     """
     radius = float(stage.agent.radius)
-    clearance = 0.999 * math.sqrt(radius * radius - longest * longest / 4)
+    clearance = _CAUTION * math.sqrt(radius * radius - longest * longest / 4)
     middle = np.array((goal.pos[0], goal.pos[2]))
     segments: list[tuple[NDArray[np.float64], NDArray[np.float64], float]] = []
     for wall in _merge_walls(stage.floor.walls):
         a = wall[:2]
         b = wall[2:]
         ahead = (b - a) / math.hypot(*(b - a))
-        segments += [(a, b, radius), (a + 0.01 * ahead, a - clearance * ahead, radius - clearance)]
-        segments += [(b - 0.01 * ahead, b + clearance * ahead, radius - clearance)]
+        segments += [(a, b, radius), (a + _OVERLAP_M * ahead, a - clearance * ahead, radius - clearance)]
+        segments += [(b - _OVERLAP_M * ahead, b + clearance * ahead, radius - clearance)]
     rows = [row for a, b, margin in segments for row in _out_of_reach(a, b, middle, reach, margin)]
     return np.array(rows, dtype=np.float64).reshape(-1, 4)
 
@@ -233,7 +235,7 @@ def _out_of_reach(
     return parts
 
 
-def _turning_points(floor: FloorPlan, barriers: NDArray[np.float64]) -> NDArray[np.float64]:
+def _find_turning_points(floor: FloorPlan, barriers: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the ends of barriers at which a path can bend, (n, 2) x, z: those in a room and not on another barrier."""
     ends = barriers.reshape(-1, 2)
     inside = np.zeros(len(ends), dtype=np.bool_)
@@ -253,20 +255,20 @@ def _merge_walls(walls: NDArray[np.float64]) -> NDArray[np.float64]:
     continued = set()
     for row in rows:
         after = starts.get(row[2:])
-        if after is not None and after != row and _continues(row, after):
+        if after is not None and after != row and _have_same_direction(row, after):
             continued.add(after[:2])
     for row in rows:
         if row[:2] in continued:
             continue
         end = row
-        while (after := starts.get(end[2:])) is not None and _continues(end, after):
+        while (after := starts.get(end[2:])) is not None and _have_same_direction(end, after):
             end = after
         joined[(*row[:2], *end[2:])] = None
     return np.array(list(joined), dtype=np.float64).reshape(-1, 4)
 
 
-def _continues(a: tuple[float, ...], b: tuple[float, ...]) -> bool:
-    """Return whether two segments (x0, z0, x1, z1) have the same direction."""
+def _have_same_direction(a: tuple[float, ...], b: tuple[float, ...]) -> bool:
+    """Return whether two segments (x0, z0, x1, z1) have the same direction, apart from rounding."""
     ax = a[2] - a[0]
     az = a[3] - a[1]
     bx = b[2] - b[0]
@@ -309,7 +311,7 @@ def _approach_and_take(
     The result is None if no thing could be picked up, so that there are still ``count`` of them.
     """
     pickup = world.action_names.index("pickup")
-    for approach in _approaches(world, thing, ()):
+    for approach in _approach(world, thing, ()):
         before = world.save()
         is_over = take_action(world, pickup, [])
         if len(list_things()) < count:
@@ -320,8 +322,11 @@ def _approach_and_take(
     return None
 
 
-def _approaches(world: "FirstPersonEnv", thing: Entity, avoid: Sequence[Entity]) -> Iterator[list[int]]:
-    """Bring the agent near a thing, facing it, and yield the actions; then repeatedly from one step farther away."""
+def _approach(world: "FirstPersonEnv", thing: Entity, avoid: Sequence[Entity]) -> Iterator[list[int]]:
+    """Bring the agent near a thing, facing it, and yield the actions so far; then again from one step farther away.
+
+    Nothing more is yielded once the episode is over.
+    """
     back = world.action_names.index("move_back")
     actions = list[int]()
     if any(take_action(world, action, actions) for action in plan(world, thing, avoid=avoid) or ()):
@@ -398,7 +403,7 @@ def _fetch(world: "FirstPersonEnv", thing: Entity, target: Entity, avoid: list[E
     A carried thing floats ahead of the agent, where it might touch a wall if it was picked up from near.
     """
     pickup = world.action_names.index("pickup")
-    for approach in _approaches(world, thing, avoid):
+    for approach in _approach(world, thing, avoid):
         before = world.save()
         if not take_action(world, pickup, []) and world.agent.carrying is thing:
             brought = _bring(world, target)

@@ -22,6 +22,8 @@ from minihuman.worlds.first_person.render.built_in_textures import RECIPES, scal
 from minihuman.worlds.first_person.render.kernel_tables import F64
 
 _LETTER_PX = 128
+_LETTER_FONT_PX = 112
+_LETTER_M = 0.25  # the width and height that a letter's texture covers
 _LETTER_STYLES = 9  # the number of variants of a letter, as in Miniworld
 
 
@@ -39,7 +41,7 @@ class OwnAssets(Assets):
             stem = name
             variant = "1"
         if stem.startswith("chars/ch_0x") and stem[11:].isdigit():
-            return _letter(chr(int(stem[11:])), int(variant))
+            return _draw_letter(chr(int(stem[11:])), int(variant))
         if stem not in RECIPES or not 1 <= int(variant) <= len(RECIPES[stem][1]):
             raise WorldError(f"unknown texture {name!r}; use one of {', '.join(RECIPES)}, with _1 and up for variants")
         recipe, variants = RECIPES[stem]
@@ -57,16 +59,16 @@ def own_library() -> Library:
     return Library(OwnAssets())
 
 
-def _letter(letter: str, variant: int) -> Texture:
+def _draw_letter(letter: str, variant: int) -> Texture:
     """Draw a dark character on paper; the variants differ in the colours of ink and paper."""
     if not 1 <= variant <= _LETTER_STYLES:
         raise WorldError(f"the letter {letter!r} has variants 1 to {_LETTER_STYLES}, not {variant}")
     paper = 250 - 9 * (variant - 1)
     image = Image.new("RGB", (_LETTER_PX, _LETTER_PX), (paper, paper, max(paper - 4 * variant, 0)))
-    font = ImageFont.load_default(112)
+    font = ImageFont.load_default(_LETTER_FONT_PX)
     ink = (18 + 6 * variant, 20, 28 + 8 * variant)
     ImageDraw.Draw(image).text((_LETTER_PX / 2, _LETTER_PX / 2), letter, font=font, fill=ink, anchor="mm")
-    return Texture(np.asarray(image), (0.25, 0.25))
+    return Texture(np.asarray(image), (_LETTER_M, _LETTER_M))
 
 
 Rgb = tuple[float, float, float]
@@ -114,16 +116,16 @@ def read_obj(path: Path) -> MeshData:
     # as Miniworld does: the smallest of the three corners' largest coordinates, so that meshes have the same middle
     far = corners.max(axis=0).min(axis=0)
     return MeshData(
-        _centred(corners, path, far),
+        _centre(corners, path, far),
         normals[normal_index].astype(np.float64),
-        _texture_places(lines),
+        _index_texture_places(lines),
         np.array([material.colour for material in face_materials], np.float64),
         tuple(None if material.texture is None else str(material.texture) for material in face_materials),
         light_scales=True,
     )
 
 
-def _texture_places(lines: _ObjLines) -> F64:
+def _index_texture_places(lines: _ObjLines) -> F64:
     """Return the texture place of each corner, (faces, 3, 2); zeros for a corner that states none."""
     places = np.array(lines.places or [[0.0, 0.0]], np.float32)
     index = np.array([[0 if place is None else place for _, place, _ in face] for face in lines.faces])
@@ -227,7 +229,7 @@ def _parse_index(word: str, count: int, noun: str, path: Path, number: int) -> i
     return index - 1
 
 
-def _centred(corners: F64, path: Path, far: F64) -> F64:
+def _centre(corners: F64, path: Path, far: F64) -> F64:
     """Return corners moved so that their base is at y = 0, and the middle between their least and ``far`` at x = z = 0.
 
     Raises:
@@ -264,16 +266,16 @@ def read_glb(path: Path) -> MeshData:
     colours = []
     places = []
     for number, part in enumerate(parts):
-        image = _image(part)
+        image = _read_texture(part)
         if image is not None:
             images[f"{path}#{number}"] = image
         names += [None if image is None else f"{path}#{number}"] * len(part.faces)
-        colours.append(_colours(part))
-        places.append(_places(part))
+        colours.append(_read_colours(part))
+        places.append(_read_texture_places(part))
     corners: F64 = np.concatenate([np.asarray(part.triangles, np.float64) for part in parts])
     normals = np.concatenate([np.asarray(part.vertex_normals, np.float64)[part.faces] for part in parts])
     return MeshData(
-        _centred(corners, path, corners.max(axis=(0, 1))),
+        _centre(corners, path, corners.max(axis=(0, 1))),
         normals,
         np.concatenate(places),
         np.concatenate(colours),
@@ -282,7 +284,7 @@ def read_glb(path: Path) -> MeshData:
     )
 
 
-def _image(part: Any) -> Texture | None:
+def _read_texture(part: Any) -> Texture | None:
     """Return a part's texture with a size of one metre, since texture coordinates are shares of the whole texture."""
     material = getattr(part.visual, "material", None)
     image = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
@@ -291,7 +293,7 @@ def _image(part: Any) -> Texture | None:
     return Texture(np.asarray(image.convert("RGB")), (1.0, 1.0))
 
 
-def _colours(part: Any) -> F64:
+def _read_colours(part: Any) -> F64:
     """Return a colour for each triangle, in 0 to 1."""
     material = getattr(part.visual, "material", None)
     if material is None:
@@ -301,7 +303,7 @@ def _colours(part: Any) -> F64:
     return np.tile(rgb, (len(part.faces), 1))
 
 
-def _places(part: Any) -> F64:
+def _read_texture_places(part: Any) -> F64:
     """Return the texture places of each triangle's corners, (faces, 3, 2); zeros if the part has none."""
     uv: NDArray[np.float64] | None = getattr(part.visual, "uv", None)
     if uv is None:

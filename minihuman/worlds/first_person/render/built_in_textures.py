@@ -78,13 +78,13 @@ def grain(seed: int) -> F64:
 def tiles(columns: int, rows: int, joint: int, *, offset: bool = False) -> tuple[F64, Grid, Grid]:
     """Return a mask of tiles (1) and joints (0), and the column and row of each texel's tile.
 
-    If ``offset``, every other row of tiles is shifted by half a tile.
+    The width ``joint`` of joints is in texels. If ``offset``, every other row of tiles is shifted by half a tile.
     """
     x, y = grid()
     row = y * rows // SIZE
-    moved = (x + (row % 2) * (SIZE // columns // 2) if offset else x) * columns
-    column = moved // SIZE % columns
-    in_x = moved % SIZE // columns
+    shifted_x = (x + (row % 2) * (SIZE // columns // 2) if offset else x) * columns
+    column = shifted_x // SIZE % columns
+    in_x = shifted_x % SIZE // columns
     in_y = y * rows % SIZE // rows
     from_edge: Grid = np.minimum(
         np.minimum(in_x, SIZE // columns - 1 - in_x), np.minimum(in_y, SIZE // rows - 1 - in_y)

@@ -72,7 +72,10 @@ class GoToObjGrid(GridWorld):
         grid.mission = arrangement.mission
 
     def reward_and_done(self, action: int, reward: float, terminated: bool) -> tuple[float, bool]:
-        """Return success if the agent faces the target; "toggle" ends the episode."""
+        """Return the reward of success and True if the agent faces the target, or else what the rules of grids say.
+
+        The action "toggle" also ends the episode, if ``toggle_ends``.
+        """
         if cell_in_front(self._row) == (self._row[TARGET], self._row[TARGET + 1]):
             return success_reward(self._row), True
         return reward, terminated or (self.toggle_ends and action == TOGGLE)

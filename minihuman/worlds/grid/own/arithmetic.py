@@ -67,6 +67,7 @@ def truediv(typing_context, c, place, a, b):
 
 @njit
 def _whole_floordiv(c, place, a, b):
+    """Return the quotient of whole numbers, rounded down; by -1 with the overflow check of a negation."""
     if b == 0:
         fail(c, place, ZERO_DIVISION, a, 0)
     if b == -1:
@@ -76,6 +77,7 @@ def _whole_floordiv(c, place, a, b):
 
 @njit
 def _whole_mod(c, place, a, b):
+    """Return the remainder of whole numbers; 0 by -1, which a processor may refuse to divide by."""
     if b == 0:
         fail(c, place, ZERO_DIVISION, a, 0)
     if b == -1:
@@ -85,6 +87,7 @@ def _whole_mod(c, place, a, b):
 
 @njit
 def _float_mod(c, place, a, b):
+    """Return the remainder of floats with the sign of the divisor, as CPython computes it."""
     if b == 0.0:
         fail(c, place, ZERO_DIVISION, 0, 0)
     remainder = math.fmod(a, b)
@@ -97,6 +100,7 @@ def _float_mod(c, place, a, b):
 
 @njit
 def _float_floordiv(c, place, a, b):
+    """Return the quotient of floats, rounded down, as CPython computes it."""
     if b == 0.0:
         fail(c, place, ZERO_DIVISION, 0, 0)
     remainder = math.fmod(a, b)
@@ -137,6 +141,7 @@ def power(c, place, base, exponent):
 
 @njit
 def _whole_power(c, place, base, exponent):
+    """Return a whole number raised to a whole power, by repeated multiplication with an overflow check."""
     if exponent < 0:
         fail(c, place, BAD_RANGE, 0, exponent)
     product = np.int64(1)

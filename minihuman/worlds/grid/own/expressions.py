@@ -328,9 +328,9 @@ class Expressions:
     # --- calls ---
 
     def _translate_call(self, node: ast.Call) -> str:
-        if any(isinstance(argument, ast.Starred) for argument in node.args) or any(
-            k.arg is None for k in node.keywords
-        ):
+        has_star = any(isinstance(argument, ast.Starred) for argument in node.args)
+        has_double_star = any(keyword.arg is None for keyword in node.keywords)
+        if has_star or has_double_star:
             self.refuse(node, "a call with * or **", "write the arguments one by one")
         if isinstance(node.func, ast.Attribute):
             base = self.symbol(node.func.value)
@@ -412,7 +412,7 @@ class Expressions:
             is_whole = callee in (math.floor, math.ceil)
             text = f"{_MATH[callee]}({self.expression(node.args[0])})"
             return f"rt.whole(c, {place}, {text})" if is_whole else text
-        self.refuse(node, f"a call of {ast.unparse(node.func)}", self._instead(callee))
+        self.refuse(node, f"a call of {ast.unparse(node.func)}", self._suggest_instead(callee))
 
     def _argument_text(self, node: ast.expr) -> str:
         """Return an argument's translation, in which the generator is the address of its state."""
@@ -422,7 +422,7 @@ class Expressions:
         return self.expression(node)
 
     @staticmethod
-    def _instead(callee: Any) -> str:
+    def _suggest_instead(callee: Any) -> str:
         """Return the advice for a call that cannot be translated."""
         if getattr(callee, "__module__", "") == "math":
             return "write it with + - * / and sqrt, which are the same on every machine"

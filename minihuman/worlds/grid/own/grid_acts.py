@@ -31,7 +31,7 @@ draw_unit = numba_form(rng.unit)
 @njit
 def draw(c, place, low, high):
     """Draw a whole number in [low, high), as NumPy's generator does."""
-    if low >= high or high - low > 4294967295:
+    if low >= high or high - low > 4294967295:  # 2**32 - 1
         fail(c, place, BAD_RANGE, low, high)
     return draw_integer(rng_state(c), low, high)
 
@@ -39,7 +39,7 @@ def draw(c, place, low, high):
 @njit
 def draw_random(c, place):
     """Draw a number in [0, 1), as NumPy's generator does."""
-    return draw_unit(rng_state(c)) * (1.0 / 9007199254740992.0)
+    return draw_unit(rng_state(c)) * (1.0 / 9007199254740992.0)  # 2**53
 
 
 @njit
@@ -120,7 +120,7 @@ def move(c, bodies, identity, x, y):
 
 @njit
 def make_item(c, place, kind, colour, door_state, has_identity):
-    """Return the code of a new object."""
+    """Return the code of a new object; a fault if the grid has as many objects with identities as it can have."""
     if has_identity == 0:
         return kind | colour << 4
     if np.int64(row(c)[11]) >= np.int64(row(c)[0]) * np.int64(row(c)[1]) or np.int64(row(c)[11]) >= 4194303:
@@ -163,7 +163,7 @@ def wall_rect(c, place, x, y, w, h):
     if not is_inside(c, x + w - 1, y + h - 1):
         fail(c, place, OUTSIDE, x + w - 1, y + h - 1)
     for i in range(w):
-        put_code(row(c), x + i, y, 82)
+        put_code(row(c), x + i, y, 82)  # 82 is the code of a grey wall
         put_code(row(c), x + i, y + h - 1, 82)
     for j in range(h):
         put_code(row(c), x, y + j, 82)
@@ -175,7 +175,7 @@ def clear_cell(c, place, x, y):
     """Make a cell empty."""
     if not is_inside(c, x, y):
         fail(c, place, OUTSIDE, x, y)
-    put_code(row(c), x, y, 1)
+    put_code(row(c), x, y, 1)  # 1 is the code of an empty cell
 
 
 @njit

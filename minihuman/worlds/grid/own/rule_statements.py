@@ -99,7 +99,7 @@ class Statements(Calls):
             self._return_reward(node.value, node)
 
     def _return_reward(self, right_side: ast.expr, node: ast.AST) -> None:
-        """Write the return of a reward and an end; a conditional expression becomes an if with two returns."""
+        """Translate the return of a reward and an end; a conditional expression becomes an if with two returns."""
         if isinstance(right_side, ast.IfExp):
             self.emit(f"if {self.expression(right_side.test)}:", node)
             self._depth += 1

@@ -36,10 +36,11 @@ MOST_SCENES = 4_000  # the search is given up after so many expanded states
 STEPS_PER_RULE = 30  # steps per rule in the estimate: more than a rule mostly takes, so that the search is greedy
 MOST_DROPS = 8  # a narrow search puts a thing down without effect only in so many places, the nearest
 _IMPOSSIBLE = float("inf")
+_MOVE_BASE = 8  # by which the kernel codes a pose and an action as one number
 
 
 class _Change(NamedTuple):
-    """How a state was reached: the state before, and the pose and action that led on, ``pose * 8 + action``."""
+    """The way to a state: the state before it, and the pose and action that led on, ``pose * _MOVE_BASE + action``."""
 
     before: bytes
     move: int
@@ -156,14 +157,16 @@ class _Search:
         for number in range(reach_changes(row, *space)):
             after = space.after[number]
             move = int(space.moves[number])
-            if is_narrow and after[PHASE] != OVER and move % 8 != FORWARD:
+            if is_narrow and after[PHASE] != OVER and move % _MOVE_BASE != FORWARD:
                 tiles = after[-self._n_cells :]
                 is_plain = int((tiles != before).sum()) == 1
-                if move % 8 == TOGGLE and int((tiles & 15 == DOOR_OPEN).sum()) < int((before & 15 == DOOR_OPEN).sum()):
+                if move % _MOVE_BASE == TOGGLE and int((tiles & 15 == DOOR_OPEN).sum()) < int(
+                    (before & 15 == DOOR_OPEN).sum()
+                ):
                     continue
-                if is_plain and move % 8 == PICK_UP and int(after[POCKET]) not in self._needed:
+                if is_plain and move % _MOVE_BASE == PICK_UP and int(after[POCKET]) not in self._needed:
                     continue
-                if is_plain and move % 8 == PUT_DOWN:
+                if is_plain and move % _MOVE_BASE == PUT_DOWN:
                     layout = tiles.tobytes()
                     if layout in drops or len(drops) == MOST_DROPS:
                         continue
@@ -192,7 +195,7 @@ class _Search:
             reach_changes(row, *self._space)
             move = change.move
             while move >= 0:
-                pose, action = divmod(move, 8)
+                pose, action = divmod(move, _MOVE_BASE)
                 actions.append(action)
                 move = int(self._space.parents[pose])
             change = reached[change.before]

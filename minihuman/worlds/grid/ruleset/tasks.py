@@ -148,6 +148,7 @@ _COLOURS = numbers.TILE_COLOURS[1:]
 
 
 def _name_kind(tile: int) -> str:
+    """Return the name of a tile's kind, or "tile of no kind"."""
     kind = tile & 15
     if kind < len(numbers.TILE_KINDS):
         return numbers.TILE_KINDS[kind]

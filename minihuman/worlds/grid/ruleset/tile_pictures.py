@@ -60,44 +60,44 @@ def _list_corners(
     return points
 
 
-def _ball(canvas: Canvas, colour: RGB) -> None:
+def _draw_ball(canvas: Canvas, colour: RGB) -> None:
     canvas.fill(canvas.disc(0.5, 0.5, 0.32), shade(colour, -0.35))
     canvas.fill(canvas.disc(0.49, 0.485, 0.285), colour)
     canvas.fill(canvas.disc(0.40, 0.38, 0.075), shade(colour, 0.6))
 
 
-def _square(canvas: Canvas, colour: RGB) -> None:
+def _draw_square(canvas: Canvas, colour: RGB) -> None:
     canvas.fill(canvas.box(0.20, 0.20, 0.80, 0.80, 0.05), shade(colour, -0.35))
     canvas.fill(canvas.box(0.235, 0.235, 0.765, 0.765, 0.03), colour)
 
 
-def _pyramid(canvas: Canvas, colour: RGB) -> None:
+def _draw_pyramid(canvas: Canvas, colour: RGB) -> None:
     corners = ((0.5, 0.20), (0.80, 0.78), (0.20, 0.78))
     canvas.fill(canvas.polygon(*corners, rounding=0.04), shade(colour, -0.35))
     canvas.fill(canvas.polygon(*corners), colour)
     canvas.fill(canvas.polygon((0.5, 0.20), (0.80, 0.78), (0.5, 0.78)), shade(colour, -0.2))
 
 
-def _mat(canvas: Canvas, colour: RGB) -> None:
+def _draw_mat(canvas: Canvas, colour: RGB) -> None:
     canvas.fill(canvas.box(0.04, 0.04, 0.96, 0.96, 0.08), shade(colour, -0.45))
     canvas.fill(canvas.box(0.12, 0.12, 0.88, 0.88, 0.06), shade(colour, -0.1))
     for v in (0.30, 0.50, 0.70):
         canvas.fill(canvas.bar(0.2, v, 0.8, v, 0.03), shade(colour, -0.45))
 
 
-def _hexagon(canvas: Canvas, colour: RGB) -> None:
+def _draw_hexagon(canvas: Canvas, colour: RGB) -> None:
     canvas.fill(canvas.polygon(*_list_corners(6, 0.31), rounding=0.04), shade(colour, -0.35))
     canvas.fill(canvas.polygon(*_list_corners(6, 0.31)), colour)
     canvas.fill(canvas.polygon(*_list_corners(6, 0.15)), shade(colour, -0.25))
 
 
-def _star(canvas: Canvas, colour: RGB) -> None:
+def _draw_star(canvas: Canvas, colour: RGB) -> None:
     corners = _list_corners(5, 0.34, inner=0.15, v=0.53)
     canvas.fill(canvas.polygon(*corners, rounding=0.045), shade(colour, -0.35))
     canvas.fill(canvas.polygon(*corners, rounding=0.01), colour)
 
 
-def _key(canvas: Canvas, colour: RGB) -> None:
+def _draw_key(canvas: Canvas, colour: RGB) -> None:
     for grow, lightness in ((0.035, -0.6), (0.0, 0.0)):
         tint = shade(colour, lightness)
         canvas.fill(abs(canvas.disc(0.5, 0.29, 0.145)) - 0.055 - grow, tint)
@@ -106,12 +106,12 @@ def _key(canvas: Canvas, colour: RGB) -> None:
         canvas.fill(canvas.bar(0.5, 0.80, 0.655, 0.80, 0.042 + grow), tint)
 
 
-def _floor(canvas: Canvas, colour: RGB) -> None:
+def _draw_floor(canvas: Canvas, colour: RGB) -> None:
     line = max(0.5 / canvas.size_px, 0.012)
     canvas.fill(canvas.box(line, line, 1 - line, 1 - line), shade(colour, -0.55))
 
 
-def _closed(canvas: Canvas, colour: RGB) -> None:
+def _draw_closed_door(canvas: Canvas, colour: RGB) -> None:
     canvas.fill(canvas.everywhere(), shade(colour, -0.62))
     canvas.fill(canvas.box(0.09, 0.09, 0.91, 0.91, 0.04), colour)
     canvas.fill(canvas.box(0.18, 0.18, 0.82, 0.46, 0.03), shade(colour, -0.28))
@@ -119,7 +119,7 @@ def _closed(canvas: Canvas, colour: RGB) -> None:
     canvas.fill(canvas.disc(0.79, 0.50, 0.065), shade(colour, 0.7))
 
 
-def _locked(canvas: Canvas, colour: RGB) -> None:
+def _draw_locked_door(canvas: Canvas, colour: RGB) -> None:
     canvas.fill(canvas.everywhere(), shade(colour, -0.62))
     canvas.fill(canvas.box(0.09, 0.09, 0.91, 0.91, 0.04), colour)
     canvas.fill(canvas.box(0.17, 0.17, 0.83, 0.83, 0.03), shade(colour, -0.45))
@@ -127,27 +127,28 @@ def _locked(canvas: Canvas, colour: RGB) -> None:
     canvas.fill(canvas.polygon((0.46, 0.44), (0.54, 0.44), (0.59, 0.70), (0.41, 0.70)), shade(colour, 0.55))
 
 
-def _open(canvas: Canvas, colour: RGB) -> None:
+def _draw_open_door(canvas: Canvas, colour: RGB) -> None:
     canvas.fill(canvas.box(0.0, 0.0, 1.0, 0.10), shade(colour, -0.62))
     canvas.fill(canvas.box(0.0, 0.90, 1.0, 1.0), shade(colour, -0.62))
     canvas.fill(canvas.box(0.04, 0.04, 0.20, 0.96, 0.02), colour)
 
 
 _DRAWINGS: dict[int, Callable[[Canvas, RGB], None]] = {
-    numbers.BALL: _ball,
-    numbers.SQUARE: _square,
-    numbers.PYRAMID: _pyramid,
-    numbers.GOAL_TILE: _mat,
-    numbers.KEY: _key,
-    numbers.DOOR_LOCKED: _locked,
-    numbers.DOOR_CLOSED: _closed,
-    numbers.DOOR_OPEN: _open,
-    numbers.HEX: _hexagon,
-    numbers.STAR: _star,
+    numbers.BALL: _draw_ball,
+    numbers.SQUARE: _draw_square,
+    numbers.PYRAMID: _draw_pyramid,
+    numbers.GOAL_TILE: _draw_mat,
+    numbers.KEY: _draw_key,
+    numbers.DOOR_LOCKED: _draw_locked_door,
+    numbers.DOOR_CLOSED: _draw_closed_door,
+    numbers.DOOR_OPEN: _draw_open_door,
+    numbers.HEX: _draw_hexagon,
+    numbers.STAR: _draw_star,
 }
 
 
-def _paint(canvas: Canvas, tile: int, palette: Palette) -> None:
+def _draw_object(canvas: Canvas, tile: int, palette: Palette) -> None:
+    """Draw the thing or door of a tile; nothing for a wall or floor."""
     drawing = _DRAWINGS.get(tile & 15)
     if drawing is not None:
         drawing(canvas, COLOURS[palette][tile >> 4])
@@ -170,13 +171,14 @@ def draw_tile(tile: int, tile_px: int, palette: Palette) -> Pixels:
         line = max(0.5 / tile_px, 0.012)
         canvas.fill(canvas.box(line, line, 1 - line, 1 - line), FLOOR_COLOUR)
         if kind == numbers.FLOOR and tile >> 4 != numbers.BLACK:
-            _floor(canvas, COLOURS[palette][tile >> 4])
-        _paint(canvas, tile, palette)
+            _draw_floor(canvas, COLOURS[palette][tile >> 4])
+        _draw_object(canvas, tile, palette)
     return canvas.rgb.round().astype(np.uint8)
 
 
 @lru_cache(maxsize=64)
 def _draw_agent(direction: int, tile_px: int, palette: Palette) -> Pixels:
+    """Draw the agent, uint8[tile_px, tile_px, 4], the last channel being the opacity."""
     # `agent` counts directions clockwise from the right, a world of rules from the top
     canvas = agent((direction + 3) % 4, tile_px, palette)
     return np.dstack([canvas.rgb, 255 * canvas.alpha]).round().astype(np.uint8)
@@ -184,11 +186,12 @@ def _draw_agent(direction: int, tile_px: int, palette: Palette) -> Pixels:
 
 @lru_cache(maxsize=1024)
 def _draw_in_hand(tile: int, size_px: int, palette: Palette) -> Pixels:
+    """Draw what the agent carries on a dark disc, uint8[size_px, size_px, 4], the last channel being the opacity."""
     canvas = Canvas(size_px)
     canvas.fill(canvas.disc(0.5, 0.5, 0.5), UNSEEN, opacity=0.85)
     if tile & 15 == numbers.FLOOR:
         canvas.fill(canvas.box(0.25, 0.25, 0.75, 0.75, 0.05), GRID_LINE)
-    _paint(canvas, tile, palette)
+    _draw_object(canvas, tile, palette)
     return np.dstack([canvas.rgb, 255 * canvas.alpha]).round().astype(np.uint8)
 
 
