@@ -105,7 +105,7 @@ def read_parameters(params: Any) -> Parameters:
 
 
 def _convert_value(number: ArrayLike) -> Value:
-    """Return a number, or three numbers as a tuple."""
+    """Return a number as a float, or an array of three as a tuple of floats."""
     numbers = np.asarray(number, np.float64).tolist()
     if not isinstance(numbers, list):
         return float(numbers)

@@ -318,7 +318,11 @@ class Kitchen(TeamWorld):
         observe(self.row, self._flat_images)
 
     def step(self, actions: Sequence[int]) -> TeamStep:
-        """Make one joint step, with one action per cook."""
+        """Make one joint step, with one action per cook.
+
+        Raises:
+            WorldError: outside an episode, for a wrong number of actions, and for an action that does not exist.
+        """
         if len(actions) != self.bodies:
             self.check_actions(actions)
         joint_action = self._actions
@@ -389,7 +393,11 @@ class Kitchen(TeamWorld):
         return self.row.copy()
 
     def restore(self, saved: Row) -> None:
-        """Restore a saved state of a kitchen of the same size."""
+        """Restore a saved state.
+
+        Raises:
+            WorldError: if it is of a kitchen of another size or with another number of cooks.
+        """
         if saved.shape != self.row.shape or not np.array_equal(saved[:3], self.row[:3]):
             raise WorldError("the saved state is from another kitchen; restore it into one with the same layout")
         self.row[:] = saved

@@ -215,7 +215,11 @@ class TeamGrid(OwnRules, TeamWorld, abc.ABC):
         return batch
 
     def step(self, actions: Sequence[int]) -> TeamStep:
-        """Make one joint step, with one action per body."""
+        """Make one joint step, with one action per body.
+
+        Raises:
+            WorldError: outside an episode, for a wrong number of actions, and for an action that does not exist.
+        """
         if len(actions) != self.bodies:
             self.check_actions(actions)
         self._actions[:] = actions
@@ -296,7 +300,11 @@ class TeamGrid(OwnRules, TeamWorld, abc.ABC):
         return TeamSnapshot(self._row.copy(), rng_state, self.mission, attributes)
 
     def restore(self, saved: TeamSnapshot) -> None:
-        """Restore a saved state of a world of the same size and number of bodies."""
+        """Restore a saved state.
+
+        Raises:
+            WorldError: if it is of a world of another size or with another number of bodies.
+        """
         if saved.row.shape != self._row.shape or not np.array_equal(saved.row[:2], self._row[:2]):
             raise WorldError(
                 f"the saved state differs in size from {type(self).__name__}; restore it into the world that saved it"

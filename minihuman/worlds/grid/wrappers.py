@@ -270,7 +270,7 @@ class StochasticAction(gymnasium.ActionWrapper[Any, int, int]):
         self.random_action = random_action
 
     def action(self, action: int) -> int:
-        """Return the action that is taken."""
+        """Return the given action with probability ``prob``, or else ``random_action`` or a random one."""
         if self.np_random.random() < self.prob:
             return action
         assert isinstance(self.action_space, spaces.Discrete)

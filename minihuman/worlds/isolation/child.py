@@ -39,7 +39,10 @@ _QUERIES = ("map", "shortest_path", "path_length_bounds", "scene_hash", "text", 
 
 
 def run_child(connection: Connection, memory_bytes: int) -> None:
-    """Answer requests until the connection is closed."""
+    """Answer the host's requests until the connection is closed, then end this process.
+
+    The process may use ``memory_bytes`` of memory.
+    """
     lead_own_group()
     end_with_parent()
     outlive_termination()  # a service manager sends SIGTERM to all processes, but the host ends its sessions first

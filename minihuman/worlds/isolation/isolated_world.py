@@ -296,7 +296,11 @@ class IsolatedWorld(World):
         size_px: tuple[int, int] = (640, 480),
         palette: Palette = "classic",
     ) -> NDArray[np.uint8]:
-        """Return the picture that a person sees, as `World.frame`."""
+        """Return the picture that a person sees, as `World.frame`.
+
+        Raises:
+            WorldError: in the same cases as `World.frame`, or if pictures get larger with each request.
+        """
         for _ in range(2):  # the second time with enough memory
             memory = self._process.memory
             name = "" if memory is None else memory.name

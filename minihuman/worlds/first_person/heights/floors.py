@@ -79,7 +79,7 @@ def check_reach(stage: BuildingState) -> None:
 
 
 def _find_reached(plan: SectorPlan, start: int, body: Walker) -> set[int]:
-    """Return the sectors to which a body can go from a sector."""
+    """Return the numbers of the sectors that a body can reach from the sector ``start``, itself included."""
     reached = {start}
     waiting = [start]
     for number in waiting:  # the loop appends to it

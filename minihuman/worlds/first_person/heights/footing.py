@@ -278,7 +278,7 @@ def push_from_walls(plan: SectorPlan, room: int, x: float, z: float, body: Walke
 
 
 def nearest_point(segment: Segment, x: float, z: float) -> tuple[float, float]:
-    """Return the point of a segment that is nearest to a place."""
+    """Return the point (x, z) of a segment that is nearest to a given point."""
     ax, az, bx, bz = segment
     along_x = bx - ax
     along_z = bz - az

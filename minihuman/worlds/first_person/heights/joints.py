@@ -97,7 +97,7 @@ def _corner_heights(plan: SectorPlan, number: int) -> tuple[set[tuple[int, float
 
 
 def _segment_between(start: tuple[float, float], end: tuple[float, float]) -> Segment:
-    """Return the segment between two points of a plane."""
+    """Return the segment between two points of a plane; along x, with a length of 0, if they are the same."""
     x = end[0] - start[0]
     y = end[1] - start[1]
     length = math.sqrt(x * x + y * y)

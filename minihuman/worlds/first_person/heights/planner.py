@@ -218,7 +218,10 @@ def _choose_entry(route: Route, n_route: int) -> tuple[float, float]:
 def _search_region(
     stage: BuildingState, region: Sequence[int], target: tuple[float, float, float], body: Body
 ) -> list[int]:
-    """Return the moves to a target (x, z, reach) within some sectors."""
+    """Return the moves that bring the body within reach of a target (x, z, reach), without leaving some sectors.
+
+    They are numbered as in `search`; the list is empty if there are none.
+    """
     floor = stage.floor
     agent = stage.agent
     walls = region_walls(floor, region, stage.body_of(agent))

@@ -93,7 +93,7 @@ class GoToObj(FirstPersonEnv):
         return PathLengthBounds(length, length)
 
     def _make_object(self, colour: str, kind: str) -> Entity:
-        """Return an object of a colour and a kind."""
+        """Return an object of a colour and a kind: "ball", "box" or "key"."""
         match kind:
             case "ball":
                 return Ball(colour, self.object_m)

@@ -285,7 +285,10 @@ def read_glb(path: Path) -> MeshData:
 
 
 def _read_texture(part: Any) -> Texture | None:
-    """Return a part's texture with a size of one metre, since texture coordinates are shares of the whole texture."""
+    """Return the texture of a part of a scene; None if it has none.
+
+    Its size is one metre, since texture coordinates are shares of the whole texture.
+    """
     material = getattr(part.visual, "material", None)
     image = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
     if image is None or getattr(part.visual, "uv", None) is None:
@@ -294,7 +297,7 @@ def _read_texture(part: Any) -> Texture | None:
 
 
 def _read_colours(part: Any) -> F64:
-    """Return a colour for each triangle, in 0 to 1."""
+    """Return a colour for each triangle of a part of a scene, float64[faces, 3] in 0 to 1."""
     material = getattr(part.visual, "material", None)
     if material is None:
         return np.array(part.visual.face_colors[:, :3], np.float64) / 255

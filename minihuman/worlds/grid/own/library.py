@@ -60,7 +60,7 @@ class RulesLibrary:
 
 
 def _load_engine(code: bytes) -> Any:
-    """Return an LLVM engine that has loaded an object file."""
+    """Return an LLVM engine that has loaded the contents of an object file; it must live as long as its functions."""
     llvm = _llvm()
     machine = llvm.Target.from_default_triple().create_target_machine()
     engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine)

@@ -275,7 +275,7 @@ class Statements(Calls):
             self.emit(f"rt.copy_into(c, {place}, {self._field(field)}, {text})", node)
 
     def _assign_element(self, target: ast.Subscript, text: str, place: int, node: ast.AST) -> None:
-        """Assign to an element, a row or all of an array."""
+        """Assign a translated expression to an element, a row or all elements of an array."""
         values = self.expression(target.value)
         if isinstance(target.slice, ast.Slice):
             if any((target.slice.lower, target.slice.upper, target.slice.step)):

@@ -84,7 +84,7 @@ class OwnTeamBatch(TeamBatch):
         return self.observations
 
     def _begin(self, worlds: NDArray[np.int64]) -> None:
-        """Begin an episode in some worlds, each with a newly drawn seed."""
+        """Begin an episode in some worlds, given by their numbers, each with a newly drawn seed."""
         for number in worlds.tolist():
             generator = np.random.default_rng(int(self._seeds.integers(2**63)))
             read_rng_state(generator, self._rng_states[number])

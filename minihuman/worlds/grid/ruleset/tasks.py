@@ -274,7 +274,11 @@ class TaskSet:
 
 
 def build_task_set(tasks: Iterable[RuleTask], origin: Mapping[str, Any] | None = None) -> TaskSet:
-    """Return a set of tasks; tasks of one difficulty keep their order."""
+    """Return a set of tasks, sorted by difficulty; tasks of equal difficulty keep their order.
+
+    Raises:
+        WorldError: if there are no tasks.
+    """
     pairs = [(task.difficulty, task.record()) for task in tasks]
     if not pairs:
         raise WorldError("a set needs at least one task")
