@@ -2,11 +2,11 @@
 
 from collections.abc import Sequence
 
-_MOST_NAMES = 24  # of actions in a sentence: board games have thousands
+_MAX_NAMES = 24  # action names in a sentence; board games have thousands
 
 
 def join_action_names(names: Sequence[str]) -> str:
-    """Return the names of actions for a sentence; of very many the first, and the number of the others."""
-    if len(names) <= _MOST_NAMES:
+    """Return action names separated by commas; of more than 24 names, the first 24 and the number of further names."""
+    if len(names) <= _MAX_NAMES:
         return ", ".join(names)
-    return f"{', '.join(names[:_MOST_NAMES])} and {len(names) - _MOST_NAMES:,} more"
+    return f"{', '.join(names[:_MAX_NAMES])} and {len(names) - _MAX_NAMES:,} more"

@@ -31,50 +31,50 @@ _MAKE_GRID = "minihuman.worlds.inside.entry_points:make_grid_world"
 _BATCH_GRID = "minihuman.worlds.inside.batch:make_grid_batch"
 
 
-def _list_grid_world(name: str, family: str, summary: str, **options: Any) -> CatalogueEntry:
-    """Return the catalogue entry of a grid world of a family."""
+def _make_grid_entry(name: str, family: str, summary: str, **options: Any) -> CatalogueEntry:
+    """Return the catalogue entry of a MiniGrid world, which is of a family of layouts with the given options."""
     return CatalogueEntry(
         f"MiniGrid-{name}", _MAKE_GRID, {"family": family, **options}, _BATCH_GRID, summary, guards_itself=True
     )
 
 
 GRID_WORLDS: tuple[CatalogueEntry, ...] = (
-    _list_grid_world("Empty-5x5-v0", "empty", "an empty room", size=5),
-    _list_grid_world("Empty-Random-5x5-v0", "empty", "an empty room, start anywhere", size=5, agent_start_pos=None),
-    _list_grid_world("Empty-6x6-v0", "empty", "an empty room", size=6),
-    _list_grid_world("Empty-Random-6x6-v0", "empty", "an empty room, start anywhere", size=6, agent_start_pos=None),
-    _list_grid_world("Empty-8x8-v0", "empty", "an empty room"),
-    _list_grid_world("Empty-16x16-v0", "empty", "an empty room", size=16),
-    _list_grid_world("FourRooms-v0", "four_rooms", "four rooms, a goal somewhere"),
-    _list_grid_world("DoorKey-5x5-v0", "door_key", "find the key, open the door, reach the goal", size=5),
-    _list_grid_world("DoorKey-6x6-v0", "door_key", "find the key, open the door, reach the goal", size=6),
-    _list_grid_world("DoorKey-8x8-v0", "door_key", "find the key, open the door, reach the goal", size=8),
-    _list_grid_world("DoorKey-16x16-v0", "door_key", "find the key, open the door, reach the goal", size=16),
-    _list_grid_world(
+    _make_grid_entry("Empty-5x5-v0", "empty", "an empty room", size=5),
+    _make_grid_entry("Empty-Random-5x5-v0", "empty", "an empty room, start anywhere", size=5, agent_start_pos=None),
+    _make_grid_entry("Empty-6x6-v0", "empty", "an empty room", size=6),
+    _make_grid_entry("Empty-Random-6x6-v0", "empty", "an empty room, start anywhere", size=6, agent_start_pos=None),
+    _make_grid_entry("Empty-8x8-v0", "empty", "an empty room"),
+    _make_grid_entry("Empty-16x16-v0", "empty", "an empty room", size=16),
+    _make_grid_entry("FourRooms-v0", "four_rooms", "four rooms, a goal somewhere"),
+    _make_grid_entry("DoorKey-5x5-v0", "door_key", "find the key, open the door, reach the goal", size=5),
+    _make_grid_entry("DoorKey-6x6-v0", "door_key", "find the key, open the door, reach the goal", size=6),
+    _make_grid_entry("DoorKey-8x8-v0", "door_key", "find the key, open the door, reach the goal", size=8),
+    _make_grid_entry("DoorKey-16x16-v0", "door_key", "find the key, open the door, reach the goal", size=16),
+    _make_grid_entry(
         "MultiRoom-N2-S4-v0", "multi_room", "two small rooms", minNumRooms=2, maxNumRooms=2, maxRoomSize=4
     ),
-    _list_grid_world(
+    _make_grid_entry(
         "MultiRoom-N4-S5-v0", "multi_room", "six rooms, despite the name", minNumRooms=6, maxNumRooms=6, maxRoomSize=5
     ),
-    _list_grid_world("MultiRoom-N4-S5-v1", "multi_room", "four rooms", minNumRooms=4, maxNumRooms=4, maxRoomSize=5),
-    _list_grid_world("MultiRoom-N6-v0", "multi_room", "six rooms", minNumRooms=6, maxNumRooms=6),
-    _list_grid_world("LavaCrossingS9N1-v0", "crossing", "cross a river of lava", size=9, num_crossings=1),
-    _list_grid_world("LavaCrossingS9N2-v0", "crossing", "cross two rivers of lava", size=9, num_crossings=2),
-    _list_grid_world("LavaCrossingS9N3-v0", "crossing", "cross three rivers of lava", size=9, num_crossings=3),
-    _list_grid_world("LavaCrossingS11N5-v0", "crossing", "cross five rivers of lava", size=11, num_crossings=5),
+    _make_grid_entry("MultiRoom-N4-S5-v1", "multi_room", "four rooms", minNumRooms=4, maxNumRooms=4, maxRoomSize=5),
+    _make_grid_entry("MultiRoom-N6-v0", "multi_room", "six rooms", minNumRooms=6, maxNumRooms=6),
+    _make_grid_entry("LavaCrossingS9N1-v0", "crossing", "cross a river of lava", size=9, num_crossings=1),
+    _make_grid_entry("LavaCrossingS9N2-v0", "crossing", "cross two rivers of lava", size=9, num_crossings=2),
+    _make_grid_entry("LavaCrossingS9N3-v0", "crossing", "cross three rivers of lava", size=9, num_crossings=3),
+    _make_grid_entry("LavaCrossingS11N5-v0", "crossing", "cross five rivers of lava", size=11, num_crossings=5),
     *(
-        _list_grid_world(
+        _make_grid_entry(
             f"SimpleCrossingS{s}N{n}-v0", "crossing", f"cross {walls}", size=s, num_crossings=n, obstacle_type="wall"
         )
         for s, n, walls in ((9, 1, "a wall"), (9, 2, "two walls"), (9, 3, "three walls"), (11, 5, "five walls"))
     ),
-    _list_grid_world("LavaGapS5-v0", "lava_gap", "find the gap in the lava", size=5),
-    _list_grid_world("LavaGapS6-v0", "lava_gap", "find the gap in the lava", size=6),
-    _list_grid_world("LavaGapS7-v0", "lava_gap", "find the gap in the lava", size=7),
-    _list_grid_world("DistShift1-v0", "dist_shift", "lava along the way, for training", strip2_row=2),
-    _list_grid_world("DistShift2-v0", "dist_shift", "lava elsewhere, for the test", strip2_row=5),
-    _list_grid_world("Dynamic-Obstacles-5x5-v0", "dynamic_obstacles", "avoid moving balls", size=5, n_obstacles=2),
-    _list_grid_world(
+    _make_grid_entry("LavaGapS5-v0", "lava_gap", "find the gap in the lava", size=5),
+    _make_grid_entry("LavaGapS6-v0", "lava_gap", "find the gap in the lava", size=6),
+    _make_grid_entry("LavaGapS7-v0", "lava_gap", "find the gap in the lava", size=7),
+    _make_grid_entry("DistShift1-v0", "dist_shift", "lava along the way, for training", strip2_row=2),
+    _make_grid_entry("DistShift2-v0", "dist_shift", "lava elsewhere, for the test", strip2_row=5),
+    _make_grid_entry("Dynamic-Obstacles-5x5-v0", "dynamic_obstacles", "avoid moving balls", size=5, n_obstacles=2),
+    _make_grid_entry(
         "Dynamic-Obstacles-Random-5x5-v0",
         "dynamic_obstacles",
         "avoid moving balls, start anywhere",
@@ -82,8 +82,8 @@ GRID_WORLDS: tuple[CatalogueEntry, ...] = (
         agent_start_pos=None,
         n_obstacles=2,
     ),
-    _list_grid_world("Dynamic-Obstacles-6x6-v0", "dynamic_obstacles", "avoid moving balls", size=6, n_obstacles=3),
-    _list_grid_world(
+    _make_grid_entry("Dynamic-Obstacles-6x6-v0", "dynamic_obstacles", "avoid moving balls", size=6, n_obstacles=3),
+    _make_grid_entry(
         "Dynamic-Obstacles-Random-6x6-v0",
         "dynamic_obstacles",
         "avoid moving balls, start anywhere",
@@ -91,39 +91,39 @@ GRID_WORLDS: tuple[CatalogueEntry, ...] = (
         agent_start_pos=None,
         n_obstacles=3,
     ),
-    _list_grid_world("Dynamic-Obstacles-8x8-v0", "dynamic_obstacles", "avoid moving balls"),
-    _list_grid_world("Dynamic-Obstacles-16x16-v0", "dynamic_obstacles", "avoid moving balls", size=16, n_obstacles=8),
-    _list_grid_world("Fetch-5x5-N2-v0", "fetch", "pick up what is asked for", size=5, numObjs=2),
-    _list_grid_world("Fetch-6x6-N2-v0", "fetch", "pick up what is asked for", size=6, numObjs=2),
-    _list_grid_world("Fetch-8x8-N3-v0", "fetch", "pick up what is asked for"),
-    _list_grid_world("GoToDoor-5x5-v0", "go_to_door", "go to the door of a colour"),
-    _list_grid_world("GoToDoor-6x6-v0", "go_to_door", "go to the door of a colour", size=6),
-    _list_grid_world("GoToDoor-8x8-v0", "go_to_door", "go to the door of a colour", size=8),
-    _list_grid_world("GoToObject-6x6-N2-v0", "go_to_object", "go to an object"),
-    _list_grid_world("GoToObject-8x8-N2-v0", "go_to_object", "go to an object", size=8, numObjs=2),
-    _list_grid_world("PutNear-6x6-N2-v0", "put_near", "put one object near another"),
-    _list_grid_world("PutNear-8x8-N3-v0", "put_near", "put one object near another", size=8, numObjs=3),
-    _list_grid_world("MemoryS7-v0", "memory", "find the match of what was seen", size=7),
-    _list_grid_world("MemoryS9-v0", "memory", "find the match of what was seen", size=9),
-    _list_grid_world("MemoryS11-v0", "memory", "find the match of what was seen", size=11),
-    _list_grid_world("MemoryS13-v0", "memory", "find the match of what was seen", size=13),
-    _list_grid_world("MemoryS13Random-v0", "memory", "the same, corridor of drawn length", size=13, random_length=True),
-    _list_grid_world("MemoryS17Random-v0", "memory", "the same, corridor of drawn length", size=17, random_length=True),
-    _list_grid_world("RedBlueDoors-6x6-v0", "red_blue_doors", "open the red door, then the blue one", size=6),
-    _list_grid_world("RedBlueDoors-8x8-v0", "red_blue_doors", "open the red door, then the blue one"),
-    _list_grid_world("LockedRoom-v0", "locked_room", "the key of the goal's room is in another room"),
-    _list_grid_world("Playground-v0", "playground", "rooms and objects without a task"),
-    _list_grid_world("Unlock-v0", "unlock", "open a locked door"),
-    _list_grid_world("UnlockPickup-v0", "unlock_pickup", "pick up a box behind a locked door"),
-    _list_grid_world("BlockedUnlockPickup-v0", "blocked_unlock_pickup", "the same, a ball before the door"),
-    _list_grid_world("KeyCorridorS3R1-v0", "key_corridor", "find the key, then the ball", room_size=3, num_rows=1),
-    _list_grid_world("KeyCorridorS3R2-v0", "key_corridor", "find the key, then the ball", room_size=3, num_rows=2),
-    _list_grid_world("KeyCorridorS3R3-v0", "key_corridor", "find the key, then the ball", room_size=3, num_rows=3),
-    _list_grid_world("KeyCorridorS4R3-v0", "key_corridor", "find the key, then the ball", room_size=4, num_rows=3),
-    _list_grid_world("KeyCorridorS5R3-v0", "key_corridor", "find the key, then the ball", room_size=5, num_rows=3),
-    _list_grid_world("KeyCorridorS6R3-v0", "key_corridor", "find the key, then the ball", room_size=6, num_rows=3),
+    _make_grid_entry("Dynamic-Obstacles-8x8-v0", "dynamic_obstacles", "avoid moving balls"),
+    _make_grid_entry("Dynamic-Obstacles-16x16-v0", "dynamic_obstacles", "avoid moving balls", size=16, n_obstacles=8),
+    _make_grid_entry("Fetch-5x5-N2-v0", "fetch", "pick up what is asked for", size=5, numObjs=2),
+    _make_grid_entry("Fetch-6x6-N2-v0", "fetch", "pick up what is asked for", size=6, numObjs=2),
+    _make_grid_entry("Fetch-8x8-N3-v0", "fetch", "pick up what is asked for"),
+    _make_grid_entry("GoToDoor-5x5-v0", "go_to_door", "go to the door of a colour"),
+    _make_grid_entry("GoToDoor-6x6-v0", "go_to_door", "go to the door of a colour", size=6),
+    _make_grid_entry("GoToDoor-8x8-v0", "go_to_door", "go to the door of a colour", size=8),
+    _make_grid_entry("GoToObject-6x6-N2-v0", "go_to_object", "go to an object"),
+    _make_grid_entry("GoToObject-8x8-N2-v0", "go_to_object", "go to an object", size=8, numObjs=2),
+    _make_grid_entry("PutNear-6x6-N2-v0", "put_near", "put one object near another"),
+    _make_grid_entry("PutNear-8x8-N3-v0", "put_near", "put one object near another", size=8, numObjs=3),
+    _make_grid_entry("MemoryS7-v0", "memory", "find the match of what was seen", size=7),
+    _make_grid_entry("MemoryS9-v0", "memory", "find the match of what was seen", size=9),
+    _make_grid_entry("MemoryS11-v0", "memory", "find the match of what was seen", size=11),
+    _make_grid_entry("MemoryS13-v0", "memory", "find the match of what was seen", size=13),
+    _make_grid_entry("MemoryS13Random-v0", "memory", "the same, corridor of drawn length", size=13, random_length=True),
+    _make_grid_entry("MemoryS17Random-v0", "memory", "the same, corridor of drawn length", size=17, random_length=True),
+    _make_grid_entry("RedBlueDoors-6x6-v0", "red_blue_doors", "open the red door, then the blue one", size=6),
+    _make_grid_entry("RedBlueDoors-8x8-v0", "red_blue_doors", "open the red door, then the blue one"),
+    _make_grid_entry("LockedRoom-v0", "locked_room", "the key of the goal's room is in another room"),
+    _make_grid_entry("Playground-v0", "playground", "rooms and objects without a task"),
+    _make_grid_entry("Unlock-v0", "unlock", "open a locked door"),
+    _make_grid_entry("UnlockPickup-v0", "unlock_pickup", "pick up a box behind a locked door"),
+    _make_grid_entry("BlockedUnlockPickup-v0", "blocked_unlock_pickup", "the same, a ball before the door"),
+    _make_grid_entry("KeyCorridorS3R1-v0", "key_corridor", "find the key, then the ball", room_size=3, num_rows=1),
+    _make_grid_entry("KeyCorridorS3R2-v0", "key_corridor", "find the key, then the ball", room_size=3, num_rows=2),
+    _make_grid_entry("KeyCorridorS3R3-v0", "key_corridor", "find the key, then the ball", room_size=3, num_rows=3),
+    _make_grid_entry("KeyCorridorS4R3-v0", "key_corridor", "find the key, then the ball", room_size=4, num_rows=3),
+    _make_grid_entry("KeyCorridorS5R3-v0", "key_corridor", "find the key, then the ball", room_size=5, num_rows=3),
+    _make_grid_entry("KeyCorridorS6R3-v0", "key_corridor", "find the key, then the ball", room_size=6, num_rows=3),
     *(
-        _list_grid_world(f"WFC-{preset}-v0", "wfc", summary, wfc_config=preset)
+        _make_grid_entry(f"WFC-{preset}-v0", "wfc", summary, wfc_config=preset)
         for preset, summary in (
             ("MazeSimple", "a maze by Wave Function Collapse"),
             ("DungeonMazeScaled", "a dungeon of passages and halls"),
@@ -133,13 +133,13 @@ GRID_WORLDS: tuple[CatalogueEntry, ...] = (
             ("ObstaclesHogs3", "a floor with hooks"),
         )
     ),
-    _list_grid_world("ObstructedMaze-1Dl-v0", "obstructed_pair", "a locked door", key_in_box=False, blocked=False),
-    _list_grid_world(
+    _make_grid_entry("ObstructedMaze-1Dl-v0", "obstructed_pair", "a locked door", key_in_box=False, blocked=False),
+    _make_grid_entry(
         "ObstructedMaze-1Dlh-v0", "obstructed_pair", "its key hidden in a box", key_in_box=True, blocked=False
     ),
-    _list_grid_world("ObstructedMaze-1Dlhb-v0", "obstructed_pair", "and a ball before the door"),
+    _make_grid_entry("ObstructedMaze-1Dlhb-v0", "obstructed_pair", "and a ball before the door"),
     *(
-        _list_grid_world(
+        _make_grid_entry(
             f"ObstructedMaze-{name}-v{version}",
             "obstructed_maze",
             summary,
@@ -173,6 +173,7 @@ GRID_WORLDS: tuple[CatalogueEntry, ...] = (
 
 
 def _level(name: str, level: str, summary: str, **options: Any) -> CatalogueEntry:
+    """Return the catalogue entry of a BabyAI world, which is a level of the given kind with options."""
     level_options = {"family": f"level:{level}", **options}
     return CatalogueEntry(f"BabyAI-{name}", _MAKE_GRID, level_options, _BATCH_GRID, summary, guards_itself=True)
 
@@ -180,7 +181,7 @@ def _level(name: str, level: str, summary: str, **options: Any) -> CatalogueEntr
 def _repaired(
     name: str, level: str, summary: str, *, repair: dict[str, Any], **options: Any
 ) -> tuple[CatalogueEntry, CatalogueEntry]:
-    """Return two catalogue entries: the world as Minigrid has it (`-v0`), and a repaired version (`-v1`)."""
+    """Return two entries: the world as Minigrid has it (`-v0`), and with the options ``repair`` added (`-v1`)."""
     return (
         _level(f"{name}-v0", level, summary, **options),
         _level(f"{name}-v1", level, f"{summary}, repaired", **options, **repair),
@@ -326,8 +327,8 @@ _MAKE_FIRST_PERSON = "minihuman.worlds.first_person.batch:make_world"
 _BATCH_FIRST_PERSON = "minihuman.worlds.first_person.batch:make_batch"
 
 
-def _list_first_person_world(name: str, layout: str, summary: str, **options: Any) -> CatalogueEntry:
-    """Return the catalogue entry of a first-person world of a layout."""
+def _make_first_person_entry(name: str, layout: str, summary: str, **options: Any) -> CatalogueEntry:
+    """Return the catalogue entry of a first-person world, whose layout is named by module and class."""
     options = {"layout": layout, **options}
     return CatalogueEntry(
         f"MiniWorld-{name}-v0", _MAKE_FIRST_PERSON, options, _BATCH_FIRST_PERSON, summary, guards_itself=True
@@ -335,24 +336,24 @@ def _list_first_person_world(name: str, layout: str, summary: str, **options: An
 
 
 FIRST_PERSON_WORLDS: tuple[CatalogueEntry, ...] = (
-    _list_first_person_world(
+    _make_first_person_entry(
         "CollectHealth", "layouts.one_room:CollectHealth", "Stay alive on slime by picking up medical kits"
     ),
-    _list_first_person_world("FourRooms", "layouts.connected_rooms:FourRooms", "Find the red box in one of four rooms"),
-    _list_first_person_world(
+    _make_first_person_entry("FourRooms", "layouts.connected_rooms:FourRooms", "Find the red box in one of four rooms"),
+    _make_first_person_entry(
         "GoToObj-Transfer", "layouts.go_to_obj:GoToObj", "Go to the object that is named, the grid one's pair"
     ),
-    _list_first_person_world(
+    _make_first_person_entry(
         "Hallway", "layouts.connected_rooms:Hallway", "Walk to the red box at the end of a hallway"
     ),
-    _list_first_person_world("Maze", "layouts.mazes:Maze", "Find the red box in a maze of 8 by 8 rooms"),
-    _list_first_person_world(
+    _make_first_person_entry("Maze", "layouts.mazes:Maze", "Find the red box in a maze of 8 by 8 rooms"),
+    _make_first_person_entry(
         "MazeS2", "layouts.mazes:Maze", "Find the red box in a maze of 2 by 2 rooms", num_rows=2, num_cols=2
     ),
-    _list_first_person_world(
+    _make_first_person_entry(
         "MazeS3", "layouts.mazes:Maze", "Find the red box in a maze of 3 by 3 rooms", num_rows=3, num_cols=3
     ),
-    _list_first_person_world(
+    _make_first_person_entry(
         "MazeS3Fast",
         "layouts.mazes:Maze",
         "MazeS3 with longer steps and wider turns",
@@ -361,11 +362,11 @@ FIRST_PERSON_WORLDS: tuple[CatalogueEntry, ...] = (
         max_steps=300,
         parameters=_FAST,
     ),
-    _list_first_person_world("OneRoom", "layouts.one_room:OneRoom", "Walk to the red box in a room of 10 m"),
-    _list_first_person_world(
+    _make_first_person_entry("OneRoom", "layouts.one_room:OneRoom", "Walk to the red box in a room of 10 m"),
+    _make_first_person_entry(
         "OneRoomS6", "layouts.one_room:OneRoom", "Walk to the red box in a room of 6 m", size=6, max_steps=100
     ),
-    _list_first_person_world(
+    _make_first_person_entry(
         "OneRoomS6Fast",
         "layouts.one_room:OneRoom",
         "OneRoomS6 with longer steps and wider turns",
@@ -373,31 +374,31 @@ FIRST_PERSON_WORLDS: tuple[CatalogueEntry, ...] = (
         max_steps=50,
         parameters=_FAST,
     ),
-    _list_first_person_world("PickupObjects", "layouts.one_room:PickupObjects", "Pick up everything in the yard"),
-    _list_first_person_world("PutNext", "layouts.one_room:PutNext", "Put the red box next to the yellow one"),
-    _list_first_person_world("RoomObjects", "layouts.one_room:RoomObjects", "A box, a ball and a key to look at"),
-    _list_first_person_world(
+    _make_first_person_entry("PickupObjects", "layouts.one_room:PickupObjects", "Pick up everything in the yard"),
+    _make_first_person_entry("PutNext", "layouts.one_room:PutNext", "Put the red box next to the yellow one"),
+    _make_first_person_entry("RoomObjects", "layouts.one_room:RoomObjects", "A box, a ball and a key to look at"),
+    _make_first_person_entry(
         "Sidewalk", "layouts.connected_rooms:Sidewalk", "Walk to the box without stepping into the street"
     ),
-    _list_first_person_world("Sign", "layouts.sign:Sign", "Touch the thing whose colour is on the sign"),
-    _list_first_person_world("TMaze", "layouts.mazes:TMaze", "Find the red box in the left or the right arm"),
-    _list_first_person_world(
+    _make_first_person_entry("Sign", "layouts.sign:Sign", "Touch the thing whose colour is on the sign"),
+    _make_first_person_entry("TMaze", "layouts.mazes:TMaze", "Find the red box in the left or the right arm"),
+    _make_first_person_entry(
         "TMazeLeft", "layouts.mazes:TMaze", "TMaze with the box on the left", goal_pos=(10, 0, -6)
     ),
-    _list_first_person_world(
+    _make_first_person_entry(
         "TMazeRight", "layouts.mazes:TMaze", "TMaze with the box on the right", goal_pos=(10, 0, 6)
     ),
-    _list_first_person_world(
+    _make_first_person_entry(
         "ThreeRooms", "layouts.connected_rooms:ThreeRooms", "Three rooms with five things to look at"
     ),
-    _list_first_person_world(
+    _make_first_person_entry(
         "WallGap", "layouts.connected_rooms:WallGap", "Go through the gap in the wall to the red box"
     ),
-    _list_first_person_world("YMaze", "layouts.mazes:YMaze", "Find the red box in one of two slanted arms"),
-    _list_first_person_world(
+    _make_first_person_entry("YMaze", "layouts.mazes:YMaze", "Find the red box in one of two slanted arms"),
+    _make_first_person_entry(
         "YMazeLeft", "layouts.mazes:YMaze", "YMaze with the box on the left", goal_pos=(3.9, 0, -7.0)
     ),
-    _list_first_person_world(
+    _make_first_person_entry(
         "YMazeRight", "layouts.mazes:YMaze", "YMaze with the box on the right", goal_pos=(3.9, 0, 7.0)
     ),
 )
@@ -450,8 +451,7 @@ TEAM_WORLDS: tuple[CatalogueEntry, ...] = (
 
 WORLDS: tuple[CatalogueEntry, ...] = (*GRID_WORLDS, *BABYAI_WORLDS, *FIRST_PERSON_WORLDS, DRAWN_LEVEL, RULES)
 
-
-TRIAL_WORLDS = {  # ids of what one trial is; not listed, as their options make them
+TRIAL_WORLDS = {  # environments of a single trial; not listed as worlds, since their options define them
     "minihuman/Stimulus-v0": "minihuman.experiment.stimuli:Stimulus",
     "minihuman/TwoStep-v0": "minihuman.experiment.stimuli:TwoStep",
 }

@@ -65,16 +65,16 @@ class Moment(NamedTuple):
     picture: int = 0
 
     @property
-    def place(self) -> str:
+    def description(self) -> str:
         """Return a description of the moment, such as "step 3 of seed 0"."""
         if self.step:
             return f"step {self.step} of seed {self.seed}"
         return f"the reset with seed {self.seed}"
 
-    def find_difference(self, other: "Moment") -> str:
+    def find_difference(self, moment: "Moment") -> str:
         """Return the name of the first field that differs from another moment, or "" if none does. NaN equals NaN."""
         names = ("mission", "observation", "state", "reward", "terminated", "truncated", "picture")
-        differing = (name for name in names if not _is_same(getattr(self, name), getattr(other, name)))
+        differing = (name for name in names if not _is_same(getattr(self, name), getattr(moment, name)))
         return next(differing, "")
 
 
@@ -129,20 +129,23 @@ def _examine(rehearsal: Rehearsal, replay_elsewhere: SecondProcess | None, repor
         if world.is_built_in:
             return
         names = world.action_names
-        if twice := next((name for name in names if names.count(name) > 1), ""):
-            report.notices.append(f"two actions are called {twice!r}, and keys do the first of them; name them apart")
+        duplicate = next((name for name in names if names.count(name) > 1), "")
+        if duplicate:
+            report.notices.append(
+                f"two actions are called {duplicate!r}, and keys do the first of them; name them apart"
+            )
         if start_s > SLOW_START_S:
             report.notices.append(f"it takes {start_s:.1f} s to make, which a participant waits")
         watch = _ValueWatch(world, report)
         with_pictures = play(world, rehearsal, draws=True, watch=watch)
         watch.report_pictures()
-        with closing(World(rehearsal.world, rehearsal.options)) as other:
-            plain = play(other, rehearsal, draws=False)
-            difference = _describe_difference(with_pictures, plain)
+        with closing(World(rehearsal.world, rehearsal.options)) as second_world:
+            without_pictures = play(second_world, rehearsal, draws=False)
+            difference = _describe_difference(with_pictures, without_pictures)
             if difference:
-                report.unprovable.append(_explain_replay(rehearsal, difference, plain))
+                report.unprovable.append(_explain_replay(rehearsal, difference, without_pictures))
             else:
-                _examine_copy(other, rehearsal, report)
+                _examine_copy(second_world, rehearsal, report)
     if replay_elsewhere is not None and not report.unprovable:
         _compare_processes(with_pictures, replay_elsewhere(rehearsal), report)
 
@@ -155,7 +158,7 @@ def play(world: World, rehearsal: Rehearsal, *, draws: bool, watch: "_ValueWatch
     Raises:
         WorldError: at the first error after which a session could not continue; the message says where it occurred.
     """
-    actions = np.random.default_rng(rehearsal.seeds[0])
+    random_stream = np.random.default_rng(rehearsal.seeds[0])
     moments: list[Moment] = []
     steps = 0
     episodes = 0
@@ -164,7 +167,7 @@ def play(world: World, rehearsal: Rehearsal, *, draws: bool, watch: "_ValueWatch
         episodes += 1
         moments.append(_take(world, rehearsal, (seed, 0), partial(world.reset, seed), draws=draws, watch=watch))
         for step in range(1, min(EPISODE_STEPS, rehearsal.max_steps) + 1):
-            action = rehearsal.actions[int(actions.integers(len(rehearsal.actions)))]
+            action = rehearsal.actions[int(random_stream.integers(len(rehearsal.actions)))]
             moments.append(_take(world, rehearsal, (seed, step), partial(world.step, action), draws=draws, watch=watch))
             steps += 1
             if moments[-1].terminated or moments[-1].truncated:
@@ -175,14 +178,17 @@ def play(world: World, rehearsal: Rehearsal, *, draws: bool, watch: "_ValueWatch
 def _take(
     world: World,
     rehearsal: Rehearsal,
-    at: tuple[int, int],
+    seed_and_step: tuple[int, int],
     act: Callable[[], ResetResult | StepResult],
     *,
     draws: bool,
     watch: "_ValueWatch | None",
 ) -> Moment:
-    """Make a reset or a step, draw a picture if asked to, and return the values as a moment."""
-    moment = Moment(*at, "", 0, 0, 0.0, terminated=False, truncated=False)
+    """Call ``act``, which resets or steps the world, draw a picture if ``draws``, and return the values as a moment.
+
+    The watch, if any, checks the values. The number of the step is 0 for a reset.
+    """
+    moment = Moment(*seed_and_step, "", 0, 0, 0.0, terminated=False, truncated=False)
     try:
         transition = act()
         if world.pose() is not None and not moment.step:
@@ -197,7 +203,7 @@ def _take(
             picture=0 if picture is None else hash64(np.ascontiguousarray(picture)),
         )
     except WorldError as error:
-        raise WorldError(f"{error}, at {moment.place}") from error
+        raise WorldError(f"{error}, at {moment.description}") from error
     if isinstance(transition, ResetResult):
         moment = moment._replace(mission=transition.mission)
     else:
@@ -205,7 +211,7 @@ def _take(
             reward=transition.reward, terminated=transition.terminated, truncated=transition.truncated
         )
     if watch is not None:
-        watch.look(moment, None if picture is None else picture.shape)
+        watch.check(moment, None if picture is None else picture.shape)
     return moment
 
 
@@ -219,27 +225,31 @@ class _ValueWatch:
         self._outside = ""  # what was first outside the observation space
         self._shapes: dict[tuple[int, ...], str] = {}  # by a picture's shape, where it first occurred
 
-    def look(self, moment: Moment, shape: tuple[int, ...] | None) -> None:
-        """Check the values that the world has just returned."""
+    def check(self, moment: Moment, shape: tuple[int, ...] | None) -> None:
+        """Check the values that the world has just returned, with the shape of a picture if one was drawn."""
         if not self._outside and (outside := self._find_outside()):
             self._outside = outside
             self._report.notices.append(
-                f"at {moment.place}, {outside}; correct it or observation_space, by which exports go"
+                f"at {moment.description}, {outside}; correct it or observation_space, by which exports go"
             )
         if not math.isfinite(moment.reward) and not self._report.unsound:
-            self._report.unsound.append(f"the reward is {moment.reward} at {moment.place}; return a finite number")
+            reward = moment.reward
+            self._report.unsound.append(f"the reward is {reward} at {moment.description}; return a finite number")
         if shape is not None:
-            self._shapes.setdefault(shape, moment.place)
-            self._type = self._type or self._find_type(moment)
+            self._shapes.setdefault(shape, moment.description)
+            self._type = self._type or self._find_picture_type(moment)
 
     def _find_outside(self) -> str:
-        """Return what of the observation is outside its space; "" if nothing is."""
+        """Return a description of the first part of the observation that is outside its space; "" if none is."""
         world = self._world
         with contain_errors(world.id, "its observation_space"):
             return find_outside(world.observation, world.observation_space)
 
-    def _find_type(self, moment: Moment) -> str:
-        """Return the type of the reset's picture if it is not uint8, else ""."""
+    def _find_picture_type(self, moment: Moment) -> str:
+        """Return the type of the picture that the environment itself draws after a reset.
+
+        The result is "" for uint8, after a step, and if participants do not see the environment's own picture.
+        """
         if moment.step or not self._world.draws_itself:
             return ""
         with contain_errors(self._world.id, "render()"):
@@ -252,43 +262,48 @@ class _ValueWatch:
         """Report pictures that change size, and pictures of a type other than uint8."""
         shapes = list(self._shapes.items())
         if len(shapes) > 1:
-            (first, _), (other, place) = shapes[:2]
+            (first_shape, _), (second_shape, moment_name) = shapes[:2]
             self._report.notices.append(
-                f"its picture changes size: {first[1]} x {first[0]} pixels at first, {other[1]} x {other[0]} at "
-                f"{place}; LeRobot, robomimic and RLDS cannot hold that"
+                f"its picture changes size: {first_shape[1]} x {first_shape[0]} pixels at first, {second_shape[1]} x "
+                f"{second_shape[0]} at {moment_name}; LeRobot, robomimic and RLDS cannot hold that"
             )
         if self._type:
             self._report.notices.append(f"its picture is of {self._type}; fractions are cut off, so return uint8")
 
 
-def _describe_difference(moments: Sequence[Moment], other_moments: Sequence[Moment]) -> str:
+def _describe_difference(first_play: Sequence[Moment], second_play: Sequence[Moment]) -> str:
     """Describe where two plays first differ, such as "the observation at step 3 of seed 0"; "" if they are equal.
 
     Pictures are compared only where both plays drew them.
     """
-    for moment, other in zip(moments, other_moments, strict=False):
-        if not (moment.picture and other.picture):
-            moment = moment._replace(picture=0)
-            other = other._replace(picture=0)
-        if part := moment.find_difference(other):
-            return f"the {part} at {moment.place}"
-    if len(moments) == len(other_moments):
+    for first, second in zip(first_play, second_play, strict=False):
+        if first.picture and second.picture:
+            part = first.find_difference(second)
+        else:
+            part = first._replace(picture=0).find_difference(second._replace(picture=0))
+        if part:
+            return f"the {part} at {first.description}"
+    if len(first_play) == len(second_play):
         return ""
     return "how many steps were made"
 
 
-def _explain_replay(rehearsal: Rehearsal, difference: str, plain: Sequence[Moment]) -> str:
-    """Explain why plays with and without pictures differ: unseeded random numbers, or side effects of drawing."""
+def _explain_replay(rehearsal: Rehearsal, difference: str, without_pictures: Sequence[Moment]) -> str:
+    """Return a sentence that says why a play with pictures differs from one without.
+
+    Either drawing has side effects, or the world is nondeterministic, so that another play without pictures differs.
+    """
     with closing(World(rehearsal.world, rehearsal.options)) as world:
-        again = play(world, rehearsal, draws=False)
-    repeat_difference = _describe_difference(plain, again)
+        repetition = play(world, rehearsal, draws=False)
+    repeat_difference = _describe_difference(without_pictures, repetition)
     if not repeat_difference:
         return (
             f"drawing changes it: with pictures {difference} differs from without; let render() change nothing, so "
             "draw no random numbers from np_random in it"
         )
-    unseeded = plain[0].observation == again[0].observation and plain[0].state != again[0].state
-    if unseeded:
+    first = without_pictures[0]
+    is_unseeded = first.observation == repetition[0].observation and first.state != repetition[0].state
+    if is_unseeded:
         remedy = "call super().reset(seed=seed) in reset()"
     else:
         remedy = "draw every random number from self.np_random"
@@ -299,11 +314,11 @@ def _explain_replay(rehearsal: Rehearsal, difference: str, plain: Sequence[Momen
 
 
 def _examine_copy(world: World, rehearsal: Rehearsal, report: ConformanceReport) -> None:
-    """Save the world in mid-episode, play on, restore it, play on again, and compare the two plays."""
+    """Check a copy of the world in mid-episode: play on, restore the copy, play on again, and report any difference."""
     seed = rehearsal.seeds[0]
-    for before in (N_STEPS_BEFORE_SAVE, 1):
+    for n_steps in (N_STEPS_BEFORE_SAVE, 1):  # 1 if the episode is over within the former
         world.reset(seed)
-        if not any(_is_over(world, rehearsal, number) for number in range(before)):
+        if _make_steps(world, rehearsal, n_steps):
             break
     else:
         return  # episodes end with their first step, so there is no middle to save
@@ -312,24 +327,28 @@ def _examine_copy(world: World, rehearsal: Rehearsal, report: ConformanceReport)
     except WorldError:
         report.notices.append("it cannot be copied, so a browser shows each step one round trip after its key")
         return
-    first = _play_after_save(world, rehearsal)
+    first_play = _play_after_save(world, rehearsal)
     try:
         world.restore(saved)
-        again = _play_after_save(world, rehearsal)
+        second_play = _play_after_save(world, rehearsal)
     except WorldError as error:
         report.unprovable.append(f"a copy of it in mid-episode cannot be gone back to ({error}); {_COPY_ADVICE}")
         return
-    if difference := _describe_difference(first, again):
+    difference = _describe_difference(first_play, second_play)
+    if difference:
         report.unprovable.append(f"gone back to a copy of it in mid-episode, {difference} differs; {_COPY_ADVICE}")
 
 
 _COPY_ADVICE = "keep all that changes in attributes of the environment, or let copy.deepcopy of one raise"
 
 
-def _is_over(world: World, rehearsal: Rehearsal, number: int) -> bool:
-    """Make a step with the rehearsal's action of a number; return whether it ended the episode."""
-    transition = world.step(rehearsal.actions[number % len(rehearsal.actions)])
-    return transition.terminated or transition.truncated
+def _make_steps(world: World, rehearsal: Rehearsal, n_steps: int) -> bool:
+    """Make steps with the rehearsal's actions in turn; return False as soon as a step ends the episode, else True."""
+    for number in range(n_steps):
+        transition = world.step(rehearsal.actions[number % len(rehearsal.actions)])
+        if transition.terminated or transition.truncated:
+            return False
+    return True
 
 
 def _play_after_save(world: World, rehearsal: Rehearsal) -> list[Moment]:
@@ -355,7 +374,7 @@ def _play_after_save(world: World, rehearsal: Rehearsal) -> list[Moment]:
 
 
 def _compare_processes(moments: Sequence[Moment], replay: Sequence[Moment] | str, report: ConformanceReport) -> None:
-    """Report how a replay in another process differs from the play here."""
+    """Report how a replay in another process differs from the play here, or the text that says why there is none."""
     if isinstance(replay, str):
         report.notices.append(f"it was not played in a second process: {replay}")
         return
@@ -372,6 +391,6 @@ def _compare_processes(moments: Sequence[Moment], replay: Sequence[Moment] | str
         )
 
 
-def _is_same(value: Any, other: Any) -> bool:
+def _is_same(first: Any, second: Any) -> bool:
     """Return whether two values are equal, or both NaN."""
-    return bool(value == other) or (value != value and other != other)
+    return bool(first == second) or (first != first and second != second)

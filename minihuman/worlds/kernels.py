@@ -84,7 +84,7 @@ def kernel(
             implementation = function
         else:
             implementation = library.entry(source) or LateKernel(source)
-        compiled = _or_plain(implementation, partial(_compiled, source))
+        compiled = _compile_or_keep(implementation, partial(_compiled, source))
         KERNELS[source.name] = compiled, source
         return cast(F, compiled)
 
@@ -102,14 +102,14 @@ def device_function(
     """
     options = {"no_cpython_wrapper": True, "forceinline": force_inline} | (_NOGIL if nogil else {})
     signatures = (signature,) if signature else ()
-    return lambda function: _or_plain(
+    return lambda function: _compile_or_keep(
         function, partial(_compiled, KernelSource(function, options, variables, signatures, only=bool(signature)))
     )
 
 
 def inline(function: F) -> F:
     """Decorate a function of a line or two, whose code is inserted into each kernel that calls it."""
-    return cast(F, _or_plain(function, partial(_compiled, KernelSource(function, {"inline": "always"}))))
+    return cast(F, _compile_or_keep(function, partial(_compiled, KernelSource(function, {"inline": "always"}))))
 
 
 def llvm_function(write: Callable[..., Any], plain: F, *, counts: bool) -> F:
@@ -122,7 +122,7 @@ def llvm_function(write: Callable[..., Any], plain: F, *, counts: bool) -> F:
         plain: the Python function that does the same without compilation.
         counts: whether the function returns a whole number; otherwise it returns nothing.
     """
-    return cast(F, _or_plain(plain, lambda: _import_compiler(plain).llvm_function(write, plain, counts=counts)))
+    return cast(F, _compile_or_keep(plain, lambda: _import_compiler(plain).llvm_function(write, plain, counts=counts)))
 
 
 def array_at(kind: type[np.generic]) -> Callable[[int, int], NDArray[Any]]:
@@ -136,16 +136,21 @@ def array_at(kind: type[np.generic]) -> Callable[[int, int], NDArray[Any]]:
         size = np.dtype(kind).itemsize * int(count)
         return np.ndarray((count,), kind, memoryview((ctypes.c_byte * size).from_address(int(address))))
 
-    return cast(Callable[[int, int], NDArray[Any]], _or_plain(plain, lambda: _import_compiler(plain).array_at(kind)))
+    return cast(
+        Callable[[int, int], NDArray[Any]], _compile_or_keep(plain, lambda: _import_compiler(plain).array_at(kind))
+    )
 
 
-def _or_plain(plain: Any, compile_it: Callable[[], Any]) -> Any:
-    """Return the function itself if a library has the kernels or compilation is off, else what Numba compiles."""
+def _compile_or_keep(plain: Any, compile_function: Callable[[], Any]) -> Any:
+    """Return the plain function if there is a library or compilation is off, else what ``compile_function`` returns.
+
+    With a library, ``compile_function`` is recorded for kernels that are compiled later.
+    """
     if _library() is None:
         if _is_compiling():
-            return compile_it()
+            return compile_function()
         return plain
-    COMPILERS[id(plain)] = plain, compile_it
+    COMPILERS[id(plain)] = plain, compile_function
     return plain
 
 
@@ -238,26 +243,26 @@ class KernelLibrary:
         address = ctypes.cast(getattr(self._code, f"kernel_{number}"), ctypes.c_void_p).value
         method = _Method(function.__name__.encode(), address, 0x80, (function.__doc__ or "").encode())  # METH_FASTCALL
         entry_point: Callable[..., Any] = self._new(ctypes.addressof(method), None, function.__module__)
-        refuse = partial(_refuse, source, entry_point)
-        self._refusals[number] = id(refuse)
-        self._references += method, refuse
+        retry = partial(_retry_converted, source, entry_point)  # called if an argument is of a wrong type
+        self._refusals[number] = id(retry)
+        self._references += method, retry
         return entry_point
 
 
-def _refuse(source: KernelSource, entry: Callable[..., Any], *arguments: Any) -> Any:
+def _retry_converted(source: KernelSource, entry: Callable[..., Any], *arguments: Any) -> Any:
     """Call a kernel again with arguments converted to the types it takes, such as NumPy's numbers to Python's.
 
     Raises:
         TypeError: if no argument needed a conversion, so that the call cannot succeed.
     """
-    fitting = [_convert_argument(argument) for argument in arguments]
-    if all(argument is other for argument, other in zip(arguments, fitting, strict=True)):
+    converted = [_convert_argument(argument) for argument in arguments]
+    if all(before is after for before, after in zip(arguments, converted, strict=True)):
         kinds = ", ".join(
             f"{argument.dtype}{argument.shape}" if isinstance(argument, np.ndarray) else repr(argument)
             for argument in arguments
         )
         raise TypeError(f"{source.name} takes {' or '.join(source.signatures)}, not ({kinds})")
-    return entry(*fitting)
+    return entry(*converted)
 
 
 def _convert_argument(value: Any) -> Any:

@@ -46,8 +46,8 @@ def find_mismatch(observation: Any, space: gymnasium.Space[Any], name: str = "th
             is_scalar = isinstance(observation, np.ndarray) and not observation.shape and observation.dtype.kind in "iu"
             if not (is_integer or is_scalar):
                 return f"{name} is {describe_value(observation)}, and its space holds a whole number"
-            inside = int(space.start) <= int(observation) < int(space.start) + int(space.n)
-            if inside:
+            is_inside = int(space.start) <= int(observation) < int(space.start) + int(space.n)
+            if is_inside:
                 return ""
             return _outside_range(observation, space, name)
     return ""
@@ -59,6 +59,7 @@ def _outside_range(observation: Any, space: spaces.Discrete, name: str) -> str:
 
 
 def _find_dict_mismatch(observation: Any, space: spaces.Dict, name: str) -> str:
+    """Describe how an observation's structure differs from a Dict space; return "" if it matches."""
     if not isinstance(observation, dict):
         return f"{name} is {describe_value(observation)}, and its space is a Dict"
     missing = [key for key in space.spaces if key not in observation]
@@ -72,6 +73,7 @@ def _find_dict_mismatch(observation: Any, space: spaces.Dict, name: str) -> str:
 
 
 def _find_array_mismatch(observation: Any, space: gymnasium.Space[Any], name: str) -> str:
+    """Describe how an observation differs from an array space in shape or kind of numbers; return "" if it matches."""
     try:
         array = np.asarray(observation)
     except ValueError:  # rows of unequal length
@@ -102,18 +104,19 @@ def _find_bad_part(observation: Any, space: gymnasium.Space[Any], name: str) -> 
 
 
 def _find_bad_number(array: NDArray[Any], observation: Any, space: spaces.Box, name: str) -> str:
+    """Describe why an observation, ``array`` as an array, is not in a Box of its shape; return "" if it is."""
     if not isinstance(observation, np.ndarray | np.generic):
         return f"{name} is {describe_value(observation)}, and must be an array of {space.dtype}"
     low = np.asarray(space.low)
     high = np.asarray(space.high)
-    bad = np.argwhere(~((array >= low) & (array <= high)))
-    if len(bad):
-        at = tuple(bad[0].tolist())
-        if at:
-            place = f"{name}[{', '.join(map(str, at))}]"
+    outside = np.argwhere(~((array >= low) & (array <= high)))
+    if len(outside):
+        index = tuple(outside[0].tolist())
+        if index:
+            element_name = f"{name}[{', '.join(map(str, index))}]"
         else:
-            place = name
-        return f"{place} is {array[at]:g}, and its space holds {low[at]:g} to {high[at]:g}"
+            element_name = name
+        return f"{element_name} is {array[index]:g}, and its space holds {low[index]:g} to {high[index]:g}"
     if array.dtype != space.dtype:
         return f"{name} is of type {array.dtype}, and its space is of {space.dtype}"
     return ""

@@ -135,7 +135,7 @@ class OutcomeJudge:
         return self._name_outcome(otherwise="timeout")
 
     def _name_outcome(self, otherwise: EpisodeOutcome) -> EpisodeOutcome:
-        """Return the outcome after success, or without known success; ``otherwise`` if there was none."""
+        """Return "goal" after success, "ended" if success is unknown, and ``otherwise`` without success."""
         if self._was_reached or self._success:
             return "goal"
         if self._success is None:
@@ -169,7 +169,7 @@ def parse_outcome_rule(text: str) -> OutcomeRule:
 
 
 def normalize_outcome_rule(success: str, *, at_any_step: bool) -> str:
-    """Return a protocol's rule in the form in which plans store it: rules of one meaning have one text.
+    """Return a protocol's rule in the form in which plans store it, in which rules of equal meaning have equal texts.
 
     Raises:
         ProtocolError: if the text is not a rule.
@@ -204,7 +204,8 @@ def _parse_condition(text: str) -> Condition:
     """Return a condition as a function of a step; raise a ProtocolError for an unknown one."""
     if text == "terminated":
         return _is_terminated
-    if text == WORLD_RULE or (text.startswith(INFO_PREFIX) and re.fullmatch(r"[^\s.]+(\.[^\s.]+)*", text[5:])):
+    key = text.removeprefix(INFO_PREFIX)
+    if text == WORLD_RULE or (text.startswith(INFO_PREFIX) and re.fullmatch(r"[^\s.]+(\.[^\s.]+)*", key)):
         return _is_success
     match = _COMPARISON.fullmatch(text)
     if match is None:

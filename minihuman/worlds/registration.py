@@ -47,21 +47,21 @@ class _GymnasiumFinder:
 class _RegisteringLoader:
     """An import loader that loads Gymnasium with its own loader, registers our worlds, and then removes itself."""
 
-    def __init__(self, its_own: "Loader", waiting: _GymnasiumFinder) -> None:
-        self._its_own = its_own
-        self._waiting = waiting
+    def __init__(self, loader: "Loader", finder: _GymnasiumFinder) -> None:
+        self._loader = loader
+        self._finder = finder
 
     def create_module(self, spec: ModuleSpec) -> ModuleType | None:
-        spec.loader = self._its_own
+        spec.loader = self._loader
         try:
-            return self._its_own.create_module(spec)
+            return self._loader.create_module(spec)
         finally:
             spec.loader = cast("Loader", self)
 
     def exec_module(self, module: ModuleType) -> None:
         assert module.__spec__ is not None
-        module.__spec__.loader = module.__loader__ = self._its_own
-        self._its_own.exec_module(module)
-        if self._waiting in sys.meta_path:
-            sys.meta_path.remove(self._waiting)
+        module.__spec__.loader = module.__loader__ = self._loader
+        self._loader.exec_module(module)
+        if self._finder in sys.meta_path:
+            sys.meta_path.remove(self._finder)
         _register_worlds()

@@ -21,6 +21,7 @@ from minihuman.worlds.conformance import Moment, Rehearsal, play
 from minihuman.worlds.hashing import resolve_files
 
 TIMEOUT_S = 300.0
+_CANNOT_MAKE_STATUS = 2  # the exit status if the world cannot be made in the second process
 
 
 def play_in_second_process(rehearsal: Rehearsal) -> Sequence[Moment] | str:
@@ -42,14 +43,18 @@ def play_in_second_process(rehearsal: Rehearsal) -> Sequence[Moment] | str:
             return f"it took more than {TIMEOUT_S:g} s there"
         if not out.is_file():
             lines = completed.stderr.decode(errors="replace").strip().splitlines()
-            if completed.returncode == 2 and lines:
+            if completed.returncode == _CANNOT_MAKE_STATUS and lines:
                 return lines[-1]
             return f"the process ended with status {completed.returncode}"
         return msgspec.msgpack.decode(out.read_bytes(), type=list[Moment])
 
 
 def main(out: Path) -> int:
-    """Play the rehearsal on standard input; return the exit status, 0, or 2 if the world cannot be made here."""
+    """Play the rehearsal on standard input, and write its moments to a file.
+
+    Returns:
+        The exit status: 0, or 2 if the world cannot be made in this process.
+    """
     rehearsal = msgspec.msgpack.decode(sys.stdin.buffer.read(), type=Rehearsal)
     try:
         with closing(World(rehearsal.world, rehearsal.options, trusted=True)) as world:
@@ -60,7 +65,7 @@ def main(out: Path) -> int:
             out.write_bytes(msgspec.msgpack.encode(moments))
     except WorldError as error:
         print(error, file=sys.stderr)
-        return 2
+        return _CANNOT_MAKE_STATUS
     return 0
 
 

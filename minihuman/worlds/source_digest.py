@@ -39,7 +39,7 @@ def layouts_digest() -> str:
 
 
 def _digest_exports(module: str) -> str:
-    names = _reached(f"{_OURS}.worlds.build.{module}", f"{_OURS}.worlds.build.compilation")
+    names = _find_reached(f"{_OURS}.worlds.build.{module}", f"{_OURS}.worlds.build.compilation")
     return _digest([(name, _source(name) or "") for name in sorted(names)])
 
 
@@ -48,22 +48,22 @@ def import_closure(*modules: str) -> list[str]:
 
     The files are sorted and given by their paths in the package.
     """
-    named = [name.removeprefix(f"{_OURS}.").replace(".", "/") for name in _reached(*modules) - {_OURS}]
-    packages = {way for way in named if files(_OURS).joinpath(way).is_dir()}
-    return sorted(f"{way}/__init__.py" if way in packages else f"{way}.py" for way in named)
+    paths = [name.removeprefix(f"{_OURS}.").replace(".", "/") for name in _find_reached(*modules) - {_OURS}]
+    packages = {path for path in paths if files(_OURS).joinpath(path).is_dir()}
+    return sorted(f"{path}/__init__.py" if path in packages else f"{path}.py" for path in paths)
 
 
-def _reached(*modules: str) -> set[str]:
+def _find_reached(*modules: str) -> set[str]:
     """Return the given modules and all of ours that they import, except the module that loads compiled code.
 
     Each source is read once per process, when it is first needed: an edit made later is not part of the running code.
     """
     reached = set(modules)
-    new = list(modules)
-    while new:
-        imported = _imports(new.pop()) - reached - {f"{_OURS}.worlds.kernels"}
+    waiting = list(modules)
+    while waiting:
+        imported = _imports(waiting.pop()) - reached - {f"{_OURS}.worlds.kernels"}
         reached |= imported
-        new += imported
+        waiting += imported
     return reached
 
 
@@ -99,14 +99,15 @@ def _path(module: str, suffix: str = ".py") -> Traversable:
 
 @cache
 def _imports(module: str) -> frozenset[str]:
-    """Return our modules that a module's source imports. A module too many does no harm."""
+    """Return our modules that a module's source imports, perhaps with some more, which does no harm."""
     if _path(module, "/__init__.py").is_file():
         package = module
     else:
         package = module.rpartition(".")[0]
     imported: set[str] = set()
-    for source, names, plain in _IMPORT.findall((_source(module) or "").replace("\\\n", " ")):
-        bases = [source] if source else plain.split(",")
+    # of "from source import names", or of "import clauses"
+    for source, names, clauses in _IMPORT.findall((_source(module) or "").replace("\\\n", " ")):
+        bases = [source] if source else clauses.split(",")
         for base in (resolve_name(clause.split()[0], package) for clause in bases if clause.strip()):
             imported |= {base, *(f"{base}.{name}" for name in re.findall(r"\w+", names))}
     return frozenset(name for name in imported if name.partition(".")[0] == _OURS and _source(name) is not None)

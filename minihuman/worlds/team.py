@@ -41,14 +41,14 @@ class PictureTiles(NamedTuple):
     keys: Sequence[tuple[Hashable, ...]]  # one per tile, row by row; equal keys look the same
     columns: int
     tile_px: int
-    draw: Callable[..., NDArray[np.uint8]]  # a tile's pixels, uint8[tile_px, tile_px, 3], from what its key holds
+    draw: Callable[..., NDArray[np.uint8]]  # draws a tile, uint8[tile_px, tile_px, 3], from the parts of its key
 
     def join(self) -> NDArray[np.uint8]:
         """Return the whole picture, uint8[H, W, 3]."""
         shape = len(self.keys) // self.columns, self.tile_px, self.columns, self.tile_px, 3
         out = np.empty(shape, np.uint8)  # a tenth of the time of np.stack and its copy
-        for place, key in enumerate(self.keys):
-            out[place // self.columns, :, place % self.columns] = self.draw(*key)
+        for index, key in enumerate(self.keys):
+            out[index // self.columns, :, index % self.columns] = self.draw(*key)
         return out.reshape(-1, self.columns * self.tile_px, 3)
 
 
@@ -217,7 +217,10 @@ class TeamBatch:
 
 
 def find_team(world_id: str) -> Callable[..., TeamWorld] | None:
-    """Return the function that makes a team world from its options; None if the id names no team world."""
+    """Return the function that makes a team world from its options; None if the id names no team world.
+
+    The module in the id and that of the world are imported.
+    """
     module, _, name = world_id.rpartition(":")
     if module:
         importlib.import_module(module)

@@ -35,6 +35,7 @@ def decode_value(encoded: bytes) -> Any:
 
 
 def _encode_array(value: Any) -> msgspec.msgpack.Ext:
+    """Encode an array or a NumPy scalar as an extension of MessagePack; raise a TypeError for any other value."""
     if not isinstance(value, np.ndarray | np.generic):
         raise TypeError(
             f"{type(value).__name__} {value!r} cannot be stored in an observation; use arrays, numbers or strings"
@@ -50,6 +51,7 @@ def _decode_array(code: int, encoded: memoryview) -> Any:
 
 
 def _with_tuples(value: Any) -> Any:
+    """Return a decoded value with tuples in place of its lists."""
     match value:
         case dict():
             return {key: _with_tuples(part) for key, part in value.items()}

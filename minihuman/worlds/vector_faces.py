@@ -16,7 +16,7 @@ def step_in_turn(
     autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
     **options: Any,
 ) -> SyncVectorEnv:
-    """Return a vector environment of some worlds with the same options.
+    """Return a vector environment that steps worlds with the same options one after the other.
 
     Args:
         entry_point: the module and function that makes one world.

@@ -20,12 +20,12 @@ _MISSING_ARGUMENTS = re.compile(
 _UNEXPECTED_ARGUMENT = re.compile(r"unexpected keyword argument '(\w+)'")
 
 
-def has_own_rule(native: Any) -> bool:
-    """Return whether the author defines which end earns a reward, by the method ``reward_and_done`` of our classes."""
+def has_own_reward_rule(native: Any) -> bool:
+    """Return whether a native world defines the reward for an episode's end by a method ``reward_and_done``."""
     if isinstance(native, SeatEnv):
         inner = native.team
     else:
-        inner = vars(native).get("grid", native)  # of a grid that is seen from inside
+        inner = vars(native).get("grid", native)  # a grid that is seen from inside has its world as `grid`
     return isinstance(native, NativeWorld) and hasattr(inner, "reward_and_done")
 
 
@@ -72,7 +72,7 @@ def make_environment(world_id: str, options: dict[str, Any]) -> gymnasium.Env[An
 
 
 def _explain_missing_module(error: ModuleNotFoundError, world_id: str) -> str:
-    """Return what to install: the package that provides the world, or another that its code imports."""
+    """Return an error text that says what to install: the package of the world, or a module that its code imports."""
     provider = world_id.rpartition(":")[0].partition(".")[0]
     missing = (error.name or provider).partition(".")[0]
     if missing != provider:
@@ -84,7 +84,7 @@ def _explain_missing_module(error: ModuleNotFoundError, world_id: str) -> str:
 
 
 def _explain_arguments(error: TypeError, options: Mapping[str, Any]) -> str:
-    """Return the text of an error for a constructor's TypeError, which is mostly about one of its arguments."""
+    """Return an error text for a TypeError of a world's constructor, which usually concerns one of its arguments."""
     missing = _MISSING_ARGUMENTS.search(str(error))
     if missing:
         return f"its constructor needs {missing[1]}; give it in the block, as options = {{ NAME = VALUE }}"
@@ -99,7 +99,11 @@ def _explain_arguments(error: TypeError, options: Mapping[str, Any]) -> str:
 
 
 def _render_modes(world_id: str, env: gymnasium.Env[Any, Any]) -> Collection[Any]:
-    """Return the render modes in an environment's metadata."""
+    """Return the render modes in an environment's metadata.
+
+    Raises:
+        WorldError: if the metadata lists no render modes.
+    """
     if isinstance(env.metadata, Mapping):
         modes = env.metadata.get("render_modes", ())
     else:

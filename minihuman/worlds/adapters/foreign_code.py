@@ -13,7 +13,7 @@ from types import TracebackType
 
 from minihuman.errors import MinihumanError, WorldError
 
-_MOST_TEXT = 200  # characters that are quoted of a world's error
+_MAX_TEXT_CHARS = 200  # quoted from a world's error
 _MISSING_ATTRIBUTE = re.compile(r"'([\w.]+)' object has no attribute '(\w+)'")  # Python's text of an AttributeError
 
 
@@ -22,7 +22,10 @@ class WorldCodeError(WorldError):
 
     @property
     def log_text(self) -> str:
-        """Return the error's text for a log: the world's own message without its place in a file."""
+        """Return the error's text for a log: the type and message of the world's exception, without file and line.
+
+        If the world tried to end the program, the text is that of this error.
+        """
         cause = self.__cause__
         if not isinstance(cause, Exception):
             return str(self)
@@ -72,34 +75,35 @@ class contain_errors:  # noqa: N801 - used as `contextlib.suppress` is
 
 
 def describe_error(error: BaseException) -> str:
-    """Return what a world's code raised and where, such as "raised ValueError: no such cell (maze.py:31)"."""
+    """Describe an exception of a world's code and its place, as in "raised ValueError: no such cell (maze.py:31)"."""
     frames = traceback.extract_tb(error.__traceback__)
     if frames:
-        place = f" ({Path(frames[-1].filename).name}:{frames[-1].lineno})"
+        location = f" ({Path(frames[-1].filename).name}:{frames[-1].lineno})"
     else:
-        place = ""
+        location = ""
     match error:
         case SystemExit():
-            return f"tried to end the program{place}; end the episode instead, by returning terminated = True"
+            return f"tried to end the program{location}; end the episode instead, by returning terminated = True"
         case KeyboardInterrupt():
-            return f"raised KeyboardInterrupt{place}, as Ctrl-C does; raise another error, or end the episode"
+            return f"raised KeyboardInterrupt{location}, as Ctrl-C does; raise another error, or end the episode"
         case ValueError() | TypeError() if frames and _is_unpacking(frames[-1]):
-            return f"did not return what Gymnasium asks for, so its wrapper {place.strip()} could not read it"
+            return f"did not return what Gymnasium asks for, so its wrapper {location.strip()} could not read it"
         case RecursionError():
-            return f"calls itself without end{place}"
+            return f"calls itself without end{location}"
     text = " ".join(str(error).split())
     if isinstance(error, NotImplementedError) and not text:
-        return f"is not implemented{place}"
+        return f"is not implemented{location}"
+    advice = ""
     if missing := _MISSING_ATTRIBUTE.fullmatch(text):
         message = f": {missing[1]} has no {missing[2]}"
-        place += "; if this code is unchanged, it expects another version of a package"
+        advice = "; if this code is unchanged, it expects another version of a package"
     elif text:
-        message = f": {text[:_MOST_TEXT]}"
+        message = f": {text[:_MAX_TEXT_CHARS]}"
     elif frames and frames[-1].line:  # an assertion without words: its line says what does not hold
-        message = f" at `{frames[-1].line[:_MOST_TEXT]}`"
+        message = f" at `{frames[-1].line[:_MAX_TEXT_CHARS]}`"
     else:
         message = ""
-    return f"raised {type(error).__name__}{message}{place}"
+    return f"raised {type(error).__name__}{message}{location}{advice}"
 
 
 def _is_unpacking(frame: traceback.FrameSummary) -> bool:
@@ -108,7 +112,7 @@ def _is_unpacking(frame: traceback.FrameSummary) -> bool:
 
 
 def _is_from_user(error: BaseException) -> bool:
-    """Return whether an error came from Ctrl-C: then no instruction of the interrupted code raised it.
+    """Return whether an error is a KeyboardInterrupt from Ctrl-C, and not from a ``raise`` in the interrupted code.
 
     Python handles signals in the main thread only.
     """

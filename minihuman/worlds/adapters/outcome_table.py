@@ -22,10 +22,12 @@ _GYMNASIUM = "https://gymnasium.farama.org/environments"
 
 
 def _entries(path: str, rule: str, reason: str, *ids: str) -> dict[str, TableEntry]:
+    """Return one entry under each of several ids, whose source is a page of Gymnasium's documentation."""
     return dict.fromkeys(ids, TableEntry(rule, reason, f"{_GYMNASIUM}/{path}/"))
 
 
 def _versions(name: str, *versions: int) -> Iterable[str]:
+    """Return the ids of an environment's versions, such as "Taxi-v3" and "Taxi-v4"."""
     return (f"{name}-v{version}" for version in versions)
 
 
@@ -104,7 +106,7 @@ _MUJOCO = (
 for _name in _MUJOCO:
     GYMNASIUM_RULES |= _entries("mujoco", NO_RULE, "names no success of an episode", *_versions(_name, 2, 3, 4, 5))
 
-_FAMILIES = {  # by package: how its ids begin, and the rule of all
+_FAMILIES = {  # by package: the prefixes of its ids, and the entry for all of them
     "ale_py": (
         ("ALE/",),
         TableEntry(NO_RULE, "ends when the game is over, won or lost", "https://ale.farama.org/environments/"),
@@ -129,7 +131,7 @@ _FAMILIES = {  # by package: how its ids begin, and the rule of all
 
 
 def find_table_entry(world_id: str) -> TableEntry | None:
-    """Return the table's entry for a world; None if there is none."""
+    """Return the outcome rule that the table has for a world's id; None if it has none."""
     module, _, name = world_id.rpartition(":")
     package = module.partition(".")[0]
     if package in ("", "gymnasium") and name in GYMNASIUM_RULES:
@@ -138,4 +140,4 @@ def find_table_entry(world_id: str) -> TableEntry | None:
         return _FAMILIES[package][1]
     if package:
         return None
-    return next((entry for beginnings, entry in _FAMILIES.values() if name.startswith(beginnings)), None)
+    return next((entry for prefixes, entry in _FAMILIES.values() if name.startswith(prefixes)), None)

@@ -40,7 +40,7 @@ class PageWorld(World):
     def step(self, action: Action) -> StepResult:
         """Step the world, as `World.step`, and keep the state that the step led to."""
         result = super().step(action)
-        if self._keeps_steps:  # a copy: an episode that has ended gives its world to the next one
+        if self._keeps_steps:  # a copy, since the next episode changes the same arrays
             env = self.unwrapped
             if self._is_grid:
                 self._stepped = (env.state.row.copy(), self._observation["image"])
@@ -76,7 +76,7 @@ class ActionsVerification:
 
     @property
     def ok(self) -> bool:
-        """Return whether the replayed actions gave these digests and rewards under the rules installed here."""
+        """Return whether the replayed actions gave the page's digests and rewards under the rules installed here."""
         return not self.difference
 
 
@@ -128,6 +128,7 @@ def verify_actions(
 def _compare_steps(
     world: PageWorld, actions: Sequence[int], digests: Sequence[str], rewards: Sequence[float] | None
 ) -> ActionsVerification:
+    """Replay actions in a world that was just reset; return the verification up to the first difference."""
     verified = ActionsVerification(
         0, "", 0.0, terminated=False, truncated=False, action_names=tuple(world.action_names)
     )
@@ -135,16 +136,16 @@ def _compare_steps(
         if verified.terminated or verified.truncated:
             return replace(verified, difference=f"step {index + 1}: the episode ended at step {index}")
         if not 0 <= action < len(world.action_names):
-            wrong = f"action {action} is none of the {len(world.action_names)} of {world.id}"
-            return replace(verified, difference=f"step {index + 1}: {wrong}")
+            mismatch = f"action {action} is none of the {len(world.action_names)} of {world.id}"
+            return replace(verified, difference=f"step {index + 1}: {mismatch}")
         step = world.step(action)
         digest = world.digest(step.reward, terminated=step.terminated, truncated=step.truncated)
         if digest != digests[index]:
-            wrong = f"digest {digests[index]!r}, played again {digest!r}"
-            return replace(verified, difference=f"step {index + 1}: {wrong}")
+            mismatch = f"digest {digests[index]!r}, played again {digest!r}"
+            return replace(verified, difference=f"step {index + 1}: {mismatch}")
         if rewards is not None and rewards[index] != step.reward:
-            wrong = f"reward {rewards[index]!r}, played again {step.reward!r}"
-            return replace(verified, difference=f"step {index + 1}: {wrong}")
+            mismatch = f"reward {rewards[index]!r}, played again {step.reward!r}"
+            return replace(verified, difference=f"step {index + 1}: {mismatch}")
         verified = replace(
             verified,
             steps=index + 1,

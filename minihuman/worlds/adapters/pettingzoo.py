@@ -65,28 +65,30 @@ class TeamParallelEnv(_Base):  # type: ignore[misc]  # only known where PettingZ
     def step(
         self, actions: dict[str, int]
     ) -> tuple[AgentObservations, dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]]:
-        """Make one joint step; an agent without an action idles."""
+        """Make one joint step, in which an agent without an action idles.
+
+        Returns:
+            Observations, rewards, terminations, truncations and infos, each by agent.
+        """
         idle = self.world.idle_action
         agents = self.agents
         joint_step = self.world.step([int(actions.get(agent, idle)) for agent in self.possible_agents])
         if joint_step.terminated or joint_step.truncated:
             self.agents = []
+        agent_infos = joint_step.infos or ({},) * len(agents)
         return (
             self._observations(),
             dict(zip(agents, joint_step.rewards, strict=True)),
             dict.fromkeys(agents, joint_step.terminated),
             dict.fromkeys(agents, joint_step.truncated),
-            {
-                agent: {**joint_step.info, **own}
-                for agent, own in zip(agents, joint_step.infos or ({},) * len(agents), strict=True)
-            },
+            {agent: {**joint_step.info, **info} for agent, info in zip(agents, agent_infos, strict=True)},
         )
 
     def _observations(self) -> AgentObservations:
         return {agent: self.world.observation(body) for body, agent in enumerate(self.possible_agents)}
 
     def render(self) -> NDArray[np.uint8]:
-        """Return what a person in body 0 sees."""
+        """Return the picture that a person in body 0 sees, uint8[H, W, 3] of at most 640 by 480 pixels."""
         return self.world.frame(0, 640, 480)
 
     def close(self) -> None:

@@ -13,24 +13,24 @@ from numpy.typing import NDArray
 
 from minihuman.errors import WorldError
 
-_MOST_TEXT = 60  # characters of a value in an error
+_MAX_TEXT_CHARS = 60  # of a value that an error quotes
 _STEP_VALUES = "(observation, reward, terminated, truncated, info)"
 _RESET_VALUES = "(observation, info)"
 
 
 def describe_value(value: Any) -> str:
-    """Return a value in words for an error, such as "an array of shape (2,)", "nothing (None)" or "the text 'left'"."""
+    """Describe a value for an error, such as "an array of shape (2,)", "nothing (None)" or "the text 'left'"."""
     match value:
         case None:
             return "nothing (None)"
         case np.ndarray():
             return f"an array of shape {value.shape} and type {value.dtype}"
         case str():
-            return f"the text {value[:_MOST_TEXT]!r}"
+            return f"the text {value[:_MAX_TEXT_CHARS]!r}"
         case bool() | np.bool_():
             return f"the flag {bool(value)}"
         case int() | float() | np.number():
-            return f"the number {value!s:.{_MOST_TEXT}}"
+            return f"the number {value!s:.{_MAX_TEXT_CHARS}}"
         case tuple() | list():
             return f"a {type(value).__name__} of {len(value)} values"
         case Mapping():
@@ -71,7 +71,7 @@ def read_step(returned: Any) -> tuple[Any, float, bool, bool, Mapping[str, Any]]
 
 
 def _explain_count(returned: Any) -> str:
-    """Return the advice for a step that returned the wrong number of values."""
+    """Return advice for a step that returned another number of values than 5; "" if the cause is unclear."""
     if not isinstance(returned, tuple | list):
         return ""
     match len(returned):
@@ -158,7 +158,7 @@ def read_picture(picture: Any) -> NDArray[np.uint8]:
 
 
 def _explain_shape(shape: tuple[int, ...]) -> str:
-    """Return the advice for a picture of another shape; "" for an unusual one."""
+    """Return advice for a picture that is not of shape [H, W, 3]; "" if the shape is an unusual one."""
     match shape:
         case (_, _):
             return ": a grey picture needs its channel three times, as np.stack([picture] * 3, axis=-1) gives it"
@@ -172,7 +172,11 @@ def _explain_shape(shape: tuple[int, ...]) -> str:
 
 
 def _convert_picture(picture: NDArray[Any]) -> NDArray[np.uint8]:
-    """Convert a picture of another type to uint8, if its values are unambiguous."""
+    """Return a picture as uint8, with fractions cut off.
+
+    Raises:
+        WorldError: if the values are not numbers from 0 to 255, or seem to be fractions of 1.
+    """
     kind = picture.dtype.kind
     if kind not in "iuf":
         raise WorldError(f"render() returned a picture of type {picture.dtype}; return uint8 values from 0 to 255")
@@ -191,7 +195,12 @@ def _convert_picture(picture: NDArray[Any]) -> NDArray[np.uint8]:
 
 
 def explain_unhashable(value: Any, name: str = "the observation") -> str:
-    """Return which part of an observation a log cannot hash, and what to use instead; "" if there is no such part."""
+    """Return an error text for the first part of an observation that a log cannot hash; "" if it can hash all parts.
+
+    Args:
+        value: the observation, or a part of it
+        name: the name of ``value`` in the text
+    """
     match value:
         case dict():
             if any(not isinstance(key, str | int) for key in value) or len({type(key) for key in value}) > 1:
@@ -216,4 +225,4 @@ def explain_unhashable(value: Any, name: str = "the observation") -> str:
                 f"{name} is {describe_value(value)}, which a log cannot hash; "
                 "use numbers, text, arrays, and dicts, tuples and lists of them"
             )
-    return next(filter(None, (explain_unhashable(part, place) for part, place in parts)), "")
+    return next(filter(None, (explain_unhashable(part, part_name) for part, part_name in parts)), "")

@@ -57,7 +57,7 @@ class SeatEnv(gymnasium.Env[Any, Any], NativeWorld):
         return self.team.max_steps
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Begin an episode from a seed."""
+        """Begin an episode from a seed, or without one from a seed that the environment draws."""
         super().reset(seed=seed)
         self.team.reset(int(self.np_random.integers(2**31)) if seed is None else seed)
         self.joint = None
@@ -76,7 +76,7 @@ class SeatEnv(gymnasium.Env[Any, Any], NativeWorld):
         return self._step_team(action)[:3]
 
     def _step_team(self, action: int) -> tuple[float, bool, bool, dict[str, Any]]:
-        """Make a joint step with this body's action; return its reward, whether the episode ended, and its info."""
+        """Make a joint step with this body's action; return its reward, terminated, truncated and its info."""
         if self.steps < len(self.script):
             planned = self.script[self.steps]
         else:
@@ -87,14 +87,13 @@ class SeatEnv(gymnasium.Env[Any, Any], NativeWorld):
         self.joint = None
         self.rewards = joint_step.rewards
         self.steps += 1
+        info = {**joint_step.info}
         if joint_step.infos:
-            own = joint_step.infos[self.seat]
-        else:
-            own = {}
-        return joint_step.rewards[self.seat], joint_step.terminated, joint_step.truncated, {**joint_step.info, **own}
+            info |= joint_step.infos[self.seat]
+        return joint_step.rewards[self.seat], joint_step.terminated, joint_step.truncated, info
 
     def render(self) -> Any:
-        """Return what the person in this body sees."""
+        """Return the picture for the person in this body, uint8[H, W, 3]."""
         return self.picture()
 
     def pose(self) -> Pose:
@@ -138,12 +137,17 @@ class SeatEnv(gymnasium.Env[Any, Any], NativeWorld):
 
 
 def make_seat(world_id: str, options: dict[str, Any]) -> SeatEnv | None:
-    """Return a seat of the team world with an id; None if the id is not that of a team world.
+    """Make a team world and return a seat of it; None if the id is not that of a team world.
+
+    Args:
+        world_id: the id of the world
+        options: the options of the team world, with those of the seat: "seat" and "script"
 
     Raises:
         WorldError: if the world cannot be made with the options.
     """
-    if (make := find_team(world_id)) is None:
+    make_world = find_team(world_id)
+    if make_world is None:
         return None
-    own = {name: value for name, value in options.items() if name not in (SEAT_OPTION, SCRIPT_OPTION)}
-    return SeatEnv(make(**own), options.get(SEAT_OPTION, 0), options.get(SCRIPT_OPTION, ()))
+    team_options = {name: value for name, value in options.items() if name not in (SEAT_OPTION, SCRIPT_OPTION)}
+    return SeatEnv(make_world(**team_options), options.get(SEAT_OPTION, 0), options.get(SCRIPT_OPTION, ()))

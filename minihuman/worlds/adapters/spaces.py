@@ -44,7 +44,7 @@ class DiscreteActions:
     Args:
         names: the name of each action, in order
         first: the space's number of the first action
-        chords: the action that several actions held together stand for, by their numbers
+        chords: by the set of the numbers of actions pressed together, the number of the action that they stand for
     """
 
     is_discrete = True
@@ -60,7 +60,10 @@ class DiscreteActions:
         return range(len(self.names))
 
     def combine(self, numbers: Sequence[int]) -> tuple[int, ActionVector]:
-        """Return the action of several pressed keys: the environment's chord, or else the action of the latest key."""
+        """Return the number and vector () of the action of several pressed keys, of which the latest comes last.
+
+        It is the environment's chord of the keys' actions, or else the action of the latest key.
+        """
         return self.chords.get(frozenset(numbers), numbers[-1]), ()
 
     def resolve(self, action: Action) -> tuple[int, ActionVector]:
@@ -87,8 +90,7 @@ class VectorActions:
     Args:
         space: the environment's action space
         element_names: the environment's own names of the elements, in order; None for `axis_0_minus` and so on
-        resolution: into how many parts of 1 a component is divided, to which it is rounded before it is used; 0 for
-            any number
+        resolution: the number of steps per 1 to which each component is rounded before use; 0 for no rounding
 
     Raises:
         WorldError: if the space is of another kind, or there are not as many names as elements.
@@ -108,14 +110,14 @@ class VectorActions:
         is_integral: list[bool] = []  # by component, whether it takes only whole numbers
         elements: list[ActionElement] = []
         for leaf in _list_leaves(space):
-            axes = len({element.component for element in elements if element.name.startswith("axis")})
-            moves, leaf_low, still, leaf_high = _read_leaf(leaf, len(rest_vector), MAX_BOUND_AXES - axes)
-            elements += moves
+            n_axes = len({element.component for element in elements if element.name.startswith("axis")})
+            leaf_elements, leaf_low, leaf_rest, leaf_high = _read_leaf(leaf, len(rest_vector), MAX_BOUND_AXES - n_axes)
+            elements += leaf_elements
             low += leaf_low.tolist()
             high += leaf_high.tolist()
-            rest_vector += still.tolist()
-            adds += [isinstance(leaf, spaces.Box | spaces.MultiBinary)] * len(still)
-            is_integral += [leaf.dtype is not None and leaf.dtype.kind in "iub"] * len(still)
+            rest_vector += leaf_rest.tolist()
+            adds += [isinstance(leaf, spaces.Box | spaces.MultiBinary)] * len(leaf_rest)
+            is_integral += [leaf.dtype is not None and leaf.dtype.kind in "iub"] * len(leaf_rest)
         self._low = np.array(low)
         self._high = np.array(high)
         self._adds = adds
@@ -126,7 +128,7 @@ class VectorActions:
 
     @property
     def elements(self) -> tuple[ActionElement, ...]:
-        """Return what each action from number 1 moves."""
+        """Return the elements of the actions from number 1, in order."""
         return self._elements
 
     @property
@@ -141,7 +143,7 @@ class VectorActions:
 
     @property
     def is_whole(self) -> tuple[bool, ...]:
-        """Return for each component whether it takes whole numbers alone."""
+        """Return for each component whether it takes only whole numbers."""
         return tuple(self._is_integral)
 
     @property
@@ -155,26 +157,29 @@ class VectorActions:
         return range(len(self._elements) + 1)
 
     def combine(self, numbers: Sequence[int]) -> tuple[int, ActionVector]:
-        """Return the number and vector of several pressed elements, of which the latest comes last."""
+        """Return the number and vector of the action of several pressed keys, of which the latest comes last.
+
+        Raises:
+            WorldError: if a number is not that of rest or of an element.
+        """
         vector = list(self.rest)
         for number in numbers:
             if number not in self.numbers:
                 raise WorldError(f"action {number!r} is not in {self._space}; use one of {', '.join(self.names[:-1])}")
             if number:
                 element = self._elements[number - 1]
-                adds = self._adds[element.component]
-                if adds:
+                if self._adds[element.component]:
                     base = self.rest[element.component]
                 else:
-                    base = vector[element.component]
+                    base = vector[element.component]  # the latest key replaces earlier ones
                 vector[element.component] += element.value - base
         clipped = tuple(np.clip(vector, self._low, self._high).tolist())
-        return self._number(clipped), clipped
+        return self._find_number(clipped), clipped
 
     def move(self, vector: ActionVector, component: int, share: float) -> ActionVector:
         """Return a vector with one component moved by a share (-1 to 1) of the way from rest to its bound.
 
-        A component with whole numbers is rounded.
+        Without a bound, the whole way is 1. A component with whole numbers is rounded.
 
         Raises:
             WorldError: if the component does not exist.
@@ -202,11 +207,12 @@ class VectorActions:
         high = self._high[component]
         if not np.isfinite(high - low):
             raise WorldError(f"component {component} of {self._space} has no bounds, so no point of a picture is its")
-        cells = high - low + 1
-        value = low + (
-            min(np.floor(share * cells), cells - 1) if self._is_integral[component] else share * (high - low)
-        )
-        return (*vector[:component], float(value), *vector[component + 1 :])
+        if self._is_integral[component]:
+            n_cells = high - low + 1
+            offset = min(np.floor(share * n_cells), n_cells - 1)
+        else:
+            offset = share * (high - low)
+        return (*vector[:component], float(low + offset), *vector[component + 1 :])
 
     def require_component(self, component: int) -> None:
         """Check that a component exists.
@@ -223,14 +229,14 @@ class VectorActions:
             return self.combine([action])
         if self.resolution:
             action = tuple((np.round(np.array(action) * self.resolution) / self.resolution).tolist())
-        return self._number(action), action
+        return self._find_number(action), action
 
-    def _number(self, vector: ActionVector) -> int:
+    def _find_number(self, vector: ActionVector) -> int:
         """Return the index in ``names`` of a vector: that of rest, of the element that it equals, or of ``chord``."""
         moved = [
-            place
-            for place, (now, rest_component) in enumerate(zip(vector, self.rest, strict=True))
-            if now != rest_component
+            component
+            for component, (coordinate, rest_coordinate) in enumerate(zip(vector, self.rest, strict=True))
+            if coordinate != rest_coordinate
         ]
         if not moved:
             return 0
@@ -261,7 +267,12 @@ class VectorActions:
 def _read_leaf(
     leaf: gymnasium.Space[Any], start: int, most_axes: int
 ) -> tuple[Sequence[ActionElement], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return the elements of a leaf whose components are numbered from ``start``, and its lowest, rest and highest.
+    """Return the elements of a space without nested spaces, and its lowest vector, rest vector and highest vector.
+
+    Args:
+        leaf: the space
+        start: the number of its first component
+        most_axes: the number of axes, from the first, for which a Box has elements
 
     Raises:
         WorldError: if the leaf is of a kind that keys cannot move.
@@ -286,7 +297,11 @@ def _read_leaf(
 
 
 def _rename(elements: Sequence[ActionElement], names: Sequence[str] | None) -> tuple[ActionElement, ...]:
-    """Return elements with an environment's own names, if it has any."""
+    """Return elements with an environment's own names; unchanged if ``names`` is None.
+
+    Raises:
+        WorldError: if there are not as many names as elements.
+    """
     if names is None:
         return tuple(elements)
     if len(names) != len(elements):
@@ -306,7 +321,7 @@ def _list_leaves(space: gymnasium.Space[Any]) -> list[gymnasium.Space[Any]]:
 
 
 def _assemble(space: gymnasium.Space[Any], components: Iterator[float]) -> Any:
-    """Return a value of a space, assembled from its components."""
+    """Return a value of a space, assembled from the next components of an iterator."""
     match space:
         case spaces.Dict():
             return {name: _assemble(part, components) for name, part in space.spaces.items()}
@@ -328,7 +343,10 @@ def _axis_elements(
     start: int,
     most: int,
 ) -> list[ActionElement]:
-    """Return elements for both directions of the first ``most`` axes, each to its bound, or by 1 without a bound."""
+    """Return elements for both directions of the first ``most`` axes, each to its bound, or by 1 without a bound.
+
+    ``start`` is the number of the first axis among the components of the action.
+    """
     elements = []
     for axis in range(max(0, min(len(low), most))):
         for sign, end in (("minus", low[axis]), ("plus", high[axis])):
@@ -341,18 +359,24 @@ def _axis_elements(
     return elements
 
 
-def _choice_elements(counts: NDArray[Any], rest: NDArray[np.float64], start: int) -> Iterator[ActionElement]:
+def _choice_elements(counts: NDArray[Any], first_choices: NDArray[np.float64], start: int) -> Iterator[ActionElement]:
     """Yield an element for each choice but the first, which is rest, of components numbered from ``start``."""
-    for place, count in enumerate(counts.tolist()):
-        component = start + place
+    for index, count in enumerate(counts.tolist()):
+        component = start + index
         for choice in range(1, count):
-            yield ActionElement(f"choice_{component}_{choice}", component, float(rest[place] + choice))
+            yield ActionElement(f"choice_{component}_{choice}", component, float(first_choices[index] + choice))
 
 
 def find_chords(env: gymnasium.Env[Any, Any], count: int, first: int) -> dict[frozenset[int], int]:
-    """Return which actions stand for another action when pressed together, by the environment's ``get_keys_to_action``.
+    """Return the action that several actions pressed together stand for, by the set of their numbers.
 
-    The keys themselves are not used: a single key names an action, and several keys the chord of their actions.
+    The environment's ``get_keys_to_action`` tells which action each combination of keys does. The keys themselves are
+    not used: a single key identifies an action, and several keys the chord of their actions.
+
+    Args:
+        env: the environment
+        count: the number of its actions
+        first: the space's number of the first action
     """
     table = getattr(env, "get_keys_to_action", None)
     if not callable(table):

@@ -45,9 +45,9 @@ def has_info(info: Mapping[str, Any], key: str) -> bool:
 
 
 def convert_to_flag(content: Any) -> bool | None:
-    """Return a yes or no in any usual form as a bool: a number 0 or 1, or an array, sequence or dictionary of one such.
+    """Return a number 0 or 1 as a bool, also from an array, sequence or mapping with this single element.
 
-    Anything else is None.
+    Anything else gives None.
     """
     if isinstance(content, Mapping):
         if len(content) == 1:
@@ -68,7 +68,7 @@ def convert_to_flag(content: Any) -> bool | None:
 
 
 def encode_info(info: Mapping[str, Any], keys: Sequence[str]) -> str:
-    """Return chosen keys of ``info`` as JSON; missing keys are left out, and values that no table can hold are null."""
+    """Return chosen keys of ``info`` as JSON; missing keys are left out, and parts that JSON cannot hold are null."""
     chosen = {key: _to_plain(find_info(info, key)) for key in keys if has_info(info, key)}
     return json.dumps(chosen, allow_nan=False, ensure_ascii=False, separators=(",", ":"))
 

@@ -36,13 +36,19 @@ class StepResult:
         """
         if not rule.asks_world:
             return None
-        says = read_success(self.info, rule.info_key)
-        if says is not None or rule.info_key or not self.is_own:
-            return says
+        stated = read_success(self.info, rule.info_key)
+        if stated is not None or rule.info_key or not self.is_own:
+            return stated
         return self.terminated and self.reward > 0
 
     def collect_facts(self, rule: OutcomeRule, *, return_: float, spent: bool = False) -> StepFacts:
-        """Return what a rule examines; ``spent`` says whether this was the last step of a limit."""
+        """Return the facts about this step that an outcome rule examines.
+
+        Args:
+            rule: the rule
+            return_: the sum of the episode's rewards, this step's included
+            spent: whether this was the last step of a session's own limit, which counts as truncation
+        """
         return StepFacts(self.reward, return_, self.terminated, self.truncated or spent, self.find_success(rule))
 
     def encode_info(self, keys: Sequence[str]) -> str:

@@ -31,9 +31,8 @@ _MINIGRID_COLOURS = {
 
 def is_minigrid_like(env: Any) -> bool:
     """Return whether an unwrapped environment stores its state as Minigrid's environments do."""
-    return all(hasattr(env, name) for name in ("grid", "agent_pos", "agent_dir", "get_frame")) and hasattr(
-        env.grid, "encode"
-    )
+    has_attributes = all(hasattr(env, name) for name in ("grid", "agent_pos", "agent_dir", "get_frame"))
+    return has_attributes and hasattr(env.grid, "encode")
 
 
 class _Adapter(NativeWorld):
@@ -57,7 +56,7 @@ class _Adapter(NativeWorld):
 
     @abc.abstractmethod
     def _scene(self) -> dict[str, Any]:
-        """Return the values to hash."""
+        """Return the parts of the state to hash, apart from the step count."""
 
 
 class MinigridAdapter(_Adapter):
@@ -88,12 +87,13 @@ class MinigridAdapter(_Adapter):
     def _scene(self) -> dict[str, Any]:
         """Return the parts of the state that determine the future, apart from the step count."""
         env = self._env
-        contents = [_nested(cell) for cell in env.grid.grid if cell is not None and cell.contains is not None]
+        containers = (cell for cell in env.grid.grid if cell is not None and cell.contains is not None)
+        contents = [_encode_with_contents(container) for container in containers]
         return {
             "cells": env.grid.encode(),
             "contents": contents,
             "agent": [int(env.agent_pos[0]), int(env.agent_pos[1]), int(env.agent_dir)],
-            "carrying": _nested(env.carrying),
+            "carrying": _encode_with_contents(env.carrying),
             "mission": str(env.mission),
             "random": env.np_random.bit_generator.state,
         }
@@ -114,16 +114,19 @@ class MinigridAdapter(_Adapter):
     ) -> NDArray[np.uint8]:
         """Return the environment's own picture, which has only the classic palette."""
         env = self._env
-        columns, rows = (env.agent_view_size,) * 2 if view == "partial" else (env.width, env.height)
+        if view == "partial":
+            columns, rows = env.agent_view_size, env.agent_view_size
+        else:
+            columns, rows = env.width, env.height
         tile_px = max(1, min(size_px[0] // columns, size_px[1] // rows))
         return np.asarray(env.get_frame(env.highlight, tile_px, view == "partial"), dtype=np.uint8)
 
 
-def _nested(thing: Any) -> list[Any] | None:
+def _encode_with_contents(thing: Any) -> list[Any] | None:
     """Return an object's code and, recursively, those of its contents; None for no object."""
     if thing is None:
         return None
-    return [[int(code) for code in thing.encode()], _nested(thing.contains)]
+    return [[int(code) for code in thing.encode()], _encode_with_contents(thing.contains)]
 
 
 _MINIWORLD_COLOURS = {name: hex_colour(rgb) for name, rgb in RGB_BY_COLOUR.items()}
@@ -154,7 +157,7 @@ class MiniworldAdapter(_Adapter):
         env = self._env
         carrying = env.agent.carrying
         return {
-            "entities": [_state(entity) for entity in env.entities],
+            "entities": [_entity_state(entity) for entity in env.entities],
             "walls": np.asarray(env.wall_segs, dtype=np.float64),
             "carrying": -1 if carrying is None else env.entities.index(carrying),
             "random": env.np_random.bit_generator.state,
@@ -182,10 +185,10 @@ class MiniworldAdapter(_Adapter):
         return np.asarray(draw(self._env.vis_fb), dtype=np.uint8)
 
 
-def _state(entity: Any) -> list[Any]:
-    """Return what a hash covers of a Miniworld entity."""
-    place = [float(value) for value in entity.pos]
-    return [type(entity).__name__, place, float(entity.dir), float(entity.radius), float(entity.height)]
+def _entity_state(entity: Any) -> list[Any]:
+    """Return the class, position, direction, radius and height of a Miniworld entity, for a hash."""
+    position = [float(coordinate) for coordinate in entity.pos]
+    return [type(entity).__name__, position, float(entity.dir), float(entity.radius), float(entity.height)]
 
 
 def _describe_entity(entity: Any) -> Thing:

@@ -17,7 +17,12 @@ from numpy.typing import NDArray
 
 from minihuman.errors import WorldError
 from minihuman.trust import locate_world
-from minihuman.worlds.adapters.environment import has_own_rule, is_built_in, make_environment, require_stated_space
+from minihuman.worlds.adapters.environment import (
+    has_own_reward_rule,
+    is_built_in,
+    make_environment,
+    require_stated_space,
+)
 from minihuman.worlds.adapters.foreign_code import WorldCodeError, contain_errors
 from minihuman.worlds.adapters.returned_values import (
     explain_unhashable,
@@ -64,13 +69,13 @@ class World:
             self.is_built_in = is_built_in(self._env)
             native = self._env.unwrapped
             self.drawn = isinstance(native, NativeWorld) and native.drawn  # see `NativeWorld.drawn`
-            self.reward_means_success = has_own_rule(native)
+            self.reward_means_success = has_own_reward_rule(native)
             require_stated_space(world_id, self._env, "action_space")
             self.actions = build_actions(world_id, self._env)
             require_stated_space(world_id, self._env, "observation_space")
             self._wrappers = WrapperState(self._env)
         self.action_names = self.actions.names
-        self._known: NativeWorld | None = None
+        self._native: NativeWorld | None = None
         self._observation: Any = None
         self._has_advanced = False  # whether steps were made after the latest observation
         self._steps = 0
@@ -94,7 +99,7 @@ class World:
     @property
     def knows_state(self) -> bool:
         """Return whether the environment reveals its whole state; otherwise, hashes cover what can be observed."""
-        return self._known is not None
+        return self._native is not None
 
     @property
     def observation(self) -> Any:
@@ -116,19 +121,25 @@ class World:
         """Return the environment's own step limit per episode; None if it states no number."""
         if self.is_built_in:
             return step_limit_of(self._env)
-        own = self._call("max_steps", getattr, self._env.unwrapped, "max_steps", None)
+        stated = self._call("max_steps", getattr, self._env.unwrapped, "max_steps", None)
         if self._env.spec:
             registered = self._env.spec.max_episode_steps
         else:
             registered = None
-        limits = [limit for limit in (own, registered) if isinstance(limit, int | float | np.number)]
+        limits = [limit for limit in (stated, registered) if isinstance(limit, int | float | np.number)]
         return min((int(limit) for limit in limits if math.isfinite(limit)), default=None)
 
     def name_actions(self, chosen: Iterable[str]) -> None:
-        """Name the actions by their numbers if a plan does, since it may be older than the names; else by names."""
+        """Set `action_names` to the actions' numbers if a plan uses only numbers, else to their names.
+
+        A plan may be older than the names of the world's actions.
+
+        Args:
+            chosen: the actions of the plan, as the plan writes them
+        """
         numbers = tuple(str(number) for number in range(len(self.actions.names)))
-        named = set(chosen)
-        if named and named <= set(numbers):
+        plan_names = set(chosen)
+        if plan_names and plan_names <= set(numbers):
             self.action_names = numbers
         else:
             self.action_names = self.actions.names
@@ -137,7 +148,7 @@ class World:
         """Begin an episode from a seed, with the wrappers in their initial state."""
         self._wrappers.begin()
         self._observation, onset = self._call("reset()", self._reset_env, seed)
-        self._known = self._call("its code", _known, self._env.unwrapped)
+        self._native = self._call("its code", _adapt_to_native, self._env.unwrapped)
         self._steps = 0
         self._has_advanced = False
         return ResetResult(self._observation_hash(), self._call("mission", self._mission), onset)
@@ -159,8 +170,8 @@ class World:
             self._observation, reward, terminated, truncated, info = self._env.step(value)
             onset = bool(info.get("onset"))
         else:
-            stepped = self._call("step()", self._step_env, value)
-            self._observation, reward, terminated, truncated, onset, info = stepped
+            returned = self._call("step()", self._step_env, value)
+            self._observation, reward, terminated, truncated, onset, info = returned
         self._has_advanced = False
         self._steps += 1
         return StepResult(
@@ -192,9 +203,9 @@ class World:
             except WorldCodeError:
                 raise
             except WorldError as error:
-                raise self._named(error) from error
+                raise self._with_world_id(error) from error
 
-    def _named(self, error: WorldError) -> WorldError:
+    def _with_world_id(self, error: WorldError) -> WorldError:
         """Return the error with the world's id at the start of its message."""
         if str(error).startswith(f"{self.id}: "):
             return error
@@ -220,8 +231,8 @@ class World:
 
     def pose(self) -> Pose | None:
         """Return the agent's pose; None if it is unknown."""
-        if self._known:
-            pose = self._call("pose()", self._known.pose)
+        if self._native:
+            pose = self._call("pose()", self._native.pose)
         else:
             pose = None
         if pose is None or math.isnan(pose.x):
@@ -230,14 +241,14 @@ class World:
 
     def subgoals(self) -> tuple[tuple[str, int], ...]:
         """Return the clauses of the episode's instruction, each with the step that fulfilled it, or 0 if not yet."""
-        if isinstance(self._known, NativeWorld):
-            return self._call("subgoals()", self._known.subgoals)
+        if isinstance(self._native, NativeWorld):
+            return self._call("subgoals()", self._native.subgoals)
         return ()
 
     def map(self) -> Map | None:
         """Return the floor plan; None where it is unknown."""
-        if self._known and self.pose() is not None:
-            return self._call("map()", self._known.map)
+        if self._native and self.pose() is not None:
+            return self._call("map()", self._native.map)
         return None
 
     def state_hash(self) -> int:
@@ -245,17 +256,17 @@ class World:
 
         If the world does not reveal its state, the hash covers the observation, the random stream and the step count.
         """
-        if self._known:
-            return self._with_wrappers(self._call("state_hash()", self._known.state_hash))
+        if self._native:
+            return self._hash_with_wrappers(self._call("state_hash()", self._native.state_hash))
         random = self._call("np_random", self._random_state)
         observable = {"observation": self._observation_hash(), "random": random, "steps": self._steps}
-        return self._with_wrappers(hash64(observable))
+        return self._hash_with_wrappers(hash64(observable))
 
     def scene_hash(self) -> int:
-        """Return the hash of the state without the step count; if the state is unknown, with it."""
-        if not self._known:
+        """Return the hash of the state without the step count; if the state is unknown, the same as `state_hash`."""
+        if not self._native:
             return self.state_hash()
-        return self._with_wrappers(self._call("scene_hash()", self._known.scene_hash))
+        return self._hash_with_wrappers(self._call("scene_hash()", self._native.scene_hash))
 
     def _random_state(self) -> Any:
         """Return the state of the environment's random stream; raise a WorldError for another kind of stream."""
@@ -275,8 +286,8 @@ class World:
         Raises:
             WorldError: if planning would take too long.
         """
-        if self._known and self.actions.is_discrete:
-            actions = self._call("shortest_path()", self._known.shortest_path)
+        if self._native and self.actions.is_discrete:
+            actions = self._call("shortest_path()", self._native.shortest_path)
         else:
             actions = None
         if actions is None:
@@ -284,10 +295,10 @@ class World:
         return tuple(self.action_names[action] for action in actions)
 
     def path_length_bounds(self) -> PathLengthBounds:
-        """Return bounds on the number of steps from here to success."""
-        # bounds of first-person worlds count turns and steps ahead, and steps sideways can need fewer
-        if self._known and getattr(self._known, "control", "discrete") == "discrete":
-            return self._call("path_length_bounds()", self._known.path_length_bounds)
+        """Return bounds on the number of steps from here to success, unknown for worlds without a discrete control."""
+        # first-person worlds compute bounds from turns and steps ahead; a path with steps sideways can be shorter
+        if self._native and getattr(self._native, "control", "discrete") == "discrete":
+            return self._call("path_length_bounds()", self._native.path_length_bounds)
         return UNKNOWN_BOUNDS
 
     def frame(
@@ -310,14 +321,14 @@ class World:
 
     def _draw(self, view: View, size_px: tuple[int, int], palette: Palette) -> NDArray[np.uint8]:
         """Draw the picture: the environment's own if a wrapper redraws it or the environment is foreign."""
-        if self._known and not self._wrappers.redraw:
-            return read_picture(self._known.picture(view=view, size_px=size_px, palette=palette))
+        if self._native and not self._wrappers.redraw:
+            return read_picture(self._native.picture(view=view, size_px=size_px, palette=palette))
         return read_picture(self.render(size_px))
 
     @property
     def draws_itself(self) -> bool:
         """Return whether a participant sees what the environment's own ``render`` returns."""
-        return self._known is None or self._wrappers.redraw
+        return self._native is None or self._wrappers.redraw
 
     def render(self, size_px: tuple[int, int]) -> Any:
         """Return the environment's own picture unchanged; within ``size_px`` if it can draw at any size."""
@@ -366,8 +377,12 @@ class World:
 
     def _copy_foreign(self) -> dict[str, Any]:
         """Return a copy of all attributes of a foreign environment; many objects written in C cannot be copied."""
+        if self._native:
+            copy_state = self._native.save
+        else:
+            copy_state = self._copy_attributes
         try:
-            return self._call("the copy of its attributes", self._known.save if self._known else self._copy_attributes)
+            return self._call("the copy of its attributes", copy_state)
         except WorldCodeError as error:
             reason = str(error).removeprefix(f"{self.id}: ")
             raise WorldError(f"{self.id} cannot be copied in the middle of an episode ({reason})") from error
@@ -385,8 +400,8 @@ class World:
         set_elapsed_steps(self._env, limits)
 
     def _restore_inside(self, inside: Any) -> None:
-        if self._known:
-            self._known.restore(inside)
+        if self._native:
+            self._native.restore(inside)
         else:
             attributes = vars(self._env.unwrapped)
             for name in attributes.keys() - inside.keys():  # attributes that were added after the copy
@@ -395,7 +410,7 @@ class World:
 
     def _copy_observation(self, observation: Any) -> Any:
         """Return a copy of the observation if its arrays can change: a native world makes new ones for each step."""
-        if self._wrappers.any or self._known is not self.unwrapped:
+        if self._wrappers.any or self._native is not self.unwrapped:
             return copy.deepcopy(observation)
         return observation
 
@@ -407,17 +422,18 @@ class World:
             LOG.warning("the world did not close: %s: %s", type(error.__cause__).__name__, error.__cause__)
 
     def _action_value(self, action: Action) -> Any:
+        """Return an action in the form that the environment's ``step`` takes; raise a WorldError for an unknown one."""
         try:
             return self.actions.value(action)
         except WorldError as error:
             raise WorldError(f"{self.id}: {error}") from error
 
-    def _with_wrappers(self, hashed: int) -> int:
-        """Return a hash that also covers what wrappers have changed; the given hash if they changed nothing."""
+    def _hash_with_wrappers(self, state_hash: int) -> int:
+        """Return a hash of a state's hash and what wrappers have changed; the state's hash if they changed nothing."""
         changes = self._wrappers.changes()
         if changes:
-            return hash64([hashed, changes])
-        return hashed
+            return hash64([state_hash, changes])
+        return state_hash
 
     def _observation_hash(self) -> int:
         """Return the hash of the latest observation.
@@ -451,8 +467,8 @@ class World:
 answer_to_old_names(World)
 
 
-def _known(env: Any) -> NativeWorld | None:
-    """Return an environment as a native world, through an adapter if need be; None if its state is unknown."""
+def _adapt_to_native(env: Any) -> NativeWorld | None:
+    """Return an environment as a native world, in an adapter if it is not one; None if its state is unknown."""
     if isinstance(env, NativeWorld):
         return env
     if is_minigrid_like(env):

@@ -32,8 +32,15 @@ _DOOR = 4
 _FONT = Path(__file__).parents[2] / "display" / "fonts" / "DejaVuSans.ttf"
 _PAPER = (16, 16, 16)
 _INK = (232, 232, 232)
-_LINES = 18  # the least number of lines for which a picture has space
+_MIN_LINES = 18  # for which a picture has space
+_EMPTY_LINES = 3  # above the diagram, between diagram and sentences, and below
 _FONT_SHARE = 0.78  # the size of the font, as a share of the height of a line
+_MIN_FONT_PX = 6
+_TEST_FONT_PX = 100  # in which the lengths of sentences are measured
+_MARGIN_SHARE = 0.06  # of the picture's width, beside the text
+_SENTENCE_SHARE = 0.88  # of the picture's width, for the longest sentence
+_COLUMN_WIDTH = 0.75  # of the diagram, in heights of a line
+_COLUMN_MIDDLE = 0.4  # of the diagram's first column, in heights of a line
 
 
 def describe_observation(observation: Any, kinds: Sequence[ObjectKind] = ()) -> str:
@@ -55,25 +62,29 @@ def describe_observation(observation: Any, kinds: Sequence[ObjectKind] = ()) -> 
 
 
 def draw_text(text: str, size_px: tuple[int, int]) -> NDArray[np.uint8]:
-    """Return a picture uint8[H, W, 3] of a text of `describe_observation`, with the diagram's characters in columns."""
+    """Return a picture uint8[H, W, 3] of a text of `describe_observation`, with the diagram's characters in columns.
+
+    The size ``size_px`` is (width, height).
+    """
     diagram, _, sentences = text.partition("\n\n")
     rows = diagram.split("\n")
     lines = sentences.split("\n")
-    width, height = size_px
-    font = ImageFont.truetype(str(_FONT), 100, layout_engine=ImageFont.Layout.BASIC)
-    longest = max(font.getlength(line) for line in lines) / 100  # in em
-    line_px = min(height / max(_LINES, len(rows) + len(lines) + 3), 0.88 * width / longest / _FONT_SHARE)
-    font = font.font_variant(size=max(6, int(_FONT_SHARE * line_px)))
-    image = Image.new("RGB", (width, height), _PAPER)
+    width_px, height_px = size_px
+    font = ImageFont.truetype(str(_FONT), _TEST_FONT_PX, layout_engine=ImageFont.Layout.BASIC)
+    longest_em = max(font.getlength(line) for line in lines) / _TEST_FONT_PX
+    n_lines = max(_MIN_LINES, len(rows) + len(lines) + _EMPTY_LINES)
+    line_px = min(height_px / n_lines, _SENTENCE_SHARE * width_px / longest_em / _FONT_SHARE)
+    font = font.font_variant(size=max(_MIN_FONT_PX, int(_FONT_SHARE * line_px)))
+    image = Image.new("RGB", (width_px, height_px), _PAPER)
     draw = ImageDraw.Draw(image)
-    left = 0.06 * width
-    top = line_px
+    margin_px = _MARGIN_SHARE * width_px
+    top_px = line_px
     for number, row in enumerate(rows):
         for column, character in enumerate(row):
-            at = left + (0.75 * column + 0.4) * line_px, top + number * line_px
-            draw.text(at, character, _INK, font, anchor="ma")
+            x_px = margin_px + (_COLUMN_WIDTH * column + _COLUMN_MIDDLE) * line_px
+            draw.text((x_px, top_px + number * line_px), character, _INK, font, anchor="ma")
     for number, line in enumerate(lines, len(rows) + 1):
-        draw.text((left, top + number * line_px), line, _INK, font)
+        draw.text((margin_px, top_px + number * line_px), line, _INK, font)
     return np.asarray(image)
 
 
@@ -91,20 +102,20 @@ def describe_view(image: NDArray[np.integer[Any]]) -> Iterator[str]:
     if kinds[x, y] not in (_UNSEEN, _EMPTY):
         yield f"You carry a {_name_cell(image[x, y])}"
     sight = {"forward": kinds[x, :y][::-1], "left": kinds[:x, y][::-1], "right": kinds[x + 1 :, y]}
-    for direction, line in sight.items():
-        blocked = np.flatnonzero(line > _EMPTY)
-        if len(blocked) and line[blocked[0]] == _WALL:
-            yield f"a wall {_steps(int(blocked[0]) + 1, direction)}"
+    for direction, cells in sight.items():
+        blocked = np.flatnonzero(cells > _EMPTY)
+        if len(blocked) and cells[blocked[0]] == _WALL:
+            yield f"a wall {_format_steps(int(blocked[0]) + 1, direction)}"
     for column, row in np.argwhere(kinds > _WALL).tolist():
         if (column, row) == (x, y):
             continue
         steps = []
         if column != x:
-            steps.append(_steps(abs(column - x), "right" if column > x else "left"))
+            steps.append(_format_steps(abs(column - x), "right" if column > x else "left"))
         if row != y:
-            steps.append(_steps(y - row, "forward"))
-        way = " and ".join(steps)
-        yield f"a {_name_cell(image[column, row])} {way}"
+            steps.append(_format_steps(y - row, "forward"))
+        directions = " and ".join(steps)
+        yield f"a {_name_cell(image[column, row])} {directions}"
 
 
 def _name_cell(cell: NDArray[np.integer[Any]]) -> str:
@@ -122,5 +133,5 @@ def _name_cell(cell: NDArray[np.integer[Any]]) -> str:
     return name
 
 
-def _steps(count: int, direction: str) -> str:
+def _format_steps(count: int, direction: str) -> str:
     return f"{count} step{'s' if count > 1 else ''} {direction}"

@@ -52,13 +52,15 @@ class WrapperState:
     def changes(self) -> list[Any]:
         """Return the attributes that have changed since the wrappers were made, for hashing; [] if none has.
 
+        Each is a tuple of the wrapper's number, the attribute's name, and its content in a form that can be hashed.
+
         Raises:
             WorldError: if a wrapper holds a value that cannot be hashed.
         """
         changes = []
-        for place, wrapper in enumerate(self._wrappers):
-            initial = self._initial[place]
-            digests = self._digests[place]
+        for number, wrapper in enumerate(self._wrappers):
+            initial = self._initial[number]
+            digests = self._digests[number]
             for name, value in _attributes(wrapper):
                 digest = _digest(value)
                 if digest is None and value is not initial.get(name, _ABSENT):
@@ -67,7 +69,7 @@ class WrapperState:
                         "numbers, strings, arrays, tuples, lists and dicts"
                     )
                 if digest is not None and digest != digests.get(name):
-                    changes.append((place, name, _plain(value)))
+                    changes.append((number, name, _to_hashable(value)))
         return changes
 
     def save(self) -> list[dict[str, Any]]:
@@ -87,19 +89,19 @@ class WrapperState:
 
 
 def _attributes(wrapper: Any) -> list[tuple[str, Any]]:
-    """Return a wrapper's own attributes, sorted by name."""
+    """Return a wrapper's attributes that Gymnasium does not set, sorted by name."""
     return sorted((name, value) for name, value in vars(wrapper).items() if name not in _NOT_STATE)
 
 
 def _digest(value: Any) -> int | None:
     """Return the hash of an attribute's value; None if it cannot be hashed."""
     try:
-        return hash64(_plain(value))
+        return hash64(_to_hashable(value))
     except TypeError:
         return None
 
 
-def _plain(value: Any) -> Any:
+def _to_hashable(value: Any) -> Any:
     """Return a value in a form that can be hashed."""
     match value:
         case set() | frozenset():

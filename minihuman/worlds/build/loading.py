@@ -6,7 +6,7 @@ import llvmlite.binding as llvm
 
 
 def llvm_binding() -> Any:
-    """Return llvmlite's binding, ready for this machine."""
+    """Initialize LLVM for this machine's processor, and return llvmlite's module of bindings."""
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
     return llvm

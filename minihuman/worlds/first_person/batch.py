@@ -108,13 +108,13 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
         self._threads = threads or os.cpu_count() or 1
         self._render_pool = RenderPool(num_envs, self._threads)
         kind = type(first)
-        own = kind.observe is not FirstPersonEnv.observe or kind.see is not FirstPersonEnv.see
-        self._draws_together = num_envs > 1 and not own
-        stepped = kind.advance is FirstPersonEnv.advance and first.kernels_judge and not first.domain_rand
+        draws_itself = kind.observe is not FirstPersonEnv.observe or kind.see is not FirstPersonEnv.see
+        self._draws_together = num_envs > 1 and not draws_itself
+        kernels_step = kind.advance is FirstPersonEnv.advance and first.kernels_judge and not first.domain_rand
         self._joint: JointStep | None = None
-        if self._draws_together and stepped and first.control == "discrete":
+        if self._draws_together and kernels_step and first.control == "discrete":
             self._joint = JointStep(self.worlds)
-        elif self._draws_together and stepped and first.control != "discrete-strafe" and not _turns_by_hand(first):
+        elif self._draws_together and kernels_step and first.control != "discrete-strafe" and not _turns_by_hand(first):
             self._joint = JointMotion(self.worlds)
 
     @property  # type: ignore[misc]  # Gymnasium's can be set; Gymnasium's own vectors give one per world too
@@ -143,7 +143,7 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
         for i in np.flatnonzero(chosen).tolist():
             self.worlds[i].begin(seed=seeds[i])
         self._over[chosen] = False
-        return self._observed(range(self.num_envs))
+        return self._observe_all(range(self.num_envs))
 
     def step(self, actions: ArrayLike) -> Stepped:
         """Step every world by its action.
@@ -156,34 +156,35 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
         if joint is not None and not joint.is_current():
             joint = None
         action_array = self._read_actions(actions, one_by_one=joint is None)
-        again = self._autoreset is AutoresetMode.SAME_STEP
+        resets_at_once = self._autoreset is AutoresetMode.SAME_STEP
         renewed = self._over & (self._autoreset is AutoresetMode.NEXT_STEP)
         rewards = np.zeros(self.num_envs)
         statuses = np.full(self.num_envs, -1)
         if joint is not None:
             joint.step(action_array, renewed, rewards, statuses)
-        stepped = statuses >= 0
-        ends = [stepped & (statuses & part != 0) for part in (TERMINATED, TRUNCATED)]
-        other = np.flatnonzero(statuses & ~MOVED).tolist()  # worlds that did other than move, which Python handles
+        was_stepped = statuses >= 0
+        terminated, truncated = (was_stepped & (statuses & part != 0) for part in (TERMINATED, TRUNCATED))
+        changed = np.flatnonzero(statuses & ~MOVED).tolist()  # worlds that did other than move, which Python handles
         final: dict[int, tuple[Any, dict[str, Any]]] = {}  # last observations and infos of worlds that begin anew
-        for i in other:
+        for i in changed:
             world = self.worlds[i]
             if renewed[i]:
                 world.begin()
                 continue
-            if not stepped[i]:
-                rewards[i], ends[0][i], ends[1][i] = world.advance(action_array[i])
-            vars(world)["_over"] = bool(ends[0][i] or ends[1][i])
-            if again and (ends[0][i] or ends[1][i]):
+            if not was_stepped[i]:
+                rewards[i], terminated[i], truncated[i] = world.advance(action_array[i])
+            is_over = bool(terminated[i] or truncated[i])
+            vars(world)["_over"] = is_over
+            if resets_at_once and is_over:
                 final[i] = world.observe(), world.info()
                 world.begin()
-        observations, infos = self._observed(other)
-        over = ends[0] | ends[1]
-        self._over = np.zeros_like(over) if again else over
-        return observations, rewards, *ends, infos | self._final(final)
+        observations, infos = self._observe_all(changed)
+        over = terminated | truncated
+        self._over = np.zeros_like(over) if resets_at_once else over
+        return observations, rewards, terminated, truncated, infos | self._collect_final(final)
 
     def _read_actions(self, actions: Any, *, one_by_one: bool) -> Any:
-        """Return the worlds' actions after checking them: numbers, commands, or each world's own.
+        """Return the worlds' actions after checking them: their numbers, or for continuous worlds actions or commands.
 
         Raises:
             WorldError: in the same cases as `step`.
@@ -214,7 +215,7 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
         return action_array
 
     def _check_continuous_actions(self, actions: Any) -> list[Any]:
-        """Return the action of each world, out of those of a batch in Gymnasium's form, after every world checked its.
+        """Split the actions of a batch by world, let each world check its own, and return them in a list.
 
         Raises:
             WorldError: in the same cases as `step`.
@@ -247,10 +248,10 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
         return commands
 
     def _require_running(self) -> None:
-        """Check that no episode is over, where worlds do not begin anew by themselves.
+        """Check that no episode is over if autoreset is disabled.
 
         Raises:
-            WorldError: if one is.
+            WorldError: if an episode is over.
         """
         if self._autoreset is AutoresetMode.DISABLED and self._over.any():
             raise WorldError(
@@ -292,8 +293,12 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
             world.restore(snapshot)
         self._over = saved.over.copy()
 
-    def _observed(self, changed: Sequence[int]) -> tuple[Any, dict[str, Any]]:
-        """Return observations and infos; ``changed`` are the indices of worlds whose views no kernel has aimed."""
+    def _observe_all(self, changed: Sequence[int]) -> tuple[Any, dict[str, Any]]:
+        """Return the observations and infos of all worlds.
+
+        Args:
+            changed: the indices of worlds that have changed otherwise than by a move in the kernels
+        """
         if not self._draws_together:
             return self._observe_in_threads(), self._infos()
         if self._joint is None:
@@ -316,11 +321,13 @@ class FirstPersonBatch(gymnasium.vector.VectorEnv[Any, NDArray[np.int64], NDArra
     def _infos(self) -> dict[str, Any]:
         """Return the infos of all worlds, if their class defines any."""
         infos: dict[str, Any] = {}
-        for i, world in enumerate(self.worlds if type(self.worlds[0]).info is not FirstPersonEnv.info else ()):
+        if type(self.worlds[0]).info is FirstPersonEnv.info:
+            return infos
+        for i, world in enumerate(self.worlds):
             infos = self._add_info(infos, world.info(), i)
         return infos
 
-    def _final(self, final: dict[int, tuple[Any, dict[str, Any]]]) -> dict[str, Any]:
+    def _collect_final(self, final: dict[int, tuple[Any, dict[str, Any]]]) -> dict[str, Any]:
         """Return the last observations and infos of the worlds whose episodes ended, in Gymnasium's form."""
         if not final:
             return {}
@@ -369,44 +376,44 @@ class JointStep:
     ) -> None:
         """Step every world that is not skipped; write each world's reward, and its status as in `rules.act` or -1."""
         self._latest = -1  # until all views are aimed
-        own = self._own
-        scored = bool(self._flats[0].score)
-        for flat, world in zip(self._flats, self._worlds, strict=True) if scored else ():
-            flat.count(world)
+        has_score = bool(self._flats[0].score)
+        if has_score:
+            for flat, world in zip(self._flats, self._worlds, strict=True):
+                flat.write_counts(world)
         self._act(actions, skipped, statuses)
-        rewards[:] = np.where(skipped, 0.0, own[:, EARNED])
-        outcomes = zip(
-            self._worlds, self._flats, self._agents, own[:, : HEADING + 1].tolist(), statuses.tolist(), strict=True
-        )
+        rewards[:] = np.where(skipped, 0.0, self._own[:, EARNED])
+        poses = self._own[:, : HEADING + 1].tolist()
+        outcomes = zip(self._worlds, self._flats, self._agents, poses, statuses.tolist(), strict=True)
         for world, flat, agent, (x, y, z, heading), status in outcomes:
             if status >= 0:
                 vars(world)["step_count"] += 1
                 agent["pos"] = (x, y, z)
                 agent["dir"] = heading
-                if scored or status & _MORE:
-                    flat.take(world, status)
+                if has_score or status & _MORE:
+                    flat.apply_step(world, status)
 
     def _act(self, actions: NDArray[Any], skipped: NDArray[np.bool_], statuses: NDArray[np.int64]) -> None:
-        """Do the worlds' actions in the kernels' arrays; write the statuses."""
+        """Do the actions of the worlds that are not skipped in the kernels' arrays; write the statuses."""
         numbers = np.where(skipped, -1, actions.astype(np.int64))
         self._turn_to(self._own[:, HEADING] + self._turns_rad[self._all, numbers])
         act_together(self._rows, numbers, self._own, statuses)
 
     def _turn_to(self, headings: NDArray[np.float64]) -> None:
-        """Compute the sines of the headings after a turn."""
+        """Compute the sines and cosines of the headings (rad) after a turn, and write them to the kernels' arrays."""
         self._own[:, AFTER:EARNED] = list(map(turn, headings.tolist(), self._trigs))
 
     def aim_targets(self, changed: Sequence[int]) -> list[RenderTarget]:
-        """Return the render targets of all worlds.
+        """Return the render targets of all worlds, after reading the state of changed worlds anew.
 
-        Python aims those of worlds that something other than a step has changed.
+        Args:
+            changed: the indices of worlds that have changed otherwise than by a move in the kernels
         """
         for i in changed:
             world = self._worlds[i]
             flat = world.flat_state()
             agent = world.agent
             target = world.aim_target()
-            flat.count(world)
+            flat.write_counts(world)
             self._flats[i] = flat
             self._targets[i] = target
             self._agents[i] = vars(agent)
@@ -421,7 +428,7 @@ class JointStep:
         return self._targets
 
     def _count(self) -> tuple[list[int], int]:
-        """Return the steps of each world and the entities of all, which change when worlds are used by themselves."""
+        """Return the step count of each world and the number of all entities, to detect that a world was used alone."""
         stages = [world._stage for world in self._worlds]
         return [world.step_count for world in self._worlds], sum(len(stage.entities) for stage in stages if stage)
 
@@ -433,7 +440,7 @@ class JointMotion(JointStep):
         return JointMotion, (self._worlds,)
 
     def _act(self, actions: NDArray[Any], skipped: NDArray[np.bool_], statuses: NDArray[np.int64]) -> None:
-        """Do the worlds' commands in the kernels' arrays; write the statuses."""
+        """Do the commands of the worlds that are not skipped in the kernels' arrays; write the statuses."""
         commands = actions.copy()
         commands[skipped, USE] = SKIPPED
         widest_rad = np.array([flat.numbers[TURN_DEG] for flat in self._flats]) * RADIANS
@@ -445,7 +452,7 @@ class JointMotion(JointStep):
 
 
 def _turns_by_hand(world: FirstPersonEnv) -> bool:
-    """Return whether a world has an action of the hands that turns the body, under a name of its own."""
+    """Return whether one of a world's named actions besides its continuous ones turns the agent by a fixed angle."""
     names = (world.motions.get(world.kernel_actions[number], "") for number in world.use_actions)
     return any(name in ("turn_left", "turn_right") for name in names)
 
@@ -458,7 +465,7 @@ _MOVED_LAYOUTS = {  # by their names in data sets that were exported earlier
 
 
 def make_world(layout: str, **options: Any) -> FirstPersonEnv:
-    """Make a world that a module of this package defines, as in ``make_world("layouts.mazes:Maze", num_rows=3)``."""
+    """Make a world of a layout class of this package, as in ``make_world("layouts.mazes:Maze", num_rows=3)``."""
     module, _, name = _MOVED_LAYOUTS.get(layout, layout).partition(":")
     if "params" in options:
         options["parameters"] = read_parameters(options.pop("params"))

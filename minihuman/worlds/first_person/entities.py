@@ -91,15 +91,15 @@ class Entity:
     radius: Length = 0.0
     height: float = 0.0
     looks: ClassVar[tuple[str, ...]] = ()  # further attributes that distinguish entities of one kind
-    trig: int = 0  # whose sine and cosine turn it: 0 the host's, 1 our own, which are the same on every machine
+    trig: int = 0  # the sine and cosine that turn it: 0 the host's, 1 our own, which are the same on every machine
 
     def __init__(self) -> None:
         self.pos: Position = (math.nan, math.nan, math.nan)  # not a number until it is placed
         self.dir: float = math.nan
 
     def __setattr__(self, name: str, value: Any) -> None:
-        is_array_of_place = name == "pos" and type(value) is np.ndarray
-        object.__setattr__(self, name, tuple(value.tolist()) if is_array_of_place else value)
+        is_position_array = name == "pos" and type(value) is np.ndarray
+        object.__setattr__(self, name, tuple(value.tolist()) if is_position_array else value)
         LATEST_CHANGE[0] = next(_changes)  # as `note_change`, but a call costs as much as all of this
 
     def randomise(self, parameters: Parameters, rng: np.random.Generator | None) -> None:
@@ -220,7 +220,7 @@ class Mesh(Entity):
             self.measure(*extents)
 
     def measure(self, half_width: Length, own_height: Length, half_depth: Length) -> None:
-        """Set the entity's width from the extents of its mesh in the mesh's own units."""
+        """Set the entity's radius from the extents of its mesh, which are in the mesh's own units."""
         self.radius = math.sqrt(half_width * half_width + half_depth * half_depth) * (self.height / own_height)
 
 
@@ -289,7 +289,7 @@ class TextFrame(Entity):
         self.height = height
         self.width = len(text) * height
         self.name = f"sign {text}"
-        self.variants: tuple[int, ...] = (0,) * len(text)  # which picture of each character
+        self.variants: tuple[int, ...] = (0,) * len(text)  # the number of each character's picture
 
     @property
     def textures(self) -> list[str | None]:
@@ -297,7 +297,7 @@ class TextFrame(Entity):
         return [None if letter == " " else f"chars/ch_0x{ord(letter)}" for letter in self.text]
 
     def randomise(self, parameters: Parameters, rng: np.random.Generator | None) -> None:
-        """Draw a picture for each character."""
+        """Draw the number of a picture for each character; without a random stream, use 0."""
         self.variants = tuple(
             0 if rng is None or texture is None else int(rng.integers(texture_variants(texture)))
             for texture in self.textures

@@ -156,7 +156,7 @@ class FirstPersonEnv(ShowsItself, gymnasium.Env[Any, Any], MiniworldCompat, Free
     def reward_and_done(self, action: str) -> tuple[float, bool]:
         """Return the reward of a step and whether it ended the episode, by default by the ``termination_rule``."""
         flat = self.flat_state()
-        flat.take_rule(self)
+        flat.read_rule(self)
         status = flat.step(self, self._kernel_action(action), rules.JUDGE)
         return flat.reward, bool(status & rules.TERMINATED)
 
@@ -230,7 +230,7 @@ class FirstPersonEnv(ShowsItself, gymnasium.Env[Any, Any], MiniworldCompat, Free
         max_z: float | None = None,
         max_y: float | None = None,
     ) -> None:
-        """Make an opening between two rooms, between two x or two z, up to ``max_y`` (None: as high as the walls).
+        """Make an opening between two rooms within limits of x or z, up to ``max_y`` (None: as high as the walls).
 
         Raises:
             WorldError: if the rooms do not face each other, or the opening does not fit their walls.
@@ -310,7 +310,7 @@ class FirstPersonEnv(ShowsItself, gymnasium.Env[Any, Any], MiniworldCompat, Free
     # Gymnasium.
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Build a new episode, which is the same for the same seed; there are no options."""
+        """Build a new episode, the same for the same seed; return its observation and info. There are no options."""
         self.begin(seed=seed)
         self._show()
         return self.observe(), self.info()
@@ -389,13 +389,13 @@ class FirstPersonEnv(ShowsItself, gymnasium.Env[Any, Any], MiniworldCompat, Free
         return check_action(action, len(self.action_names))
 
     def render(self) -> NDArray[np.uint8] | None:
-        """Return the view chosen at construction, uint8[window_height, window_width, 3]; None without a render mode."""
+        """Return the picture of ``view``, uint8[window_height, window_width, 3], if the render mode is "rgb_array".
+
+        The mode "human" shows it in a window and returns None, as does no mode.
+        """
         if self.render_mode == "human":
             self.show_in_window(self._rendered)
-            return None
-        if self.render_mode is None:
-            return None
-        return self._rendered()
+        return self._rendered() if self.render_mode == "rgb_array" else None
 
     def _show(self) -> None:
         if self.render_mode == "human":
@@ -408,10 +408,10 @@ class FirstPersonEnv(ShowsItself, gymnasium.Env[Any, Any], MiniworldCompat, Free
 
     @property
     def is_compiled(self) -> bool:
-        """Return whether kernels alone step the world with our own sine; `reward_and_done` or `advance` prevents it."""
-        own = type(self)
-        plain = own.advance is FirstPersonEnv.advance and own.step is FirstPersonEnv.step
-        return bool(self.trig) and plain and self.kernels_judge and len(self.action_names) <= rules.MOST_ACTIONS
+        """Return whether only kernels with our own sine step the world, not its own `reward_and_done` or `advance`."""
+        kind = type(self)
+        has_our_step = kind.advance is FirstPersonEnv.advance and kind.step is FirstPersonEnv.step
+        return bool(self.trig) and has_our_step and self.kernels_judge and len(self.action_names) <= rules.MOST_ACTIONS
 
     @property
     def kernels_judge(self) -> bool:

@@ -44,9 +44,15 @@ class FreeMotion(abc.ABC):
         """Return the present state in the arrays of the kernels."""
 
     def move(self, dx: float, dz: float, dyaw: float = 0.0) -> bool:
-        """Turn the agent to the left by ``dyaw`` radians, then move it by ``dx`` and ``dz`` metres; return if it did.
+        """Turn the agent to the left by ``dyaw`` radians, then move it by ``dx`` and ``dz`` metres.
 
-        It slides along what it meets. What it carries is turned and moved with it, and must fit, too.
+        It slides along walls and things in its way. What it carries is turned and moved with it, and must fit, too.
+
+        Returns:
+            Whether the agent turned or moved.
+
+        Raises:
+            WorldError: if a number is not finite or very large.
         """
         for name, number in (("dx", dx), ("dz", dz), ("dyaw", dyaw)):
             check_number(name, number, -_FARTHEST, _FARTHEST)
@@ -83,22 +89,25 @@ class FreeMotion(abc.ABC):
 
     @property
     def use_actions(self) -> tuple[int, ...]:
-        """Return the kernels' action of each value of "use", from 1; () without such a component."""
+        """Return the kernels' numbers of the actions that the component "use" of continuous actions does.
+
+        They are in the order of its values from 1; () if there is no such component.
+        """
         if self._continuous is None:
             return ()
         return tuple(self._kernel_action(name) for name in self._continuous.uses)
 
     def _stand_still(self) -> None:
-        """Begin an episode at rest."""
+        """Set the velocity to 0 at the beginning of an episode, if the agent accelerates."""
         if self.acceleration:
             vars(self)["velocity"] = (0.0, 0.0)
 
     def _is_free(self, number: int) -> bool:
-        """Return whether `_act_freely` does an action, in place of the kernels."""
+        """Return whether an action is continuous or a step sideways, which `_act_freely` does, not the kernels."""
         return self._continuous is not None or number >= len(self.kernel_actions)
 
     def _act_freely(self, action: Any, name: str) -> str:
-        """Do a step sideways or a continuous action; return the name by which it is judged."""
+        """Do a step sideways or a continuous action; return the action name from which its reward is computed."""
         if self._continuous is None:
             command = Command(0.0, 0.0, -1.0 if name == STRAFES[0] else 1.0)
         else:
@@ -110,7 +119,7 @@ class FreeMotion(abc.ABC):
         return name
 
     def _move_body(self, dx: float, dz: float, dyaw: float) -> bool:
-        """Turn the agent to the left by radians, then move it by metres in the plan; return whether it changed."""
+        """Turn the agent to the left by radians, then move it by metres; return whether it turned or moved."""
         return move_body(self.stage, dx, dz, dyaw)
 
     def _move_by_command(self, command: Command) -> None:
@@ -118,7 +127,7 @@ class FreeMotion(abc.ABC):
         self.flat_state().move(self, command.components)  # type: ignore[arg-type]  # a world
 
     def _use_hands(self, name: str) -> None:
-        """Do an action of the hands."""
+        """Do an action that does not move the agent, such as "pickup", by its name."""
         self.flat_state().step(self, self._kernel_action(name), ACT)  # type: ignore[arg-type]  # a world
 
     def _kernel_action(self, name: str) -> int:

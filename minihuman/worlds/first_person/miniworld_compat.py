@@ -54,12 +54,13 @@ class FrameSize(NamedTuple):
 
 
 @lru_cache
-def _actions(names: tuple[str, ...]) -> type[IntEnum]:
+def _make_action_enum(names: tuple[str, ...]) -> type[IntEnum]:
+    """Return an enumeration of actions, numbered from 0; the same class for the same names."""
     return IntEnum("Actions", names, start=0)  # type: ignore[return-value]  # mypy reads only written-out names
 
 
-def _colour_or_place(name: str, value: ArrayLike, low: float, high: float) -> tuple[float, float, float]:
-    """Return three numbers as floats; raise a WorldError if one is outside the bounds."""
+def _read_triple(name: str, value: ArrayLike, low: float, high: float) -> tuple[float, float, float]:
+    """Return three numbers, a colour or a position, as floats; raise a WorldError if one is outside the bounds."""
     first, second, third = np.asarray(value, np.float64).tolist()
     for number in (first, second, third):
         check_number(name, number, low, high)
@@ -117,8 +118,8 @@ class MiniworldCompat:
     @UpstreamName
     def actions(self: Any) -> type[IntEnum]:
         """Return the actions by name: Miniworld's eight if the world has the first of them, or else the world's own."""
-        own = tuple(self.action_names)
-        return _actions(ACTIONS if own == ACTIONS[: len(own)] else own)
+        names = tuple(self.action_names)
+        return _make_action_enum(ACTIONS if names == ACTIONS[: len(names)] else names)
 
     @set_instead("make the world with render_mode='human'")
     def window(self: Any) -> Any:
@@ -193,7 +194,7 @@ class MiniworldCompat:
 
     @sky_color.setter
     def sky_color(self: Any, colour: ArrayLike) -> None:
-        self.stage.sky_colour = _colour_or_place("sky_color", colour, 0, 10)
+        self.stage.sky_colour = _read_triple("sky_color", colour, 0, 10)
         self.forget_pictures()
 
     @UpstreamName
@@ -203,7 +204,7 @@ class MiniworldCompat:
 
     @light_pos.setter
     def light_pos(self: Any, place: ArrayLike) -> None:
-        self.stage.light_pos = _colour_or_place("light_pos", place, -1e6, 1e6)
+        self.stage.light_pos = _read_triple("light_pos", place, -1e6, 1e6)
         self.forget_pictures()
 
     @UpstreamName
@@ -213,7 +214,7 @@ class MiniworldCompat:
 
     @light_color.setter
     def light_color(self: Any, colour: ArrayLike) -> None:
-        self.stage.light_colour = _colour_or_place("light_color", colour, 0, 10)
+        self.stage.light_colour = _read_triple("light_color", colour, 0, 10)
         self.forget_pictures()
 
     @UpstreamName
@@ -223,7 +224,7 @@ class MiniworldCompat:
 
     @light_ambient.setter
     def light_ambient(self: Any, colour: ArrayLike) -> None:
-        self.stage.light_ambient = _colour_or_place("light_ambient", colour, 0, 10)
+        self.stage.light_ambient = _read_triple("light_ambient", colour, 0, 10)
         self.forget_pictures()
 
     @set_instead("give obs_width and obs_height when the world is made")
@@ -240,16 +241,16 @@ class MiniworldCompat:
         """Move the agent, with what it carries, some metres ahead and to the right; return whether the way was free."""
         agent = self.agent
         x, _, z = np.add(agent.pos, agent.dir_vec * fwd_dist + agent.right_vec * fwd_drift).tolist()
-        place: Position = (x, agent.pos[1], z)
+        position: Position = (x, agent.pos[1], z)
         carried = agent.carrying
-        if self.intersect(agent, place, agent.radius) is not None:
+        if self.intersect(agent, position, agent.radius) is not None:
             return False
         if carried is not None:
-            carried_place = self.stage.carrying_position(place, carried)
-            if self.intersect(carried, carried_place, carried.radius) is not None:
+            carried_position = self.stage.carrying_position(position, carried)
+            if self.intersect(carried, carried_position, carried.radius) is not None:
                 return False
-            carried.pos = carried_place
-        agent.pos = place
+            carried.pos = carried_position
+        agent.pos = position
         return True
 
     def turn_agent(self: Any, turn_angle: float) -> bool:
@@ -260,11 +261,11 @@ class MiniworldCompat:
         agent.dir = heading + turn_angle * (math.pi / 180)
         if carried is None:
             return True
-        place = self.stage.carrying_position(agent.pos, carried)
-        if self.intersect(carried, place, carried.radius) is not None:
+        carried_position = self.stage.carrying_position(agent.pos, carried)
+        if self.intersect(carried, carried_position, carried.radius) is not None:
             agent.dir = heading
             return False
-        carried.pos = place
+        carried.pos = carried_position
         carried.dir = agent.dir
         return True
 
@@ -292,7 +293,7 @@ class MiniworldCompat:
         return frozenset(name for name in self._state() if not name.startswith("_"))
 
     def render_obs(self: Any, frame_buffer: FrameSize | None = None) -> NDArray[np.uint8]:
-        """Return the agent's view as `see` does, or in the size of `vis_fb` or another frame."""
+        """Return the agent's view in the size of an observation, or in the size of ``frame_buffer`` if given."""
         if frame_buffer is None:
             return np.asarray(self.see())
         return np.asarray(self.picture(size_px=(frame_buffer.width, frame_buffer.height)))
@@ -300,7 +301,7 @@ class MiniworldCompat:
     def render_top_view(
         self: Any, frame_buffer: FrameSize | None = None, render_agent: bool = True, return_scale: bool = False
     ) -> NDArray[np.uint8]:
-        """Return the world from above, in the size of an observation, of `vis_fb` or of another frame.
+        """Return the world from above in the size of an observation, or in the size of ``frame_buffer`` if given.
 
         Raises:
             WorldError: if the agent is not to be drawn, or Miniworld's scale is requested.

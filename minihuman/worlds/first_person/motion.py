@@ -21,13 +21,13 @@ _ELEMENT_NAMES = ("move_back", "move_forward", "turn_right", "turn_left", *STRAF
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """What a continuous action asks for.
+    """The motion and the use of the hands that a continuous action stands for.
 
     Args:
         ahead: -1 to 1 of the longest step.
         turn: to the left, -1 to 1 of the widest turn.
         right: -1 to 1 of the longest step.
-        use: what the hands do, one of the world's other actions; "" for nothing.
+        use: the name of the action of the hands, one of the world's actions that are no moves; "" for none.
     """
 
     ahead: float
@@ -62,7 +62,7 @@ class ContinuousControl:
         self.element_names = _ELEMENT_NAMES[: 2 * self.n_axes] + self.uses
 
     def read(self, action: Any) -> Command:
-        """Return what an action asks for, with components rounded to 1/`RESOLUTION`.
+        """Return the command that an action stands for, with components rounded to 1/`RESOLUTION`.
 
         Raises:
             WorldError: if the action is not in the space.

@@ -35,11 +35,13 @@ class PageState(NamedTuple):
 
 
 class PageLook(NamedTuple):
-    """The parts that no step changes: the entities of the scene, and the numbers of camera and shadows."""
+    """The parts of a scene that no step changes: its entities, and the numbers of camera and shadows."""
 
     entities: Sequence[Entity]
     numbers: F64  # in the order of `_OF_LOOK`
 
+
+_LEAST_TEXELS = 9  # of a texture's smallest size, one texel in its ring
 
 # the indices, in the numbers of `rules.step`, of those that no step changes
 _OF_LOOK = [rules.CAMERA_AHEAD, rules.COS_PITCH, rules.SIN_PITCH, rules.TAN_FOV, rules.SHADOWS]
@@ -53,9 +55,9 @@ class PageScene(NamedTuple):
 
 
 def copy_state(env: "FirstPersonEnv") -> tuple[F64, F64, RngState]:
-    """Return copies of what a step changes: entities, numbers, and the random stream (0 if no step draws from it)."""
+    """Return copies of the arrays that a step changes: entities, numbers, and random stream (0 if no step draws)."""
     flat = env.flat_state()
-    flat.count(env)
+    flat.write_counts(env)
     rng_state = np.zeros(6, np.uint64)
     numbers = flat.numbers.copy()
     if numbers[rules.DRAWS]:
@@ -64,10 +66,13 @@ def copy_state(env: "FirstPersonEnv") -> tuple[F64, F64, RngState]:
 
 
 def locate(env: "FirstPersonEnv", look: PageLook) -> tuple[F64, F64, RngState]:
-    """Return what a step changes, in the form for a page that has the episode's scene."""
+    """Return the arrays that a step changes, as a page reads them that has the scene ``look`` of the episode.
+
+    Each entity refers to its number in the scene, or to -1 if it is not there.
+    """
     things, numbers, rng_state = copy_state(env)
-    places = {id(thing): number for number, thing in enumerate(look.entities)}
-    things[:, rules.LOOK] = [places.get(id(thing), -1) for thing in env.flat_state().listed]
+    number_by_id = {id(thing): number for number, thing in enumerate(look.entities)}
+    things[:, rules.LOOK] = [number_by_id.get(id(thing), -1) for thing in env.flat_state().listed]
     numbers[_OF_LOOK] = look.numbers
     return things, numbers, rng_state
 
@@ -75,7 +80,7 @@ def locate(env: "FirstPersonEnv", look: PageLook) -> tuple[F64, F64, RngState]:
 def describe(
     env: "FirstPersonEnv", palette: Palette, size_px: tuple[int, int]
 ) -> tuple[PageState, PageScene, PageLook]:
-    """Return an episode's state and scene in the form for a page; pictures can have any size."""
+    """Return an episode's state and scene as a page reads them; the page can draw pictures of any size."""
     entities, target = env.staged(palette, size_px)
     agent = env.agent
     floor = env.stage.floor
@@ -104,27 +109,27 @@ def cut_scene(layout: SceneTables, view: F64) -> PageScene:
     things = layout.things.copy()
     library = _unpack_faces(*layout.packed_library)
     faces = pack([], [])
-    places = {}
+    new_first: dict[tuple[int, int], int] = {}  # by the old range of faces, the number of the first one now
     for row in things:
         first = int(row[FIRST])
         last = int(row[LAST])
-        if (first, last) not in places:
-            places[first, last] = len(faces.texture)
+        if (first, last) not in new_first:
+            new_first[first, last] = len(faces.texture)
             faces = join(faces, _cut_faces(library, first, last))
-        row[FIRST] = places[first, last]
+        row[FIRST] = new_first[first, last]
         row[LAST] = row[FIRST] + last - first
-    count = int(room_wholes[1])
-    of_rooms = room_wholes[3 + count : 3 + 2 * count]  # a view, so that new numbers are written to the rooms' table
-    texture_rows = [int(row) for row in np.unique(np.concatenate([of_rooms, faces.texture])) if row >= 0]
+    count = int(room_wholes[1])  # of the rooms' faces
+    room_textures = room_wholes[3 + count : 3 + 2 * count]  # a view, so that new numbers are written to the table
+    texture_rows = [int(row) for row in np.unique(np.concatenate([room_textures, faces.texture])) if row >= 0]
     numbers = {row: number for number, row in enumerate(texture_rows)}
-    for textures in (of_rooms, faces.texture):
+    for textures in (room_textures, faces.texture):
         textures[:] = [numbers.get(int(row), int(row)) for row in textures]
     pixels = tuple(_pixels(layout.textures, row) for row in texture_rows)
     begin = 0
     table = np.zeros((len(texture_rows), MOST_SIZES, 2), np.uint32)
     for number, texture in enumerate(pixels):
         table[number] = size_table(texture.shape[1], texture.shape[0], begin)
-        begin = int(table[number, int(table[number, -1, 1]), 0]) + 9
+        begin = int(table[number, int(table[number, -1, 1]), 0]) + _LEAST_TEXELS
     floats, wholes = packed_faces(faces)
     limits = np.array([layout.capacity, layout.most_corners, len(layout.rooms.bounds), begin], np.int32)
     return PageScene(
@@ -164,17 +169,17 @@ def _cut_faces(faces: FaceTable, first: int, last: int) -> FaceTable:
     a = int(faces.start[first])
     b = int(faces.start[last])
     start, position, place, normal, colour, texture, plane = faces
-    own = slice(first, last)
+    rows = slice(first, last)
     return FaceTable(
-        start[first : last + 1] - a, position[a:b], place[a:b], normal[a:b], colour[own], texture[own], plane[own]
+        start[first : last + 1] - a, position[a:b], place[a:b], normal[a:b], colour[rows], texture[rows], plane[rows]
     )
 
 
 def _pixels(textures: TextureTable, row: int) -> NDArray[np.uint8]:
-    """Return the largest size of a texture, with the first row on top."""
+    """Return the pixels of a texture in its largest size, uint8[h, w, 3], with the first row on top."""
     begin, extents = (int(number) for number in textures.table[2 * MOST_SIZES * row :][:2])
     width = extents & 0xFFFF
     height = extents >> 16
-    ringed = textures.texels[begin : begin + (width + 2) * (height + 2)].reshape(height + 2, width + 2)
-    inner = np.ascontiguousarray(ringed[-2:0:-1, 1:-1])
+    with_ring = textures.texels[begin : begin + (width + 2) * (height + 2)].reshape(height + 2, width + 2)
+    inner = np.ascontiguousarray(with_ring[-2:0:-1, 1:-1])
     return np.ascontiguousarray(inner.view(np.uint8).reshape(height, width, 4)[..., :3])

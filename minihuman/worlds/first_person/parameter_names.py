@@ -25,7 +25,7 @@ class ParameterRange(NamedTuple):
 
 
 class ParameterNames:
-    """A table of parameters with Miniworld's methods; setting a world's parameter takes effect from its next step on.
+    """A table of parameters with Miniworld's methods; a changed parameter of a world takes effect with its next step.
 
     Args:
         table: the parameters
@@ -105,7 +105,7 @@ def read_parameters(params: Any) -> Parameters:
 
 
 def _convert_value(number: ArrayLike) -> Value:
-    """Return a number, or three numbers as a tuple."""
+    """Return a number as a float, or an array of three as a tuple of floats."""
     numbers = np.asarray(number, np.float64).tolist()
     if not isinstance(numbers, list):
         return float(numbers)

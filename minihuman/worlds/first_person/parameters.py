@@ -6,7 +6,7 @@ here never do.
 """
 
 from bisect import bisect_right
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
@@ -22,7 +22,7 @@ def uniform(rng: np.random.Generator, low: float, high: float) -> float:
 
 
 def weighted(rng: np.random.Generator, cumulative: Sequence[float]) -> int:
-    """Return a random index with given weights, which are passed as their running sum, ending at 1."""
+    """Return a random index drawn by weights, whose running sum, ending at 1, is ``cumulative``."""
     return bisect_right(cumulative, rng.random())
 
 
@@ -86,15 +86,30 @@ class Parameters:
         return self
 
     def fixed(self, **defaults: Value) -> "Parameters":
-        """Return a copy without variation and with some new defaults, as in ``DEFAULTS.fixed(forward_step=0.7)``."""
+        """Return a copy without variation and with some new defaults, as in ``DEFAULTS.fixed(forward_step=0.7)``.
+
+        Raises:
+            WorldError: if there is no such parameter, or a default is invalid.
+        """
+        self._check_names(defaults)
         table = {name: Parameter(p.default, p.default, p.default) for name, p in self._table.items()}
-        fixed_values = {name: tuple(value) if isinstance(value, list) else value for name, value in defaults.items()}
-        table |= {name: Parameter(value, value, value) for name, value in fixed_values.items() if self[name]}
+        for name, default in defaults.items():
+            fixed_value = tuple(default) if isinstance(default, list) else default
+            table[name] = Parameter(fixed_value, fixed_value, fixed_value)
         return Parameters(table)
 
     def varied(self, **ranges: Parameter) -> "Parameters":
-        """Return a copy with some new parameters, as in ``DEFAULTS.varied(turn_step=Parameter(30, 20, 40))``."""
-        return Parameters(self._table | {name: value for name, value in ranges.items() if self[name]})
+        """Return a copy with some new parameters, as in ``DEFAULTS.varied(turn_step=Parameter(30, 20, 40))``.
+
+        Raises:
+            WorldError: if there is no such parameter, or one is invalid.
+        """
+        self._check_names(ranges)
+        return Parameters(self._table | ranges)
+
+    def _check_names(self, names: Iterable[str]) -> None:
+        for name in names:
+            _ = self[name]  # raises an error if there is no such parameter
 
     def number(self, name: str, rng: np.random.Generator | None) -> float:
         """Return a sampled value of a parameter that is one number."""

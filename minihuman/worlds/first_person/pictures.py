@@ -39,22 +39,24 @@ from minihuman.worlds.first_person.walls import CEILING, corners_of, room_faces,
 from minihuman.worlds.pose import Pose
 
 GONE = (np.nan,) * 4
+_SHADOW_SHARE = 0.7  # the radius of a shadow, as a share of its entity's
+_SHADOW_SHARES: dict[type[Entity], float] = {Box: 1.1, ImageFrame: 0.0, TextFrame: 0.0}  # for kinds that differ
 
 
-def light(stage: WorldState) -> Light:
+def build_light(stage: WorldState) -> Light:
     """Return the light of an episode."""
     x, y, z = stage.light_pos
     return Light((x + 1, y + 1, z + 1), stage.light_colour, stage.light_ambient)
 
 
-def places(stage: WorldState, things: Sequence[Entity]) -> NDArray[np.float64]:
+def entity_places(stage: WorldState, things: Sequence[Entity]) -> NDArray[np.float64]:
     """Return the present places of entities, (n, 4) x, y, z, yaw_rad; NaN for an entity that was removed."""
     present = set(map(id, stage.entities))
     rows = [(*thing.pos, thing.dir) if id(thing) in present else GONE for thing in things]
     return np.array(rows, dtype=np.float64).reshape(-1, 4)
 
 
-def shaded(stage: WorldState, places: NDArray[np.float64]) -> NDArray[np.float64]:
+def shadow_places(stage: WorldState, places: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the places of entities' shadows, below them; NaN for an entity that is not on the ground."""
     heights = np.array([stage.shadow_height((x, y, z)) for x, y, z in places[:, :3].tolist()], np.float64)
     below = np.where(np.isnan(heights)[:, None], np.nan, places)
@@ -62,13 +64,13 @@ def shaded(stage: WorldState, places: NDArray[np.float64]) -> NDArray[np.float64
     return below
 
 
-def shadow(thing: Entity) -> ShadowLook:
+def build_shadow(thing: Entity) -> ShadowLook:
     """Return an entity's shadow; frames have none.
 
     A box's shadow surrounds its corners, and those of other entities are narrower than their radius.
     """
-    part = {Box: 1.1, ImageFrame: 0.0, TextFrame: 0.0}.get(type(thing), 0.7)
-    return ShadowLook(part * float(thing.radius))
+    share = _SHADOW_SHARES.get(type(thing), _SHADOW_SHARE)
+    return ShadowLook(share * float(thing.radius))
 
 
 def room_tables(floor: FloorPlan, library: Library, *, display: bool = False) -> tuple[FaceTable, RoomTable]:
@@ -83,10 +85,10 @@ def room_tables(floor: FloorPlan, library: Library, *, display: bool = False) ->
         shades = room_occluders(first, edges, heights, floor.pieces, textures, sizes_m, JOINT_M)
     else:
         shades = ()
-    doors = floor.portals[floor.portals[:, 5] >= 0]
+    doors = floor.portals[floor.portals[:, 5] >= 0]  # those that lead into a room
     x, z = edges[:, :2].T
     a, b = edges[:, 5:].T
-    bounds = [extent.reduceat(at, first[:-1]) for extent in (np.minimum, np.maximum) for at in (x, z)]
+    bounds = [extreme.reduceat(corner, first[:-1]) for extreme in (np.minimum, np.maximum) for corner in (x, z)]
     return faces, RoomTable(
         first_face,
         np.column_stack(bounds),
@@ -115,21 +117,21 @@ def _coverings(floor: FloorPlan, library: Library) -> tuple[I64, F64]:
 
 
 def _covering(room: RoomPlan) -> tuple[str | None, ...]:
-    """Return the textures of a room's floor, wall and ceiling; None without a ceiling."""
-    wall, floor, ceiling = room.pictures
+    """Return the names of the textures of a room's floor, wall and ceiling; for the ceiling, None without one."""
+    wall_number, floor_number, ceiling_number = room.pictures
     if room.ceiling is None:
-        above = None
+        ceiling = None
     else:
-        above = variant(room.ceiling, ceiling)
-    return variant(room.floor, floor), variant(room.wall, wall), above
+        ceiling = name_texture(room.ceiling, ceiling_number)
+    return name_texture(room.floor, floor_number), name_texture(room.wall, wall_number), ceiling
 
 
-def variant(texture: str, number: int) -> str:
+def name_texture(texture: str, number: int) -> str:
     """Return the name of one picture of a texture, numbered from 0."""
     return f"{texture}_{number + 1}"
 
 
-def look(thing: Entity, palette: Palette, library: Library) -> Look:
+def build_look(thing: Entity, palette: Palette, library: Library) -> Look:
     """Return the look of an entity; only built-in balls and keys exist in the colours of every palette.
 
     Raises:
@@ -143,10 +145,10 @@ def look(thing: Entity, palette: Palette, library: Library) -> Look:
         case Mesh():
             return MeshLook(thing.mesh, thing.height)
         case ImageFrame():
-            return FrameLook((variant(thing.texture, 0),), thing.width, thing.height, thing.depth)
+            return FrameLook((name_texture(thing.texture, 0),), thing.width, thing.height, thing.depth)
         case TextFrame():
             letters = tuple(
-                None if texture is None else variant(texture, number)
+                None if texture is None else name_texture(texture, number)
                 for texture, number in zip(thing.textures, thing.variants, strict=True)
             )
             return FrameLook(letters, thing.width, thing.height, thing.depth)
@@ -154,7 +156,7 @@ def look(thing: Entity, palette: Palette, library: Library) -> Look:
             raise WorldError(f"{thing!r} is a {type(thing).__name__}, which cannot be drawn; use a box, mesh or frame")
 
 
-_MOST_EASELS = 8  # pairs of palette and size in the cache; resizing a window passes through many sizes
+_MAX_TARGETS = 8  # render targets in the cache, by palette and size; resizing a window passes through many sizes
 
 
 RoomTables = Callable[..., tuple[FaceTable, RoomTable]]  # takes a plan, a library, and whether they are for a display
@@ -180,7 +182,7 @@ class WorldRenderer:
         self._floor: FloorPlan | None = None
         self._rooms: tuple[FaceTable, RoomTable]  # the tables of that floor
         self._staged: dict[Palette, tuple[WorldState, list[Entity], Scene]] = {}
-        self._easels: dict[tuple[Palette, tuple[int, int]], _Observed] = {}  # where what the agent sees is drawn
+        self._targets: dict[tuple[Palette, tuple[int, int]], _Observed] = {}  # for the agent's view
 
     def __reduce__(self) -> tuple[Any, ...]:
         return partial(WorldRenderer, shadows=self.shadows, display=self.display, tables=self.tables), (
@@ -191,7 +193,7 @@ class WorldRenderer:
     def forget(self) -> None:
         """Discard the scene, so that the next picture shows the whole state as it then is."""
         self._staged.clear()
-        self._easels.clear()
+        self._targets.clear()
 
     def measure(self, entity: Entity) -> None:
         """Set the width of an entity whose mesh is in the world's folder.
@@ -212,14 +214,14 @@ class WorldRenderer:
     ) -> RenderTarget:
         """Return the render target of the agent's view with all entities in place, by default in observation size."""
         key = palette, size_px or self.size_px
-        observed = self._easels.get(key)
+        observed = self._targets.get(key)
         if observed is None or observed.stage is not stage or observed.entities != stage.entities:
-            camera(stage)  # raises an error if the camera is invalid
+            build_camera(stage)  # raises an error if the camera is invalid
             target = RenderTarget(self.scene(stage, palette), *key[1], trig=stage.agent.trig)
-            if len(self._easels) == _MOST_EASELS:
-                self._easels.clear()
+            if len(self._targets) == _MAX_TARGETS:
+                self._targets.clear()
             observed = _Observed(stage, self._staged[palette][1], target, shadows=self.shadows)
-            self._easels[key] = observed
+            self._targets[key] = observed
         return observed.aim_target()
 
     def draw(self, stage: WorldState, *, view: View, size_px: tuple[int, int], palette: Palette) -> NDArray[np.uint8]:
@@ -245,10 +247,10 @@ class WorldRenderer:
         with library_lock:
             scene = add_things(
                 tables(library),
-                [look(thing, palette, library) for thing in things],
+                [build_look(thing, palette, library) for thing in things],
                 library=library,
-                places=places(stage, things),
-                light=light(stage),
+                places=entity_places(stage, things),
+                light=build_light(stage),
                 sky=stage.sky_colour,
                 display=self.display,
             )
@@ -257,7 +259,7 @@ class WorldRenderer:
 
     def depth(self, stage: WorldState, *, size_px: tuple[int, int]) -> NDArray[np.float32]:
         """Return the depth of the agent's view in metres along its axis."""
-        return render_depth(self.scene(stage), camera(stage), *size_px)
+        return render_depth(self.scene(stage), build_camera(stage), *size_px)
 
     def staged(
         self, stage: WorldState, palette: Palette, size_px: tuple[int, int]
@@ -270,10 +272,9 @@ class WorldRenderer:
         """Return the entities in the agent's view, in the order in which they were placed."""
         scene = self.scene(stage)
         things = self._staged["classic"][1]
-        numbers = visible_things(scene, camera(stage), *self.size_px)
-        visible_ids = {
-            id(things[number]) for number in numbers if number < len(things)
-        }  # after them come their shadows
+        numbers = visible_things(scene, build_camera(stage), *self.size_px)
+        # numbers from len(things) are those of shadows
+        visible_ids = {id(things[number]) for number in numbers if number < len(things)}
         return [entity for entity in stage.entities if id(entity) in visible_ids]
 
     def scene(self, stage: WorldState, palette: Palette = "classic") -> Scene:
@@ -290,15 +291,15 @@ class WorldRenderer:
             things = staged[1]
             scene = staged[2].at(self._places(stage, staged[1]))
         else:
-            looks = [look(thing, palette, asset_library(self.assets)) for thing in things]
-            looks += map(shadow, things) if self.shadows else ()
+            looks = [build_look(thing, palette, asset_library(self.assets)) for thing in things]
+            looks += map(build_shadow, things) if self.shadows else ()
             with library_lock:
                 scene = add_things(
                     self._rooms,
                     looks,
                     library=asset_library(self.assets),
                     places=self._places(stage, things),
-                    light=light(stage),
+                    light=build_light(stage),
                     sky=stage.sky_colour,
                     display=self.display,
                 )
@@ -307,32 +308,33 @@ class WorldRenderer:
 
     def _places(self, stage: WorldState, things: Sequence[Entity]) -> NDArray[np.float64]:
         """Return the places of entities, followed by those of their shadows if shadows are drawn."""
-        table = places(stage, things)
+        table = entity_places(stage, things)
         if self.shadows:
-            return np.concatenate([table, shaded(stage, table)])
+            return np.concatenate([table, shadow_places(stage, table)])
         return table
 
 
 class _Observed:
-    """The observations of a state whose set of entities is constant, with their places at the last observation."""
+    """The render target of a state whose set of entities is constant, with their places when it was last aimed."""
 
     def __init__(self, stage: WorldState, things: Sequence[Entity], target: RenderTarget, *, shadows: bool) -> None:
         self.stage = stage
         self.entities = list(stage.entities)
-        self._easel = target
+        self._target = target
         self._shadows = len(things) if shadows else 0  # the number of the first shadow; 0 without shadows
         self._things = [(number, thing) for number, thing in enumerate(things) if thing in self.entities]
-        self._at = [(thing.pos, thing.dir) for _, thing in self._things]
+        self._places = [(thing.pos, thing.dir) for _, thing in self._things]
 
     def aim_target(self) -> RenderTarget:
+        """Move the target's entities to their present places, aim its camera, and return it."""
         for nth, (number, thing) in enumerate(self._things):
-            pos, yaw_rad = self._at[nth]
+            pos, yaw_rad = self._places[nth]
             if thing.pos is not pos or thing.dir != yaw_rad:
-                self._at[nth] = thing.pos, thing.dir
-                self._easel.move(number, thing.pos, thing.dir)
+                self._places[nth] = thing.pos, thing.dir
+                self._target.move(number, thing.pos, thing.dir)
                 if self._shadows:
-                    x, y, z, yaw = shaded(self.stage, np.array([(*thing.pos, thing.dir)]))[0].tolist()
-                    self._easel.move(number + self._shadows, (x, y, z), yaw)
+                    x, y, z, yaw = shadow_places(self.stage, np.array([(*thing.pos, thing.dir)]))[0].tolist()
+                    self._target.move(number + self._shadows, (x, y, z), yaw)
         agent = self.stage.agent
         x, y, z = agent.pos
         yaw_rad = agent.dir
@@ -340,12 +342,12 @@ class _Observed:
         cos_yaw, sin_yaw = turn(yaw_rad, agent.trig)
         eye = x + ahead * cos_yaw, y + agent.cam_height, z - ahead * sin_yaw
         pitch_rad = agent.cam_pitch * (math.pi / 180)
-        self._easel.aim(eye, yaw_rad, pitch_rad, agent.cam_fov_y, NEAR_M, FAR_M)
-        return self._easel
+        self._target.aim(eye, yaw_rad, pitch_rad, agent.cam_fov_y, NEAR_M, FAR_M)
+        return self._target
 
 
-def camera(stage: WorldState, pos: Position | None = None, yaw_rad: float | None = None) -> Camera:
-    """Return the agent's camera, at the agent's place or as if the agent were at another."""
+def build_camera(stage: WorldState, pos: Position | None = None, yaw_rad: float | None = None) -> Camera:
+    """Return the agent's camera, as if the agent had another position or heading if these are given."""
     agent = stage.agent
     x, y, z = agent.pos if pos is None else pos
     yaw = agent.dir if yaw_rad is None else yaw_rad

@@ -225,17 +225,18 @@ class Room(RoomNames):
             raise WorldError(
                 f"the portal is {top:g} m high; it must be above 0 and at most its wall's {self.wall_height:g} m"
             )
-        for other in self.portals:
-            if other.edge == edge and start < other.end and other.start < end:
+        for portal in self.portals:
+            if portal.edge == edge and start < portal.end and portal.start < end:
                 raise WorldError(
                     f"the portal from {start:g} to {end:g} m along the wall {side.start} to {side.end} "
-                    f"overlaps the one from {other.start:g} to {other.end:g} m; leave a gap"
+                    f"overlaps the one from {portal.start:g} to {portal.end:g} m; leave a gap"
                 )
         self.portals.append(Portal(edge, float(start) + 0.0, float(end), float(top), into))  # + 0.0 avoids -0.0
 
 
 _TOUCHING = 0.001  # metres; walls that are closer touch, without a passage between them
 _OVERLAPPING = 0.05  # metres that rooms may reach into each other: Miniworld's own do, by 4 mm
+_FACING = -0.9  # the greatest cosine of the angle between the normals of walls that face each other
 
 
 class OpeningLimits(NamedTuple):
@@ -266,7 +267,7 @@ class Joint(NamedTuple):
     gap: RoomOutline | None
 
 
-def find_passage(a: Room, b: Room, *, limits: OpeningLimits, top: float | None, number: int) -> Room | None:
+def cut_passage(a: Room, b: Room, *, limits: OpeningLimits, top: float | None, number: int) -> Room | None:
     """Cut facing portals into two rooms, and return the passage between the rooms; None if the rooms touch.
 
     The passage takes its textures from ``a``, and is as high as its portals.
@@ -274,17 +275,17 @@ def find_passage(a: Room, b: Room, *, limits: OpeningLimits, top: float | None, 
     Raises:
         WorldError: if the rooms do not face each other, or the portal does not fit a wall.
     """
-    at = find_joint(a.outline, b.outline, limits)
-    if at.gap is None:
-        a.open(*at.a, top=top, into=b.number)
-        b.open(*at.b, top=top, into=a.number)
+    joint = find_joint(a.outline, b.outline, limits)
+    if joint.gap is None:
+        a.open(*joint.a, top=top, into=b.number)
+        b.open(*joint.b, top=top, into=a.number)
         return None
     height = a.wall_height if top is None else top
-    a.open(*at.a, top=top, into=number)
-    b.open(*at.b, top=top, into=number)
-    ends = ((edge, 0.0, at.gap.edges[edge].length, float(height)) for edge in (1, 3))
+    a.open(*joint.a, top=top, into=number)
+    b.open(*joint.b, top=top, into=number)
+    ends = ((edge, 0.0, joint.gap.edges[edge].length, float(height)) for edge in (1, 3))  # see `Joint`
     portals = [Portal(*end, into=room.number) for end, room in zip(ends, (a, b), strict=True)]
-    return Room(at.gap, height, a.floor, a.wall, a.ceiling, number, portals)
+    return Room(joint.gap, height, a.floor, a.wall, a.ceiling, number, portals)
 
 
 @lru_cache(maxsize=KEPT)
@@ -297,8 +298,8 @@ def find_joint(a: RoomOutline, b: RoomOutline, limits: OpeningLimits) -> Joint:
     index_a, index_b = _facing_edges(a, b)
     edge_a = a.edges[index_a]
     edge_b = b.edges[index_b]
-    stretch_a = FacingSpan(index_a, *_stretch(edge_a, limits))
-    stretch_b = FacingSpan(index_b, *_stretch(edge_b, limits))
+    stretch_a = FacingSpan(index_a, *_limit_edge(edge_a, limits))
+    stretch_b = FacingSpan(index_b, *_limit_edge(edge_b, limits))
     a_start = edge_a.at(stretch_a.start)
     a_end = edge_a.at(stretch_a.end)
     b_start = edge_b.at(stretch_b.start)
@@ -309,14 +310,14 @@ def find_joint(a: RoomOutline, b: RoomOutline, limits: OpeningLimits) -> Joint:
 
 
 def _facing_edges(a: RoomOutline, b: RoomOutline) -> tuple[int, int]:
-    """Return the first pair of edges that face each other."""
+    """Return the first pair of edges that face each other; raise a WorldError if there is none."""
     for index_a, edge_a in enumerate(a.edges):
         nx, nz = edge_a.normal
         ax, az = edge_a.start
         for index_b, edge_b in enumerate(b.edges):
-            if nx * edge_b.normal[0] + nz * edge_b.normal[1] > -0.9:
+            if nx * edge_b.normal[0] + nz * edge_b.normal[1] > _FACING:
                 continue
-            if nx * (edge_b.start[0] - ax) + nz * (edge_b.start[1] - az) > 0.05:
+            if nx * (edge_b.start[0] - ax) + nz * (edge_b.start[1] - az) > _OVERLAPPING:
                 continue  # it lies inside the room
             return index_a, index_b
     raise WorldError(
@@ -324,8 +325,8 @@ def _facing_edges(a: RoomOutline, b: RoomOutline) -> tuple[int, int]:
     )
 
 
-def _stretch(edge: OutlineEdge, limits: OpeningLimits) -> tuple[float, float]:
-    """Return the start and end of the part of an edge that lies within the limits."""
+def _limit_edge(edge: OutlineEdge, limits: OpeningLimits) -> tuple[float, float]:
+    """Return the start and end of the part of an edge within limits; raise a WorldError if the limits do not fit it."""
     match limits:
         case (float() | int() as low, float() | int() as high, None, None):
             axis = 0
@@ -374,9 +375,7 @@ class FloorPlan:
     rooms: tuple[RoomPlan, ...]
     first_edge: I64  # (rooms + 1,)
     edges: F64  # (edges, 7) of all rooms: start x, z, length, direction x, z, normal x, z
-    portals: (
-        F64  # (portals, 6) of all rooms: edge, start and end along it, bottom, top, and the room behind, -1 for none
-    )
+    portals: F64  # (portals, 6) of all rooms: edge, start and end along it, bottom, top, the room behind or -1
     pieces: F64  # (pieces, 5) what they leave of the walls: edge, start and end along it, bottom, top
     walls: F64  # (n, 4) x0, z0, x1, z1: every piece of wall that stands on the ground
     room_weights: tuple[float, ...]  # running sum of the rooms' shares of the floor

@@ -34,7 +34,7 @@ class FirstPersonSnapshot(NamedTuple):
 
 
 def save_state(world: str, over: bool, state: dict[str, Any]) -> FirstPersonSnapshot:
-    """Return a copy of a world's state, which consists of the given attributes."""
+    """Return a snapshot of a world of the class named ``world``, whose attributes are ``state``."""
     shelf: dict[int, tuple[Any, _Held]] = {}
     streams: dict[int, tuple[np.random.Generator, Any]] = {}
 
@@ -50,7 +50,7 @@ def save_state(world: str, over: bool, state: dict[str, Any]) -> FirstPersonSnap
         return into
 
     def copy_inner(value: Any) -> Any:
-        """Return a copy of a value; entities and random streams are returned as they are, and their state is kept."""
+        """Return a copy of a value; save the state of entities and random streams, and return these as they are."""
         kind = type(value)
         if kind in _UNCHANGING:
             return value
@@ -58,8 +58,9 @@ def save_state(world: str, over: bool, state: dict[str, Any]) -> FirstPersonSnap
             return kind(map(copy_inner, value))
         if isinstance(value, Entity | WorldState):
             if id(value) not in shelf:
-                shelf[id(value)] = value, (empty := _Held({}, {}))  # first, as what it holds may lead back to it
-                split_attributes(vars(value), empty)
+                saved_attributes = _Held({}, {})
+                shelf[id(value)] = value, saved_attributes  # before its attributes, which may lead back to it
+                split_attributes(vars(value), saved_attributes)
             return value
         if isinstance(value, np.random.Generator):
             if id(value) not in streams:
@@ -69,8 +70,8 @@ def save_state(world: str, over: bool, state: dict[str, Any]) -> FirstPersonSnap
             return {name: copy_inner(inner) for name, inner in value.items()}
         return copy.deepcopy(value)
 
-    own = split_attributes(state, _Held({}, {}))
-    return FirstPersonSnapshot(world, over, state["_stage"], own, tuple(shelf.values()), tuple(streams.values()))
+    attributes = split_attributes(state, _Held({}, {}))
+    return FirstPersonSnapshot(world, over, state["_stage"], attributes, tuple(shelf.values()), tuple(streams.values()))
 
 
 def restore_state(saved: FirstPersonSnapshot, *, in_place: bool) -> dict[str, Any]:

@@ -23,7 +23,7 @@ from minihuman.worlds.first_person.rooms import (
     OpeningLimits,
     Room,
     check_convex,
-    find_passage,
+    cut_passage,
     finish_floor_plan,
 )
 from minihuman.worlds.first_person.walls import touches_wall
@@ -66,7 +66,7 @@ class WorldState:
 
     @property
     def floor(self) -> FloorPlan:
-        """The floor plan, which is closed when it is first read."""
+        """Return the floor plan, which is closed when it is first read."""
         return self.close_floor_plan()
 
     def close_floor_plan(self) -> FloorPlan:
@@ -94,7 +94,7 @@ class WorldState:
     def connect_rooms(self, a: Room, b: Room, *, limits: OpeningLimits, top: float | None) -> None:
         """Open the walls with which two rooms face each other, and add a passage if there is a gap between them."""
         self._check_open()
-        between = find_passage(a, b, limits=limits, top=top, number=len(self._rooms))
+        between = cut_passage(a, b, limits=limits, top=top, number=len(self._rooms))
         if between is not None:
             self._rooms.append(between)
 
@@ -115,15 +115,15 @@ class WorldState:
         floor = self.floor
         radius = float(entity.radius)
         for _ in range(_MOST_TRIES):
-            chosen = (floor.rooms[weighted(self.rng, floor.room_weights)] if room is None else room).outline
-            low_x = (chosen.min_x if x[0] is None else x[0]) - radius
-            high_x = (chosen.max_x if x[1] is None else x[1]) + radius
-            low_z = (chosen.min_z if z[0] is None else z[0]) - radius
-            high_z = (chosen.max_z if z[1] is None else z[1]) + radius
+            outline = (floor.rooms[weighted(self.rng, floor.room_weights)] if room is None else room).outline
+            low_x = (outline.min_x if x[0] is None else x[0]) - radius
+            high_x = (outline.max_x if x[1] is None else x[1]) + radius
+            low_z = (outline.min_z if z[0] is None else z[0]) - radius
+            high_z = (outline.max_z if z[1] is None else z[1]) + radius
             at_x = uniform(self.rng, low_x, high_x)
             self.rng.random()  # Miniworld draws a height too, between 0 and 0
             at_z = uniform(self.rng, low_z, high_z)
-            if chosen.contains(at_x, at_z) and self.blocker(entity, at_x, at_z, entity.radius) is None:
+            if outline.contains(at_x, at_z) and self.blocker(entity, at_x, at_z, entity.radius) is None:
                 break
         else:
             raise WorldError(f"no free place for {entity.name} (radius {entity.radius:.2f} m); make the room larger")
@@ -141,16 +141,16 @@ class WorldState:
             self.entities.append(entity)
 
     def blocker(self, entity: Entity, x: float, z: float, radius: Length) -> Entity | str | None:
-        """Return what an entity of a radius would touch at a place: WALL, another entity, or None."""
+        """Return what an entity of a radius would touch at (x, z): WALL, another entity, or None."""
         if touches_wall(self.floor.walls, x, z, float(radius)):
             return WALL
-        for other in self.entities:
-            if other is entity:
+        for obstacle in self.entities:
+            if obstacle is entity:
                 continue
-            dx = other.pos[0] - x
-            dz = other.pos[2] - z
-            if math.sqrt(dx * dx + dz * dz) < float(radius + other.radius):
-                return other
+            dx = obstacle.pos[0] - x
+            dz = obstacle.pos[2] - z
+            if math.sqrt(dx * dx + dz * dz) < float(radius + obstacle.radius):
+                return obstacle
         return None
 
     def shadow_height(self, pos: Position) -> float:
@@ -162,7 +162,7 @@ class WorldState:
         agent = self.agent
         distance = float(agent.radius + carried.radius + self.reach)
         ahead_x, ahead_z = agent.forward
-        rise = max(agent.cam_height - carried.height - 0.3, 0.0)
+        rise = max(agent.cam_height - carried.height - 0.3, 0.0)  # 0.3 m and 1.05 are Miniworld's
         return pos[0] + ahead_x * 1.05 * distance, pos[1] + rise, pos[2] + ahead_z * 1.05 * distance
 
     def near(self, a: Entity, b: Entity) -> bool:
@@ -170,7 +170,7 @@ class WorldState:
         ax, ay, az = a.pos
         bx, by, bz = b.pos
         distance = math.sqrt((ax - bx) ** 2 + (ay - by) ** 2 + (az - bz) ** 2)
-        return distance < float(a.radius + b.radius + 1.1 * self.reach)
+        return distance < float(a.radius + b.radius + 1.1 * self.reach)  # 1.1 steps, as in Miniworld
 
     def randomise(self) -> None:
         """Draw what varies between episodes: sky, light, then each entity in the order in which it was placed."""
@@ -190,9 +190,9 @@ class WorldState:
 
 
 def move_body(stage: WorldState, dx: float, dz: float, dyaw: float) -> bool:
-    """Turn the agent by radians to the left, then move it by metres in the plan; return whether it changed.
+    """Turn the agent by radians to the left, then move it by metres in the plan; return whether it turned or moved.
 
-    It slides along what it meets. The world may be one that is still being built.
+    It slides along walls and things in its way. The world may be one that is still being built.
     """
     agent = stage.agent
     load = agent.carrying
@@ -230,9 +230,9 @@ def state_hash(kind: str, state: dict[str, Any]) -> int:
     stage = state["_stage"]
     if not isinstance(stage, WorldState):
         raise WorldError(f"{kind} has not been reset; call reset(seed=...) first")
-    places = {id(entity): place for place, entity in enumerate(stage.entities)}
-    own = {
-        name: _plain(value, places, f"{kind}.{name}")
+    index_by_id = {id(entity): index for index, entity in enumerate(stage.entities)}
+    attributes = {
+        name: _to_hashable(value, index_by_id, f"{kind}.{name}")
         for name, value in state.items()
         if name not in ("_stage", "_np_random", "_np_random_seed")
     }
@@ -243,9 +243,9 @@ def state_hash(kind: str, state: dict[str, Any]) -> int:
             stage.floor.fingerprint,
             _read_stream(stage.rng),
             [entity.state() for entity in stage.entities],
-            None if carrying is None else places.get(id(carrying), -1),
+            None if carrying is None else index_by_id.get(id(carrying), -1),
             (stage.sky_colour, stage.light_pos, stage.light_colour, stage.light_ambient),
-            own,
+            attributes,
         )
     )
 
@@ -257,22 +257,22 @@ def _read_stream(rng: np.random.Generator) -> tuple[Any, ...]:
     return inner["state"], inner["inc"], state["has_uint32"], state["uinteger"]
 
 
-def _plain(value: Any, places: dict[int, int], name: str) -> Any:
-    """Return a value in a form that can be hashed; an entity is represented by its place or its looks."""
+def _to_hashable(value: Any, index_by_id: dict[int, int], name: str) -> Any:
+    """Return a value in a form that can be hashed; an entity is represented by its index, or its state if removed."""
     match value:
         case Entity():
-            place = places.get(id(value))
-            if place is None:
+            index = index_by_id.get(id(value))
+            if index is None:
                 return ("gone", value.state())
-            return ("placed", place)
+            return ("placed", index)
         case Room():
             return "room", value.number
         case None | bool() | int() | float() | str() | bytes() | np.ndarray() | np.generic():
             return value
         case dict():
-            return {str(key): _plain(inner, places, name) for key, inner in value.items()}
+            return {str(key): _to_hashable(inner, index_by_id, name) for key, inner in value.items()}
         case tuple() | list():
-            return [_plain(inner, places, name) for inner in value]
+            return [_to_hashable(inner, index_by_id, name) for inner in value]
         case _:
             raise WorldError(
                 f"{name} is a {type(value).__name__}; a world's state may hold numbers, text, entities, arrays, "
@@ -354,7 +354,7 @@ class FlatState:
         for k, (name, motion) in enumerate(zip(world.kernel_actions, self.motions, strict=True)):
             self._head[rules.NAMED + k] = rules.ACTIONS.index(name) + 8 * motion
         self.turn_rad = float(self._head[rules.TURN_DEG]) * RADIANS
-        self.take_rule(world)
+        self.read_rule(world)
 
     @property
     def score(self) -> str:
@@ -364,8 +364,8 @@ class FlatState:
     def __reduce__(self) -> tuple[Any, ...]:
         return type(None), ()  # a copy of a world makes its own
 
-    def take_rule(self, world: SteppedWorld) -> None:
-        """Use the rule that the world returns now."""
+    def read_rule(self, world: SteppedWorld) -> None:
+        """Read the world's termination rule anew, and make new arrays for it."""
         self._rule = world.termination_rule()
         self._entities: list[Entity] = []  # none yet
         self.refresh()
@@ -404,8 +404,8 @@ class FlatState:
             for array in (self.numbers, self.things)
         )
 
-    def count(self, world: SteppedWorld) -> None:
-        """Copy the step count and the rule's counter into the arrays."""
+    def write_counts(self, world: SteppedWorld) -> None:
+        """Copy the world's step count, the rule's counter and the velocity, if there are any, into the arrays."""
         self._numbers[rules.STEPS] = world.step_count
         if self._rule.score:
             self._numbers[rules.SCORE] = getattr(world, self._rule.score)
@@ -415,11 +415,11 @@ class FlatState:
     def step(self, world: SteppedWorld, action: int, parts: int) -> int:
         """Execute parts of a step, as `rules.act` does, and store its reward in ``reward``; call `refresh` before.
 
-        Action -1 is a move that is none of the world's, which can only be judged.
+        Action -1 is a move that is none of the world's actions; only its reward and the end can be computed.
         """
         agent = self.stage.agent
         numbers = self._numbers
-        self.count(world)
+        self.write_counts(world)
         turn_rad = self.turn_rad
         motion = self.motions[action] if action >= 0 else rules.MOVE_FORWARD
         heading = agent.dir
@@ -435,17 +435,17 @@ class FlatState:
         status: int = rules.act(
             self.things, self.numbers, self.walls, cos_now, sin_now, cos_after, sin_after, action, parts
         )
-        self.take(world, status, parts)
+        self.apply_step(world, status, parts)
         return status
 
     def _draw_motion(self, ranges: Sequence[Parameter]) -> None:
-        """Draw how far the next step goes, drifts and turns."""
+        """Draw how far the next step goes, drifts and turns, and write it to the arrays."""
         for k, parameter in enumerate(ranges, rules.AHEAD):
             self._numbers[k] = cast("float", parameter.sample(self.stage.rng))
 
     def move(self, world: SteppedWorld, command: NDArray[np.float64]) -> None:
-        """Move the body as a command asks, float64[COMMAND_SIZE]; judge nothing. Call `refresh` before."""
-        self.count(world)
+        """Move the body by a command, float64[COMMAND_SIZE], without computing a reward. Call `refresh` before."""
+        self.write_counts(world)
         if self._varies is not None:
             self._draw_motion(self._varies)
         agent = self.stage.agent
@@ -458,8 +458,8 @@ class FlatState:
         if world.acceleration:
             vars(world)["velocity"] = self._numbers[rules.VELOCITY], self._numbers[rules.VELOCITY + 1]
 
-    def take(self, world: SteppedWorld, status: int, parts: int = rules.ACT | rules.JUDGE) -> None:
-        """Copy what a step changed to the world and its entities."""
+    def apply_step(self, world: SteppedWorld, status: int, parts: int = rules.ACT | rules.JUDGE) -> None:
+        """Copy what a step changed from the arrays to the entities, and if it was judged also reward and counter."""
         if status & _CHANGED:
             self._give_back(status)
         if parts & rules.JUDGE:
@@ -470,7 +470,7 @@ class FlatState:
                 world.place_entity(self._gone)
 
     def _give_back(self, status: int) -> None:
-        """Copy what a step changed to the entities, without recording a change, since the arrays already have it."""
+        """Copy what a step changed from the arrays to the entities, without recording a change of them."""
         agent = self.stage.agent
         numbers = self._numbers
         if status & rules.MOVED:
@@ -494,7 +494,7 @@ class FlatState:
     def _copy_place(self, thing: Entity, row: int) -> None:
         """Copy an entity's position and heading from the arrays, without recording a change."""
         facts = self._facts
-        at = row * rules.COLUMNS
+        start = row * rules.COLUMNS
         attributes = vars(thing)
-        attributes["pos"] = facts[at], facts[at + 1], facts[at + 2]
-        attributes["dir"] = facts[at + 3]
+        attributes["pos"] = facts[start], facts[start + 1], facts[start + 2]
+        attributes["dir"] = facts[start + 3]

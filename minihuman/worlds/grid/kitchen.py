@@ -33,6 +33,8 @@ from minihuman.worlds.team import PictureTiles, TeamBatch, TeamStep, TeamWorld
 
 CELLS = " PXOTDS"  # by terrain number
 RECIPES = ("o", "t", "oo", "ot", "tt", "ooo", "oot", "ott", "ttt")
+USUAL_REWARD = 20  # of a soup, where a layout states none
+USUAL_TIME = 20  # the steps in which a soup cooks, where a layout states none
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +59,11 @@ class KitchenLayout:
     per_ingredient: tuple[int, int, int, int] = (0, 0, 0, 0)
 
     def __post_init__(self) -> None:
-        """Check that the plan is a valid kitchen."""
+        """Check that the plan is a valid kitchen.
+
+        Raises:
+            WorldError: if its rows, cooks or edge are not as they must be.
+        """
         rows = self.plan.split("/")
         cooks = sorted(letter for letter in self.plan if letter.isdigit())
         if cooks != [str(number) for number in range(1, len(cooks) + 1)] or not 1 <= len(cooks) <= 8:
@@ -76,12 +82,15 @@ class KitchenLayout:
         return sum(map(str.isdigit, self.plan))
 
     def value(self, recipe: str) -> int:
-        """Return the reward for delivering a soup, including the bonus."""
+        """Return the reward for delivering a soup, including the bonus; 0 for a soup that is not ordered."""
         if self.orders and recipe not in self.orders:
             return 0
         onion, tomato, _, _ = self.per_ingredient
-        value = onion * recipe.count("o") + tomato * recipe.count("t") or 20
-        return (self.values[self.orders.index(recipe)] if self.values else value) * (1 + (recipe in self.bonus))
+        if self.values:
+            reward = self.values[self.orders.index(recipe)]
+        else:
+            reward = onion * recipe.count("o") + tomato * recipe.count("t") or USUAL_REWARD
+        return 2 * reward if recipe in self.bonus else reward
 
     def time(self, recipe: str) -> int:
         """Return the cooking time of a soup in steps."""
@@ -90,7 +99,7 @@ class KitchenLayout:
             return self.times[self.orders.index(recipe)]
         if onion:
             return onion * recipe.count("o") + tomato * recipe.count("t")
-        return 20
+        return USUAL_TIME
 
 
 _SHARED = (21, 13, 15, 7)  # `per_ingredient` of several layouts with tomatoes
@@ -224,15 +233,17 @@ def draw_layout(seed: int) -> KitchenLayout:
     """
     *draws, swapped, mirrored = np.random.SeedSequence(seed).generate_state(8).tolist()
     rows = [[*"XXXXXXX"], *([*"X  X  X"] for _ in range(4)), [*"XXXXXXX"]]
-    for right, letters in enumerate(("OD1", "PS2") if swapped % 2 else ("OD2", "PS1")):
+    contents = ("OD1", "PS2") if swapped % 2 else ("OD2", "PS1")  # of each room
+    for room, letters in enumerate(contents):
+        is_right_room = room == mirrored % 2
         edge = [*((0, y) for y in range(1, 5)), *((x, y) for x in (1, 2) for y in (0, 5))]
         for letter in letters:
             if letter.isdigit():
-                places = [(x, y) for x in (1, 2) for y in range(1, 5)]
+                cells = [(x, y) for x in (1, 2) for y in range(1, 5)]
             else:
-                places = edge
-            x, y = places.pop(draws.pop() % len(places))
-            rows[y][6 - x if right == mirrored % 2 else x] = letter
+                cells = edge
+            x, y = cells.pop(draws.pop() % len(cells))
+            rows[y][6 - x if is_right_room else x] = letter
     return KitchenLayout("/".join(map("".join, rows)))
 
 
@@ -281,13 +292,13 @@ class Kitchen(TeamWorld):
                 layout = KitchenLayout(layout)
             else:
                 layout = KITCHENS[check_one_of("layout", layout, KITCHENS)]
-        old = check_one_of("rules", rules, ("2019", "1.1.0")) == "2019"
+        has_old_rules = check_one_of("rules", rules, ("2019", "1.1.0")) == "2019"
         self.rules: KitchenRules = rules
         self.layout = layout
         self.bodies = layout.cooks
         self.max_steps = check_max_steps(max_steps)
-        self._start = _build_start_row(layout, old, self.max_steps)
-        self.mission = _mission(layout, old)
+        self._start = _build_start_row(layout, self.max_steps, has_old_rules=has_old_rules)
+        self.mission = _describe_mission(layout, has_old_rules=has_old_rules)
         self.row = self._start.copy()
         self.row[fields.PHASE] = fields.NEW
         shape = (*self.row[:2].tolist(), 5 * self.bodies + fields.BASE_LAYERS)
@@ -302,17 +313,21 @@ class Kitchen(TeamWorld):
         """Begin a new episode. The seed only affects a drawn layout."""
         if self._draws_layout:
             self.layout = draw_layout(self.choose_seed(seed))
-            self._start = _build_start_row(self.layout, self.rules == "2019", self.max_steps)
+            self._start = _build_start_row(self.layout, self.max_steps, has_old_rules=self.rules == "2019")
         self.row[:] = self._start
         observe(self.row, self._flat_images)
 
     def step(self, actions: Sequence[int]) -> TeamStep:
-        """Make one joint step, with one action per cook."""
+        """Make one joint step, with one action per cook.
+
+        Raises:
+            WorldError: outside an episode, for a wrong number of actions, and for an action that does not exist.
+        """
         if len(actions) != self.bodies:
             self.check_actions(actions)
-        own = self._actions
+        joint_action = self._actions
         for body, action in enumerate(actions):  # takes a third of the time of an assignment to a slice
-            own[body] = action
+            joint_action[body] = action
         status = step_kitchen(self.row, self._actions, self._outcomes, self._flat_images)
         if status < 0:
             self.check_actions(actions)
@@ -328,10 +343,10 @@ class Kitchen(TeamWorld):
             return self._nothing._replace(truncated=ended)
         delivered = tuple(outcomes[:cooks])
         info = {"delivered": delivered, "shaping": tuple(outcomes[cooks:])}
-        served = self._ends_at_soup and sum(delivered) > 0
-        if served:
+        terminated = self._ends_at_soup and sum(delivered) > 0
+        if terminated:
             self.row[fields.PHASE] = fields.OVER
-        return TeamStep((sum(delivered),) * cooks, served, ended and not served, info)
+        return TeamStep((sum(delivered),) * cooks, terminated, ended and not terminated, info)
 
     def observation(self, body: int) -> NDArray[np.uint8]:
         """Return the whole kitchen in layers, the observing cook's own first: uint8[width, height, 5 * cooks + 16]."""
@@ -378,7 +393,11 @@ class Kitchen(TeamWorld):
         return self.row.copy()
 
     def restore(self, saved: Row) -> None:
-        """Restore a saved state of a kitchen of the same size."""
+        """Restore a saved state.
+
+        Raises:
+            WorldError: if it is of a kitchen of another size or with another number of cooks.
+        """
         if saved.shape != self.row.shape or not np.array_equal(saved[:3], self.row[:3]):
             raise WorldError("the saved state is from another kitchen; restore it into one with the same layout")
         self.row[:] = saved
@@ -431,19 +450,19 @@ class KitchenBatch(TeamBatch):
         return self.observations, np.broadcast_to(delivered.sum(axis=1, keepdims=True), delivered.shape), self.ends
 
 
-def _build_start_row(layout: KitchenLayout, old: bool, max_steps: int) -> Row:
-    """Return the row of numbers with which the kernels begin an episode in a layout."""
+def _build_start_row(layout: KitchenLayout, max_steps: int, *, has_old_rules: bool) -> Row:
+    """Return the row of numbers with which the kernels begin an episode in a layout, by the rules of 2019 if old."""
     plan = layout.plan.split("/")
     width = len(plan[0])
     height = len(plan)
     cooks = layout.cooks
     first_cell = fields.COOK + _COOK_NUMBERS * cooks
     row = np.zeros(kitchen_row_length(width, height, cooks), np.int32)
-    row[: fields.AUTOMATIC + 1] = width, height, cooks, 0, max_steps, fields.PLAYING, old
+    row[: fields.AUTOMATIC + 1] = width, height, cooks, 0, max_steps, fields.PLAYING, has_old_rules
     for recipe in RECIPES:
         number = recipe.count("o") + 4 * recipe.count("t")
-        value = layout.value(recipe)
-        row[fields.VALUES + number] = min(value, SOUP_2019) if old else value
+        reward = layout.value(recipe)
+        row[fields.VALUES + number] = min(reward, SOUP_2019) if has_old_rules else reward
         row[fields.TIMES + number] = layout.time(recipe)
     for x, y in np.ndindex(width, height):
         letter = plan[y][x]
@@ -458,22 +477,24 @@ def _build_start_row(layout: KitchenLayout, old: bool, max_steps: int) -> Row:
 _WORDS = {"o": ("onion", "onions"), "t": ("tomato", "tomatoes")}
 
 
-def _mission(layout: KitchenLayout, old: bool) -> str:
+def _describe_mission(layout: KitchenLayout, *, has_old_rules: bool) -> str:
     """Return a sentence that says what to cook and how: "cook soups of 3 onions: fill a pot, ..."."""
-    orders = [
-        " and ".join(
-            f"{recipe.count(letter)} {many if recipe.count(letter) > 1 else singular}"
-            for letter, (singular, many) in _WORDS.items()
-            if letter in recipe
-        )
-        for recipe in layout.orders
-    ]
-    if old:
+    if has_old_rules:
         start = "it cooks by itself once it is full"
     else:
         start = "interact with the pot to start it"
     if not layout.orders:
         dish = "any soup"
     else:
-        dish = "soups of " + " or of ".join(orders)
+        dish = "soups of " + " or of ".join(map(_describe_recipe, layout.orders))
     return f"cook {dish}: fill a pot, {start}, then take the soup with a plate to the serving hatch"
+
+
+def _describe_recipe(recipe: str) -> str:
+    """Return the ingredients of a recipe in words, such as "2 onions and 1 tomato"."""
+    ingredients = []
+    for letter, (singular, plural) in _WORDS.items():
+        count = recipe.count(letter)
+        if count:
+            ingredients.append(f"{count} {plural if count > 1 else singular}")
+    return " and ".join(ingredients)

@@ -82,10 +82,10 @@ class RowVectorEnv(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], ND
         return worlds
 
     def _check_actions(self, actions: ArrayLike) -> NDArray[np.int64]:
-        """Return one whole number per world.
+        """Return actions as an array of one whole number per world; whether the actions exist is not checked.
 
         Raises:
-            WorldError: if the actions are something else.
+            WorldError: if they are not one whole number per world.
         """
         action_array = np.asarray(actions)
         if action_array.shape != (self.num_envs,) or action_array.dtype.kind not in "iu":
@@ -101,10 +101,10 @@ class RowVectorEnv(gymnasium.vector.VectorEnv[Observation, NDArray[np.int64], ND
         return WorldError(f"action {action} does not exist in world {world}; actions are 0 to {last_action}")
 
     def _check_saved(self, saved: Any, kind: type[SnapshotType]) -> SnapshotType:
-        """Return a saved state.
+        """Return a saved state unchanged, after checking that a batch of this kind and size saved it.
 
         Raises:
-            WorldError: if it is not of such a batch.
+            WorldError: if it did not.
         """
         if not isinstance(saved, kind) or saved.rows.shape != self._rows.shape:  # type: ignore[attr-defined]
             raise WorldError(f"this was not saved by a batch of {self.num_envs} such worlds; pass what save() returned")

@@ -165,15 +165,15 @@ class TeamGrid(OwnRules, TeamWorld, abc.ABC):
 
     def _require_separate_bodies(self) -> None:
         """Raise WorldError if a body has no cell, or stands in the cell of another."""
-        body_by_place: dict[tuple[int, ...], int] = {}
+        body_by_cell: dict[tuple[int, ...], int] = {}
         for body in range(self.bodies):
-            place = tuple(self._body(body)[:2])
-            if min(place) < 0:
+            cell = tuple(self._body(body)[:2])
+            if min(cell) < 0:
                 mistake = "nowhere"
-            elif place in body_by_place:
-                mistake = f"where body {body_by_place[place]} stands"
+            elif cell in body_by_cell:
+                mistake = f"where body {body_by_cell[cell]} stands"
             else:
-                body_by_place[place] = body
+                body_by_cell[cell] = body
                 continue
             raise WorldError(f"{type(self).__name__} placed body {body} {mistake}; give each a cell of its own")
 
@@ -204,7 +204,7 @@ class TeamGrid(OwnRules, TeamWorld, abc.ABC):
         return numbers
 
     def held_by(self, body: int) -> int | None:
-        """Return the code of the object that a body carries, or None."""
+        """Return the code of the object that a body carries; None if it carries nothing."""
         code = self._body(body)[3]
         return None if code == EMPTY else code
 
@@ -215,7 +215,11 @@ class TeamGrid(OwnRules, TeamWorld, abc.ABC):
         return batch
 
     def step(self, actions: Sequence[int]) -> TeamStep:
-        """Make one joint step, with one action per body."""
+        """Make one joint step, with one action per body.
+
+        Raises:
+            WorldError: outside an episode, for a wrong number of actions, and for an action that does not exist.
+        """
         if len(actions) != self.bodies:
             self.check_actions(actions)
         self._actions[:] = actions
@@ -238,7 +242,7 @@ class TeamGrid(OwnRules, TeamWorld, abc.ABC):
     def _judge(
         self, actions: Sequence[int], rewards: tuple[float, ...], terminated: bool
     ) -> tuple[tuple[float, ...], bool]:
-        """Run `reward_and_done`, compiled if possible."""
+        """Run `reward_and_done`, compiled if possible; return the rewards and whether the episode ended."""
         rules = self._compiled_rules
         if rules is None or not rules.has_reward:
             return self.reward_and_done(actions, rewards, terminated)
@@ -284,7 +288,8 @@ class TeamGrid(OwnRules, TeamWorld, abc.ABC):
     def state_hash(self) -> int:
         """Hash the layout, bodies, task, mission, random stream and kept attributes to a uint64."""
         saved = self.save()
-        hashed = [saved.row, saved.rng_state[: 6 if saved.rng_state[4] else 4], saved.mission]
+        n_numbers = 6 if saved.rng_state[4] else 4  # the last two are a buffered half draw, if there is one
+        hashed = [saved.row, saved.rng_state[:n_numbers], saved.mission]
         return hash64([*hashed, saved.kept] if self.kept else hashed)
 
     def save(self) -> TeamSnapshot:
@@ -295,7 +300,11 @@ class TeamGrid(OwnRules, TeamWorld, abc.ABC):
         return TeamSnapshot(self._row.copy(), rng_state, self.mission, attributes)
 
     def restore(self, saved: TeamSnapshot) -> None:
-        """Restore a saved state of a world of the same size and number of bodies."""
+        """Restore a saved state.
+
+        Raises:
+            WorldError: if it is of a world of another size or with another number of bodies.
+        """
         if saved.row.shape != self._row.shape or not np.array_equal(saved.row[:2], self._row[:2]):
             raise WorldError(
                 f"the saved state differs in size from {type(self).__name__}; restore it into the world that saved it"

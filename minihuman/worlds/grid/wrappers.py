@@ -107,8 +107,9 @@ class OneHot(ImageWrapper):
     def image(self, observation: Observation) -> NDArray[np.uint8]:
         """Return the one-hot encoding of the image."""
         kinds, colours, states = np.moveaxis(observation["image"], -1, 0)
-        hot = (np.eye(length, dtype=np.uint8) for length in self.lengths)
-        return np.concatenate([eye[part] for eye, part in zip(hot, (kinds, colours, states), strict=True)], axis=-1)
+        one_hot_tables = (np.eye(length, dtype=np.uint8) for length in self.lengths)
+        numbers = (kinds, colours, states)
+        return np.concatenate([table[part] for table, part in zip(one_hot_tables, numbers, strict=True)], axis=-1)
 
 
 class FullyObserved(ImageWrapper):
@@ -192,18 +193,22 @@ class Flat(gymnasium.ObservationWrapper[NDArray[np.uint8], int, Observation]):
         return np.concatenate([observation["image"].ravel(), self._spelt])
 
     def _encode_letters(self, mission: str) -> NDArray[np.uint8]:
-        """Return a mission as one-hot vectors of its letters, in one row."""
+        """Return a mission as one-hot vectors of its letters, in one row, padded with zeros.
+
+        Raises:
+            WorldError: if the mission is too long, or has a character that is not in the alphabet.
+        """
         if len(mission) > self.letters:
             raise WorldError(
                 f"mission {mission!r} has {len(mission)} characters; use Flat(env, letters={len(mission)})"
             )
         spelt = np.zeros((self.letters, len(self.ALPHABET)), np.uint8)
-        for place, letter in enumerate(mission.lower()):
+        for index, letter in enumerate(mission.lower()):
             if letter not in self.ALPHABET:
                 raise WorldError(
                     f"mission {mission!r} has the character {letter!r}; Flat encodes only a to z, space and comma"
                 )
-            spelt[place, self.ALPHABET.index(letter)] = 1
+            spelt[index, self.ALPHABET.index(letter)] = 1
         return spelt.ravel()
 
 
@@ -228,7 +233,11 @@ class GoalDirection(gymnasium.ObservationWrapper[Observation, int, Observation])
         self.observation_space = spaces.Dict({**_list_subspaces(env), "goal_direction": space})
 
     def observation(self, observation: Observation) -> Observation:
-        """Return the observation with the direction of the goal added."""
+        """Return the observation with the direction of the goal added.
+
+        Raises:
+            WorldError: if the world has no goal now.
+        """
         state = self.grid.state
         goals = np.argwhere(state.kinds.T == GOAL)
         if len(goals) == 0:
@@ -261,7 +270,7 @@ class StochasticAction(gymnasium.ActionWrapper[Any, int, int]):
         self.random_action = random_action
 
     def action(self, action: int) -> int:
-        """Return the action that is taken."""
+        """Return the given action with probability ``prob``, or else ``random_action`` or a random one."""
         if self.np_random.random() < self.prob:
             return action
         assert isinstance(self.action_space, spaces.Discrete)
@@ -290,9 +299,9 @@ class ExplorationBonus(gymnasium.Wrapper[Any, int, Any, int], abc.ABC):
     def step(self, action: int) -> Step:
         """Take an action, and add the bonus to its reward."""
         observation, reward, terminated, truncated, info = self.env.step(action)
-        happened = self.happened(action)
-        self.counts[happened] += 1
-        bonus = self.scale / math.sqrt(self.counts[happened])
+        event = self.happened(action)
+        self.counts[event] += 1
+        bonus = self.scale / math.sqrt(self.counts[event])
         return observation, float(reward) + bonus, terminated, truncated, info
 
 
@@ -344,13 +353,14 @@ class FixedSeeds(gymnasium.Wrapper[Any, int, Any, int]):
         Raises:
             WorldError: if another seed is given.
         """
-        mine = self.seeds[self._next]
-        if seed is not None and seed != mine:
+        next_seed = self.seeds[self._next]
+        if seed is not None and seed != next_seed:
             raise WorldError(
-                f"reset() was called with seed {seed}, but FixedSeeds uses {mine} next; call reset() without a seed"
+                f"reset() was called with seed {seed}, but FixedSeeds uses {next_seed} next; call reset() without a "
+                "seed"
             )
         self._next = (self._next + 1) % len(self.seeds)
-        return self.env.reset(seed=mine, options=options)
+        return self.env.reset(seed=next_seed, options=options)
 
 
 class NoDeath(gymnasium.Wrapper[Any, int, Any, int]):
@@ -380,13 +390,13 @@ class NoDeath(gymnasium.Wrapper[Any, int, Any, int]):
         """Take an action. Walking into one of the given kinds is undone at a cost."""
         row = self.grid.state.row
         x, y = cell_in_front(row)
-        inside = 0 <= x < self.grid.state.width and 0 <= y < self.grid.state.height
-        deadly = inside and KINDS[kind_of(int(self.grid.state.cells[x, y]))] in self.types
-        place = int(row[X]), int(row[Y])
+        is_inside = 0 <= x < self.grid.state.width and 0 <= y < self.grid.state.height
+        is_deadly = is_inside and KINDS[kind_of(int(self.grid.state.cells[x, y]))] in self.types
+        cell = int(row[X]), int(row[Y])
         observation, reward, terminated, truncated, info = self.env.step(action)
-        if not (terminated and deadly and action == FORWARD and float(reward) <= 0):
+        if not (terminated and is_deadly and action == FORWARD and float(reward) <= 0):
             return observation, float(reward), terminated, truncated, info
-        row[X], row[Y] = place
+        row[X], row[Y] = cell
         row[PHASE] = OVER if truncated else PLAYING
         assert row[STEP] > 0
         observation = _observed(self.env)
@@ -394,7 +404,7 @@ class NoDeath(gymnasium.Wrapper[Any, int, Any, int]):
 
 
 def _observed(env: Any) -> Any:
-    """Return the current observation of an environment with its wrappers."""
+    """Return the current observation of an environment as its observation wrappers change it."""
     if isinstance(env, GridEngine):
         return env.observation()
     inner = _observed(env.env)
@@ -453,7 +463,7 @@ class Tokens(gymnasium.ObservationWrapper[dict[str, Any], int, dict[str, Any]]):
         return {**observation, "mission": self.tokens(observation["mission"])}
 
     def tokens(self, mission: str) -> NDArray[np.int64]:
-        """Return a sentence as tokens.
+        """Return a mission as tokens, int64[length], padded with zeros.
 
         Raises:
             WorldError: if the sentence has a word without a number, or too many words.
@@ -464,11 +474,11 @@ class Tokens(gymnasium.ObservationWrapper[dict[str, Any], int, dict[str, Any]]):
                 f"mission {mission!r} has {len(mission_words)} words; use Tokens(env, length={len(mission_words)})"
             )
         tokens = np.full(self.length, PADDING, np.int64)
-        for place, word in enumerate(mission_words):
+        for index, word in enumerate(mission_words):
             if word not in self._number:
                 raise WorldError(
                     f"mission {mission!r} contains {word!r}, which Tokens does not know; use only "
                     f"{', '.join(self.words)}"
                 )
-            tokens[place] = self._number[word]
+            tokens[index] = self._number[word]
         return tokens

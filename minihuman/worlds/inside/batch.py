@@ -18,7 +18,7 @@ from minihuman.worlds.grid.batch_names import GridBatchSnapshot
 from minihuman.worlds.grid.engine import GridEngine
 from minihuman.worlds.options import check_one_of, check_whole
 
-Draw = Callable[[GridEngine, int], NDArray[np.uint8]]  # draws a world in its present state; the int is its place
+Draw = Callable[[GridEngine, int], NDArray[np.uint8]]  # draws a world, whose number in the batch is the int
 
 
 class PictureBatch(VectorObservationWrapper):
@@ -89,7 +89,7 @@ def make_grid_batch(
     check_one_of("view", view, ("grid", "first_person"))
     check_one_of("pixels", pixels, (None, "partial", "full"))
     if view == "first_person":
-        return _first_person_batch(family, options)
+        return _make_first_person_batch(family, options)
     batch = GridBatch(family, **options)
     if pixels is None:
         return batch
@@ -103,7 +103,7 @@ def make_grid_batch(
     return PictureBatch(batch, draw, (rows * tile_px, columns * tile_px, 3))
 
 
-def _first_person_batch(family: str, options: dict[str, Any]) -> PictureBatch:
+def _make_first_person_batch(family: str, options: dict[str, Any]) -> PictureBatch:
     """Make a batch whose pictures are the agents' views from inside."""
     from minihuman.worlds.inside.env import GridFromInside  # here, as the renderer takes a second to load
 

@@ -15,9 +15,9 @@ from minihuman.worlds.grid.layouts.go_to_obj import GoToObjGrid
 
 def make_grid_world(family: str, **options: Any) -> Any:
     """Make a world of a family or a level; ``view="first_person"`` shows it from inside, in 3D."""
-    seen_from_above = options.get("view", "grid") == "grid"
-    kind = GridEnvOnScreen if seen_from_above and options.get("render_mode") == "human" else GridEnv
-    return make_with_view(partial(kind, family), **options)
+    is_seen_from_above = options.get("view", "grid") == "grid"
+    world_class = GridEnvOnScreen if is_seen_from_above and options.get("render_mode") == "human" else GridEnv
+    return make_with_view(partial(world_class, family), **options)
 
 
 def make_go_to_obj_world(**options: Any) -> Any:
@@ -31,7 +31,12 @@ def make_drawn_level(**options: Any) -> Any:
 
 
 def make_with_view(grid: Callable[..., GridEngine], *, view: str = "grid", **options: Any) -> Any:
-    """Make a grid world, from above or seen from inside.
+    """Make a grid world, seen from above or from inside.
+
+    Args:
+        grid: a function that makes the world.
+        view: "grid" to see it from above, "first_person" from inside.
+        options: the arguments of ``grid``, and from inside the size of observations, obs_width and obs_height.
 
     Raises:
         WorldError: if the view is unknown.

@@ -43,6 +43,7 @@ _TILE_M = 0.02  # the thickness of goals, lava and coloured floor
 _ZOOM = 1.6  # of the brick texture, which is made for walls of full height
 _CARRIED_AHEAD_M = 0.3  # how far ahead of the agent's eye a carried object is
 _CARRIED_LOW_M = 0.18  # how far below the eye it is
+_CARRIED_SIZE_M = 0.08  # its height
 
 Place = tuple[float, float, float, float]  # x, y, z, yaw_rad
 
@@ -55,31 +56,34 @@ class PlacedLook:
     place: Place
 
 
-def walled(state: State) -> NDArray[np.bool_]:
+def find_walls(state: State) -> NDArray[np.bool_]:
     """Return which cells are walls, bool[x, z]."""
     return np.array([[cells.kind_of(code) == cells.WALL for code in column] for column in state.cells.tolist()])
 
 
 def build_rooms(state: State) -> tuple[SceneRoom, ...]:
     """Return the whole grid as one room with the walls as surfaces; adjoining walls are one surface."""
-    wall = walled(state)
+    wall = find_walls(state)
     width, height = wall.shape
     x0 = -0.5
     x1 = width - 0.5
     z0 = -0.5
     z1 = height - 0.5
     outline = np.array(((x1, z1), (x1, z0), (x0, z0), (x0, z1)))
-    surfaces = [_level(outline, 0.0, "floor_tiles_bw_1"), _level(outline[::-1], WALL_HEIGHT_M, "concrete_tiles_1")]
+    surfaces = [
+        _level_surface(outline, 0.0, "floor_tiles_bw_1"),
+        _level_surface(outline[::-1], WALL_HEIGHT_M, "concrete_tiles_1"),
+    ]
     for z in range(height + 1):
-        above = _row(wall, z - 1)
-        below = _row(wall, z)
-        surfaces += [_upright((end, z - 0.5), (start, z - 0.5)) for start, end in _runs(above & ~below)]
-        surfaces += [_upright((start, z - 0.5), (end, z - 0.5)) for start, end in _runs(below & ~above)]
+        above = _wall_row(wall, z - 1)
+        below = _wall_row(wall, z)
+        surfaces += [_wall_surface((end, z - 0.5), (start, z - 0.5)) for start, end in _find_runs(above & ~below)]
+        surfaces += [_wall_surface((start, z - 0.5), (end, z - 0.5)) for start, end in _find_runs(below & ~above)]
     for x in range(width + 1):
-        left = _row(wall.T, x - 1)
-        right = _row(wall.T, x)
-        surfaces += [_upright((x - 0.5, start), (x - 0.5, end)) for start, end in _runs(left & ~right)]
-        surfaces += [_upright((x - 0.5, end), (x - 0.5, start)) for start, end in _runs(right & ~left)]
+        left = _wall_row(wall.T, x - 1)
+        right = _wall_row(wall.T, x)
+        surfaces += [_wall_surface((x - 0.5, start), (x - 0.5, end)) for start, end in _find_runs(left & ~right)]
+        surfaces += [_wall_surface((x - 0.5, end), (x - 0.5, start)) for start, end in _find_runs(right & ~left)]
     return (SceneRoom(outline, surfaces),)
 
 
@@ -94,22 +98,23 @@ def build_things(state: State, palette: Palette, kinds: Sequence[ObjectKind] = (
 def build_carried(
     code: int, eye: tuple[float, float, float], yaw_rad: float, palette: Palette, kinds: Sequence[ObjectKind] = ()
 ) -> list[PlacedLook]:
-    """Return the look of the object in the agent's hand, placed low in the picture."""
+    """Return the look of the object in the agent's hand, placed low in the picture; [] for one without a look."""
     x, y, z = eye
     ahead = _CARRIED_AHEAD_M
+    size_m = _CARRIED_SIZE_M
     place = x + ahead * np.cos(yaw_rad), y - _CARRIED_LOW_M, z - ahead * np.sin(yaw_rad), yaw_rad
     if cells.kind_of(code) >= FIRST_OWN_KIND:
-        return _own(kinds[cells.kind_of(code) - FIRST_OWN_KIND], code, place, palette, height_m=0.08)
+        return _look_of_own_kind(kinds[cells.kind_of(code) - FIRST_OWN_KIND], code, place, palette, height_m=size_m)
     match cells.KINDS[cells.kind_of(code)]:
         case "key" | "ball" as kind:
-            return [PlacedLook(MeshLook(f"{kind}_white", 0.08, _rgb(code, palette)), place)]
+            return [PlacedLook(MeshLook(f"{kind}_white", size_m, _rgb(code, palette)), place)]
         case "box":
-            return [PlacedLook(BoxLook((0.08, 0.08, 0.08), _rgb(code, palette)), place)]
+            return [PlacedLook(BoxLook((size_m, size_m, size_m), _rgb(code, palette)), place)]
         case _:
             return []
 
 
-def _own(
+def _look_of_own_kind(
     kind: ObjectKind, code: int, place: Place, palette: Palette, *, height_m: float | None = None
 ) -> list[PlacedLook]:
     """Return the look of a custom object kind in its own size, or scaled to a height if it is carried."""
@@ -133,10 +138,10 @@ def _build_cell(
     """Return the looks of the object in a cell, with their places."""
     middle = (float(x), 0.0, float(z), 0.0)
     if cells.kind_of(code) >= FIRST_OWN_KIND:
-        return _own(kinds[cells.kind_of(code) - FIRST_OWN_KIND], code, middle, palette)
+        return _look_of_own_kind(kinds[cells.kind_of(code) - FIRST_OWN_KIND], code, middle, palette)
     match cells.KINDS[cells.kind_of(code)]:
         case "door":
-            return _door(state, code, x, z, palette)
+            return _build_door(state, code, x, z, palette)
         case "key" | "ball" as kind:
             return [PlacedLook(MeshLook(f"{kind}_white", 0.4, _rgb(code, palette)), (*middle[:3], 0.8))]
         case "box":
@@ -147,8 +152,8 @@ def _build_cell(
             return []
 
 
-def _door(state: State, code: int, x: int, z: int, palette: Palette) -> list[PlacedLook]:
-    """Return a door's leaf, closed or turned aside, with a knob if it is closed and a bar if it is locked."""
+def _build_door(state: State, code: int, x: int, z: int, palette: Palette) -> list[PlacedLook]:
+    """Return the parts of a door: a leaf, turned aside if it is open, with a knob if closed and a bar if locked."""
     colour = _rgb(code, palette)
     if x > 0 and cells.kind_of(int(state.cells[x - 1, z])) == cells.WALL:
         yaw = 0.0
@@ -177,25 +182,25 @@ def _rgb(code: int, palette: Palette) -> tuple[float, float, float]:
     return red / 255, green / 255, blue / 255
 
 
-def _row(wall: NDArray[np.bool_], z: int) -> NDArray[np.bool_]:
+def _wall_row(wall: NDArray[np.bool_], z: int) -> NDArray[np.bool_]:
     """Return which cells of a row are walls; outside the grid, all are."""
     if 0 <= z < wall.shape[1]:
         return wall[:, z]
     return np.ones(wall.shape[0], np.bool_)
 
 
-def _runs(marked: NDArray[np.bool_]) -> list[tuple[float, float]]:
+def _find_runs(marked: NDArray[np.bool_]) -> list[tuple[float, float]]:
     """Return the start and end of each unbroken run of marked cells."""
     edges = np.flatnonzero(np.diff(np.concatenate(([False], marked, [False])).astype(np.int8)))
     return [(start - 0.5, end - 0.5) for start, end in edges.reshape(-1, 2).tolist()]
 
 
-def _level(outline: NDArray[np.float64], y: float, texture: str) -> Surface:
+def _level_surface(outline: NDArray[np.float64], y: float, texture: str) -> Surface:
     corners = np.column_stack((outline[:, 0], np.full(len(outline), y), outline[:, 1]))
     return Surface(corners, outline + 0.5, texture)
 
 
-def _upright(start: tuple[float, float], end: tuple[float, float]) -> Surface:
+def _wall_surface(start: tuple[float, float], end: tuple[float, float]) -> Surface:
     """Return a wall from one point (x, z) to another, visible from its left side."""
     ax, az = start
     bx, bz = end
@@ -211,7 +216,7 @@ _BACK_M = 0.4  # how far the eye is behind the middle of its cell, so that a wal
 _FOV_Y_DEG = 60.0
 
 
-def _as_in_grid(name: str) -> Any:
+def _delegate_to_grid(name: str) -> Any:
     """Return a method that calls the grid's method of the same name."""
 
     @wraps(getattr(GridEngine, name))
@@ -260,15 +265,15 @@ class GridFromInside(ShowsItself, gymnasium.Env[dict[str, Any], int], NativeWorl
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Begin a new episode, which is that of the grid for the seed."""
+        """Begin a new episode of the grid from the seed; return the observation with the first-person picture."""
         super().reset(seed=seed)
         observation, info = self.grid.reset(seed=seed, options=options)
-        return self._shown(self._seen(observation)), info
+        return self._show(self._with_view(observation)), info
 
     def step(self, action: int) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
         """Step the grid world; return its results with the first-person picture."""
         observation, reward, terminated, truncated, info = self.grid.step(action)
-        return self._shown(self._seen(observation)), reward, terminated, truncated, info
+        return self._show(self._with_view(observation)), reward, terminated, truncated, info
 
     def render(self) -> NDArray[np.uint8] | None:
         """Return the agent's view at 800 x 600; None without a render mode, or after showing it in a window."""
@@ -282,16 +287,16 @@ class GridFromInside(ShowsItself, gymnasium.Env[dict[str, Any], int], NativeWorl
     def _rendered(self) -> NDArray[np.uint8]:
         return self.picture(size_px=(800, 600))
 
-    def _shown(self, observation: dict[str, Any]) -> dict[str, Any]:
-        """Return the observation, after a window has shown it if the render mode is "human"."""
+    def _show(self, observation: dict[str, Any]) -> dict[str, Any]:
+        """Show the view in a window if the render mode is "human"; return the observation unchanged."""
         if self.render_mode == "human":
             self.render()
         return observation
 
-    pose, map, subgoals, advance = (_as_in_grid(name) for name in ("pose", "map", "subgoals", "advance"))
-    state_hash, scene_hash = (_as_in_grid(name) for name in ("state_hash", "scene_hash"))
-    shortest_path, path_length_bounds = (_as_in_grid(name) for name in ("shortest_path", "path_length_bounds"))
-    save, restore = (_as_in_grid(name) for name in ("save", "restore"))
+    pose, map, subgoals, advance = (_delegate_to_grid(name) for name in ("pose", "map", "subgoals", "advance"))
+    state_hash, scene_hash = (_delegate_to_grid(name) for name in ("state_hash", "scene_hash"))
+    shortest_path, path_length_bounds = (_delegate_to_grid(name) for name in ("shortest_path", "path_length_bounds"))
+    save, restore = (_delegate_to_grid(name) for name in ("save", "restore"))
 
     def picture(
         self, *, view: View = "partial", size_px: tuple[int, int] = (640, 480), palette: Palette = "classic"
@@ -304,7 +309,7 @@ class GridFromInside(ShowsItself, gymnasium.Env[dict[str, Any], int], NativeWorl
     def __getstate__(self) -> dict[str, Any]:
         return vars(self) | {"_renderer": _SceneRenderer(self.grid.kinds)}
 
-    def _seen(self, observation: dict[str, Any]) -> dict[str, Any]:
+    def _with_view(self, observation: dict[str, Any]) -> dict[str, Any]:
         """Return the grid's observation with the view from inside as its image."""
         return observation | {"image": self._draw(self.grid.pose(), self.size_px, "classic")}
 
@@ -330,7 +335,7 @@ class _SceneRenderer:
         """Return the scene of a state, with the carried object in front of the eye."""
         if (state.cells.tobytes(), palette) != self._things[:2]:
             self._things = state.cells.tobytes(), palette, build_things(state, palette, self._kinds)
-            walls = walled(state).tobytes()
+            walls = find_walls(state).tobytes()
             if walls != self._rooms[0]:
                 self._rooms = (walls, build_rooms(state))
                 self._scene = None

@@ -39,7 +39,10 @@ _QUERIES = ("map", "shortest_path", "path_length_bounds", "scene_hash", "text", 
 
 
 def run_child(connection: Connection, memory_bytes: int) -> None:
-    """Answer requests until the connection is closed."""
+    """Answer the host's requests until the connection is closed, then end this process.
+
+    The process may use ``memory_bytes`` of memory.
+    """
     lead_own_group()
     end_with_parent()
     outlive_termination()  # a service manager sends SIGTERM to all processes, but the host ends its sessions first
@@ -164,14 +167,14 @@ class WorldServer:
 
     def _step(self, request: messages.Step) -> messages.StepReport:
         """Step the world and report the result."""
-        self._stepped = stepped = self._world.step(request.action)
+        self._stepped = result = self._world.step(request.action)
         return messages.StepReport(
-            stepped.reward,
-            stepped.terminated,
-            stepped.truncated,
-            stepped.observation_hash,
-            stepped.onset,
-            stepped.is_own,
+            result.reward,
+            result.terminated,
+            result.truncated,
+            result.observation_hash,
+            result.onset,
+            result.is_own,
             self._report_state(),
         )
 
@@ -180,11 +183,12 @@ class WorldServer:
         world = self._world
         pose = world.pose()
         if pose is None:
-            place = None
+            pose_numbers = None
         else:
-            place = (pose.x, pose.y, pose.z, pose.yaw_rad)
+            pose_numbers = (pose.x, pose.y, pose.z, pose.yaw_rad)
         state_hash = world.state_hash()
-        return messages.StateReport(state_hash, None if world.knows_state else state_hash, place, world.subgoals())
+        scene_hash = None if world.knows_state else state_hash
+        return messages.StateReport(state_hash, scene_hash, pose_numbers, world.subgoals())
 
     def _draw(self, request: messages.Draw) -> tuple[tuple[int, ...], bool]:
         """Draw the picture into shared memory; return its shape, and False if the memory is too small."""
@@ -202,7 +206,11 @@ class WorldServer:
         return picture.shape, True
 
     def _query(self, name: str) -> Any:
-        """Return an attribute of the world, or the result of calling it."""
+        """Return an attribute of the world, or the result of calling it.
+
+        Raises:
+            WorldError: if the observation is queried and cannot be encoded.
+        """
         if name == "observation":
             try:
                 return encode_value(self._world.observation)

@@ -78,9 +78,9 @@ class RemoteStepResult(StepResult):
         if not rule.asks_world:
             return None
         assert self.world is not None
-        says = self.world.read_success(rule.info_key)
-        if says is not None or rule.info_key or not self.is_own:
-            return says
+        stated = self.world.read_success(rule.info_key)
+        if stated is not None or rule.info_key or not self.is_own:
+            return stated
         return self.terminated and self.reward > 0
 
     def encode_info(self, keys: Sequence[str]) -> str:
@@ -131,7 +131,13 @@ class IsolatedWorld(World):
         self.action_names = self.actions.names
 
     def _ask(self, request: messages.AnyRequest, answer: type[T], call: str) -> T:
-        """Send a request to the world's process and return the answer; copies no longer needed are deleted first."""
+        """Send a request to the world's process and return the answer; copies no longer needed are deleted first.
+
+        Args:
+            request: the request
+            answer: the type of the answer
+            call: the call that the request runs, such as "step()", for errors
+        """
         limits = self._pool.limits
         is_long = isinstance(request, messages.Construct | messages.Reset) or call == "shortest_path()"
         if is_long:
@@ -217,15 +223,15 @@ class IsolatedWorld(World):
 
     def step(self, action: Action) -> StepResult:
         """Step the world by an action, as `World.step`."""
-        stepped = self._ask(messages.Step(action), messages.StepReport, "step()")
-        self._moment = stepped.moment
+        report = self._ask(messages.Step(action), messages.StepReport, "step()")
+        self._moment = report.moment
         return RemoteStepResult(
-            stepped.reward,
-            stepped.terminated,
-            stepped.truncated,
-            stepped.observation_hash,
-            stepped.onset,
-            is_own=stepped.is_own,
+            report.reward,
+            report.terminated,
+            report.truncated,
+            report.observation_hash,
+            report.onset,
+            is_own=report.is_own,
             world=self,
         )
 
@@ -263,11 +269,11 @@ class IsolatedWorld(World):
         return self._present.state_hash
 
     def scene_hash(self) -> int:
-        """Return the hash of the state without the step count; if the state is unknown, with it."""
-        known = self._present.scene_hash
-        if known is None:
+        """Return the hash of the state without the step count; if the state is unknown, the same as `state_hash`."""
+        scene_hash = self._present.scene_hash
+        if scene_hash is None:
             return self._query("scene_hash", int)
-        return known
+        return scene_hash
 
     def shortest_path(self) -> tuple[str, ...] | None:
         """Return the names of actions that lead to success from here; None if the world has no planner."""
@@ -290,7 +296,11 @@ class IsolatedWorld(World):
         size_px: tuple[int, int] = (640, 480),
         palette: Palette = "classic",
     ) -> NDArray[np.uint8]:
-        """Return the picture that a person sees, as `World.frame`."""
+        """Return the picture that a person sees, as `World.frame`.
+
+        Raises:
+            WorldError: in the same cases as `World.frame`, or if pictures get larger with each request.
+        """
         for _ in range(2):  # the second time with enough memory
             memory = self._process.memory
             name = "" if memory is None else memory.name

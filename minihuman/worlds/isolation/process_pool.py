@@ -119,13 +119,13 @@ class WorldProcess:
                 raise RemoteCodeError(f"{world_id}: {call} took more than {limit_s:g} s, so its process was ended")
             self.reply = msgspec.msgpack.decode(self._connection.recv_bytes(), type=messages.Reply)
         except (EOFError, OSError):
-            raise RemoteCodeError(f"{world_id}: {self._describe_end(call)}") from None
+            raise RemoteCodeError(f"{world_id}: {self._clean_up_and_describe(call)}") from None
         if self.reply.error:
             raise RemoteCodeError(self.reply.error, self.reply.cause)
         return msgspec.msgpack.decode(self.reply.answer, type=answer)
 
-    def _describe_end(self, call: str) -> str:
-        """End what is left of a process that a call has ended; return how it ended, for an error."""
+    def _clean_up_and_describe(self, call: str) -> str:
+        """Clean up after a process that a call has ended, and return an error text that says how it ended."""
         self.is_healthy = False
         self._process.join(_END_S)
         status = self._process.exitcode
@@ -134,10 +134,10 @@ class WorldProcess:
             return f"{call} ended its process with status {status}; end the episode instead"
         return f"{call} ended its process by {name_signal(-status)}, as a fault in compiled code does"
 
-    def reserve_memory(self, size: int) -> None:
-        """Replace the memory shared with the process by one of ``size`` bytes."""
+    def reserve_memory(self, size_bytes: int) -> None:
+        """Replace the memory that is shared with the process by one of another size."""
         self._release_memory()
-        self.memory = SharedMemory(None, True, size)
+        self.memory = SharedMemory(None, True, size_bytes)
 
     def _release_memory(self) -> None:
         if self.memory is not None:
@@ -174,7 +174,7 @@ class WorldProcessPool:
         atexit.register(self.close)  # runs before multiprocessing waits for the processes
 
     def take(self, world_id: str) -> WorldProcess:
-        """Return a process for a world: one that ran the world before, or a new one."""
+        """Return a process for a world, which then counts as running: one that ran the world before, or a new one."""
         with self._lock:
             for process in self._idle:
                 if process.ran == world_id:
@@ -190,7 +190,10 @@ class WorldProcessPool:
         return process
 
     def give_back(self, process: WorldProcess) -> None:
-        """Return a process whose world is closed, or that has failed, to the pool."""
+        """Give a process whose world is closed, or that has failed, back to the pool.
+
+        A failed process is ended, as is the one that is idle for longest if there are too many.
+        """
         surplus = process
         with self._lock:
             process.is_running = False

@@ -9,6 +9,8 @@ from gymnasium import spaces
 from minihuman.errors import WorldError
 from minihuman.worlds.value_codec import decode_value, encode_value
 
+_MAX_NAME_CHARS = 200  # of an unsupported space
+
 
 def encode_space(space: gymnasium.Space[Any]) -> bytes:
     """Encode a space; an unsupported kind of space is encoded as its name alone."""
@@ -39,7 +41,7 @@ def _describe_space(space: gymnasium.Space[Any]) -> tuple[Any, ...]:
             return "dict", tuple((name, _describe_space(inner)) for name, inner in space.spaces.items())
         case spaces.Tuple():
             return "tuple", tuple(_describe_space(inner) for inner in space.spaces)
-    return "other", str(space)[:200]
+    return "other", str(space)[:_MAX_NAME_CHARS]
 
 
 def _build_space(description: tuple[Any, ...]) -> gymnasium.Space[Any]:

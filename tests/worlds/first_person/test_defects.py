@@ -13,7 +13,7 @@ from minihuman.errors import WorldError
 from minihuman.worlds.first_person.entities import Key
 from minihuman.worlds.first_person.env import FirstPersonEnv
 from minihuman.worlds.first_person.layouts.connected_rooms import FourRooms
-from minihuman.worlds.first_person.pictures import light
+from minihuman.worlds.first_person.pictures import build_light
 
 DRAW_WITHOUT_A_DISPLAY = """
 import sys
@@ -128,7 +128,7 @@ def test_the_radius_of_a_mesh_is_in_single_precision():
 def test_the_lamp_is_a_direction():
     env = begun("OneRoom")
     x, y, z = env.stage.light_pos
-    assert light(env.stage).towards == (x + 1, y + 1, z + 1)
+    assert build_light(env.stage).towards == (x + 1, y + 1, z + 1)
 
 
 def test_an_arm_of_ymaze_reaches_into_its_middle():

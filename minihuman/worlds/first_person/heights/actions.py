@@ -48,19 +48,19 @@ def step(stage: BuildingState, ahead_m: float, right_m: float) -> bool:
     before = agent.pos
     x = before[0] + ahead_x * ahead_m - ahead_z * right_m
     z = before[2] + ahead_z * ahead_m + ahead_x * right_m
-    place = stage.find_place(agent, x, z)
-    if place is None:
+    position = stage.find_place(agent, x, z)
+    if position is None:
         return False
-    agent.pos = place
+    agent.pos = position
     load = agent.carrying
-    if load is not None and not stage.load_fits(load, *stage.carrying_position(place, load)):
+    if load is not None and not stage.load_fits(load, *stage.carrying_position(position, load)):
         agent.pos = before
         return False
     return True
 
 
 def _pick_up(stage: BuildingState) -> None:
-    """Take the first thing in reach that is not static, unless a wall is in the way."""
+    """Let the agent take the first thing in reach, unless it is static or a wall is in the way."""
     agent = stage.agent
     ahead_x, ahead_z = agent.forward
     reach = _AHEAD_RADII * float(agent.radius)
@@ -71,7 +71,7 @@ def _pick_up(stage: BuildingState) -> None:
 
 
 def _drop(stage: BuildingState, load: Entity) -> None:
-    """Put what the agent carries on the floor below it."""
+    """Put what the agent carries on the floor below it; change nothing if there is none."""
     height = stage.floor_below(load.pos)
     if height is None or math.isnan(height):
         return
@@ -80,7 +80,7 @@ def _drop(stage: BuildingState, load: Entity) -> None:
 
 
 def bring_load(stage: BuildingState) -> None:
-    """Put what the agent carries before it."""
+    """Move what the agent carries to its place in front of the agent, with the agent's heading."""
     load = stage.agent.carrying
     if load is not None:
         load.pos = stage.carrying_position(stage.agent.pos, load)

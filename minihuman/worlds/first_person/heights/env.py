@@ -21,7 +21,7 @@ from minihuman.worlds.first_person.heights.floors import building_map, check_rea
 from minihuman.worlds.first_person.heights.planes import Plane
 from minihuman.worlds.first_person.heights.planner import least_steps, plan
 from minihuman.worlds.first_person.heights.sectors import Flight, Sector
-from minihuman.worlds.first_person.heights.sliding import approach, limit_length, slide, turn_body, walk
+from minihuman.worlds.first_person.heights.sliding import approach_velocity, limit_length, slide, turn_body, walk
 from minihuman.worlds.first_person.heights.state import BuildingState
 from minihuman.worlds.first_person.heights.surfaces import building_tables
 from minihuman.worlds.first_person.motion import Command
@@ -198,13 +198,13 @@ class BuildingEnv(FirstPersonEnv):
 
         Args:
             a: a room, stairs or a ramp.
-            b: another.
+            b: another room, other stairs or another ramp.
             min_x: where the opening begins; without limits, it is as wide as the two walls face each other.
             max_x: where it ends.
             min_z: where it begins, in a wall along z.
-            max_z: where it ends.
-            min_y: its lowest height in the world: a window's sill; None for the higher of the floors.
-            max_y: its highest; None for the lower of the ceilings.
+            max_z: where it ends, in a wall along z.
+            min_y: its lowest height in the world, as of a window's sill; None for the higher of the floors.
+            max_y: its greatest height in the world; None for the lower of the ceilings.
 
         Raises:
             WorldError: if the rooms do not face each other, or the opening does not fit their walls or heights.
@@ -230,7 +230,7 @@ class BuildingEnv(FirstPersonEnv):
         check_reach(self.stage)
 
     def shortest_path(self) -> Sequence[int] | None:
-        """Return a path to the goal of ``near_goal``; None for a world with another termination rule."""
+        """Return a path to the goal of ``near_goal``; () if none is found, None with another termination rule."""
         rule = self.termination_rule()
         if rule.kind != GOAL:
             return None
@@ -241,7 +241,8 @@ class BuildingEnv(FirstPersonEnv):
         rule = self.termination_rule()
         if rule.kind != GOAL:
             return UNKNOWN_BOUNDS
-        return PathLengthBounds(least_steps(self, rule.things[0]), len(self.shortest_path() or ()) or None)
+        path = self.shortest_path()
+        return PathLengthBounds(least_steps(self, rule.things[0]), len(path) if path else None)
 
     def map(self) -> Map:
         """Return the plan of all floors: the walls that stop a body, and all entities but the agent."""
@@ -285,7 +286,7 @@ class BuildingEnv(FirstPersonEnv):
         return True
 
     def _act_freely(self, action: Any, name: str) -> str:
-        """Do an action with heights; return the name by which it is judged."""
+        """Do an action with heights; return the action name from which its reward is computed."""
         if self._continuous is not None or name not in self.kernel_actions:
             return super()._act_freely(action, name)
         act(self.stage, ACTIONS.index(self.motions.get(name, name)))
@@ -301,7 +302,7 @@ class BuildingEnv(FirstPersonEnv):
         turn_body(stage, command.turn * (turn_deg * RADIANS))
         ahead, right = limit_length(command.ahead, command.right)
         if self.acceleration:
-            ahead, right = approach(self.velocity, (ahead, right), self.acceleration)
+            ahead, right = approach_velocity(self.velocity, (ahead, right), self.acceleration)
             vars(self)["velocity"] = (ahead, right)
         walk(stage, ahead * ahead_m, right * ahead_m + ahead * drift_m)
 
@@ -310,13 +311,14 @@ class BuildingEnv(FirstPersonEnv):
 
 
 def _shape_of(outline: RoomOutline | Sequence[Point]) -> RoomOutline:
+    """Return an outline unchanged, or the outline of a sequence of corners (x, z)."""
     if isinstance(outline, RoomOutline):
         return outline
     return outline_of(tuple((float(x), float(z)) for x, z in outline))
 
 
 def _sectors_of(a: Sector | Flight, b: Sector | Flight) -> tuple[Sector, Sector]:
-    """Return the two sectors to connect: of stairs and ramps, the end that is nearer to the other's height."""
+    """Return the two sectors to connect: of stairs and ramps, the end whose height is nearer to that of the other."""
     first = a.nearest_end(_level_of(b)) if isinstance(a, Flight) else a
     second = b.nearest_end(_level_of(first)) if isinstance(b, Flight) else b
     return first, second

@@ -12,6 +12,7 @@ Rectangle = tuple[float, float, float, float]  # min_x, max_x, min_z, max_z
 
 STEP_M = 0.18  # the highest step of stairs whose number of steps is not given
 _STEEPEST = 1.0  # the steepest ramp: a metre up for a metre ahead
+_TOLERANCE = 1e-9  # by which rounding may exceed a limit, in steps or metres
 _DIRECTIONS = {"east": (0, 1), "west": (0, -1), "south": (1, 1), "north": (1, -1)}  # axis x (0) or z (1), and sign
 
 
@@ -54,7 +55,7 @@ def build_stairs(
     Raises:
         WorldError: if the stairs do not rise, or a step is higher than a body climbs.
     """
-    low, high = _check_rise(heights, "stairs")
+    low, high = _read_heights(heights, "stairs")
     n_treads = _count_steps(low, high, steps, step_height) - 1
     rise = (high - low) / (n_treads + 1)
     ceiling = Plane(high + looks.height)
@@ -66,28 +67,29 @@ def build_stairs(
     for number in range(n_treads):
         shares = (number / n_treads, (number + 1) / n_treads)
         ends = [start + share * (end - start) if sign > 0 else end - share * (end - start) for share in shares]
-        part = list(sides)
-        part[2 * axis : 2 * axis + 2] = sorted(ends)
+        tread = list(sides)
+        tread[2 * axis : 2 * axis + 2] = sorted(ends)
         floor = Plane(low + (number + 1) * rise)
-        sectors.append(_sector((part[0], part[1], part[2], part[3]), floor, ceiling, looks, (low, high)))
+        sectors.append(_build_sector((tread[0], tread[1], tread[2], tread[3]), floor, ceiling, looks, (low, high)))
     return tuple(sectors)
 
 
 def _count_steps(low: float, high: float, steps: int | None, step_height: float) -> int:
-    """Return the number of steps from one height to another.
+    """Return the number of steps from one height to another: ``steps``, or as many as are at most `STEP_M` high.
 
     Raises:
-        WorldError: if a step is higher than a body climbs.
+        WorldError: if there are fewer than 2 steps, or a step is higher than a body climbs.
     """
     if steps is None:
-        return max(math.ceil((high - low) / min(STEP_M, step_height) - 1e-9), 2)
+        return max(math.ceil((high - low) / min(STEP_M, step_height) - _TOLERANCE), 2)
     if steps < 2:
         raise WorldError(f"stairs have steps={steps}; give 2 or more, or none for steps of at most {STEP_M} m")
     rise = (high - low) / steps
-    if rise > step_height + 1e-9:
+    if rise > step_height + _TOLERANCE:
         raise WorldError(
             f"stairs from {low:g} to {high:g} m in {steps} steps have steps of {rise:.3g} m, but a body climbs at "
-            f"most step_height = {step_height:g} m; give steps={math.ceil((high - low) / step_height - 1e-9)} or more"
+            f"most step_height = {step_height:g} m; give steps="
+            f"{math.ceil((high - low) / step_height - _TOLERANCE)} or more"
         )
     return steps
 
@@ -98,23 +100,23 @@ def build_ramp(sides: Rectangle, up: str, heights: tuple[float, float], *, looks
     Raises:
         WorldError: if the ramp does not rise, or is steeper than 45 degrees.
     """
-    low, high = _check_rise(heights, "a ramp")
+    low, high = _read_heights(heights, "a ramp")
     axis, _ = _find_direction(up)
     length = sides[2 * axis + 1] - sides[2 * axis]
-    if high - low > _STEEPEST * length + 1e-9:
+    if high - low > _STEEPEST * length + _TOLERANCE:
         raise WorldError(
             f"a ramp from {low:g} to {high:g} m that is {length:g} m long is steeper than 45 degrees; make it at least "
             f"{(high - low) / _STEEPEST:g} m long, or use add_stairs()"
         )
     floor = _slope(sides, up, (low, high))
-    return _sector(sides, floor, floor.raised(looks.height), looks, (low, high))
+    return _build_sector(sides, floor, floor.raised(looks.height), looks, (low, high))
 
 
-def _check_rise(heights: tuple[float, float], what: str) -> tuple[float, float]:
+def _read_heights(heights: tuple[float, float], structure: str) -> tuple[float, float]:
     """Return heights as floats; raise a WorldError unless they are finite and rise."""
-    low, high = (float(height) + 0.0 for height in heights)
+    low, high = (float(height) + 0.0 for height in heights)  # the sum turns -0.0 into 0.0
     if not (math.isfinite(low) and math.isfinite(high) and low < high):
-        raise WorldError(f"{what} from floor_y = {low:g} to top_y = {high:g} m do not rise; give a higher top_y")
+        raise WorldError(f"{structure} from floor_y = {low:g} to top_y = {high:g} m do not rise; give a higher top_y")
     return low, high
 
 
@@ -135,7 +137,10 @@ def _slope(sides: Rectangle, up: str, heights: tuple[float, float]) -> Plane:
     return slope_between(axis, end, start, *heights)
 
 
-def _sector(sides: Rectangle, floor: Plane, ceiling: Plane, looks: FlightLooks, levels: tuple[float, float]) -> Sector:
+def _build_sector(
+    sides: Rectangle, floor: Plane, ceiling: Plane, looks: FlightLooks, levels: tuple[float, float]
+) -> Sector:
+    """Return the sector of a tread or a ramp, between the heights ``levels`` of the flight's foot and head."""
     return Sector(
         rectangle(*(float(side) for side in sides)),
         float(looks.height),

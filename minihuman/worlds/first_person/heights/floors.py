@@ -73,15 +73,13 @@ def check_reach(stage: BuildingState) -> None:
         if number in reached or not room.must_be_reached:
             continue
         floor = plan.floors_of(number)[0]
-        obstacles = list(_describe_obstacles(plan, number, reached, body))
-        why = (
-            obstacles[0] if obstacles else "no opening leads there; connect it, or build it with must_be_reached=False"
-        )
-        raise WorldError(f"floor {floor}: {plan.describe(number)} cannot be reached from the agent's room: {why}")
+        no_opening = "no opening leads there; connect it, or build it with must_be_reached=False"
+        obstacle = next(_describe_obstacles(plan, number, reached, body), no_opening)
+        raise WorldError(f"floor {floor}: {plan.describe(number)} cannot be reached from the agent's room: {obstacle}")
 
 
 def _find_reached(plan: SectorPlan, start: int, body: Walker) -> set[int]:
-    """Return the sectors to which a body can go from a sector."""
+    """Return the numbers of the sectors that a body can reach from the sector ``start``, itself included."""
     reached = {start}
     waiting = [start]
     for number in waiting:  # the loop appends to it
@@ -100,7 +98,7 @@ def _find_reached(plan: SectorPlan, start: int, body: Walker) -> set[int]:
 
 
 def _describe_obstacles(plan: SectorPlan, number: int, reached: set[int], body: Walker) -> Iterator[str]:
-    """Yield what keeps a body from going to a sector from those that it has reached."""
+    """Yield a text for each opening into a sector from reached ones, with the reason why a body cannot pass it."""
     for start in sorted(reached):
         sector = plan.rooms[start]
         for opening in sector.openings:
@@ -110,16 +108,16 @@ def _describe_obstacles(plan: SectorPlan, number: int, reached: set[int], body: 
             x, z = sector.outline.edges[opening.edge].at(middle)
             bottom, top = opening.heights_at(middle)
             rise = bottom - sector.floor_plane.at(x, z)
-            place = f"at (x {x:g}, z {z:g})"
+            location = f"at (x {x:g}, z {z:g})"
             if top - bottom < body.height:
-                yield f"the opening {place} is {top - bottom:.3g} m high, lower than the body's {body.height:g} m"
+                yield f"the opening {location} is {top - bottom:.3g} m high, lower than the body's {body.height:g} m"
             elif rise > body.step:
                 yield (
-                    f"the step up {place} is {rise:.3g} m, higher than step_height = {body.step:g} m; add stairs or a "
-                    "ramp"
+                    f"the step up {location} is {rise:.3g} m, higher than step_height = {body.step:g} m; add stairs or "
+                    "a ramp"
                 )
             else:
                 drop = bottom - plan.rooms[number].floor_plane.at(x, z)
                 yield (
-                    f"the edge {place} is {drop:.3g} m deep; add stairs or a ramp, or let bodies fall by fall_height"
+                    f"the edge {location} is {drop:.3g} m deep; add stairs or a ramp, or let bodies fall by fall_height"
                 )

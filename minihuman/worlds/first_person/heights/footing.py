@@ -18,6 +18,7 @@ Segment = tuple[float, float, float, float]  # x0, z0, x1, z1
 
 _ROUNDING_M = 1e-9
 _MOST_CROSSINGS = 256  # openings that a body may pass in one move
+_MOST_PUSHES = 4  # out of walls, for a body that lands
 
 
 class Walker(NamedTuple):
@@ -58,30 +59,33 @@ def _is_over_hole(room: PlannedSector, x: float, z: float) -> bool:
     return any(hole.contains(x, z) for hole in room.floor_holes)
 
 
-def can_pass(room: PlannedSector, opening: WallOpening, other: PlannedSector, along: float, body: Walker) -> bool:
+def can_pass(room: PlannedSector, opening: WallOpening, next_room: PlannedSector, along: float, body: Walker) -> bool:
     """Return whether a body that stands in a sector can go through an opening at a distance along its edge."""
     x, z = room.outline.edges[opening.edge].at(along)
     bottom, top = opening.heights_at(along)
-    here = room.floor_plane.at(x, z)
-    there = other.floor_plane.at(x, z)
+    floor = room.floor_plane.at(x, z)
+    next_floor = next_room.floor_plane.at(x, z)
     deepest = max(body.step, body.fall)
     return (
-        bottom - here <= body.step + _ROUNDING_M
-        and bottom - there <= deepest + _ROUNDING_M
+        bottom - floor <= body.step + _ROUNDING_M
+        and bottom - next_floor <= deepest + _ROUNDING_M
         and top - bottom >= body.height - _ROUNDING_M
     )
 
 
 def lets_through(opening: WallOpening, along: float, bottom: float, top: float) -> bool:
-    """Return whether what floats between two heights fits through an opening at a distance along its edge."""
+    """Return whether a thing that floats between two heights fits through an opening at a distance along its edge."""
     low, high = opening.heights_at(along)
     return low <= bottom + _ROUNDING_M and top <= high + _ROUNDING_M
 
 
-def trace(
+def trace_move(
     plan: SectorPlan, room: int, start: tuple[float, float], end: tuple[float, float], body: Walker
 ) -> Footing | None:
-    """Return where the middle of a body arrives on a straight line; None if a wall or an edge is in the way."""
+    """Return where the middle of a body arrives that moves straight from one point (x, z) to another.
+
+    The result is None if a wall, or an edge that is too deep, is in the way, or the move passes too many openings.
+    """
     fell = False
     x0, z0 = start
     dx = end[0] - x0
@@ -100,22 +104,25 @@ def trace(
         opening = _find_opening(plan, room, edge, along, body)
         if opening is None:
             return None
-        other = plan.rooms[opening.into]
-        fell = fell or opening.heights_at(along)[0] - other.floor_plane.at(x, z) > body.step + _ROUNDING_M
+        next_room = plan.rooms[opening.into]
+        fell = fell or opening.heights_at(along)[0] - next_room.floor_plane.at(x, z) > body.step + _ROUNDING_M
         room = opening.into
     else:
         return None
-    return _drop(plan, room, end, body, fell)
+    return _fall(plan, room, end, body, fell)
 
 
-def _drop(plan: SectorPlan, room: int, place: tuple[float, float], body: Walker, fell: bool) -> Footing | None:
-    """Return the sector to which a body falls through holes in the floor, if it may; None if it may not."""
+def _fall(plan: SectorPlan, room: int, point: tuple[float, float], body: Walker, fell: bool) -> Footing | None:
+    """Return the footing of a body at a point (x, z) of a sector, after it fell through holes in the floor below it.
+
+    The result is None if a fall would be deeper than the body may fall. ``fell`` says whether it fell before.
+    """
     for _ in range(len(plan.rooms)):
         sector = plan.rooms[room]
-        hole = next((hole for hole in sector.floor_holes if hole.contains(*place)), None)
+        hole = next((hole for hole in sector.floor_holes if hole.contains(*point)), None)
         if hole is None:
             return Footing(room, fell)
-        depth = sector.floor_plane.at(*place) - plan.rooms[hole.into].floor_plane.at(*place)
+        depth = sector.floor_plane.at(*point) - plan.rooms[hole.into].floor_plane.at(*point)
         if depth > body.fall + _ROUNDING_M:
             return None
         fell = True
@@ -124,16 +131,19 @@ def _drop(plan: SectorPlan, room: int, place: tuple[float, float], body: Walker,
 
 
 def _find_exit(
-    sector: PlannedSector, x0: float, z0: float, dx: float, dz: float, least: float
+    sector: PlannedSector, x0: float, z0: float, dx: float, dz: float, min_share: float
 ) -> tuple[int, float] | None:
-    """Return the edge by which a line leaves a sector, and at which share of its length; None if it ends inside."""
+    """Return the edge by which a line leaves a sector, and at which share of its length; None if it ends inside.
+
+    The line goes from (x0, z0) by (dx, dz), and is in the sector from the share ``min_share`` on.
+    """
     best: tuple[int, float] | None = None
     for number, (start, _, _, _, (nx, nz)) in enumerate(sector.outline.edges):
         towards = nx * dx + nz * dz
         if towards >= 0.0:
             continue
         inside = nx * (x0 - start[0]) + nz * (z0 - start[1])
-        share = max(inside / -towards, least)
+        share = max(inside / -towards, min_share)
         if share < 1.0 and (best is None or share < best[1]):
             best = number, share
     return best
@@ -150,10 +160,10 @@ def _find_opening(plan: SectorPlan, room: int, edge: int, along: float, body: Wa
     return None
 
 
-def solids(plan: SectorPlan, room: int, x: float, z: float, body: Walker) -> Iterator[Segment]:
-    """Yield what a body that stands in a sector overlaps: walls, and edges over which it does not go."""
+def find_solids(plan: SectorPlan, room: int, x: float, z: float, body: Walker) -> Iterator[Segment]:
+    """Yield the walls, and the edges over which it does not go, that a body at (x, z) in a sector overlaps."""
     waiting = [room]
-    known = {room}
+    reached = {room}
     for number in waiting:  # the loop appends to it
         sector = plan.rooms[number]
         for edge_number, edge in enumerate(sector.outline.edges):
@@ -166,13 +176,13 @@ def solids(plan: SectorPlan, room: int, x: float, z: float, body: Walker) -> Ite
                 if opening.edge != edge_number:
                     continue
                 nearest = min(max(along, opening.start), opening.end)
-                is_behind = opening.into in known  # the body overlaps what lies above an edge that it goes over
+                is_behind = opening.into in reached  # the body overlaps what lies above an edge that it goes over
                 if is_behind or can_pass(sector, opening, plan.rooms[opening.into], nearest, body):
                     free.append((opening.start, opening.end))
-                    if opening.into not in known and _is_near(edge, nearest, x, z, body.radius):
-                        known.add(opening.into)
+                    if opening.into not in reached and _is_near(edge, nearest, x, z, body.radius):
+                        reached.add(opening.into)
                         waiting.append(opening.into)
-            yield from _overlapped(edge, free, x, z, body.radius)
+            yield from _find_blocked_parts(edge, free, x, z, body.radius)
         if number == room:
             yield from _hole_edges(sector, x, z, body)
 
@@ -191,19 +201,19 @@ def _hole_edges(sector: PlannedSector, x: float, z: float, body: Walker) -> Iter
             yield hole.min_x, hole.max_z, hole.min_x, hole.min_z
 
 
-def _overlapped(
+def _find_blocked_parts(
     edge: OutlineEdge, free: list[tuple[float, float]], x: float, z: float, radius: float
 ) -> Iterator[Segment]:
-    """Yield what is not free of an edge, where a circle overlaps it."""
-    reached = 0.0
+    """Yield the parts of an edge between its free intervals (from, to) that a circle overlaps."""
+    free_until = 0.0
     for start, end in [*sorted(free), (edge.length, edge.length)]:
-        if start - reached > _ROUNDING_M:
-            a = edge.at(reached)
+        if start - free_until > _ROUNDING_M:
+            a = edge.at(free_until)
             b = edge.at(start)
             along = (x - edge.start[0]) * edge.direction[0] + (z - edge.start[1]) * edge.direction[1]
-            if _is_near(edge, min(max(along, reached), start), x, z, radius):
+            if _is_near(edge, min(max(along, free_until), start), x, z, radius):
                 yield *a, *b
-        reached = max(reached, end)
+        free_until = max(free_until, end)
 
 
 def _is_near(edge: OutlineEdge, along: float, x: float, z: float, radius: float) -> bool:
@@ -212,13 +222,13 @@ def _is_near(edge: OutlineEdge, along: float, x: float, z: float, radius: float)
     return math.sqrt((px - x) ** 2 + (pz - z) ** 2) < radius
 
 
-def floats_at(plan: SectorPlan, x: float, z: float, bottom: float, top: float, radius: float) -> bool:
-    """Return whether what floats between two heights overlaps no floor, wall or ceiling at a place."""
+def can_float_at(plan: SectorPlan, x: float, z: float, bottom: float, top: float, radius: float) -> bool:
+    """Return whether a cylinder between two heights overlaps no floor, wall or ceiling around the point (x, z)."""
     room = room_below(plan, x, z, bottom)
     if room is None or plan.rooms[room].ceiling_plane.at(x, z) < top - _ROUNDING_M:
         return False
     waiting = [room]
-    known = {room}
+    reached = {room}
     for number in waiting:  # the loop appends to it
         sector = plan.rooms[number]
         for edge_number, edge in enumerate(sector.outline.edges):
@@ -230,10 +240,10 @@ def floats_at(plan: SectorPlan, x: float, z: float, bottom: float, top: float, r
                 nearest = min(max(along, opening.start), opening.end)
                 if lets_through(opening, nearest, bottom, top):
                     free.append((opening.start, opening.end))
-                    if opening.into not in known and _is_near(edge, nearest, x, z, radius):
-                        known.add(opening.into)
+                    if opening.into not in reached and _is_near(edge, nearest, x, z, radius):
+                        reached.add(opening.into)
                         waiting.append(opening.into)
-            if any(True for _ in _overlapped(edge, free, x, z, radius)):
+            if next(_find_blocked_parts(edge, free, x, z, radius), None) is not None:
                 return False
     return True
 
@@ -245,10 +255,13 @@ def has_headroom(plan: SectorPlan, room: int, x: float, z: float, height: float)
 
 
 def push_from_walls(plan: SectorPlan, room: int, x: float, z: float, body: Walker) -> tuple[float, float] | None:
-    """Return the place beside walls at which a body lands that fell over an edge; None if there is no room for it."""
-    for _ in range(4):
+    """Return the point (x, z) beside walls at which a body lands after a fall; None if there is no room for it.
+
+    The body would land at the given point if no walls were there.
+    """
+    for _ in range(_MOST_PUSHES):
         nearest: tuple[float, float, float] | None = None
-        for segment in solids(plan, room, x, z, body):
+        for segment in find_solids(plan, room, x, z, body):
             px, pz = nearest_point(segment, x, z)
             distance = math.sqrt((px - x) ** 2 + (pz - z) ** 2)
             if nearest is None or distance < nearest[0]:
@@ -265,7 +278,7 @@ def push_from_walls(plan: SectorPlan, room: int, x: float, z: float, body: Walke
 
 
 def nearest_point(segment: Segment, x: float, z: float) -> tuple[float, float]:
-    """Return the point of a segment that is nearest to a place."""
+    """Return the point (x, z) of a segment that is nearest to a given point."""
     ax, az, bx, bz = segment
     along_x = bx - ax
     along_z = bz - az

@@ -22,17 +22,18 @@ _NOWHERE: Segment = (1e6, 1e6, 1.0, 0.0, 0.0)  # too far from a face to darken i
 
 
 def floor_joints(plan: SectorPlan, number: int) -> list[Segment]:
-    """Return the foot of each piece of wall around a sector's floor, and around those that continue it."""
-    return [segment for room in _continued(plan, number) for segment in _feet(plan, room, is_floor=True)]
+    """Return the segments at which pieces of wall meet a sector's floor, and floors that continue it at its height."""
+    rooms = _find_level_sectors(plan, number)
+    return [segment for room in rooms for segment in _find_joints(plan, room, is_floor=True)]
 
 
 def ceiling_joints(plan: SectorPlan, number: int) -> list[Segment]:
-    """Return the head of each piece of wall around a sector's ceiling."""
-    return list(_feet(plan, number, is_floor=False))
+    """Return the segments at which pieces of wall meet a sector's ceiling."""
+    return list(_find_joints(plan, number, is_floor=False))
 
 
-def _continued(plan: SectorPlan, number: int) -> list[int]:
-    """Return a sector, and those behind its openings whose floors are as high there."""
+def _find_level_sectors(plan: SectorPlan, number: int) -> list[int]:
+    """Return the number of a sector, and of those behind its openings whose floors have the same height there."""
     room = plan.rooms[number]
     rooms = [number]
     for opening in room.openings:
@@ -43,8 +44,8 @@ def _continued(plan: SectorPlan, number: int) -> list[int]:
     return rooms
 
 
-def _feet(plan: SectorPlan, number: int, *, is_floor: bool) -> Iterator[Segment]:
-    """Yield where pieces of wall meet the floor, or the ceiling, of their sector."""
+def _find_joints(plan: SectorPlan, number: int, *, is_floor: bool) -> Iterator[Segment]:
+    """Yield the segments at which pieces of wall meet the floor, or the ceiling, of their sector."""
     room = plan.rooms[number]
     for piece in plan.pieces[number]:
         if not _is_low(piece) and _meets(room, piece, is_floor=is_floor):
@@ -73,21 +74,21 @@ def wall_joints(plan: SectorPlan, number: int, piece: WallPiece) -> list[Segment
     if _is_low(piece):
         return segments
     if not room.is_flight and _meets(room, piece, is_floor=True):
-        segments.append(_between((piece.start, piece.bottom[0]), (piece.end, piece.bottom[1])))
+        segments.append(_segment_between((piece.start, piece.bottom[0]), (piece.end, piece.bottom[1])))
     if room.ceiling is not None and _meets(room, piece, is_floor=False):
-        segments.append(_between((piece.start, piece.top[0]), (piece.end, piece.top[1])))
+        segments.append(_segment_between((piece.start, piece.top[0]), (piece.end, piece.top[1])))
     starts, ends = _corner_heights(plan, number)
-    last_edge = (piece.edge - 1) % len(room.outline.edges)
+    previous_edge = (piece.edge - 1) % len(room.outline.edges)
     next_edge = (piece.edge + 1) % len(room.outline.edges)
-    if piece.start == 0.0 and (last_edge, piece.bottom[0]) in ends:
-        segments.append(_between((piece.start, piece.bottom[0]), (piece.start, piece.top[0])))
+    if piece.start == 0.0 and (previous_edge, piece.bottom[0]) in ends:
+        segments.append(_segment_between((piece.start, piece.bottom[0]), (piece.start, piece.top[0])))
     if piece.end == room.outline.edges[piece.edge].length and (next_edge, piece.bottom[1]) in starts:
-        segments.append(_between((piece.end, piece.bottom[1]), (piece.end, piece.top[1])))
+        segments.append(_segment_between((piece.end, piece.bottom[1]), (piece.end, piece.top[1])))
     return [segment for segment in segments if segment[4] > 0.0]
 
 
 def _corner_heights(plan: SectorPlan, number: int) -> tuple[set[tuple[int, float]], set[tuple[int, float]]]:
-    """Return at which heights pieces of wall stand at the start and at the end of each edge of a sector."""
+    """Return the edges with a piece of wall at their start, and those with one at their end, each with its height."""
     room = plan.rooms[number]
     pieces = [piece for piece in plan.pieces[number] if not _is_low(piece)]
     starts = {(piece.edge, piece.bottom[0]) for piece in pieces if piece.start == 0.0}
@@ -95,8 +96,8 @@ def _corner_heights(plan: SectorPlan, number: int) -> tuple[set[tuple[int, float
     return starts, ends
 
 
-def _between(start: tuple[float, float], end: tuple[float, float]) -> Segment:
-    """Return the segment between two points of a plane."""
+def _segment_between(start: tuple[float, float], end: tuple[float, float]) -> Segment:
+    """Return the segment between two points of a plane; along x, with a length of 0, if they are the same."""
     x = end[0] - start[0]
     y = end[1] - start[1]
     length = math.sqrt(x * x + y * y)
@@ -106,7 +107,7 @@ def _between(start: tuple[float, float], end: tuple[float, float]) -> Segment:
 
 
 class OccludedFace(NamedTuple):
-    """What darkens a face, the metres that its texture covers, and whether things darken it as a floor."""
+    """A face that segments darken, the metres that its texture covers, and whether things darken it as a floor."""
 
     segments: list[Segment]
     size_m: tuple[float, float]  # right and up

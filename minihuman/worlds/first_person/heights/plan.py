@@ -24,6 +24,7 @@ from minihuman.worlds.hashing import hash64
 from minihuman.worlds.pose import floor_at
 
 _PLANS_KEPT = 16
+_ROUNDING_M = 1e-9  # pieces of wall that are no larger come from rounding
 _OVERLAP_M = 0.01  # how far two rooms may overlap in height
 _LEAST_STOREY_M = 2.0  # levels less apart count as one floor: a podium belongs to the floor around it
 
@@ -103,7 +104,7 @@ class SectorPlan:
         return tuple(range(self.floor_at(low), self.floor_at(high) + 1))
 
     def describe(self, number: int) -> str:
-        """Return the words by which an error names a sector."""
+        """Return a description of a sector for an error: its number, extents and the height of its floor."""
         room = self.rooms[number]
         shape = room.outline
         heights = sorted(room.floor_plane.at(x, z) for x, z in shape.corners)
@@ -132,6 +133,7 @@ def finish_sector_plan(sectors: Sequence[Sector], rng: np.random.Generator | Non
 
 
 def _finish_sector(sector: Sector, rng: np.random.Generator | None) -> PlannedSector:
+    """Return the finished sector; a random stream draws the pictures of its textures."""
     textures = sector.wall, sector.floor, sector.ceiling
     pictures = (0, 0, 0)
     if rng is not None:
@@ -185,22 +187,25 @@ def sector_plan(rooms: tuple[PlannedSector, ...]) -> SectorPlan:
 
 
 def _find_levels(rooms: tuple[PlannedSector, ...]) -> tuple[float, ...]:
-    """Return the heights of the floors, from below."""
+    """Return the heights of the floors, from below; a height less than a storey above another one is no floor."""
+    heights = {room.levels[0] for room in rooms if not room.is_flight}
+    if not heights:
+        heights = {rooms[0].levels[0]}
     levels: list[float] = []
-    for height in sorted({room.levels[0] for room in rooms if not room.is_flight} or {rooms[0].levels[0]}):
+    for height in sorted(heights):
         if not levels or height - levels[-1] >= _LEAST_STOREY_M:
             levels.append(height)
     return tuple(levels)
 
 
 def _cut_walls(room: PlannedSector) -> tuple[WallPiece, ...]:
-    """Return what the openings leave of a sector's walls."""
+    """Return the pieces of a sector's walls around its openings."""
     pieces = []
     for number, edge in enumerate(room.outline.edges):
         openings = [opening for opening in room.openings if opening.edge == number]
-        cuts = sorted({0.0, edge.length, *(at for opening in openings for at in (opening.start, opening.end))})
+        cuts = sorted({0.0, edge.length, *(end for opening in openings for end in (opening.start, opening.end))})
         for start, end in pairwise(cuts):
-            if end - start < 1e-9:
+            if end - start < _ROUNDING_M:
                 continue
             middle = (start + end) / 2
             within = [opening for opening in openings if opening.start < middle < opening.end]
@@ -211,7 +216,7 @@ def _cut_walls(room: PlannedSector) -> tuple[WallPiece, ...]:
 def _cut_column(
     room: PlannedSector, number: int, start: float, end: float, openings: Sequence[WallOpening]
 ) -> list[WallPiece]:
-    """Return the pieces of wall below, between and above openings that all reach from a start to an end."""
+    """Return the pieces of wall on an edge below, between and above openings, which all reach from start to end."""
     edge = room.outline.edges[number]
     ends = (edge.at(start), edge.at(end))
     bottom = tuple(room.floor_plane.at(*point) for point in ends)
@@ -222,7 +227,9 @@ def _cut_column(
         pieces.append(WallPiece(number, start, end, (bottom[0], bottom[1]), (starts[0], starts[1])))
         bottom = stops
     pieces.append(WallPiece(number, start, end, (bottom[0], bottom[1]), (ceiling[0], ceiling[1])))
-    return [piece for piece in pieces if max(piece.top[0] - piece.bottom[0], piece.top[1] - piece.bottom[1]) > 1e-9]
+    return [
+        piece for piece in pieces if max(piece.top[0] - piece.bottom[0], piece.top[1] - piece.bottom[1]) > _ROUNDING_M
+    ]
 
 
 def _is_whole(room: PlannedSector, piece: WallPiece) -> bool:

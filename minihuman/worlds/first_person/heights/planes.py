@@ -26,7 +26,7 @@ class Plane(NamedTuple):
         return self.height + self.rise_x * x + self.rise_z * z
 
     def raised(self, by_m: float) -> "Plane":
-        """Return the plane, raised by metres."""
+        """Return this plane raised by ``by_m`` metres."""
         return Plane(self.height + by_m, self.rise_x, self.rise_z)
 
     @property
@@ -44,10 +44,10 @@ def slope_between(axis: int, low: float, high: float, low_y: float, high_y: floa
 
 def area_of(corners: Sequence[Point]) -> float:
     """Return the area in m² of a polygon."""
-    twice = 0.0
+    twice_area = 0.0
     for (ax, az), (bx, bz) in zip(corners, [*corners[1:], *corners[:1]], strict=True):
-        twice += ax * bz - bx * az
-    return abs(twice) / 2
+        twice_area += ax * bz - bx * az
+    return abs(twice_area) / 2
 
 
 def cut_area(corners: Sequence[Point], at_zero: float, per_x: float, per_z: float) -> list[Point]:

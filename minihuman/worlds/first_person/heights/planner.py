@@ -39,6 +39,7 @@ _LOOK_AHEAD_M = 1.2  # how far a leg ends before the end of its sectors, whose l
 _AT_ENTRY_M = 0.35  # how near to the middle of an opening a leg ends
 _BEHIND_M = 1.5  # how much of the route so far belongs to a leg: the body still overlaps it
 _MOST_LEGS = 200
+_MAX_CELL_M = 0.1  # of the grid by which a leg is searched for
 
 _NO_ZONES = np.zeros((0, 0, 4))
 
@@ -117,7 +118,7 @@ def _is_at(stage: BuildingState, goal: Entity) -> bool:
 
 
 def _goal_place(stage: BuildingState, goal: Entity) -> tuple[int, float, float]:
-    """Return the sector over which a goal is, and its place.
+    """Return the sector over which a goal is, and its x and z.
 
     Raises:
         WorldError: if there is no floor below it.
@@ -132,7 +133,7 @@ def _goal_place(stage: BuildingState, goal: Entity) -> tuple[int, float, float]:
 def _reach(stage: BuildingState, goal: Entity) -> float:
     """Return the distance in the plan at which the agent, or what it puts down, is near the goal."""
     mover = stage.agent.carrying or stage.agent
-    threshold = float(goal.radius + mover.radius + 1.1 * stage.reach)
+    threshold = float(goal.radius + mover.radius + 1.1 * stage.reach)  # as in `WorldState.near`
     room, x, z = _goal_place(stage, goal)
     rise = goal.pos[1] - stage.floor.rooms[room].floor_plane.at(x, z)
     return math.sqrt(max(threshold * threshold - rise * rise, 0.0))
@@ -165,14 +166,14 @@ def _find_leg(stage: BuildingState, goal: Entity, n_moves: int, avoid: frozenset
 
 
 def _choose_region(floor: SectorPlan, route: Route, walker: Walker, avoid: frozenset[int]) -> tuple[list[int], int]:
-    """Return sectors that do not lie above each other, and how many of the route's they begin with.
+    """Return the sectors of the next leg, none above another, and how many of the route's they begin with.
 
     The sectors around the route come after it, so that a leg may make a detour around things.
     """
     region: list[int] = []
     n_route = 0
     for number in route.sectors:
-        if any(_lie_above(floor, number, other) for other in region):
+        if any(_share_area(floor, number, chosen) for chosen in region):
             break
         region.append(number)
         n_route += 1
@@ -183,12 +184,12 @@ def _choose_region(floor: SectorPlan, route: Route, walker: Walker, avoid: froze
             into = opening.into
             if into in region or into in avoid or not can_pass(sector, opening, floor.rooms[into], middle, walker):
                 continue
-            if not any(_lie_above(floor, into, other) for other in region):
+            if not any(_share_area(floor, into, chosen) for chosen in region):
                 region.append(into)
     return region, n_route
 
 
-def _lie_above(floor: SectorPlan, a: int, b: int) -> bool:
+def _share_area(floor: SectorPlan, a: int, b: int) -> bool:
     """Return whether two sectors share a part of the plan."""
     first = floor.rooms[a].outline
     second = floor.rooms[b].outline
@@ -203,7 +204,10 @@ def _lie_above(floor: SectorPlan, a: int, b: int) -> bool:
 
 
 def _choose_entry(route: Route, n_route: int) -> tuple[float, float]:
-    """Return the place at which a leg ends: as far along the route as its sectors let the body stand."""
+    """Return the point (x, z) at which a leg ends: the last entry that is far enough from the end of its sectors.
+
+    If none is, it is the route's first entry.
+    """
     end_x, end_z = route.entries[n_route - 1]
     for x, z in reversed(route.entries[: n_route - 1]):
         if math.hypot(x - end_x, z - end_z) >= _LOOK_AHEAD_M:
@@ -214,7 +218,10 @@ def _choose_entry(route: Route, n_route: int) -> tuple[float, float]:
 def _search_region(
     stage: BuildingState, region: Sequence[int], target: tuple[float, float, float], body: Body
 ) -> list[int]:
-    """Return the moves to a target (x, z, reach) within some sectors."""
+    """Return the moves that bring the body within reach of a target (x, z, reach), without leaving some sectors.
+
+    They are numbered as in `search`; the list is empty if there are none.
+    """
     floor = stage.floor
     agent = stage.agent
     walls = region_walls(floor, region, stage.body_of(agent))
@@ -227,8 +234,8 @@ def _search_region(
             max(shape.max_z for shape in shapes),
         )
     )
-    cell = min(body.step / 2, 0.1)
-    discs = _obstacles(stage, region)
+    cell = min(body.step / 2, _MAX_CELL_M)
+    discs = _list_obstacles(stage, region)
     free = clearance_map(walls, discs, _NO_ZONES, bounds, cell, body.radius)
     column = int((target[0] - bounds[0]) / cell)
     row = int((target[1] - bounds[1]) / cell)
@@ -238,9 +245,9 @@ def _search_region(
 
 
 def region_walls(floor: SectorPlan, region: Sequence[int], walker: Walker) -> NDArray[np.float64]:
-    """Return what stops a body within some sectors, (n, 4): walls, and openings that lead out or that it does not pass.
+    """Return the segments that stop a body within some sectors, float64[n, 4] with x0, z0, x1, z1.
 
-    The columns are x0, z0, x1, z1.
+    They are walls, openings that lead out of the sectors or that the body cannot pass, and edges of holes.
     """
     inside = set(region)
     rows: list[tuple[float, ...]] = []
@@ -270,7 +277,7 @@ def region_walls(floor: SectorPlan, region: Sequence[int], walker: Walker) -> ND
     return np.array(rows, np.float64).reshape(-1, 4)
 
 
-def _obstacles(stage: BuildingState, region: Sequence[int]) -> NDArray[np.float64]:
+def _list_obstacles(stage: BuildingState, region: Sequence[int]) -> NDArray[np.float64]:
     """Return the entities that stand in some sectors: x, z, and the distances that the agent and its load keep."""
     agent = stage.agent
     load = agent.carrying
@@ -290,7 +297,7 @@ def _obstacles(stage: BuildingState, region: Sequence[int]) -> NDArray[np.float6
 
 
 def _walk(stage: BuildingState, moves: Sequence[int]) -> list[int]:
-    """Do moves by the real rules, as far as they succeed; return them."""
+    """Move the agent by the real rules until a move fails; return the moves that succeeded."""
     ahead_m = stage.parameters.number("forward_step", None)
     turn_rad = math.radians(stage.parameters.number("turn_step", None))
     done = []

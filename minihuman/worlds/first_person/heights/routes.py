@@ -18,6 +18,9 @@ _POINTS = (0.0, 0.25, 0.5, 0.75, 1.0)  # shares of an opening, between the place
 _ASIDE = 1e-6  # metres added per share of an opening away from its middle, by which equal routes take the middle
 
 
+Node = tuple[int, Point]  # a sector and a point in it
+
+
 class Route(NamedTuple):
     """The sectors from a start to a goal, and the point at which each but the first is entered."""
 
@@ -34,32 +37,32 @@ def find_route(
     avoid: Collection[int],
 ) -> Route | None:
     """Return the shortest route from a start to a goal (sector, x, z) that avoids some sectors; None without any."""
-    waiting: list[tuple[float, int, tuple[int, Point]]] = [(0.0, 0, (start[0], (start[1], start[2])))]
-    parents: dict[tuple[int, Point], tuple[int, Point] | None] = {waiting[0][2]: None}
+    waiting: list[tuple[float, int, Node]] = [(0.0, 0, (start[0], (start[1], start[2])))]
+    parents: dict[Node, Node | None] = {waiting[0][2]: None}
     reached = {waiting[0][2]: 0.0}
     end = (goal[0], (goal[1], goal[2]))
-    number = 0
+    number = 0  # by which nodes at one distance leave the heap in order
     while waiting:
-        length, _, place = heapq.heappop(waiting)
-        if place == end:
-            return _collect(place, parents, length)
-        if length > reached[place]:
+        length, _, node = heapq.heappop(waiting)
+        if node == end:
+            return _build_route(node, parents, length)
+        if length > reached[node]:
             continue
-        for following, distance in _following(plan, place, end, body, avoid):
+        for next_node, distance in _next_nodes(plan, node, end, body, avoid):
             total = length + distance
-            if total < reached.get(following, math.inf):
+            if total < reached.get(next_node, math.inf):
                 number += 1
-                reached[following] = total
-                parents[following] = place
-                heapq.heappush(waiting, (total, number, following))
+                reached[next_node] = total
+                parents[next_node] = node
+                heapq.heappush(waiting, (total, number, next_node))
     return None
 
 
-def _following(
-    plan: SectorPlan, place: tuple[int, Point], end: tuple[int, Point], body: Walker, avoid: Collection[int]
-) -> Iterator[tuple[tuple[int, Point], float]]:
-    """Yield the places to which a straight line leads from a place in a sector, and how far they are."""
-    room, (x, z) = place
+def _next_nodes(
+    plan: SectorPlan, node: Node, end: Node, body: Walker, avoid: Collection[int]
+) -> Iterator[tuple[Node, float]]:
+    """Yield the nodes to which a straight line leads from a node within its sector, and how far they are."""
+    room, (x, z) = node
     if room == end[0]:
         yield end, math.hypot(end[1][0] - x, end[1][1] - z)
     for opening in plan.rooms[room].openings:
@@ -70,28 +73,27 @@ def _following(
 
 
 def _points_of(plan: SectorPlan, room: int, opening: WallOpening, body: Walker) -> Iterator[tuple[Point, float]]:
-    """Yield points of an opening at which a body can_pass, each with how far it is from the middle."""
+    """Yield points of an opening at which a body can pass, each with its distance from the middle as a share."""
     edge = plan.rooms[room].outline.edges[opening.edge]
     inset = min(body.radius, (opening.end - opening.start) / 2)
     low = opening.start + inset
     high = opening.end - inset
-    for share in _POINTS if high > low else (0.5,):
+    shares = _POINTS if high > low else (0.5,)  # the middle alone where the body just fits
+    for share in shares:
         along = low + share * (high - low)
         if can_pass(plan.rooms[room], opening, plan.rooms[opening.into], along, body):
             yield edge.at(along), abs(share - 0.5)
 
 
-def _collect(
-    place: tuple[int, Point], parents: dict[tuple[int, Point], tuple[int, Point] | None], length: float
-) -> Route:
-    """Return the route that ends at a place."""
-    places = [place]
-    while (parent := parents[places[-1]]) is not None:
-        places.append(parent)
-    places.reverse()
-    sectors = [places[0][0]]
+def _build_route(node: Node, parents: dict[Node, Node | None], length: float) -> Route:
+    """Return the route that ends at a node, which it follows back through the parents."""
+    nodes = [node]
+    while (parent := parents[nodes[-1]]) is not None:
+        nodes.append(parent)
+    nodes.reverse()
+    sectors = [nodes[0][0]]
     entries: list[Point] = []
-    for room, point in places[1:]:
+    for room, point in nodes[1:]:
         if room != sectors[-1]:
             sectors.append(room)
             entries.append(point)
@@ -106,7 +108,7 @@ def least_length(
     The middle of a body crosses every opening on its way somewhere, so no path is shorter than the distances between
     openings that follow each other.
     """
-    waiting: list[tuple[float, int, int]] = []  # length, sector, opening
+    waiting: list[tuple[float, int, int]] = []  # length, sector, index of its opening
     segments = [
         [_segment(plan, room, opening) for opening in plan.rooms[room].openings] for room in range(len(plan.rooms))
     ]
@@ -127,18 +129,18 @@ def least_length(
         if into == goal[0]:
             point = nearest_point(crossed, goal[1], goal[2])
             best = min(best, length + math.hypot(point[0] - goal[1], point[1] - goal[2]))
-        for following in _passable(plan, into, body):
-            if (into, following) not in done:
-                gap = _distance_between(crossed, segments[into][following])
-                heapq.heappush(waiting, (length + gap, into, following))
+        for next_index in _passable(plan, into, body):
+            if (into, next_index) not in done:
+                gap = _distance_between(crossed, segments[into][next_index])
+                heapq.heappush(waiting, (length + gap, into, next_index))
     return best
 
 
 def _passable(plan: SectorPlan, room: int, body: Walker) -> Iterator[int]:
-    """Yield the indices of a sector's openings through which a body passes somewhere."""
+    """Yield the indices of a sector's openings that a body can pass at one of their ends."""
     for index, opening in enumerate(plan.rooms[room].openings):
-        other = plan.rooms[opening.into]
-        if any(can_pass(plan.rooms[room], opening, other, along, body) for along in (opening.start, opening.end)):
+        next_room = plan.rooms[opening.into]
+        if any(can_pass(plan.rooms[room], opening, next_room, along, body) for along in (opening.start, opening.end)):
             yield index
 
 
@@ -148,10 +150,9 @@ def _segment(plan: SectorPlan, room: int, opening: WallOpening) -> tuple[float, 
 
 
 def _distance_between(a: Sequence[float], b: Sequence[float]) -> float:
-    """Return the least distance between two segments that do not cross within."""
-    pairs = ((a, b[:2]), (a, b[2:]), (b, a[:2]), (b, a[2:]))
-    return min(
-        math.hypot(point[0] - end[0], point[1] - end[1])
-        for segment, end in pairs
-        for point in (nearest_point((segment[0], segment[1], segment[2], segment[3]), end[0], end[1]),)
-    )
+    """Return the least distance between two segments (x0, z0, x1, z1) that do not cross."""
+    distances = []  # from each end to the other segment
+    for segment, end in ((a, b[:2]), (a, b[2:]), (b, a[:2]), (b, a[2:])):
+        x, z = nearest_point((segment[0], segment[1], segment[2], segment[3]), end[0], end[1])
+        distances.append(math.hypot(x - end[0], z - end[1]))
+    return min(distances)

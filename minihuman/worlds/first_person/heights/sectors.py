@@ -23,9 +23,12 @@ from minihuman.worlds.first_person.rooms import (
 )
 
 LEAST_OPENING_M = 0.01  # the least width and height of an opening
+_ROUNDING_M = 1e-9  # by which rounding may exceed a limit
 _TOUCHING_M = 0.001  # walls that are no farther apart touch, without a passage between them
 _INSIDE_M = 0.05  # a wall that lies farther inside a room does not face it
 _PARALLEL = 0.999  # of walls that face each other: the least of the cosine of their angle
+_EDGE_TO_A = 1  # the edges of a passage that lie on the walls of the sectors a and b, by the order of its corners
+_EDGE_TO_B = 3
 
 
 class WallOpening(NamedTuple):
@@ -87,7 +90,7 @@ class Sector(Room):
         return self.levels[0] != self.levels[1]
 
     def describe(self) -> str:
-        """Return the words by which an error names it."""
+        """Return a description of the sector for an error: its number, extents and the height of its floor."""
         low = min(self.floor_plane.at(x, z) for x, z in self.outline.corners)
         high = max(self.floor_plane.at(x, z) for x, z in self.outline.corners)
         floor = f"floor at {low:g} m" if low == high else f"floor from {low:g} to {high:g} m"
@@ -141,9 +144,12 @@ def connect_sectors(
         return None
     gap_room = _build_passage(a, b, walls, max_y, number)
     gap_edges = gap_room.outline.edges
-    for room, edge, span, own_edge in ((a, walls.edge_a, walls.span_a, 1), (b, walls.edge_b, walls.span_b, 3)):
-        whole = (0.0, gap_edges[own_edge].length)
-        _cut_openings(room, gap_room, FacingWalls(edge, span, own_edge, whole, 0.0), min_y, max_y)
+    for room, edge, span, gap_edge in (
+        (a, walls.edge_a, walls.span_a, _EDGE_TO_A),
+        (b, walls.edge_b, walls.span_b, _EDGE_TO_B),
+    ):
+        whole = (0.0, gap_edges[gap_edge].length)
+        _cut_openings(room, gap_room, FacingWalls(edge, span, gap_edge, whole, 0.0), min_y, max_y)
     return gap_room
 
 
@@ -154,43 +160,48 @@ def find_facing_walls(a: Sector, b: Sector, limits: OpeningLimits) -> FacingWall
         WorldError: if there are none, or the limits do not fit.
     """
     edges = ((edge_a, edge_b) for edge_a in enumerate(a.outline.edges) for edge_b in enumerate(b.outline.edges))
-    facing = (_face(*edge_a, *edge_b) for edge_a, edge_b in edges)
+    facing = (_match_edges(*edge_a, *edge_b) for edge_a, edge_b in edges)
     pairs = [pair for pair in facing if pair is not None]
     if not pairs:
         raise WorldError(f"no wall of {a.describe()} faces a wall of {b.describe()}; place them side by side")
     nearest = min(pairs, key=lambda pair: pair.gap_m)
     if limits == OpeningLimits():
         return nearest
-    return _limit(a, b, nearest, limits)
+    return _limit_walls(a, b, nearest, limits)
 
 
-def _face(index_a: int, edge_a: OutlineEdge, index_b: int, edge_b: OutlineEdge) -> FacingWalls | None:
-    """Return two edges as facing walls; None if they do not face each other."""
+def _match_edges(index_a: int, edge_a: OutlineEdge, index_b: int, edge_b: OutlineEdge) -> FacingWalls | None:
+    """Return the parts of two edges that face each other, with the gap between them; None if they face away."""
     nx, nz = edge_a.normal
     if nx * edge_b.normal[0] + nz * edge_b.normal[1] > -_PARALLEL:
         return None
     gap = -(nx * (edge_b.start[0] - edge_a.start[0]) + nz * (edge_b.start[1] - edge_a.start[1]))
     if gap < -_INSIDE_M:
         return None
-    low = max(0.0, _along(edge_a, edge_b.end))
-    high = min(edge_a.length, _along(edge_a, edge_b.start))
+    low = max(0.0, _project(edge_a, edge_b.end))
+    high = min(edge_a.length, _project(edge_a, edge_b.start))
     if high - low < LEAST_OPENING_M:
         return None
     return FacingWalls(index_a, (low, high), index_b, _opposite(edge_a, edge_b, low, high), gap)
 
 
-def _along(edge: OutlineEdge, point: Point) -> float:
-    """Return the distance along an edge of the foot of a point."""
-    return (point[0] - edge.start[0]) * edge.direction[0] + (point[1] - edge.start[1]) * edge.direction[1] + 0.0
+def _project(edge: OutlineEdge, point: Point) -> float:
+    """Return the distance along an edge at which the projection of a point lies."""
+    distance = (point[0] - edge.start[0]) * edge.direction[0] + (point[1] - edge.start[1]) * edge.direction[1]
+    return distance + 0.0  # never -0.0
 
 
 def _opposite(edge_a: OutlineEdge, edge_b: OutlineEdge, low: float, high: float) -> tuple[float, float]:
-    """Return the part of one edge that lies before a part of another one."""
-    return max(0.0, _along(edge_b, edge_a.at(high))), min(edge_b.length, _along(edge_b, edge_a.at(low)))
+    """Return the part (from, to) of the edge ``edge_b`` that lies opposite the part of ``edge_a`` from low to high."""
+    return max(0.0, _project(edge_b, edge_a.at(high))), min(edge_b.length, _project(edge_b, edge_a.at(low)))
 
 
-def _limit(a: Sector, b: Sector, walls: FacingWalls, limits: OpeningLimits) -> FacingWalls:
-    """Return the part of facing walls that lies within limits of x or z."""
+def _limit_walls(a: Sector, b: Sector, walls: FacingWalls, limits: OpeningLimits) -> FacingWalls:
+    """Return the part of facing walls that lies within limits of x or z.
+
+    Raises:
+        WorldError: if the limits are not two of x or two of z, or the walls do not face each other there.
+    """
     edge = a.outline.edges[walls.edge_a]
     match limits:
         case (float() | int() as low, float() | int() as high, None, None):
@@ -207,7 +218,7 @@ def _limit(a: Sector, b: Sector, walls: FacingWalls, limits: OpeningLimits) -> F
     ends = (low - edge.start[axis]) / slope + 0.0, (high - edge.start[axis]) / slope + 0.0
     start, end = min(ends), max(ends)
     reach = walls.span_a
-    if not reach[0] - 1e-9 <= start < end <= reach[1] + 1e-9:
+    if not reach[0] - _ROUNDING_M <= start < end <= reach[1] + _ROUNDING_M:
         fits = sorted(edge.at(along)[axis] for along in reach)
         raise WorldError(
             f"an opening from {'xz'[axis]} = {low:g} to {high:g} does not fit between {a.describe()} and "
@@ -219,7 +230,11 @@ def _limit(a: Sector, b: Sector, walls: FacingWalls, limits: OpeningLimits) -> F
 
 
 def _cut_openings(a: Sector, b: Sector, walls: FacingWalls, min_y: float | None, max_y: float | None) -> None:
-    """Cut an opening into both of two facing walls."""
+    """Cut an opening into both of two facing walls.
+
+    Raises:
+        WorldError: if the opening would have no height, or overlap another one.
+    """
     ends = [a.outline.edges[walls.edge_a].at(along) for along in walls.span_a]
     _check_planes(a, b, ends)
     bottoms = []
@@ -236,55 +251,58 @@ def _cut_openings(a: Sector, b: Sector, walls: FacingWalls, min_y: float | None,
         )
     opening = WallOpening(walls.edge_a, *walls.span_a, (bottoms[0], bottoms[1]), (tops[0], tops[1]), b.number)
     opposite = WallOpening(walls.edge_b, *walls.span_b, (bottoms[1], bottoms[0]), (tops[1], tops[0]), a.number)
-    for room, new in ((a, opening), (b, opposite)):
-        _check_free(room, new)
-        room.openings.append(new)
+    for room, room_opening in ((a, opening), (b, opposite)):
+        _check_free(room, room_opening)
+        room.openings.append(room_opening)
 
 
 def _check_planes(a: Sector, b: Sector, ends: list[Point]) -> None:
-    """Check that neither floors nor ceilings cross between the ends of an opening."""
+    """Raise a WorldError if the floors or the ceilings of two sectors cross between the ends of an opening."""
     for name in ("floor_plane", "ceiling_plane"):
         rises = [getattr(a, name).at(*end) - getattr(b, name).at(*end) for end in ends]
-        if min(rises) < -1e-9 and max(rises) > 1e-9:
+        if min(rises) < -_ROUNDING_M and max(rises) > _ROUNDING_M:
             raise WorldError(
                 f"the {name.removesuffix('_plane')}s of {a.describe()} and {b.describe()} cross within the opening; "
                 "end it where they meet"
             )
 
 
-def _check_free(room: Sector, new: WallOpening) -> None:
-    """Check that an opening overlaps no other in its wall."""
-    for other in room.openings:
-        beside = other.edge != new.edge or new.start > other.end - 1e-9 or other.start > new.end - 1e-9
-        above = max(new.top) <= min(other.bottom) + 1e-9 or max(other.top) <= min(new.bottom) + 1e-9
-        if not (beside or above):
-            side = room.outline.edges[new.edge]
+def _check_free(room: Sector, opening: WallOpening) -> None:
+    """Raise a WorldError if a new opening overlaps another one in its wall."""
+    for cut in room.openings:
+        is_beside = (
+            cut.edge != opening.edge or opening.start > cut.end - _ROUNDING_M or cut.start > opening.end - _ROUNDING_M
+        )
+        is_above = (
+            max(opening.top) <= min(cut.bottom) + _ROUNDING_M or max(cut.top) <= min(opening.bottom) + _ROUNDING_M
+        )
+        if not (is_beside or is_above):
+            side = room.outline.edges[opening.edge]
             raise WorldError(
                 f"two openings overlap in the wall from {side.start} to {side.end} of {room.describe()}, into rooms "
-                f"{other.into} and {new.into}; leave a gap between them"
+                f"{cut.into} and {opening.into}; leave a gap between them"
             )
 
 
 def _build_passage(a: Sector, b: Sector, walls: FacingWalls, max_y: float | None, number: int) -> Sector:
-    """Return the room between two walls that lie apart."""
+    """Return the sector that fills the gap between two facing walls.
+
+    Raises:
+        WorldError: if the floors on the two sides have different heights.
+    """
     edge_a = a.outline.edges[walls.edge_a]
     edge_b = b.outline.edges[walls.edge_b]
     a_start, a_end = (edge_a.at(along) for along in walls.span_a)
     b_start, b_end = (edge_b.at(along) for along in walls.span_b)
-    heights = {
-        room.floor_plane.at(*point) for room, points in _ends(a, b, a_start, a_end, b_start, b_end) for point in points
-    }
+    corners = ((a, a_start), (a, a_end), (b, b_start), (b, b_end))
+    heights = {room.floor_plane.at(*point) for room, point in corners}
     if max(heights) - min(heights) > _TOUCHING_M:
         raise WorldError(
             f"there is a gap of {walls.gap_m:g} m between {a.describe()} and {b.describe()}, whose floors there are at "
             f"{min(heights):g} and {max(heights):g} m; fill it with add_stairs() or add_ramp()"
         )
     level = min(heights)
-    top = min(
-        room.ceiling_plane.at(*point)
-        for room, points in _ends(a, b, a_start, a_end, b_start, b_end)
-        for point in points
-    )
+    top = min(room.ceiling_plane.at(*point) for room, point in corners)
     if max_y is not None:
         top = min(top, float(max_y))
     outline: RoomOutline = outline_of((b_start, a_end, a_start, b_end))
@@ -299,13 +317,6 @@ def _build_passage(a: Sector, b: Sector, walls: FacingWalls, max_y: float | None
         ceiling_plane=Plane(top),
         levels=(level, level),
     )
-
-
-def _ends(
-    a: Sector, b: Sector, a_start: Point, a_end: Point, b_start: Point, b_end: Point
-) -> tuple[tuple[Sector, tuple[Point, Point]], ...]:
-    """Return two sectors, each with the ends of its side of a gap."""
-    return (a, (a_start, a_end)), (b, (b_start, b_end))
 
 
 def open_hole(upper: Sector, lower: Sector, hole: tuple[float, float, float, float]) -> None:
@@ -323,7 +334,7 @@ def open_hole(upper: Sector, lower: Sector, hole: tuple[float, float, float, flo
     corners = [(x, z) for x in (min_x, max_x) for z in (min_z, max_z)]
     for room in (upper, lower):
         if not all(
-            nx * (x - ax) + nz * (z - az) >= -1e-9
+            nx * (x - ax) + nz * (z - az) >= -_ROUNDING_M
             for (ax, az), _, _, _, (nx, nz) in room.outline.edges
             for x, z in corners
         ):
@@ -337,12 +348,13 @@ def open_hole(upper: Sector, lower: Sector, hole: tuple[float, float, float, flo
             f"the floor of {upper.describe()} and the ceiling of {lower.describe()} are {max(gaps, key=abs):g} m apart "
             "at the hole; give the lower room the height at which the upper floor lies"
         )
-    if any(_overlap(hole, other) for other in upper.floor_holes):
+    if any(_overlap(hole, cut) for cut in upper.floor_holes):
         raise WorldError(f"two holes overlap in the floor of {upper.describe()}; join them")
     upper.floor_holes.append(Hole(*hole, lower.number))
     lower.ceiling_holes.append(Hole(*hole, upper.number))
 
 
-def _overlap(hole: tuple[float, float, float, float], other: Hole) -> bool:
-    """Return whether two rectangles overlap."""
-    return hole[0] < other.max_x and other.min_x < hole[2] and hole[1] < other.max_z and other.min_z < hole[3]
+def _overlap(rectangle: tuple[float, float, float, float], hole: Hole) -> bool:
+    """Return whether a rectangle (min_x, min_z, max_x, max_z) overlaps a hole."""
+    min_x, min_z, max_x, max_z = rectangle
+    return min_x < hole.max_x and hole.min_x < max_x and min_z < hole.max_z and hole.min_z < max_z

@@ -17,19 +17,21 @@ _CLEARANCE_M = 1e-9  # between the body and what pushed it out, so that rounding
 _PART = 0.5  # of the body's radius: the length of a part of a move
 
 
-def approach(velocity: tuple[float, float], wanted: tuple[float, float], most: float) -> tuple[float, float]:
-    """Return a velocity that has come nearer to the wanted one, by at most ``most`` in length."""
-    change_x = wanted[0] - velocity[0]
-    change_z = wanted[1] - velocity[1]
+def approach_velocity(
+    velocity: tuple[float, float], target: tuple[float, float], max_change: float
+) -> tuple[float, float]:
+    """Return a velocity changed towards a target velocity, by at most ``max_change`` in length."""
+    change_x = target[0] - velocity[0]
+    change_z = target[1] - velocity[1]
     length = math.sqrt(change_x * change_x + change_z * change_z)
-    if length <= most:
-        return wanted
-    share = most / length
+    if length <= max_change:
+        return target
+    share = max_change / length
     return velocity[0] + share * change_x, velocity[1] + share * change_z
 
 
 def limit_length(x: float, z: float) -> tuple[float, float]:
-    """Return a vector, shortened to length 1 if it is longer: who goes ahead and sideways is no faster."""
+    """Return a vector, shortened to length 1 if it is longer, so that diagonal moves are as fast as straight ones."""
     length = math.sqrt(x * x + z * z)
     if length <= 1.0:
         return x, z
@@ -65,10 +67,10 @@ def slide(stage: BuildingState, dx: float, dz: float) -> bool:
     n_parts = max(1, math.ceil(distance / (_PART * float(agent.radius))))
     for _ in range(n_parts):
         before = agent.pos
-        place = _find_free_place(stage, before[0] + dx / n_parts, before[2] + dz / n_parts)
-        if place is None:
+        position = _find_free_position(stage, before[0] + dx / n_parts, before[2] + dz / n_parts)
+        if position is None:
             break
-        agent.pos = place
+        agent.pos = position
         if not _load_fits(stage):
             agent.pos = before
             break
@@ -76,18 +78,18 @@ def slide(stage: BuildingState, dx: float, dz: float) -> bool:
     return (agent.pos[0], agent.pos[2]) != (x0, z0)
 
 
-def _find_free_place(stage: BuildingState, x: float, z: float) -> Position | None:
-    """Return the position nearest to a point at which the agent overlaps nothing, as far as pushes find one."""
+def _find_free_position(stage: BuildingState, x: float, z: float) -> Position | None:
+    """Return a position near a point at which the agent overlaps nothing; None if a few pushes find none."""
     for _ in range(_MOST_PUSHES):
-        place = stage.find_place(stage.agent, x, z)
-        if place is not None:
-            return place
+        position = stage.find_place(stage.agent, x, z)
+        if position is not None:
+            return position
         x, z = _push_out(stage, x, z)
     return stage.find_place(stage.agent, x, z)
 
 
 def _push_out(stage: BuildingState, x: float, z: float) -> tuple[float, float]:
-    """Return a point from which the agent no longer overlaps what it overlapped most."""
+    """Return a point near (x, z) at which the agent no longer overlaps the wall or thing that it overlaps most."""
     near_x, near_z, reach = _find_deepest(stage, x, z)
     away_x = x - near_x
     away_z = z - near_z
@@ -99,7 +101,10 @@ def _push_out(stage: BuildingState, x: float, z: float) -> tuple[float, float]:
 
 
 def _find_deepest(stage: BuildingState, x: float, z: float) -> tuple[float, float, float]:
-    """Return the point (x, z) that the agent would overlap most, and the distance at which it would not."""
+    """Return the point of a wall or thing that the agent at (x, z) overlaps most, and the distance that it must keep.
+
+    The result is the agent's own point and radius if nothing is near.
+    """
     agent = stage.agent
     radius = float(agent.radius)
     points = _nearest_on_walls(stage.solid_walls(agent, x, z), x, z)
@@ -108,20 +113,20 @@ def _find_deepest(stage: BuildingState, x: float, z: float) -> tuple[float, floa
     if len(points):
         row = int(distances.argmin())
         deepest = (float(distances[row]) - radius, float(points[row, 0]), float(points[row, 1]), radius)
-    for other in stage.entities:
-        if not stage.is_beside(agent, other):
+    for entity in stage.entities:
+        if not stage.is_beside(agent, entity):
             continue
-        reach = float(agent.radius + other.radius)
-        dx = other.pos[0] - x
-        dz = other.pos[2] - z
-        overlap = math.sqrt(dx * dx + dz * dz) - reach
-        if overlap < deepest[0]:
-            deepest = (overlap, other.pos[0], other.pos[2], reach)
+        reach = float(agent.radius + entity.radius)
+        dx = entity.pos[0] - x
+        dz = entity.pos[2] - z
+        gap = math.sqrt(dx * dx + dz * dz) - reach
+        if gap < deepest[0]:
+            deepest = (gap, entity.pos[0], entity.pos[2], reach)
     return deepest[1:]
 
 
 def _nearest_on_walls(walls: NDArray[np.float64], x: float, z: float) -> NDArray[np.float64]:
-    """Return the point (x, z) of each wall that is nearest to a place, (n, 2)."""
+    """Return the point of each wall that is nearest to (x, z), float64[n, 2]."""
     start = walls[:, :2]
     along = walls[:, 2:] - start
     shares = ((x - start[:, 0]) * along[:, 0] + (z - start[:, 1]) * along[:, 1]) / (along[:, 0] ** 2 + along[:, 1] ** 2)
@@ -138,7 +143,7 @@ def _load_fits(stage: BuildingState) -> bool:
 
 
 def _bring_load(stage: BuildingState) -> None:
-    """Put what the agent carries before it."""
+    """Move what the agent carries to its place in front of the agent, with the agent's heading."""
     load: Entity | None = stage.agent.carrying
     if load is not None:
         load.pos = stage.carrying_position(stage.agent.pos, load)

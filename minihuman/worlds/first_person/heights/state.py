@@ -10,12 +10,12 @@ from minihuman.worlds.first_person.entities import Entity, Length, Position
 from minihuman.worlds.first_person.heights.footing import (
     Footing,
     Walker,
-    floats_at,
+    can_float_at,
+    find_solids,
     has_headroom,
     push_from_walls,
     room_below,
-    solids,
-    trace,
+    trace_move,
 )
 from minihuman.worlds.first_person.heights.plan import SectorPlan, finish_sector_plan
 from minihuman.worlds.first_person.heights.sectors import Sector, connect_sectors, open_hole
@@ -58,7 +58,7 @@ class BuildingState(WorldState):
 
     @property
     def floor(self) -> SectorPlan:  # type: ignore[override]  # has what the flat plan's callers read
-        """The plan, which is finished when it is first read."""
+        """Return the plan, which is finished when it is first read."""
         return self.close_floor_plan()
 
     def close_floor_plan(self) -> SectorPlan:  # type: ignore[override]
@@ -106,7 +106,10 @@ class BuildingState(WorldState):
         x: tuple[float | None, float | None],
         z: tuple[float | None, float | None],
     ) -> None:
-        """Place an entity where it touches nothing, at a uniformly random position in a room, part of one, or anywhere.
+        """Place an entity where it touches nothing, at a uniformly random position.
+
+        Without a room, one is drawn by floor area. The ranges ``x`` and ``z`` limit the position; an end that is None
+        is that of the room. The heading ``dir`` is in radians; None for a random one.
 
         Raises:
             WorldError: if no free position is found.
@@ -165,13 +168,13 @@ class BuildingState(WorldState):
         return room
 
     def body_of(self, entity: Entity, radius: Length | None = None) -> Walker:
-        """Return the size of an entity, and the steps that it takes."""
+        """Return an entity's radius, or ``radius`` if given, its height, and the heights of steps that it takes."""
         return Walker(
             float(entity.radius if radius is None else radius), float(entity.height), self.step_height, self.fall_height
         )
 
     def blocker(self, entity: Entity, x: float, z: float, radius: Length) -> Entity | str | None:
-        """Return what an entity of a radius would touch if it went to a place: WALL, another entity, or None."""
+        """Return what an entity of a radius would touch if it went to (x, z): WALL, another entity, or None."""
         arrival = self._arrive(entity, x, z, radius)
         if arrival is None:
             return WALL
@@ -194,20 +197,20 @@ class BuildingState(WorldState):
         return pos
 
     def solid_walls(self, entity: Entity, x: float, z: float) -> NDArray[np.float64]:
-        """Return the walls, (n, 4) x0, z0, x1, z1, that stop an entity which moves to a place."""
+        """Return the walls, float64[n, 4] with x0, z0, x1, z1, that stop an entity which moves to (x, z)."""
         body = self.body_of(entity)
         room = self._room_of(entity)
-        arrival = trace(self.floor, room, (entity.pos[0], entity.pos[2]), (x, z), body)
-        rows = list(solids(self.floor, room if arrival is None else arrival.room, x, z, body))
+        arrival = trace_move(self.floor, room, (entity.pos[0], entity.pos[2]), (x, z), body)
+        rows = list(find_solids(self.floor, room if arrival is None else arrival.room, x, z, body))
         return np.array(rows, np.float64).reshape(-1, 4)
 
     def is_beside(self, entity: Entity, other: Entity) -> bool:
-        """Return whether two entities stop each other where they meet: they do at common heights."""
+        """Return whether two entities overlap in height, so that they stop each other where they meet."""
         return other is not entity and self._at_common_height(entity.pos[1], entity.pos[1] + entity.height, other)
 
     def load_fits(self, load: Entity, x: float, y: float, z: float) -> bool:
         """Return whether what the agent carries overlaps nothing at a position."""
-        if not floats_at(self.floor, x, z, y, y + load.height, float(load.radius)):
+        if not can_float_at(self.floor, x, z, y, y + load.height, float(load.radius)):
             return False
         return self._touched(load, x, y, z, load.radius) is None
 
@@ -223,6 +226,7 @@ class BuildingState(WorldState):
         return self.floor.rooms[room].floor_plane.at(pos[0], pos[2])
 
     def _room_of(self, entity: Entity) -> int:
+        """Return the number of the sector in which an entity stands; raise a WorldError if no floor is below it."""
         if entity is self.agent:
             return self.agent_room
         room = room_below(self.floor, entity.pos[0], entity.pos[2], entity.pos[1])
@@ -234,12 +238,12 @@ class BuildingState(WorldState):
         """Return where an entity stands after going to a place; None if a wall, an edge or a low ceiling stops it."""
         plan = self.floor
         body = self.body_of(entity, radius)
-        arrival = trace(plan, self._room_of(entity), (entity.pos[0], entity.pos[2]), (x, z), body)
+        arrival = trace_move(plan, self._room_of(entity), (entity.pos[0], entity.pos[2]), (x, z), body)
         if arrival is None or not has_headroom(plan, arrival.room, x, z, body.height):
             return None
-        if arrival.fell:
+        if arrival.fell:  # it is pushed from the walls where it lands
             return arrival
-        if next(solids(plan, arrival.room, x, z, body), None) is not None:
+        if next(find_solids(plan, arrival.room, x, z, body), None) is not None:
             return None
         return arrival
 
@@ -250,20 +254,21 @@ class BuildingState(WorldState):
         body = self.body_of(entity)._replace(fall=0.0)
         if not has_headroom(plan, room, x, z, body.height) or any(hole.contains(x, z) for hole in sector.floor_holes):
             return False
-        if next(solids(plan, room, x, z, body), None) is not None:
+        if next(find_solids(plan, room, x, z, body), None) is not None:
             return False
         return self._touched(entity, x, sector.floor_plane.at(x, z), z, entity.radius) is None
 
     def _touched(self, entity: Entity, x: float, y: float, z: float, radius: Length) -> Entity | None:
-        """Return the first other entity that one at a position would overlap."""
-        for other in self.entities:
-            if other is entity or not self._at_common_height(y, y + entity.height, other):
+        """Return the first other entity that an entity would overlap at (x, y, z); None if it would overlap none."""
+        for obstacle in self.entities:
+            if obstacle is entity or not self._at_common_height(y, y + entity.height, obstacle):
                 continue
-            dx = other.pos[0] - x
-            dz = other.pos[2] - z
-            if math.sqrt(dx * dx + dz * dz) < float(radius + other.radius):
-                return other
+            dx = obstacle.pos[0] - x
+            dz = obstacle.pos[2] - z
+            if math.sqrt(dx * dx + dz * dz) < float(radius + obstacle.radius):
+                return obstacle
         return None
 
-    def _at_common_height(self, bottom: float, top: float, other: Entity) -> bool:
-        return other.pos[1] < top and bottom < other.pos[1] + other.height
+    def _at_common_height(self, bottom: float, top: float, entity: Entity) -> bool:
+        """Return whether an entity has a height between ``bottom`` and ``top``."""
+        return entity.pos[1] < top and bottom < entity.pos[1] + entity.height

@@ -36,7 +36,7 @@ _CEILING = 2
 
 
 def building_tables(plan: SectorPlan, library: Library, *, display: bool = False) -> tuple[FaceTable, RoomTable]:
-    """Return the renderer's tables of a building; for a display, with what darkens its joints."""
+    """Return the renderer's tables of a building; for a display, with the occluders that darken its corners."""
     faces, room_table = _join_rooms([_scene_room(plan, number) for number in range(len(plan.rooms))], library)
     if display:
         occluded = [face for number in range(len(plan.rooms)) for face in _occluded_faces(plan, library, number)]
@@ -83,19 +83,21 @@ def _edge_lines(outline: F64) -> F64:
 
 
 def _occluded_faces(plan: SectorPlan, library: Library, number: int) -> list[OccludedFace]:
-    """Return what darkens each face of a sector, in the order of its surfaces."""
+    """Return the faces of a sector with the segments that darken them, in the order of its surfaces."""
     room = plan.rooms[number]
     floor = OccludedFace(
         floor_joints(plan, number),
-        library.texture_size_m(_variant(room, _FLOOR)),
+        library.texture_size_m(_texture_name(room, _FLOOR)),
         room.floor_plane == Plane(0.0),  # the kernel darkens the floor around things only at y = 0
     )
     faces = [floor] * len(_areas_around(room.outline.corners, room.floor_holes))
     if room.ceiling is not None:
-        ceiling = OccludedFace(ceiling_joints(plan, number), library.texture_size_m(_variant(room, _CEILING)), False)
+        ceiling = OccludedFace(
+            ceiling_joints(plan, number), library.texture_size_m(_texture_name(room, _CEILING)), False
+        )
         faces += [ceiling] * len(_areas_around(room.outline.corners, room.ceiling_holes))
     for piece in plan.pieces[number]:
-        size_m = library.texture_size_m(_covering(plan, number, piece))
+        size_m = library.texture_size_m(_piece_texture(plan, number, piece))
         faces.append(OccludedFace(wall_joints(plan, number, piece), size_m, False))
     return faces
 
@@ -133,12 +135,14 @@ def _wall_lines(plan: SectorPlan, number: int) -> list[Surface]:
             (x0 - ahead_x - ahead_z, z0 - ahead_z + ahead_x),
             (x1 + ahead_x - ahead_z, z1 + ahead_z + ahead_x),
         )
-        surfaces.append(_level_surface(area, room.floor_plane.raised(_LINE_M), _variant(room, _FLOOR), is_floor=True))
+        surfaces.append(
+            _level_surface(area, room.floor_plane.raised(_LINE_M), _texture_name(room, _FLOOR), is_floor=True)
+        )
     return surfaces
 
 
 def _plan_shade(room: PlannedSector) -> float:
-    """Return how bright a plan shows a sector: 1 for a room, and less for what leads up from it."""
+    """Return the brightness of a sector on a plan: 1 for a room, and less for higher parts of stairs and ramps."""
     if not room.is_flight:
         return 1.0
     low, high = room.levels
@@ -152,11 +156,11 @@ def _scene_room(plan: SectorPlan, number: int) -> SceneRoom:
     surfaces = _floor_surfaces(room)
     if room.ceiling is not None:
         surfaces += [
-            _level_surface(area, room.ceiling_plane, _variant(room, _CEILING), is_floor=False)
+            _level_surface(area, room.ceiling_plane, _texture_name(room, _CEILING), is_floor=False)
             for area in _areas_around(room.outline.corners, room.ceiling_holes)
         ]
-    surfaces += [_wall_surface(room, piece, _covering(plan, number, piece)) for piece in plan.pieces[number]]
-    openings = [Opening(_upright(room, WallPiece(*opening[:5])), opening.into) for opening in room.openings]
+    surfaces += [_wall_surface(room, piece, _piece_texture(plan, number, piece)) for piece in plan.pieces[number]]
+    openings = [Opening(_upright_corners(room, WallPiece(*opening[:5])), opening.into) for opening in room.openings]
     openings += [Opening(_hole_corners(hole, room.floor_plane, is_floor=True), hole.into) for hole in room.floor_holes]
     openings += [
         Opening(_hole_corners(hole, room.ceiling_plane, is_floor=False), hole.into) for hole in room.ceiling_holes
@@ -164,19 +168,19 @@ def _scene_room(plan: SectorPlan, number: int) -> SceneRoom:
     return SceneRoom(np.array(room.outline.corners), surfaces, openings, roofed=room.ceiling is not None)
 
 
-def _variant(room: PlannedSector, part: int) -> str:
-    """Return the name of a sector's picture of its wall, floor or ceiling."""
+def _texture_name(room: PlannedSector, part: int) -> str:
+    """Return the name of the texture of a sector's wall, floor or ceiling, with the number of its picture."""
     name = (room.wall, room.floor, room.ceiling)[part]
     return f"{name}_{room.pictures[part] + 1}"
 
 
 def _floor_surfaces(room: PlannedSector) -> list[Surface]:
     areas = _areas_around(room.outline.corners, room.floor_holes)
-    return [_level_surface(area, room.floor_plane, _variant(room, _FLOOR), is_floor=True) for area in areas]
+    return [_level_surface(area, room.floor_plane, _texture_name(room, _FLOOR), is_floor=True) for area in areas]
 
 
 def _areas_around(corners: Area, holes: tuple[Hole, ...]) -> list[Area]:
-    """Return the convex parts of an outline that holes leave."""
+    """Return the convex areas into which an outline is divided around its holes."""
     areas = [corners]
     for hole in holes:
         areas = [part for area in areas for part in split_around(area, hole[:4])]
@@ -191,15 +195,15 @@ def _level_surface(area: Area, plane: Plane, texture: str, *, is_floor: bool) ->
     return Surface(corners, corners[:, (0, 2)].copy(), texture)
 
 
-def _covering(plan: SectorPlan, number: int, piece: WallPiece) -> str:
-    """Return the texture of a piece of wall; below an opening onto stairs, it is their first riser."""
+def _piece_texture(plan: SectorPlan, number: int, piece: WallPiece) -> str:
+    """Return the texture of a piece of wall; a piece below an opening onto stairs, their first riser, has theirs."""
     room = plan.rooms[number]
     for opening in room.openings:
         is_above = opening.edge == piece.edge and opening.start <= piece.start and piece.end <= opening.end
         behind = plan.rooms[opening.into]
         if is_above and behind.is_flight and opening.heights_at(piece.start)[0] == piece.top[0]:
-            return _variant(behind, _FLOOR)
-    return _variant(room, _FLOOR if room.is_flight and _is_riser(room, piece) else _WALL)
+            return _texture_name(behind, _FLOOR)
+    return _texture_name(room, _FLOOR if room.is_flight and _is_riser(room, piece) else _WALL)
 
 
 def _is_riser(room: PlannedSector, piece: WallPiece) -> bool:
@@ -211,14 +215,14 @@ def _is_riser(room: PlannedSector, piece: WallPiece) -> bool:
 
 def _wall_surface(room: PlannedSector, piece: WallPiece, texture: str) -> Surface:
     """Return a piece of wall as a surface of three or four corners."""
-    corners = _upright(room, piece)
+    corners = _upright_corners(room, piece)
     along = np.array([piece.start, piece.start, piece.end, piece.end])
-    places = np.column_stack((along, corners[:, 1]))
+    texture_m = np.column_stack((along, corners[:, 1]))
     is_kept = np.array([piece.top[0] - piece.bottom[0] > _FLAT_M, True, True, piece.top[1] - piece.bottom[1] > _FLAT_M])
-    return Surface(corners[is_kept], places[is_kept], texture)
+    return Surface(corners[is_kept], texture_m[is_kept], texture)
 
 
-def _upright(room: PlannedSector, piece: WallPiece) -> F64:
+def _upright_corners(room: PlannedSector, piece: WallPiece) -> F64:
     """Return the corners of a piece of wall or an opening, (4, 3), counter-clockwise as seen from inside the room."""
     edge = room.outline.edges[piece.edge]
     x0, z0 = edge.at(piece.start)

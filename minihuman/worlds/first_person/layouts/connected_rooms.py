@@ -75,9 +75,9 @@ class WallGap(GoalEnv):
         """Build the yards, and a building far behind them."""
         yard = {"wall": "brick_wall", "floor": "asphalt", "ceiling": None}
         start = self.add_rect_room(min_x=-7, max_x=7, min_z=0.5, max_z=8, **yard)
-        other = self.add_rect_room(min_x=-7, max_x=7, min_z=-8, max_z=-0.5, **yard)
-        self.connect_rooms(start, other, min_x=-1.5, max_x=1.5)
-        self.box = self.place_entity(Box("red"), room=other)
+        far = self.add_rect_room(min_x=-7, max_x=7, min_z=-8, max_z=-0.5, **yard)
+        self.connect_rooms(start, far, min_x=-1.5, max_x=1.5)
+        self.box = self.place_entity(Box("red"), room=far)
         self.place_entity(Mesh("building", 30), pos=(30, 0, 30), dir=-math.pi)
         self.place_agent(room=start)
 
@@ -96,8 +96,8 @@ class Sidewalk(GoalEnv):
         self.street = self.add_rect_room(min_x=0, max_x=6, min_z=-80, max_z=80, floor="asphalt", ceiling=None)
         self.connect_rooms(sidewalk, self.street, min_z=0, max_z=12)
         self.place_entity(Mesh("building", 30), pos=(30, 0, 30), dir=-math.pi)
-        for place in range(1, 6):
-            self.place_entity(Mesh("cone", 0.75), pos=(1, 0, 2 * place))
+        for number in range(1, 6):
+            self.place_entity(Mesh("cone", 0.75), pos=(1, 0, 2 * number))
         self.box = self.place_entity(Box("red"), room=sidewalk, min_z=10, max_z=12)
         self.place_agent(room=sidewalk, min_z=0, max_z=1.5)
 

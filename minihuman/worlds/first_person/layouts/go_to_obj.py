@@ -79,7 +79,7 @@ class GoToObj(FirstPersonEnv):
         return (self.target,)
 
     def shortest_path(self) -> Sequence[int] | None:
-        """Return the fewest turns and steps to a place where the target is just ahead."""
+        """Return the fewest turns and steps to a place where the target is just ahead; () if none were found."""
         names = ("turn_left", "turn_right", "move_forward")
         actions = search_first_success(
             self, [self.action_names.index(name) for name in names if name in self.action_names]
@@ -87,12 +87,13 @@ class GoToObj(FirstPersonEnv):
         return actions or ()
 
     def path_length_bounds(self) -> PathLengthBounds:
-        """Return the length of the shortest path as both bounds."""
-        count = len(self.shortest_path() or ()) or None
-        return PathLengthBounds(count, count)
+        """Return the length of the shortest path as both bounds; None for both if no path was found."""
+        path = self.shortest_path()
+        length = len(path) if path else None
+        return PathLengthBounds(length, length)
 
     def _make_object(self, colour: str, kind: str) -> Entity:
-        """Return an object of a colour and a kind."""
+        """Return an object of a colour and a kind: "ball", "box" or "key"."""
         match kind:
             case "ball":
                 return Ball(colour, self.object_m)

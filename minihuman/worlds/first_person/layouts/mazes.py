@@ -26,7 +26,12 @@ class _Fork(GoalEnv):
         super().__init__(max_steps=max_steps, **options)
 
     def place_box(self, left: tuple[Room, float], right: tuple[Room, float]) -> None:
-        """Place the box at ``goal_pos``, or randomly in an arm: below a z in the left one, above one in the right."""
+        """Place the box at ``goal_pos``, or else at a random position near the end of a random arm.
+
+        Args:
+            left: the left arm, and the greatest z of the box there in metres
+            right: the right arm, and the least z of the box there in metres
+        """
         if self.goal_pos is not None:
             x, _, z = self.goal_pos
             self.box = self.place_entity(Box("red"), min_x=x, max_x=x, min_z=z, max_z=z)
@@ -64,8 +69,8 @@ class YMaze(_Fork):
         outline = ((-9.15, -2.0), (-9.15, 2.0), (-1.15, 2.0), (-1.15, -2.0))
         stem = self.add_room(outline)
         hub = self.add_room(((-1.15, -2.0), (-1.15, 2.0), (2.31, 0.0)))
-        left = self.add_room(_turned(outline, -120))
-        right = self.add_room(_turned(outline, 120))
+        left = self.add_room(_rotate(outline, -120))
+        right = self.add_room(_rotate(outline, 120))
         self.connect_rooms(stem, hub, min_z=-2, max_z=2)
         self.connect_rooms(left, hub, min_z=-1.995, max_z=0)
         self.connect_rooms(right, hub, min_z=0, max_z=1.995)
@@ -104,7 +109,7 @@ class Maze(GoalEnv):
             for row in range(self.num_rows)
             for column in range(self.num_cols)
         }
-        # every room is entered once, and then the order of its ways on is drawn
+        # a room is entered once; then the order of its four directions is drawn, from 4, 3, 2 and 1 that remain
         shuffles = iter(self.np_random.integers(np.tile((4, 3, 2, 1), len(rooms))).reshape(-1, 4).tolist())
         visited = {(0, 0)}
         trail = [((0, 0), _directions(next(shuffles)))]
@@ -131,17 +136,18 @@ class Maze(GoalEnv):
 def _directions(picks: list[int]) -> list[tuple[int, int]]:
     """Return the four directions (columns to the right, rows down) in the order of random picks.
 
-    Each pick is an index among the directions that are left.
+    Each pick is an index among the directions that were not picked before.
     """
-    left = [(1, 0), (-1, 0), (0, -1), (0, 1)]
-    return [left.pop(pick) for pick in picks]
+    remaining = [(1, 0), (-1, 0), (0, -1), (0, 1)]
+    return [remaining.pop(pick) for pick in picks]
 
 
-def _turned(outline: tuple[Point, ...], degrees: float) -> tuple[Point, ...]:
+def _rotate(outline: tuple[Point, ...], degrees: float) -> tuple[Point, ...]:
     """Return an outline rotated about the origin, clockwise as seen from above."""
-    half = degrees * (math.pi / 180) / 2.0
-    a = math.cos(half)
-    c = -math.sin(half)
-    cosine = a * a - c * c
-    sine = 2 * (a * c)
+    half_rad = degrees * (math.pi / 180) / 2.0
+    # by the half angle, as Miniworld computes a rotation matrix, so that corners have the same bits
+    cosine_half = math.cos(half_rad)
+    sine_half = -math.sin(half_rad)
+    cosine = cosine_half * cosine_half - sine_half * sine_half
+    sine = 2 * (cosine_half * sine_half)
     return tuple((x * cosine - z * sine, x * sine + z * cosine) for x, z in outline)

@@ -44,8 +44,9 @@ class GoalEnv(FirstPersonEnv):
         return plan(self, self.box) or ()
 
     def path_length_bounds(self) -> PathLengthBounds:
-        """Return a lower bound, and the length of the planned path."""
-        return PathLengthBounds(least_steps(self, self.box), len(self.shortest_path() or ()) or None)
+        """Return a lower bound, and the length of the planned path or None if none was found."""
+        path = self.shortest_path()
+        return PathLengthBounds(least_steps(self, self.box), len(path) if path else None)
 
 
 class OneRoom(GoalEnv):
@@ -94,7 +95,7 @@ class PickupObjects(FirstPersonEnv):
         return pick_up_all(self.num_objs, score="num_picked_up")
 
     def targets(self) -> tuple[Entity, ...]:
-        """Return the things that are left to pick up."""
+        """Return the things that the agent has not picked up yet."""
         return tuple(thing for thing in self.entities if thing is not self.agent)
 
     def shortest_path(self) -> Sequence[int] | None:
@@ -157,7 +158,7 @@ class CollectHealth(FirstPersonEnv):
     def build(self) -> None:
         """Build the room, and place the kits and the agent."""
         self.add_rect_room(min_x=0, max_x=self.size, min_z=0, max_z=self.size, wall="cinder_blocks", floor="slime")
-        for _ in range(18):
+        for _ in range(_N_KITS):
             self.place_entity(Mesh("medkit", 0.40, static=False))
         self.place_agent()
         self.health = 100
@@ -172,6 +173,7 @@ class CollectHealth(FirstPersonEnv):
 
 
 _YARD = {"wall": "brick_wall", "floor": "asphalt", "ceiling": None}
+_N_KITS = 18
 
 
 def _any_colour(world: FirstPersonEnv) -> str:

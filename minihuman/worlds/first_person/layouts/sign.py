@@ -62,23 +62,25 @@ class Sign(FirstPersonEnv):
     def termination_rule(self) -> TerminationRule:
         """Return the rule that pays 1 for the right thing and -1 for a wrong one; the last of several near counts."""
         boxes, keys = self.objects
-        return touch_right_one((*boxes, *keys), (3 if self.goal else 0) + self.color_index)
+        first = len(boxes) if self.goal else 0
+        return touch_right_one((*boxes, *keys), first + self.color_index)
 
     def targets(self) -> tuple[Entity, ...]:
         """Return the sign and the object that it asks for."""
-        return *(thing for thing in self.entities if isinstance(thing, TextFrame)), self._wanted()
+        return *(thing for thing in self.entities if isinstance(thing, TextFrame)), self._goal_object()
 
     def shortest_path(self) -> Sequence[int] | None:
-        """Return turns and steps to the object that the sign asks for, around the others."""
-        target = self._wanted()
+        """Return turns and steps to the object that the sign asks for, around the others; () if none were found."""
+        target = self._goal_object()
         obstacles = [thing for things in self.objects for thing in things if thing is not target]
         return plan(self, target, avoid=obstacles) or ()
 
     def path_length_bounds(self) -> PathLengthBounds:
-        """Return a lower bound, and the length of the planned path."""
-        return PathLengthBounds(least_steps(self, self._wanted()), len(self.shortest_path() or ()) or None)
+        """Return a lower bound, and the length of the planned path or None if none was found."""
+        path = self.shortest_path()
+        return PathLengthBounds(least_steps(self, self._goal_object()), len(path) if path else None)
 
-    def _wanted(self) -> Entity:
+    def _goal_object(self) -> Entity:
         """Return the thing with the sign's colour and the goal's kind."""
         boxes, keys = self.objects
         return (keys if self.goal else boxes)[self.color_index]

@@ -25,6 +25,8 @@ from minihuman.worlds.team import TeamStep, TeamWorld
 
 FIGURE_COLOURS = ("blue", "yellow", "purple", "green", "grey", "blue", "yellow", "purple")  # by body
 _NOWHERE = (math.nan, math.nan, math.nan)
+_FACE_AHEAD_M = 0.2  # of the figure's middle
+_FACE_HEIGHT_M = 0.9
 
 
 class _SharedRooms(FourRooms):
@@ -41,43 +43,49 @@ class _SharedRooms(FourRooms):
         self.figures = [Box(colour, (0.56, 1.25, 0.56)) for colour in self.colours]
         self.faces = [Box("grey", (0.2, 0.3, 0.36)) for _ in self.colours]
         for body, (figure, face) in enumerate(zip(self.figures, self.faces, strict=True)):
-            self.place_entity(figure, pos=_NOWHERE, dir=0.0) if body == 0 else self.place_entity(figure)
+            if body == self.inside:
+                self.place_entity(figure, pos=_NOWHERE, dir=0.0)
+            else:
+                self.place_entity(figure)
             self.place_entity(face, pos=_NOWHERE, dir=0.0)
-            self._turn_face(body)
+            self._place_face(body)
 
     def enter(self, body: int) -> None:
         """Move the agent to a body's place, and put a figure where the agent was."""
         agent = self.agent
-        old = self.figures[self.inside]
-        new = self.figures[body]
-        old.pos = agent.pos
-        old.dir = agent.dir
-        self._turn_face(self.inside)
-        agent.pos = new.pos
-        agent.dir = new.dir
-        new.pos = _NOWHERE
+        vacated_figure = self.figures[self.inside]
+        entered_figure = self.figures[body]
+        vacated_figure.pos = agent.pos
+        vacated_figure.dir = agent.dir
+        self._place_face(self.inside)
+        agent.pos = entered_figure.pos
+        agent.dir = entered_figure.dir
+        entered_figure.pos = _NOWHERE
         self.faces[body].pos = _NOWHERE
         self.inside = body
 
-    def _turn_face(self, body: int) -> None:
+    def _place_face(self, body: int) -> None:
         """Place a face in front of a body's figure, at eye height."""
         figure = self.figures[body]
         face = self.faces[body]
         figure.trig = 1
         x, _, z = figure.pos
         ahead_x, ahead_z = figure.forward
-        face.pos = (x + 0.2 * ahead_x, 0.9, z + 0.2 * ahead_z)
+        face.pos = (x + _FACE_AHEAD_M * ahead_x, _FACE_HEIGHT_M, z + _FACE_AHEAD_M * ahead_z)
         face.dir = figure.dir
 
     def act_together(self, actions: Sequence[int]) -> tuple[list[float], bool, bool]:
-        """Make one joint step, one body after another in the step's order; return rewards, terminated and truncated."""
+        """Make one joint step in which bodies act one after another; return rewards by body, terminated and truncated.
+
+        The body that acts first changes with every step.
+        """
         if self._stage is None or self._over:
             raise WorldError("no episode is running; call reset() before step(), and again after each episode")
         rewards = [0.0] * len(actions)
         first = self.step_count % len(actions)
         self.step_count += 1
-        for k in range(len(actions)):
-            body = (first + k) % len(actions)
+        for turn in range(len(actions)):
+            body = (first + turn) % len(actions)
             self.enter(body)
             if actions[body] < len(self.action_names):
                 self.flat_state().step(self, actions[body], rules.ACT)

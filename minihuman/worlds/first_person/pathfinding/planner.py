@@ -28,6 +28,9 @@ if TYPE_CHECKING:
     from minihuman.worlds.first_person.env import FirstPersonEnv
 
 _MOST_CELLS = 20_000_000  # the most cells of a floor, which take some seconds and 200 MB
+_MAX_CELL_M = 0.1
+_CAUTION = 0.999  # the share of a clearance that is used, so that rounding makes no barrier too long
+_OVERLAP_M = 0.01  # of a wall and the barrier that continues it
 _MARGIN = 1e-7  # metres added to the distances that the rules keep from walls and things, so that rounding is harmless
 
 
@@ -57,7 +60,7 @@ def plan(world: "FirstPersonEnv", goal: Entity, *, avoid: Sequence[Entity] = ())
     )
     if math.hypot(x - goal.pos[0], z - goal.pos[2]) < reach:
         return moves[:1]
-    cell = min(body.step / 2, 0.1)
+    cell = min(body.step / 2, _MAX_CELL_M)
     bounds = np.array(stage.floor.bounds)
     cells = (bounds[2] - bounds[0]) * (bounds[3] - bounds[1]) / cell**2
     if cells > _MOST_CELLS:
@@ -66,7 +69,7 @@ def plan(world: "FirstPersonEnv", goal: Entity, *, avoid: Sequence[Entity] = ())
             "world smaller"
         )
     walls = stage.floor.walls
-    discs = _obstacles(stage, avoid)
+    discs = _list_obstacles(stage, avoid)
     zones = zones_of(world)
     free = clearance_map(walls, discs, zones, bounds, cell, body.radius)
     column = int((goal.pos[0] - bounds[0]) / cell)
@@ -94,21 +97,27 @@ def least_steps(world: "FirstPersonEnv", goal: Entity) -> int:
         return 1
     drift = max(abs(_get_lowest(stage, "forward_drift")), abs(stage.parameters.largest("forward_drift")))
     longest = math.hypot(stage.reach, drift)
-    way = straight
+    distance = straight
     if longest < 2 * stage.agent.radius:  # a longer step could jump across a wall
-        barriers = _barriers(stage, goal, reach, longest)
+        barriers = _find_barriers(stage, goal, reach, longest)
         ends = np.array(((x, z), (goal.pos[0], goal.pos[2])))
-        way = shortest_way(barriers, np.concatenate((ends, _turning_points(stage.floor, barriers))))
-    steps = max(math.ceil((way - reach) / longest - 1e-9), 1)
+        distance = shortest_way(barriers, np.concatenate((ends, _find_turning_points(stage.floor, barriers))))
+    steps = max(math.ceil((distance - reach) / longest - 1e-9), 1)
     if "move_back" in world.action_names:
         return steps
-    off = abs((math.atan2(-dz, dx) - stage.agent.dir + math.pi) % (2 * math.pi) - math.pi)
-    spared = math.asin(reach / straight) + math.atan2(drift, _get_lowest(stage, "forward_step"))
-    return steps + max(math.ceil((off - spared) / math.radians(stage.parameters.largest("turn_step")) - 1e-9), 0)
+    off_rad = abs((math.atan2(-dz, dx) - stage.agent.dir + math.pi) % (2 * math.pi) - math.pi)
+    # the agent need not turn towards the goal's middle, but only towards its reach, and a step can drift aside
+    spared_rad = math.asin(reach / straight) + math.atan2(drift, _get_lowest(stage, "forward_step"))
+    turn_rad = math.radians(stage.parameters.largest("turn_step"))
+    return steps + max(math.ceil((off_rad - spared_rad) / turn_rad - 1e-9), 0)
 
 
 def read_moves(world: "FirstPersonEnv") -> tuple[int, ...]:
-    """Return the world's actions for a left turn, a right turn, a step and, if it exists, a step back."""
+    """Return the world's actions for a left turn, a right turn, a step and, if it exists, a step back.
+
+    Raises:
+        WorldError: if the world lacks a turn or the forward step.
+    """
     try:
         moves = tuple(world.action_names.index(name) for name in ("turn_left", "turn_right", "move_forward"))
     except ValueError:
@@ -146,23 +155,26 @@ def _reach(stage: WorldState, goal: Entity, mover: Entity | None = None) -> floa
     """Return the ground distance between centres at which the agent, or what it puts down, is near the goal."""
     _check_flat(stage)
     height = stage.agent.pos[1] if mover is None else 0.0
-    threshold = float(goal.radius + (mover or stage.agent).radius + 1.1 * stage.reach)
+    threshold = float(goal.radius + (mover or stage.agent).radius + 1.1 * stage.reach)  # as in `WorldState.near`
     rise = goal.pos[1] - height
     return math.sqrt(max(threshold * threshold - rise * rise, 0.0))
 
 
 def zones_of(world: "FirstPersonEnv") -> NDArray[np.float64]:
-    """Return the rooms that end the episode, (rooms, edges, 4): each edge's start and its inward normal."""
+    """Return the rooms that planned paths avoid, float64[rooms, edges, 4]: each edge's start and inward normal.
+
+    A room with fewer edges than another repeats its last one.
+    """
     rooms = [[(*edge.start, *edge.normal) for edge in room.outline.edges] for room in world.off_limits()]
-    most = max(map(len, rooms), default=0)
-    padded = [edges + edges[-1:] * (most - len(edges)) for edges in rooms]
-    return np.array(padded, dtype=np.float64).reshape(len(rooms), most, 4)
+    n_edges = max(map(len, rooms), default=0)
+    padded = [edges + edges[-1:] * (n_edges - len(edges)) for edges in rooms]
+    return np.array(padded, dtype=np.float64).reshape(len(rooms), n_edges, 4)
 
 
-def _obstacles(stage: WorldState, avoid: Sequence[Entity]) -> NDArray[np.float64]:
-    """Return every entity but the agent and its load: x, z, and the distances that these two keep from it.
+def _list_obstacles(stage: WorldState, avoid: Sequence[Entity]) -> NDArray[np.float64]:
+    """Return all entities but the agent and its load, float64[n, 4]: x, z, and the distances that these two keep.
 
-    From the things to avoid, the agent keeps so far away that it is not near them.
+    The agent keeps so far from the things to avoid that it is not near them.
     """
     agent = stage.agent
     carried = stage.agent.carrying
@@ -179,8 +191,8 @@ def _obstacles(stage: WorldState, avoid: Sequence[Entity]) -> NDArray[np.float64
     return np.array(rows, dtype=np.float64).reshape(-1, 4)
 
 
-def _barriers(stage: WorldState, goal: Entity, reach: float, longest: float) -> NDArray[np.float64]:
-    """Return segments that no path to the goal crosses, and that lie between no stop near the goal and the goal.
+def _find_barriers(stage: WorldState, goal: Entity, reach: float, longest: float) -> NDArray[np.float64]:
+    """Return segments, float64[n, 4], that no path crosses and that lie between no stop near the goal and the goal.
 
     A stop keeps the body's radius from every wall, and the line between two stops keeps ``clearance``, so walls extend
     by that much beyond their ends. Where the line from a stop near the goal to the goal crosses a segment, that point
@@ -188,15 +200,15 @@ def _barriers(stage: WorldState, goal: Entity, reach: float, longest: float) -> 
     that distance is left out.
     """
     radius = float(stage.agent.radius)
-    clearance = 0.999 * math.sqrt(radius * radius - longest * longest / 4)
+    clearance = _CAUTION * math.sqrt(radius * radius - longest * longest / 4)
     middle = np.array((goal.pos[0], goal.pos[2]))
     segments: list[tuple[NDArray[np.float64], NDArray[np.float64], float]] = []
-    for wall in _merged(stage.floor.walls):
+    for wall in _merge_walls(stage.floor.walls):
         a = wall[:2]
         b = wall[2:]
         ahead = (b - a) / math.hypot(*(b - a))
-        segments += [(a, b, radius), (a + 0.01 * ahead, a - clearance * ahead, radius - clearance)]
-        segments += [(b - 0.01 * ahead, b + clearance * ahead, radius - clearance)]
+        segments += [(a, b, radius), (a + _OVERLAP_M * ahead, a - clearance * ahead, radius - clearance)]
+        segments += [(b - _OVERLAP_M * ahead, b + clearance * ahead, radius - clearance)]
     rows = [row for a, b, margin in segments for row in _out_of_reach(a, b, middle, reach, margin)]
     return np.array(rows, dtype=np.float64).reshape(-1, 4)
 
@@ -204,7 +216,10 @@ def _barriers(stage: WorldState, goal: Entity, reach: float, longest: float) -> 
 def _out_of_reach(
     a: NDArray[np.float64], b: NDArray[np.float64], middle: NDArray[np.float64], reach: float, margin: float
 ) -> list[tuple[float, ...]]:
-    """Return the parts of a segment that are out of reach of the goal; the whole segment if all of it is."""
+    """Return the parts of the segment from ``a`` to ``b`` (x, z) that are out of reach of the goal.
+
+    A point is out of reach if its distance from the goal's middle is at least ``reach`` minus ``margin``.
+    """
     length = math.hypot(*(b - a))
     share = float((middle - a) @ (b - a)) / length**2
     foot = a + (b - a) * min(max(share, 0.0), 1.0)
@@ -212,14 +227,15 @@ def _out_of_reach(
         return [(*a, *b)]
     across = math.hypot(*(a + (b - a) * share - middle))
     half = math.sqrt(reach**2 - across**2) / length
+    parts: list[tuple[float, ...]] = []
     if share > half:
-        before = [(*a, *(a + (b - a) * (share - half)))]
-    else:
-        before = []
-    return before + ([(*(a + (b - a) * (share + half)), *b)] if share + half < 1 else [])
+        parts.append((*a, *(a + (b - a) * (share - half))))
+    if share + half < 1:
+        parts.append((*(a + (b - a) * (share + half)), *b))
+    return parts
 
 
-def _turning_points(floor: FloorPlan, barriers: NDArray[np.float64]) -> NDArray[np.float64]:
+def _find_turning_points(floor: FloorPlan, barriers: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the ends of barriers at which a path can bend, (n, 2) x, z: those in a room and not on another barrier."""
     ends = barriers.reshape(-1, 2)
     inside = np.zeros(len(ends), dtype=np.bool_)
@@ -231,28 +247,28 @@ def _turning_points(floor: FloorPlan, barriers: NDArray[np.float64]) -> NDArray[
     return ends[inside & ~lies_on(barriers, ends)]
 
 
-def _merged(walls: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return walls, joining any two of which one continues the other."""
+def _merge_walls(walls: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return walls (x0, z0, x1, z1), with a wall and those that continue it straight joined to one."""
     rows = [tuple(row) for row in walls.tolist()]
     starts = {row[:2]: row for row in rows}
     joined: dict[tuple[float, ...], None] = {}
     continued = set()
     for row in rows:
         after = starts.get(row[2:])
-        if after is not None and after != row and _continues(row, after):
+        if after is not None and after != row and _have_same_direction(row, after):
             continued.add(after[:2])
     for row in rows:
         if row[:2] in continued:
             continue
         end = row
-        while (after := starts.get(end[2:])) is not None and _continues(end, after):
+        while (after := starts.get(end[2:])) is not None and _have_same_direction(end, after):
             end = after
         joined[(*row[:2], *end[2:])] = None
     return np.array(list(joined), dtype=np.float64).reshape(-1, 4)
 
 
-def _continues(a: tuple[float, ...], b: tuple[float, ...]) -> bool:
-    """Return whether two segments (x0, z0, x1, z1) have the same direction."""
+def _have_same_direction(a: tuple[float, ...], b: tuple[float, ...]) -> bool:
+    """Return whether two segments (x0, z0, x1, z1) have the same direction, apart from rounding."""
     ax = a[2] - a[0]
     az = a[3] - a[1]
     bx = b[2] - b[0]
@@ -263,18 +279,22 @@ def _continues(a: tuple[float, ...], b: tuple[float, ...]) -> bool:
 BACKWARDS = 8  # steps back from a thing that are tried to take it: beside a wall, it can only be taken from farther off
 
 
-def plan_take_all(world: "FirstPersonEnv", left: Callable[[], list[Entity]]) -> list[int] | None:
-    """Return actions that pick up all things that ``left`` returns, the nearest first; None if none were found.
+def plan_take_all(world: "FirstPersonEnv", list_things: Callable[[], list[Entity]]) -> list[int] | None:
+    """Return actions that pick up all things of a world, the nearest first; None if none were found.
 
     The world ends in its original state. Its step limit applies.
+
+    Args:
+        world: the world
+        list_things: a function that returns the things that are still to be picked up in the world's present state
     """
     saved = world.save()
     actions = []
     try:
-        while things := left():
+        while things := list_things():
             x, _, z = world.agent.pos
             nearest = min(things, key=lambda thing: math.hypot(thing.pos[0] - x, thing.pos[2] - z))
-            leg = _take(world, nearest, len(things), left)
+            leg = _approach_and_take(world, nearest, len(things), list_things)
             if leg is None:
                 return None
             actions += leg
@@ -283,35 +303,43 @@ def plan_take_all(world: "FirstPersonEnv", left: Callable[[], list[Entity]]) -> 
         world.restore(saved)
 
 
-def _take(world: "FirstPersonEnv", thing: Entity, count: int, left: Callable[[], list[Entity]]) -> list[int] | None:
-    """Approach a thing, face it, and pick up that thing or another one in front of it; return the actions."""
+def _approach_and_take(
+    world: "FirstPersonEnv", thing: Entity, count: int, list_things: Callable[[], list[Entity]]
+) -> list[int] | None:
+    """Approach a thing, face it, and pick up that thing or another one in front of it; return the actions.
+
+    The result is None if no thing could be picked up, so that there are still ``count`` of them.
+    """
     pickup = world.action_names.index("pickup")
-    for approach in _approaches(world, thing, ()):
+    for approach in _approach(world, thing, ()):
         before = world.save()
-        ended = ends(world, pickup, [])
-        if len(left()) < count:
+        is_over = take_action(world, pickup, [])
+        if len(list_things()) < count:
             return [*approach, pickup]
-        if ended:
+        if is_over:
             return None
         world.restore(before)
     return None
 
 
-def _approaches(world: "FirstPersonEnv", thing: Entity, avoid: Sequence[Entity]) -> Iterator[list[int]]:
-    """Bring the agent near a thing, facing it, and yield the actions; then repeatedly from one step farther away."""
+def _approach(world: "FirstPersonEnv", thing: Entity, avoid: Sequence[Entity]) -> Iterator[list[int]]:
+    """Bring the agent near a thing, facing it, and yield the actions so far; then again from one step farther away.
+
+    Nothing more is yielded once the episode is over.
+    """
     back = world.action_names.index("move_back")
     actions = list[int]()
-    if any(ends(world, action, actions) for action in plan(world, thing, avoid=avoid) or ()):
+    if any(take_action(world, action, actions) for action in plan(world, thing, avoid=avoid) or ()):
         return
     for _ in range(BACKWARDS):
-        if any(ends(world, action, actions) for action in turns_to(world, thing)):
+        if any(take_action(world, action, actions) for action in turns_to(world, thing)):
             return
         yield actions
-        if ends(world, back, actions):
+        if take_action(world, back, actions):
             return
 
 
-def ends(world: "FirstPersonEnv", action: int, actions: list[int]) -> bool:
+def take_action(world: "FirstPersonEnv", action: int, actions: list[int]) -> bool:
     """Take an action, add it to ``actions``, and return whether the episode is over."""
     _, terminated, truncated = world.advance(action)
     actions.append(action)
@@ -322,8 +350,8 @@ def turns_to(world: "FirstPersonEnv", thing: Entity) -> list[int]:
     """Return the turns after which the agent faces a thing as closely as possible."""
     turn_rad = math.radians(world.stage.parameters.number("turn_step", None))
     x, _, z = world.agent.pos
-    wanted_rad = math.atan2(z - thing.pos[2], thing.pos[0] - x)
-    off_rad = (wanted_rad - world.agent.dir + math.pi) % (2 * math.pi) - math.pi
+    bearing_rad = math.atan2(z - thing.pos[2], thing.pos[0] - x)
+    off_rad = (bearing_rad - world.agent.dir + math.pi) % (2 * math.pi) - math.pi
     name = "turn_left" if off_rad > 0 else "turn_right"
     return [world.action_names.index(name)] * round(abs(off_rad) / turn_rad)
 
@@ -338,8 +366,9 @@ def plan_put_next(world: "FirstPersonEnv", thing: Entity, target: Entity) -> lis
     try:
         carried = world.agent.carrying
         if carried is None and world.near(thing, target):
-            return [world.action_names.index("turn_left")]  # a world looks after a step
-        if carried is not None and carried is not thing and ends(world, world.action_names.index("drop"), actions):
+            return [world.action_names.index("turn_left")]  # a world checks for success only after a step
+        has_other_load = carried is not None and carried is not thing
+        if has_other_load and take_action(world, world.action_names.index("drop"), actions):
             return None
         if carried is thing:
             remaining = _bring(world, target)
@@ -353,12 +382,15 @@ def plan_put_next(world: "FirstPersonEnv", thing: Entity, target: Entity) -> lis
 
 
 def _fetch_and_bring(world: "FirstPersonEnv", thing: Entity, target: Entity) -> list[int] | None:
-    """Fetch a thing and bring it to a target, avoiding more and more of the things near it; return the actions."""
+    """Fetch a thing and bring it to a target; return the actions, or None if none were found.
+
+    Attempts avoid first none of the other entities, then the nearest one to the thing, then the nearest two, and so on.
+    """
     saved = world.save()
     near = [entity for entity in world.entities if entity not in (thing, world.agent)]
     near.sort(key=lambda entity: math.dist(entity.pos, thing.pos))
-    for kept_off in range(len(near) + 1):
-        actions = _fetch(world, thing, target, near[:kept_off])
+    for n_avoided in range(len(near) + 1):
+        actions = _fetch(world, thing, target, near[:n_avoided])
         if actions is not None:
             return actions
         world.restore(saved)
@@ -366,14 +398,14 @@ def _fetch_and_bring(world: "FirstPersonEnv", thing: Entity, target: Entity) -> 
 
 
 def _fetch(world: "FirstPersonEnv", thing: Entity, target: Entity, avoid: list[Entity]) -> list[int] | None:
-    """Pick up a thing, from near or from farther away, and return the actions.
+    """Pick up a thing, from near or from farther away, and bring it to a target; return the actions or None.
 
     A carried thing floats ahead of the agent, where it might touch a wall if it was picked up from near.
     """
     pickup = world.action_names.index("pickup")
-    for approach in _approaches(world, thing, avoid):
+    for approach in _approach(world, thing, avoid):
         before = world.save()
-        if not ends(world, pickup, []) and world.agent.carrying is thing:
+        if not take_action(world, pickup, []) and world.agent.carrying is thing:
             brought = _bring(world, target)
             if brought is not None:
                 return [*approach, pickup, *brought]
@@ -382,13 +414,13 @@ def _fetch(world: "FirstPersonEnv", thing: Entity, target: Entity, avoid: list[E
 
 
 def _bring(world: "FirstPersonEnv", target: Entity) -> list[int] | None:
-    """Carry the load next to a thing and put it down; return the actions."""
+    """Carry the load next to a target and put it down; return the actions, or None if it did not end up there."""
     carried = world.agent.carrying
     actions = list[int]()
     assert carried is not None
-    if any(ends(world, action, actions) for action in plan(world, target) or ()):
+    if any(take_action(world, action, actions) for action in plan(world, target) or ()):
         return None
-    ends(world, world.action_names.index("drop"), actions)
+    take_action(world, world.action_names.index("drop"), actions)
     if world.near(carried, target):
         return actions
     return None

@@ -18,10 +18,12 @@ from PIL import Image, ImageDraw, ImageFont
 from minihuman.errors import WorldError
 from minihuman.worlds.first_person.render.assets import Assets, Library, MeshData, Texture
 from minihuman.worlds.first_person.render.built_in_meshes import mesh_named
-from minihuman.worlds.first_person.render.built_in_textures import RECIPES, as_bright
+from minihuman.worlds.first_person.render.built_in_textures import RECIPES, scale_to_brightness
 from minihuman.worlds.first_person.render.kernel_tables import F64
 
 _LETTER_PX = 128
+_LETTER_FONT_PX = 112
+_LETTER_M = 0.25  # the width and height that a letter's texture covers
 _LETTER_STYLES = 9  # the number of variants of a letter, as in Miniworld
 
 
@@ -29,19 +31,23 @@ class OwnAssets(Assets):
     """The built-in assets: the textures of `RECIPES`, a picture of each letter and digit, and the built-in meshes."""
 
     def texture(self, name: str) -> Texture:
-        """Paint the texture of a name: a recipe's name, or "chars/ch_0x" with a character's code, "_" and a variant."""
+        """Paint the texture of a name: a recipe's name, or "chars/ch_0x" with a character's code, "_" and a variant.
+
+        Raises:
+            WorldError: if there is no such texture.
+        """
         stem, _, variant = name.rpartition("_")
         if not variant.isdigit():
             stem = name
             variant = "1"
         if stem.startswith("chars/ch_0x") and stem[11:].isdigit():
-            return _letter(chr(int(stem[11:])), int(variant))
+            return _draw_letter(chr(int(stem[11:])), int(variant))
         if stem not in RECIPES or not 1 <= int(variant) <= len(RECIPES[stem][1]):
             raise WorldError(f"unknown texture {name!r}; use one of {', '.join(RECIPES)}, with _1 and up for variants")
-        recipe, kinds = RECIPES[stem]
-        wide_m, high_m, bright = kinds[int(variant) - 1]
-        seed = zlib.crc32(stem.encode()) % 1_000_003 + 1000 * int(variant)
-        return Texture(as_bright(recipe(seed), bright), (wide_m, high_m))
+        recipe, variants = RECIPES[stem]
+        width_m, height_m, brightness = variants[int(variant) - 1]
+        seed = zlib.crc32(stem.encode()) % 1_000_003 + 1000 * int(variant)  # each picture has its own
+        return Texture(scale_to_brightness(recipe(seed), brightness), (width_m, height_m))
 
     def mesh(self, name: str) -> MeshData:
         """Return a built-in mesh."""
@@ -53,16 +59,16 @@ def own_library() -> Library:
     return Library(OwnAssets())
 
 
-def _letter(letter: str, variant: int) -> Texture:
+def _draw_letter(letter: str, variant: int) -> Texture:
     """Draw a dark character on paper; the variants differ in the colours of ink and paper."""
     if not 1 <= variant <= _LETTER_STYLES:
         raise WorldError(f"the letter {letter!r} has variants 1 to {_LETTER_STYLES}, not {variant}")
     paper = 250 - 9 * (variant - 1)
     image = Image.new("RGB", (_LETTER_PX, _LETTER_PX), (paper, paper, max(paper - 4 * variant, 0)))
-    font = ImageFont.load_default(112)
+    font = ImageFont.load_default(_LETTER_FONT_PX)
     ink = (18 + 6 * variant, 20, 28 + 8 * variant)
     ImageDraw.Draw(image).text((_LETTER_PX / 2, _LETTER_PX / 2), letter, font=font, fill=ink, anchor="mm")
-    return Texture(np.asarray(image), (0.25, 0.25))
+    return Texture(np.asarray(image), (_LETTER_M, _LETTER_M))
 
 
 Rgb = tuple[float, float, float]
@@ -77,7 +83,9 @@ class Material:
 
 
 @dataclass(slots=True)
-class _Lines:
+class _ObjLines:
+    """The contents of an OBJ file, by the kind of line."""
+
     vertices: list[list[float]] = field(default_factory=list)
     places: list[list[float]] = field(default_factory=list)
     normals: list[list[float]] = field(default_factory=list)
@@ -108,16 +116,16 @@ def read_obj(path: Path) -> MeshData:
     # as Miniworld does: the smallest of the three corners' largest coordinates, so that meshes have the same middle
     far = corners.max(axis=0).min(axis=0)
     return MeshData(
-        _centred(corners, path, far),
+        _centre(corners, path, far),
         normals[normal_index].astype(np.float64),
-        _place_texture(lines),
+        _index_texture_places(lines),
         np.array([material.colour for material in face_materials], np.float64),
         tuple(None if material.texture is None else str(material.texture) for material in face_materials),
         light_scales=True,
     )
 
 
-def _place_texture(lines: _Lines) -> F64:
+def _index_texture_places(lines: _ObjLines) -> F64:
     """Return the texture place of each corner, (faces, 3, 2); zeros for a corner that states none."""
     places = np.array(lines.places or [[0.0, 0.0]], np.float32)
     index = np.array([[0 if place is None else place for _, place, _ in face] for face in lines.faces])
@@ -149,7 +157,7 @@ def read_mtl(path: Path) -> dict[str, Material]:
     return materials
 
 
-def _read_lines(path: Path) -> _Lines:
+def _read_lines(path: Path) -> _ObjLines:
     """Read the lines of an OBJ file that describe triangles.
 
     Raises:
@@ -161,7 +169,7 @@ def _read_lines(path: Path) -> _Lines:
         raise WorldError(f"{path}: cannot be read ({error.strerror}); check the mesh's name") from error
     except UnicodeDecodeError as error:
         raise WorldError(f"{path} is not a text file; a mesh must be an OBJ file") from error
-    lines = _Lines()
+    lines = _ObjLines()
     material = ""
     for number, line in enumerate(text.splitlines(), 1):
         match line.split():
@@ -184,7 +192,7 @@ def _read_lines(path: Path) -> _Lines:
 
 
 def _parse_numbers(words: list[str], count: int, path: Path, number: int) -> list[float]:
-    """Parse the words of a line as ``count`` finite numbers."""
+    """Return the words of a line as ``count`` finite numbers; raise a WorldError if they are none."""
     try:
         values = [float(word) for word in words]
     except ValueError:
@@ -194,7 +202,7 @@ def _parse_numbers(words: list[str], count: int, path: Path, number: int) -> lis
     return values
 
 
-def _parse_corner(word: str, lines: _Lines, path: Path, number: int) -> tuple[int, int | None, int]:
+def _parse_corner(word: str, lines: _ObjLines, path: Path, number: int) -> tuple[int, int | None, int]:
     """Parse a face's corner; return the indices of its vertex, texture place (None if it has none) and normal."""
     parts = word.split("/")
     if len(parts) == 2:
@@ -221,8 +229,12 @@ def _parse_index(word: str, count: int, noun: str, path: Path, number: int) -> i
     return index - 1
 
 
-def _centred(corners: F64, path: Path, far: F64) -> F64:
-    """Move corners so that their base is at y = 0 and the middle between lowest place and ``far`` at x = z = 0."""
+def _centre(corners: F64, path: Path, far: F64) -> F64:
+    """Return corners moved so that their base is at y = 0, and the middle between their least and ``far`` at x = z = 0.
+
+    Raises:
+        WorldError: if the corners have no height.
+    """
     low = corners.min(axis=(0, 1))
     high = corners.max(axis=(0, 1))
     if high[1] <= low[1]:
@@ -254,16 +266,16 @@ def read_glb(path: Path) -> MeshData:
     colours = []
     places = []
     for number, part in enumerate(parts):
-        image = _image(part)
+        image = _read_texture(part)
         if image is not None:
             images[f"{path}#{number}"] = image
         names += [None if image is None else f"{path}#{number}"] * len(part.faces)
-        colours.append(_colours(part))
-        places.append(_places(part))
+        colours.append(_read_colours(part))
+        places.append(_read_texture_places(part))
     corners: F64 = np.concatenate([np.asarray(part.triangles, np.float64) for part in parts])
     normals = np.concatenate([np.asarray(part.vertex_normals, np.float64)[part.faces] for part in parts])
     return MeshData(
-        _centred(corners, path, corners.max(axis=(0, 1))),
+        _centre(corners, path, corners.max(axis=(0, 1))),
         normals,
         np.concatenate(places),
         np.concatenate(colours),
@@ -272,8 +284,11 @@ def read_glb(path: Path) -> MeshData:
     )
 
 
-def _image(part: Any) -> Texture | None:
-    """Return a part's texture with a size of one metre, since texture coordinates are shares of the whole texture."""
+def _read_texture(part: Any) -> Texture | None:
+    """Return the texture of a part of a scene; None if it has none.
+
+    Its size is one metre, since texture coordinates are shares of the whole texture.
+    """
     material = getattr(part.visual, "material", None)
     image = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
     if image is None or getattr(part.visual, "uv", None) is None:
@@ -281,8 +296,8 @@ def _image(part: Any) -> Texture | None:
     return Texture(np.asarray(image.convert("RGB")), (1.0, 1.0))
 
 
-def _colours(part: Any) -> F64:
-    """Return a colour for each triangle, in 0 to 1."""
+def _read_colours(part: Any) -> F64:
+    """Return a colour for each triangle of a part of a scene, float64[faces, 3] in 0 to 1."""
     material = getattr(part.visual, "material", None)
     if material is None:
         return np.array(part.visual.face_colors[:, :3], np.float64) / 255
@@ -291,7 +306,7 @@ def _colours(part: Any) -> F64:
     return np.tile(rgb, (len(part.faces), 1))
 
 
-def _places(part: Any) -> F64:
+def _read_texture_places(part: Any) -> F64:
     """Return the texture places of each triangle's corners, (faces, 3, 2); zeros if the part has none."""
     uv: NDArray[np.float64] | None = getattr(part.visual, "uv", None)
     if uv is None:
@@ -355,10 +370,11 @@ class FolderAssets(Assets):
         """Return the path of a texture; None if it is not in the folder. A mesh's texture is named by its path."""
         if name.endswith(".png"):
             return Path(name)
-        names = (name, name.removesuffix("_1"))
-        return next(
-            (file for file in (self._folder / "textures" / f"{stem}.png" for stem in names) if file.exists()), None
-        )
+        for stem in (name, name.removesuffix("_1")):
+            file = self._folder / "textures" / f"{stem}.png"
+            if file.exists():
+                return file
+        return None
 
 
 library_lock = threading.Lock()  # hold it while a scene is laid out: that may read another texture into the library
@@ -366,7 +382,7 @@ library_lock = threading.Lock()  # hold it while a scene is laid out: that may r
 
 @cache
 def asset_library(folder: str | None) -> Library:
-    """Return the library of a folder, or that of the built-in assets; the same object for the same folder."""
+    """Return the library of a folder, or of the built-in assets alone for None; the same object for the same folder."""
     if folder is None:
         return own_library()
     return Library(FolderAssets(Path(folder)))

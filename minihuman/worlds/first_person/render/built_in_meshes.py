@@ -37,8 +37,8 @@ def mesh_named(name: str) -> MeshData:
         stem = name
         colour = "white"
     if f"{stem}.corners" not in arrays:
-        known = ", ".join(key.removesuffix(".corners") for key in arrays if key.endswith(".corners"))
-        raise WorldError(f"unknown mesh {name!r}; use one of {known}; balls and keys take a colour, as in key_red")
+        names = ", ".join(key.removesuffix(".corners") for key in arrays if key.endswith(".corners"))
+        raise WorldError(f"unknown mesh {name!r}; use one of {names}; balls and keys take a colour, as in key_red")
     corners = arrays[f"{stem}.corners"]
     normals = arrays[f"{stem}.normals"]
     colours = arrays[f"{stem}.colours"] * COLOURS[colour]

@@ -26,7 +26,7 @@ def grid() -> tuple[Grid, Grid]:
 
 
 def scatter(x: Grid, y: Grid, seed: int) -> F64:
-    """Return a uniform random number in 0 to 1 for each pair of whole numbers."""
+    """Return a uniform random number in 0 to 1 for each pair of whole numbers, by an integer hash of pair and seed."""
     value = (x * 0x9E3779B1 + y * 0x85EBCA77 + seed * 0xC2B2AE3D) & 0xFFFFFFFF
     value = ((value ^ (value >> 15)) * 0x2C1B3C6D) & 0xFFFFFFFF
     value = ((value ^ (value >> 12)) * 0x297A2D39) & 0xFFFFFFFF
@@ -40,7 +40,7 @@ def smooth(part: F64) -> F64:
 
 
 def soft(cells_x: int, cells_y: int, seed: int) -> F64:
-    """Return smooth, repeating noise: random numbers on a coarse grid, interpolated."""
+    """Return smooth noise that repeats at the edges: random numbers on a grid of so many cells, interpolated."""
     lattice_x, lattice_y = np.meshgrid(np.arange(cells_x), np.arange(cells_y))
     lattice = scatter(lattice_x.astype(np.int64), lattice_y.astype(np.int64), seed)
     at_x = np.arange(SIZE, dtype=np.float64) * (cells_x / SIZE)
@@ -71,20 +71,20 @@ def cloud(cells: int, seed: int, octaves: int = 5) -> F64:
 
 
 def grain(seed: int) -> F64:
-    """Return a random number for each texel."""
+    """Return a random number in 0 to 1 for each texel."""
     return scatter(*grid(), seed)
 
 
 def tiles(columns: int, rows: int, joint: int, *, offset: bool = False) -> tuple[F64, Grid, Grid]:
     """Return a mask of tiles (1) and joints (0), and the column and row of each texel's tile.
 
-    If ``offset``, every other row of tiles is shifted by half a tile.
+    The width ``joint`` of joints is in texels. If ``offset``, every other row of tiles is shifted by half a tile.
     """
     x, y = grid()
     row = y * rows // SIZE
-    moved = (x + (row % 2) * (SIZE // columns // 2) if offset else x) * columns
-    column = moved // SIZE % columns
-    in_x = moved % SIZE // columns
+    shifted_x = (x + (row % 2) * (SIZE // columns // 2) if offset else x) * columns
+    column = shifted_x // SIZE % columns
+    in_x = shifted_x % SIZE // columns
     in_y = y * rows % SIZE // rows
     from_edge: Grid = np.minimum(
         np.minimum(in_x, SIZE // columns - 1 - in_x), np.minimum(in_y, SIZE // rows - 1 - in_y)
@@ -94,7 +94,7 @@ def tiles(columns: int, rows: int, joint: int, *, offset: bool = False) -> tuple
 
 
 def mix(low: tuple[int, int, int], high: tuple[int, int, int], part: F64) -> F64:
-    """Return a mixture (h, w, 3) of two colours with values in 0 to 255."""
+    """Return a mixture (h, w, 3) of two colours with values in 0 to 255; ``part`` is the share of ``high``, 0 to 1."""
     a = np.array(low, np.float64)
     b = np.array(high, np.float64)
     picture = np.clip(part, 0.0, 1.0)[..., None] * (b - a)
@@ -102,20 +102,20 @@ def mix(low: tuple[int, int, int], high: tuple[int, int, int], part: F64) -> F64
     return picture
 
 
-def as_bright(colour: F64, target_mean: float) -> NDArray[np.uint8]:
+def scale_to_brightness(colour: F64, target_mean: float) -> NDArray[np.uint8]:
     """Return a texture scaled to a mean brightness (0 to 255) and rounded.
 
     The mean is taken of whole numbers, since sums of others differ between machines.
     """
     colour = np.clip(colour, 0.0, 255.0)
     for _ in range(3):  # repeated, as cutting off what is brighter than white lowers the mean
-        mean = int((pixels(colour).astype(np.int64) * _WEIGHTS).sum()) / (SIZE * SIZE * 10_000)
+        mean = int((round_to_pixels(colour).astype(np.int64) * _WEIGHTS).sum()) / (SIZE * SIZE * 10_000)
         colour *= target_mean / mean
         np.clip(colour, 0.0, 255.0, out=colour)
-    return pixels(colour)
+    return round_to_pixels(colour)
 
 
-def pixels(colour: F64) -> NDArray[np.uint8]:
+def round_to_pixels(colour: F64) -> NDArray[np.uint8]:
     """Return a texture's values rounded to uint8."""
     rounded = np.clip(colour, 0.0, 255.0)
     rounded += 0.5
@@ -131,13 +131,14 @@ def _recipe(paint: Callable[..., F64]) -> Callable[..., Recipe]:
     return lambda *settings: partial(paint, *settings)
 
 
-def _lit(picture: F64, part: F64, depth: float) -> F64:
-    """Return a picture that is darkened where ``part`` is low."""
+def _darken(picture: F64, part: F64, depth: float) -> F64:
+    """Return a picture whose brightness is reduced by the share ``depth`` where ``part`` is 0, and unchanged at 1."""
     return picture * (1.0 - depth + depth * part)[..., None]
 
 
 @_recipe
 def _plaster(low: Shade, high: Shade, roughness: float, seed: int) -> F64:
+    """Paint a plain surface with faint clouds, and with grain by its roughness."""
     part = cloud(4, seed) * 1.6 - 0.3 + roughness * (grain(seed + 50) - 0.5)
     return mix(low, high, part)
 
@@ -148,27 +149,27 @@ def _concrete(low: Shade, high: Shade, seed: int) -> F64:
     streaks = 0.6 * soft(16, 256, seed) + 0.4 * soft(32, 128, seed + 1)
     part = 0.5 + 1.1 * (streaks - 0.5) + 0.5 * (cloud(48, seed + 2, 3) - 0.5) + 0.35 * (grain(seed + 9) - 0.5)
     pores = smooth((soft(128, 128, seed + 20) - 0.86) * 12.0)
-    return _lit(mix(low, high, part), 1.0 - pores, 0.10)
+    return _darken(mix(low, high, part), 1.0 - pores, 0.10)
 
 
 @_recipe
 def _slabs(low: Shade, high: Shade, columns: int, rows: int, joint: int, dark: float, seed: int) -> F64:
     """Paint a floor of slabs, each of its own shade, with dark joints."""
-    on, column, row = tiles(columns, rows, joint)
-    own = scatter(column, row, seed)
-    part = 0.30 * own + 0.70 * cloud(32, seed, 3) + 0.15 * (grain(seed + 3) - 0.5)
-    return _lit(mix(low, high, part), on, dark)
+    tile_mask, column, row = tiles(columns, rows, joint)
+    slab_shade = scatter(column, row, seed)
+    part = 0.30 * slab_shade + 0.70 * cloud(32, seed, 3) + 0.15 * (grain(seed + 3) - 0.5)
+    return _darken(mix(low, high, part), tile_mask, dark)
 
 
 @_recipe
 def _bricks(low: Shade, high: Shade, mortar: Shade, columns: int, rows: int, joint: int, seed: int) -> F64:
     """Paint worn bricks in mortar, every other row shifted by half a brick."""
-    on, column, row = tiles(columns, rows, joint, offset=True)
-    own = scatter(column, row, seed)
-    part = 0.6 * own + 0.5 * cloud(32, seed + 5, 4) - 0.05 + 0.14 * (grain(seed + 4) - 0.5)
+    tile_mask, column, row = tiles(columns, rows, joint, offset=True)
+    brick_shade = scatter(column, row, seed)
+    part = 0.6 * brick_shade + 0.5 * cloud(32, seed + 5, 4) - 0.05 + 0.14 * (grain(seed + 4) - 0.5)
     brick = mix(low, high, part)
     bed = mix(mortar, (mortar[0] + 28, mortar[1] + 28, mortar[2] + 26), cloud(24, seed + 8, 3))
-    worn = smooth((on - 0.25 * (cloud(32, seed + 7, 2) - 0.4)) * 1.3)
+    worn = smooth((tile_mask - 0.25 * (cloud(32, seed + 7, 2) - 0.4)) * 1.3)
     return bed + worn[..., None] * (brick - bed)
 
 
@@ -177,14 +178,14 @@ def _checks(seed: int) -> F64:
     x, y = grid()
     side = SIZE // 4
     light = ((x // side + y // side) % 2).astype(np.float64)
-    on, _, _ = tiles(4, 4, 3)
+    tile_mask, _, _ = tiles(4, 4, 3)
     veins = smooth(1.0 - np.abs(cloud(3, seed + 2, 5) - 0.5) * 26.0)
-    picture = _lit(mix((206, 203, 196), (228, 226, 221), cloud(5, seed)), 1.0 - veins, 0.10)
+    picture = _darken(mix((206, 203, 196), (228, 226, 221), cloud(5, seed)), 1.0 - veins, 0.10)
     black = mix((34, 34, 37), (58, 58, 62), cloud(5, seed + 11) + 0.5 * veins)
     picture -= black  # in place, since a first picture takes the most memory here
     picture *= light[..., None]
     picture += black
-    return _lit(picture, on, 0.45)
+    return _darken(picture, tile_mask, 0.45)
 
 
 @_recipe
@@ -193,13 +194,14 @@ def _speckled(low: Shade, high: Shade, stones: Shade, seed: int) -> F64:
     picture = mix(low, high, 0.6 * cloud(8, seed, 4) + 0.4 * soft(170, 170, seed + 40))
     stone = smooth((soft(128, 128, seed + 60) - 0.72) * 8.0)
     picture = picture + (0.55 * stone)[..., None] * (np.array(stones, np.float64) - picture)
-    return _lit(picture, grain(seed + 70), 0.20)
+    return _darken(picture, grain(seed + 70), 0.20)
 
 
 @_recipe
 def _grass(low: Shade, high: Shade, seed: int) -> F64:
+    """Paint grass with blades and darker patches."""
     blades = 0.5 * soft(128, 32, seed) + 0.3 * soft(256, 64, seed + 1) + 0.2 * grain(seed + 2)
-    return _lit(mix(low, high, 0.75 * blades + 0.45 * cloud(4, seed + 3, 3) - 0.1), soft(200, 60, seed + 4), 0.35)
+    return _darken(mix(low, high, 0.75 * blades + 0.45 * cloud(4, seed + 3, 3) - 0.1), soft(200, 60, seed + 4), 0.35)
 
 
 @_recipe
@@ -214,11 +216,11 @@ def _wood(low: Shade, high: Shade, planks: int, seed: int) -> F64:
     rings = x * (22.0 / SIZE) + 5.0 * bend + 3.0 * scatter(plank, plank * 0, seed + 2)
     ring = np.abs(2.0 * (rings - np.floor(rings)) - 1.0)
     fibre = soft(256, 8, seed + 3)[along, x]
-    own = scatter(plank, plank * 0, seed + 4)
-    picture = mix(low, high, 0.45 * ring + 0.30 * fibre + 0.35 * own - 0.05)
+    plank_shade = scatter(plank, plank * 0, seed + 4)
+    picture = mix(low, high, 0.45 * ring + 0.30 * fibre + 0.35 * plank_shade - 0.05)
     edge = np.minimum(x % width, width - 1 - x % width)
     if planks > 1:
-        return _lit(picture, smooth(edge / 3.0), 0.55)
+        return _darken(picture, smooth(edge / 3.0), 0.55)
     return picture
 
 
@@ -242,9 +244,10 @@ def _liquid(low: Shade, high: Shade, crest: Shade, cells: int, seed: int) -> F64
 
 
 def _ceiling_tiles(seed: int) -> F64:
-    on, _, _ = tiles(4, 4, 5)
+    """Paint ceiling tiles with small holes and dark joints."""
+    tile_mask, _, _ = tiles(4, 4, 5)
     holes = smooth((soft(110, 110, seed) - 0.74) * 14.0)
-    return _lit(_lit(mix((196, 195, 190), (214, 213, 208), grain(seed + 1)), 1.0 - holes, 0.10), on, 0.65)
+    return _darken(_darken(mix((196, 195, 190), (214, 213, 208), grain(seed + 1)), 1.0 - holes, 0.10), tile_mask, 0.65)
 
 
 @_recipe
@@ -255,7 +258,7 @@ def _panel(base: Shade, inset: int, rows: int, seed: int) -> F64:
     inside = np.minimum(np.minimum(x, SIZE - 1 - x), np.minimum(y % height, height - 1 - y % height)) - inset
     rim = smooth(1.0 - np.abs(inside.astype(np.float64)) / 5.0)
     colour = np.array(base, np.float64) * (0.92 + 0.12 * cloud(4, seed, 5))[..., None]
-    return _lit(colour, 1.0 - rim, 0.40) * np.where(inside > 0, 0.95, 1.0)[..., None]
+    return _darken(colour, 1.0 - rim, 0.40) * np.where(inside > 0, 0.95, 1.0)[..., None]
 
 
 @_recipe

@@ -61,59 +61,59 @@ class Explorer:
         self._judgement = judgement
         self._noise = noise
         self._plan: list[int] = []
-        self._before = state.row.copy()  # the state when the plan was last looked at
+        self._before = state.row.copy()  # the state when `way` was last called
 
     def action(self, state: State) -> int | None:
         """Return the next action, or None if nothing is left to try."""
-        way = self.way(state)
-        return way[0] if way else None
+        actions = self.way(state)
+        return actions[0] if actions else None
 
     def way(self, state: State) -> list[int]:
         """Return the actions planned from the current state; empty if nothing is left to try."""
-        new = self.memory.look(state.row)
-        moving = state.row[fields.TASK] == rewards.DODGE  # things move by chance, so no plan knows the next state
-        if self._plan and not moving and np.array_equal(_after(self._before, self._plan[0]), state.row):
+        has_new = self.memory.look(state.row)
+        is_random = state.row[fields.TASK] == rewards.DODGE  # things move by chance, so no plan knows the next state
+        if self._plan and not is_random and np.array_equal(_state_after(self._before, self._plan[0]), state.row):
             self._plan.pop(0)  # its first action was taken, with the expected effect
         elif not np.array_equal(self._before, state.row):
             self._plan = []
-        if not self._plan or new:
+        if not self._plan or has_new:
             self._plan = self._decide(state.row)
         self._before = state.row.copy()
         return self._plan
 
     def _decide(self, row: Row) -> list[int]:
-        """Return the actions planned for what is known of the world; search for more if that does not suffice."""
-        known = self.memory.known(row)
-        known[fields.MAX_STEPS] = FAR
-        known[fields.STEP] = 0
-        known[fields.PHASE] = fields.PLAYING
-        if known[fields.TASK] != rewards.INSTRUCTED:
-            room_for_more = instructed_length(int(known[fields.WIDTH]), int(known[fields.HEIGHT])) - len(known)
-            if known[fields.TASK] == rewards.DODGE:
-                self._where_things_are(known)
-            if self._knows_what_it_is_about(known):
-                actions = plan(State(known))
+        """Return actions planned with what the agent has seen, or else those that look for more; empty if none help."""
+        belief = self.memory.known(row)
+        belief[fields.MAX_STEPS] = FAR
+        belief[fields.STEP] = 0
+        belief[fields.PHASE] = fields.PLAYING
+        if belief[fields.TASK] != rewards.INSTRUCTED:
+            room_for_more = instructed_length(int(belief[fields.WIDTH]), int(belief[fields.HEIGHT])) - len(belief)
+            if belief[fields.TASK] == rewards.DODGE:
+                self._fix_obstacles(belief)
+            if self._has_seen_task(belief):
+                actions = plan(State(belief))
             else:
                 actions = None
-            return actions or self._look_for_more(np.pad(known, (0, room_for_more)))
-        for candidates in (self._ways(known), self._fetching(known)):
+            return actions or self._look_for_more(np.pad(belief, (0, room_for_more)))
+        for candidates in (self._plan_clauses(belief), self._plan_fetching(belief)):
             if candidates:
                 return min(candidates, key=len)
-        return self._look_for_more(known)
+        return self._look_for_more(belief)
 
-    def _where_things_are(self, known: Row) -> None:
-        """Treat visible obstacles as walls, and forget the others, which have moved since they were seen."""
-        known[fields.TASK] = rewards.REACH
-        cells = known[fields.HEADER : fields.HEADER + int(known[fields.WIDTH]) * int(known[fields.HEIGHT])]
+    def _fix_obstacles(self, belief: Row) -> None:
+        """Turn visible obstacles into walls, and remove the others, which may have moved since they were seen."""
+        belief[fields.TASK] = rewards.REACH
+        cells = belief[fields.HEADER : fields.HEADER + int(belief[fields.WIDTH]) * int(belief[fields.HEIGHT])]
         moving = identities_of(cells) > 0
-        in_view = self.memory.in_view(known)
+        in_view = self.memory.in_view(belief)
         cells[moving & in_view] = GREY_WALL
         cells[moving & ~in_view] = EMPTY
 
-    def _knows_what_it_is_about(self, known: Row) -> bool:
+    def _has_seen_task(self, belief: Row) -> bool:
         """Return whether the cells of the task have been seen, and for a match also the objects to compare."""
-        task = int(known[fields.TASK])
-        target = known[fields.TARGET : fields.TARGET + 4].tolist()
+        task = int(belief[fields.TASK])
+        target = belief[fields.TARGET : fields.TARGET + 4].tolist()
         offsets = {
             rewards.STAND_BY: (0,),
             rewards.OPEN_DOOR: (0,),
@@ -121,75 +121,74 @@ class Explorer:
             rewards.IN_ORDER: (0, 2),
             rewards.PUT_NEAR: (2,),
         }.get(task, ())
-        cells = [target[place] * int(known[fields.HEIGHT]) + target[place + 1] for place in offsets]
-        things = range(1, int(known[fields.OBJECTS]) + 1) if task == rewards.MATCH else ()
-        return bool(self.memory.seen[cells].all()) and all(
-            State(known).find(identity) is not None for identity in things
-        )
+        cells = [target[offset] * int(belief[fields.HEIGHT]) + target[offset + 1] for offset in offsets]
+        if not self.memory.seen[cells].all():
+            return False
+        things = range(1, int(belief[fields.OBJECTS]) + 1) if task == rewards.MATCH else ()
+        return all(State(belief).find(identity) is not None for identity in things)
 
-    def _ways(self, known: Row) -> list[list[int]]:
-        """Return the plans of the clauses that are due now, as far as they can be planned with what is known."""
+    def _plan_clauses(self, belief: Row) -> list[list[int]]:
+        """Return plans of the clauses that are due now, as far as the agent has seen enough to plan them."""
         plans = []
-        for clause in active(known):
-            actions = plan_clause(known, clause)
+        must_say_done = block(belief)[encoding.FLAGS] & encoding.SAY_DONE
+        for clause in active(belief):
+            actions = plan_clause(belief, clause)
             if actions is not None:
-                plans.append(
-                    [*actions, rewards.DONE] if block(known)[encoding.FLAGS] & encoding.SAY_DONE else list(actions)
-                )
+                plans.append([*actions, rewards.DONE] if must_say_done else list(actions))
         return plans
 
-    def _fetching(self, known: Row) -> list[list[int]]:
+    def _plan_fetching(self, belief: Row) -> list[list[int]]:
         """Return plans for picking up an object that is to be put next to another that has not been found yet."""
         plans = []
-        for clause in active(known):
-            if block(known)[encoding.CLAUSES + clause * encoding.CLAUSE + encoding.VERB] != encoding.PUT_NEXT:
+        for clause in active(belief):
+            if block(belief)[encoding.CLAUSES + clause * encoding.CLAUSE + encoding.VERB] != encoding.PUT_NEXT:
                 continue
-            movable = (described_objects(known) >> 2 * clause & 1).nonzero()[0] + 1
-            if identities_of(known[fields.CARRYING]) in movable:
+            movable = (described_objects(belief) >> 2 * clause & 1).nonzero()[0] + 1
+            if identities_of(belief[fields.CARRYING]) in movable:
                 continue
             for identity in movable.tolist():
-                if State(known).find(identity) is not None:
-                    actions = do_to(known, encoding.PICK_UP, identity)
+                if State(belief).find(identity) is not None:
+                    actions = do_to(belief, encoding.PICK_UP, identity)
                     if actions is not None:
                         plans.append(actions)
         return plans
 
-    def _look_for_more(self, known: Row) -> list[int]:
+    def _look_for_more(self, belief: Row) -> list[int]:
         """Return actions that lead to a view of unseen cells, or towards one; empty if nothing is left to try."""
-        judgement = self._judgement or (DOOR_WEIGHTS if _seeks_doors(known) else EXPERT_WEIGHTS)
-        if _strict(known):
-            allowed = _doors_left_alone(known)
+        judgement = self._judgement or (DOOR_WEIGHTS if _seeks_doors(belief) else EXPERT_WEIGHTS)
+        if _is_strict(belief):
+            allowed = _lock_closed_doors(belief)
         else:
-            allowed = known
+            allowed = belief
         nearest = self.memory.frontier(allowed, judgement=judgement, noise=self._noise)
         if nearest is not None:
             return nearest[0]
-        return self._unlocking(known) or self._clearing(known, judgement) or self._opening_boxes(known)
+        return self._plan_unlocking(belief) or self._plan_clearing(belief, judgement) or self._plan_opening_box(belief)
 
-    def _unlocking(self, known: Row) -> list[int]:
+    def _plan_unlocking(self, belief: Row) -> list[int]:
         """Return the shortest plan that opens a locked door; empty if there is none."""
-        state = State(known)
+        state = State(belief)
         locked = state.identities[(state.kinds == DOOR) & (state.states == LOCKED)].tolist()
-        plans = (do_to(known, encoding.OPEN, identity) for identity in locked)
+        plans = (do_to(belief, encoding.OPEN, identity) for identity in locked)
         return min((actions for actions in plans if actions is not None), key=len, default=[])
 
-    def _clearing(self, known: Row, judgement: FrontierWeights) -> list[int]:
+    def _plan_clearing(self, belief: Row, judgement: FrontierWeights) -> list[int]:
         """Return actions that move the first object out of the way to unseen cells; empty if they fail."""
-        beyond = self.memory.frontier(known, passing=THING_IN_WAY, judgement=judgement)
+        beyond = self.memory.frontier(belief, passing=THING_IN_WAY, judgement=judgement)
         if beyond is None:
             return []
-        _, way, _ = beyond
-        cells = State(known).cells.ravel()
-        lying = [cell for cell in way if identities_of(cells[cell]) > 0 and kinds_of(cells[cell]) != DOOR]
-        if not lying:
+        _, path, _ = beyond
+        cells = State(belief).cells.ravel()
+        occupied = [cell for cell in path if identities_of(cells[cell]) > 0 and kinds_of(cells[cell]) != DOOR]
+        if not occupied:
             return []
-        trial = known.copy()
+        trial = belief.copy()
         actions: list[int] = []
-        for step in range(3):
+        for step in range(3):  # put down what is carried, pick up the object, and put it down elsewhere
             if step != 1:
-                part = put_down(trial, way)
+                part = put_down(trial, path)
             else:
-                part = do_to(trial, encoding.PICK_UP, identities_of(cells[lying[0]]))
+                part = do_to(trial, encoding.PICK_UP, identities_of(cells[occupied[0]]))
             if part is None:
                 return []
             for action in part:
@@ -197,41 +196,41 @@ class Explorer:
             actions += part
         return actions
 
-    def _opening_boxes(self, known: Row) -> list[int]:
-        """Return the shortest plan that opens a box of which the instruction says nothing; empty if there is none."""
-        state = State(known)
+    def _plan_opening_box(self, belief: Row) -> list[int]:
+        """Return the shortest plan that opens a box which the instruction does not describe; empty if there is none."""
+        state = State(belief)
         boxes = [
             identity
             for identity in state.identities[state.kinds == BOX].tolist()
-            if not described_objects(known)[identity - 1]
+            if not described_objects(belief)[identity - 1]
         ]
-        plans = (do_to(known, encoding.PICK_UP, identity) for identity in boxes)
+        plans = (do_to(belief, encoding.PICK_UP, identity) for identity in boxes)
         opened = ([*actions[:-1], rewards.TOGGLE] for actions in plans if actions is not None)
         return min(opened, key=len, default=[])
 
 
-def _strict(row: Row) -> bool:
+def _is_strict(row: Row) -> bool:
     """Return whether a clause that is due now fails if something else is done first."""
-    return any(clause[encoding.STRICT] != 0 for clause in _active_lines(row))
+    return any(clause[encoding.STRICT] != 0 for clause in _active_clauses(row))
 
 
 def _seeks_doors(row: Row) -> bool:
     """Return whether each clause that is due now is about a door."""
-    kinds = [int(clause[encoding.THING + encoding.KIND]) for clause in _active_lines(row)]
+    kinds = [int(clause[encoding.THING + encoding.KIND]) for clause in _active_clauses(row)]
     return bool(kinds) and all(kind == DOOR for kind in kinds)
 
 
-def _active_lines(row: Row) -> list[Row]:
-    """Return the numbers of the clauses that are due now."""
+def _active_clauses(row: Row) -> list[Row]:
+    """Return the encoded clauses that are due now; [] for a task without an instruction."""
     if row[fields.TASK] != rewards.INSTRUCTED:
         return []
-    lines = block(row)[encoding.CLAUSES :].reshape(-1, encoding.CLAUSE)
-    return [lines[clause] for clause in active(row)]
+    clauses = block(row)[encoding.CLAUSES :].reshape(-1, encoding.CLAUSE)
+    return [clauses[number] for number in active(row)]
 
 
-def _doors_left_alone(known: Row) -> Row:
+def _lock_closed_doors(belief: Row) -> Row:
     """Return a copy of the state in which every closed door is locked."""
-    locked = known.copy()
+    locked = belief.copy()
     state = State(locked)
     for x, y in np.argwhere((state.kinds == DOOR) & (state.states == CLOSED)).tolist():
         state.cells[x, y] = in_state(int(state.cells[x, y]), LOCKED)
@@ -239,24 +238,26 @@ def _doors_left_alone(known: Row) -> Row:
 
 
 def active(row: Row) -> tuple[int, ...]:
-    """Return the numbers of the clauses that are due now."""
+    """Return the numbers of the clauses that are due now: those of the first group that are not fulfilled yet."""
     numbers = block(row)
-    left = int(numbers[encoding.LEFT])
-    right = int(numbers[encoding.RIGHT])
-    groups = [range(left), range(left, left + right)]
+    n_first = int(numbers[encoding.LEFT])
+    n_second = int(numbers[encoding.RIGHT])
+    groups = [range(n_first), range(n_first, n_first + n_second)]
     if numbers[encoding.JOIN] == encoding.AFTER:
         groups.reverse()
-    for part in groups[:1] if numbers[encoding.JOIN] == encoding.ALONE else groups:
+    elif numbers[encoding.JOIN] == encoding.ALONE:
+        groups = groups[:1]
+    for group in groups:
         waiting = tuple(
-            k for k in part if numbers[encoding.CLAUSES + k * encoding.CLAUSE + encoding.STATUS] != encoding.SATISFIED
+            k for k in group if numbers[encoding.CLAUSES + k * encoding.CLAUSE + encoding.STATUS] != encoding.SATISFIED
         )
         if waiting:
             return waiting
     return ()
 
 
-def _after(row: Row, action: int) -> Row:
-    """Return a copy of the state after an action."""
-    after = row.copy()
-    try_action(after, action)
-    return after
+def _state_after(row: Row, action: int) -> Row:
+    """Return a copy of the state in which an action was taken."""
+    row_after = row.copy()
+    try_action(row_after, action)
+    return row_after

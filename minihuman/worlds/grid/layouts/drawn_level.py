@@ -55,7 +55,7 @@ class DrawnLevel(GridWorld):
             raise WorldError(f"diagram is {diagram!r}; it must be a string with a line per row")
         self.diagram = textwrap.dedent(diagram.replace("\r\n", "\n")).strip("\n")
         lines = self.diagram.split("\n")
-        width = max(-(-len(line) // 2) for line in lines)
+        width = max((len(line) + 1) // 2 for line in lines)  # two characters per cell; the last one may be missing
         height = len(lines)
         if not (3 <= width <= MAX_CELLS and 3 <= height <= MAX_CELLS):
             raise WorldError(

@@ -18,7 +18,12 @@ from minihuman.worlds.grid.own.numba_forms import fail, fail_if, is_number, is_w
 
 
 def _checked(name: str, real: str) -> Any:
-    """Return an intrinsic for an operation on two numbers, with an overflow check if both are whole numbers."""
+    """Return an intrinsic for an operation on two numbers, with an overflow check if both are whole numbers.
+
+    Args:
+        name: the method of LLVM's builder for whole numbers, which also returns whether the result overflowed
+        real: the method of LLVM's builder for floats
+    """
 
     @intrinsic
     def operate(typing_context, c, place, a, b):
@@ -48,7 +53,7 @@ mul = _checked("smul_with_overflow", "fmul")
 
 @intrinsic
 def truediv(typing_context, c, place, a, b):
-    """Divide as Python does."""
+    """Return the quotient of two numbers as a float; division by zero is a fault, as in Python."""
     if not (is_number(a) and is_number(b)):
         return None
 
@@ -62,6 +67,7 @@ def truediv(typing_context, c, place, a, b):
 
 @njit
 def _whole_floordiv(c, place, a, b):
+    """Return the quotient of whole numbers, rounded down; by -1 with the overflow check of a negation."""
     if b == 0:
         fail(c, place, ZERO_DIVISION, a, 0)
     if b == -1:
@@ -71,6 +77,7 @@ def _whole_floordiv(c, place, a, b):
 
 @njit
 def _whole_mod(c, place, a, b):
+    """Return the remainder of whole numbers; 0 by -1, which a processor may refuse to divide by."""
     if b == 0:
         fail(c, place, ZERO_DIVISION, a, 0)
     if b == -1:
@@ -80,6 +87,7 @@ def _whole_mod(c, place, a, b):
 
 @njit
 def _float_mod(c, place, a, b):
+    """Return the remainder of floats with the sign of the divisor, as CPython computes it."""
     if b == 0.0:
         fail(c, place, ZERO_DIVISION, 0, 0)
     remainder = math.fmod(a, b)
@@ -92,6 +100,7 @@ def _float_mod(c, place, a, b):
 
 @njit
 def _float_floordiv(c, place, a, b):
+    """Return the quotient of floats, rounded down, as CPython computes it."""
     if b == 0.0:
         fail(c, place, ZERO_DIVISION, 0, 0)
     remainder = math.fmod(a, b)
@@ -108,7 +117,7 @@ def _float_floordiv(c, place, a, b):
 
 @overloaded
 def floordiv(c, place, a, b):
-    """Divide and round down as Python does."""
+    """Return the quotient of two numbers, rounded down as in Python; division by zero is a fault."""
     if is_whole(a) and is_whole(b):
         return lambda c, place, a, b: _whole_floordiv(c, place, np.int64(a), np.int64(b))
     return lambda c, place, a, b: _float_floordiv(c, place, float(a), float(b))
@@ -116,7 +125,7 @@ def floordiv(c, place, a, b):
 
 @overloaded
 def mod(c, place, a, b):
-    """Return the remainder as Python does."""
+    """Return the remainder of a division, with the sign of the divisor as in Python; division by zero is a fault."""
     if is_whole(a) and is_whole(b):
         return lambda c, place, a, b: _whole_mod(c, place, np.int64(a), np.int64(b))
     return lambda c, place, a, b: _float_mod(c, place, float(a), float(b))
@@ -124,7 +133,7 @@ def mod(c, place, a, b):
 
 @overloaded
 def power(c, place, base, exponent):
-    """Raise a whole number to a whole power of 0 or more."""
+    """Return a whole number raised to a whole power; a power below 0 is a fault."""
     if not (is_whole(base) and is_whole(exponent)):
         raise numba.core.errors.TypingError("a power of floats differs between machines; multiply instead")
     return lambda c, place, base, exponent: _whole_power(c, place, np.int64(base), np.int64(exponent))
@@ -132,6 +141,7 @@ def power(c, place, base, exponent):
 
 @njit
 def _whole_power(c, place, base, exponent):
+    """Return a whole number raised to a whole power, by repeated multiplication with an overflow check."""
     if exponent < 0:
         fail(c, place, BAD_RANGE, 0, exponent)
     product = np.int64(1)
@@ -142,7 +152,7 @@ def _whole_power(c, place, base, exponent):
 
 @njit
 def lshift(c, place, a, b):
-    """Shift left as Python does."""
+    """Return a whole number shifted left as in Python; overflow and a negative shift are faults."""
     if b < 0:
         fail(c, place, NEGATIVE_SHIFT, a, b)
     if a == 0:
@@ -154,7 +164,7 @@ def lshift(c, place, a, b):
 
 @njit
 def rshift(c, place, a, b):
-    """Shift right as Python does."""
+    """Return a whole number shifted right as in Python; a negative shift is a fault."""
     if b < 0:
         fail(c, place, NEGATIVE_SHIFT, a, b)
     return np.int64(a) >> min(b, 63)
@@ -162,7 +172,7 @@ def rshift(c, place, a, b):
 
 @overloaded
 def neg(c, place, a):
-    """Negate."""
+    """Return the negative of a number; overflow is a fault."""
     if is_whole(a):
         return lambda c, place, a: sub(c, place, 0, a)
     return lambda c, place, a: -a
@@ -170,7 +180,7 @@ def neg(c, place, a):
 
 @overloaded
 def absolute(c, place, a):
-    """Return the absolute number."""
+    """Return the absolute value of a number; overflow is a fault."""
     if is_whole(a):
         return lambda c, place, a: neg(c, place, a) if a < 0 else np.int64(a)
     return lambda c, place, a: abs(a)
@@ -178,7 +188,7 @@ def absolute(c, place, a):
 
 @overloaded
 def whole(c, place, a):
-    """Return ``int(a)``."""
+    """Return ``int(a)``; a float that does not fit 64 bits is a fault."""
     if is_whole(a):
         return lambda c, place, a: np.int64(a)
 
@@ -225,7 +235,7 @@ def is_in(c, place, a, options):
 
 @njit
 def rounded(c, place, a):
-    """Return ``round(a)``."""
+    """Return ``round(a)``; a float that does not fit 64 bits is a fault."""
     if not (-9.2e18 < a < 9.2e18):
         fail(c, place, NOT_FINITE, 0, 0)
     return np.int64(np.rint(a))

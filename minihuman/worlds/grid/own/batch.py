@@ -54,11 +54,12 @@ def make_batch(
     per_world = options_per_world or [{}] * num_envs
     if num_envs < 1 or len(per_world) != num_envs:
         raise WorldError(f"num_envs is {num_envs!r} and there are {len(per_world)} sets of options; give one per world")
-    worlds = {str(sorted(own.items())): world_class(**{**options, **own}) for own in per_world}
+    keys = [str(sorted(world_options.items())) for world_options in per_world]  # equal options share a world
+    worlds = {key: world_class(**options | world_options) for key, world_options in zip(keys, per_world, strict=True)}
     try:
         for world in worlds.values():
             compile_rules(world)
-        return OwnBatch([worlds[str(sorted(own.items()))] for own in per_world], autoreset_mode=autoreset_mode)
+        return OwnBatch([worlds[key] for key in keys], autoreset_mode=autoreset_mode)
     except TranslationError as refusal:
         LOG.warning("%s is stepped in plain Python: %s", getattr(world_class, "__name__", world_class), refusal)
     makers = [lambda own=own: world_class(**{**options, **own}) for own in per_world]
@@ -106,10 +107,15 @@ class OwnBatch(RowVectorEnv):
         self._make_memory(worlds)
 
     def _check_alike(self, worlds: list[Any]) -> None:
-        """Check that all worlds have the sizes, spaces and translated rules of the first one."""
+        """Check that all worlds have the sizes, spaces and translated rules of the first one.
+
+        Raises:
+            WorldError: if their sizes or spaces differ.
+            TranslationError: if their translated rules differ.
+        """
         for world in worlds[1:]:
-            alike = world.action_space == self._world.action_space and world._row.shape == self._world._row.shape
-            if not alike or world.image_shape != self._world.image_shape:
+            is_alike = world.action_space == self._world.action_space and world._row.shape == self._world._row.shape
+            if not is_alike or world.image_shape != self._world.image_shape:
                 raise WorldError("the worlds of a batch differ in their sizes or spaces; make a batch of each kind")
             if translate_rules(world) is not translate_rules(self._world):
                 raise TranslationError("the worlds of a batch differ in texts or tuples that their rules read")
@@ -171,8 +177,8 @@ class OwnBatch(RowVectorEnv):
         terminated = np.empty(n, np.bool_)
         truncated = np.empty(n, np.bool_)
         next_step = self._autoreset_mode is AutoresetMode.NEXT_STEP
-        ends = terminated, truncated, self._stepped
-        status = act_many(self._rows, numbers, self._rng_states, rewards, *ends, next_step)
+        flags = terminated, truncated, self._stepped
+        status = act_many(self._rows, numbers, self._rng_states, rewards, *flags, next_step)
         if status < 0:
             raise self._refusal(~status, numbers)
         self._run_rules(numbers, rewards, terminated, truncated)
@@ -182,7 +188,7 @@ class OwnBatch(RowVectorEnv):
             ended = np.flatnonzero(~self._stepped)
         elif self._autoreset_mode is AutoresetMode.SAME_STEP and (terminated | truncated).any():
             ended = np.flatnonzero(terminated | truncated)
-            info = self._final(terminated | truncated)
+            info = self._collect_final(terminated | truncated)
         if len(ended):
             self._lay_out(ended)
         return self._observe(), rewards, terminated, truncated, info
@@ -194,7 +200,11 @@ class OwnBatch(RowVectorEnv):
         terminated: NDArray[np.bool_],
         truncated: NDArray[np.bool_],
     ) -> None:
-        """Run the author's `reward_and_done` in every world that was stepped."""
+        """Run the author's `reward_and_done`, if there is one, in every world that was stepped, and change the arrays.
+
+        Raises:
+            Exception: if the rules raise an error.
+        """
         if self._library.steps is None:
             return
         table = self._table
@@ -239,13 +249,13 @@ class OwnBatch(RowVectorEnv):
     def _observed(self, name: str) -> NDArray[Any]:
         """Return the observations of a declared field, one row for each world."""
         field = field_named(type(self._world), name)
-        places = self._own[:, field.offset : field.offset + field.size]
+        numbers = self._own[:, field.offset : field.offset + field.size]
         if isinstance(field, Bool):
-            return places[:, 0].copy()
+            return numbers[:, 0].copy()
         shape = np.shape(field.read(self._own[0]))
-        return np.ascontiguousarray(places).view(field.dtype).reshape(self.num_envs, *shape)
+        return np.ascontiguousarray(numbers).view(field.dtype).reshape(self.num_envs, *shape)
 
-    def _final(self, over: NDArray[np.bool_]) -> dict[str, Any]:
+    def _collect_final(self, over: NDArray[np.bool_]) -> dict[str, Any]:
         """Return the last observations of the worlds whose episodes ended, in Gymnasium's form."""
         observations = np.full(self.num_envs, None, object)
         last = self._observe()

@@ -15,18 +15,19 @@ class Calls(LayoutCalls):
     """The translation of calls of Python's built-in functions, and of generators and lambdas."""
 
     def _constant_call(self, node: ast.Call, callee: Any) -> str:
+        """Return the translation of a call of ``callee``, which may be a built-in function of Python."""
         try:
-            known = callee in _PLAIN or callee in _CHECKED or callee in (any, all, sum, divmod, tuple, list)
-        except TypeError:
-            known = False
-        if not known:
+            is_built_in = callee in _PLAIN or callee in _CHECKED or callee in (any, all, sum, divmod, tuple, list)
+        except TypeError:  # it cannot be hashed
+            is_built_in = False
+        if not is_built_in:
             return super()._constant_call(node, callee)
         if node.keywords:
             self.refuse(node, f"{callee.__name__} with named arguments", "give them in order")
         if callee in (any, all, sum):
             return self._over_generator(node, callee)
         if callee is tuple:
-            return self._tuple(node)
+            return self._translate_tuple_call(node)
         if callee is list:
             self.refuse(node, "a list here", "give the list a name of its own: values = list(rewards)")
         arguments = [self.expression(argument) for argument in node.args]
@@ -50,6 +51,7 @@ class Calls(LayoutCalls):
                 self.refuse(
                     node, f"{callee.__name__} of one argument", "give it the numbers one by one, or a generator"
                 )
+            # the sequence becomes a generator over it
             elements = ast.parse("(_element for _element in ())", mode="eval").body
             assert isinstance(elements, ast.GeneratorExp)
             for part in ast.walk(elements):
@@ -59,7 +61,7 @@ class Calls(LayoutCalls):
         lifted, captured = self.program.lift_generator(self, argument, callee)
         return f"{lifted}({', '.join(['c', *captured])})"
 
-    def _tuple(self, node: ast.Call) -> str:
+    def _translate_tuple_call(self, node: ast.Call) -> str:
         """Return the translation of ``tuple(...)``."""
         argument = node.args[0]
         if isinstance(argument, ast.Name) and argument.id in self.lengths:
@@ -73,9 +75,9 @@ class Calls(LayoutCalls):
     def _unrolled(self, node: ast.Call, generator: ast.GeneratorExp | ast.ListComp) -> str:
         """Return the tuple that a generator over a constant yields, with each element translated separately."""
         clause = generator.generators[0]
-        values = self._known_values(clause.iter)
-        simple = len(generator.generators) == 1 and not clause.ifs and isinstance(clause.target, ast.Name)
-        if values is None or not simple:
+        values = self._constant_values(clause.iter)
+        is_simple = len(generator.generators) == 1 and not clause.ifs and isinstance(clause.target, ast.Name)
+        if values is None or not is_simple:
             self.refuse(node, "a tuple of computed length", "use an IntArray field, or range(...) of a constant")
         assert isinstance(clause.target, ast.Name)
         texts = []
@@ -88,7 +90,7 @@ class Calls(LayoutCalls):
             self.symbols[clause.target.id] = before
         return "(" + "".join(f"{text}, " for text in texts) + ")"
 
-    def _known_values(self, node: ast.AST) -> tuple[Any, ...] | None:
+    def _constant_values(self, node: ast.AST) -> tuple[Any, ...] | None:
         """Return the values of a constant tuple or of a range of constants; None if they are computed."""
         symbol = self.symbol(node)
         if symbol is not None and isinstance(symbol.value, tuple | list | range):

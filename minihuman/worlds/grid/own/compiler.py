@@ -37,13 +37,16 @@ _LIBRARIES: dict[int, Any] = {}  # Numba's libraries of all functions, by id; ea
 
 
 def _collect(user: Any, library: Any) -> None:
-    """Record that one function calls another, instead of copying the other's code as Numba would."""
+    """Record the library of a called function, in place of Numba's method that copies its code into the caller's."""
     library._ensure_finalized()
     _LIBRARIES[id(library)] = library
 
 
 def _make_no_executable(library: Any, description: Any, environment: Any) -> Any:
-    """Make Numba produce no machine code for this process, because other processes call the functions."""
+    """Record a library, in place of Numba's method that makes machine code which this process could call.
+
+    Other processes call the functions. The result stands for the compiled function, and is never called.
+    """
     _collect(None, library)
     return [].append
 
@@ -51,7 +54,7 @@ def _make_no_executable(library: Any, description: Any, environment: Any) -> Any
 def compile_text(text: str) -> bytes:
     """Return the object file of translated source, with the functions ``layouts`` and ``steps``.
 
-    Breaks if Numba renames ``get_executable`` or ``add_linking_library``: nothing is compiled then.
+    This breaks if Numba renames ``get_executable`` or ``add_linking_library``: nothing is compiled then.
     """
     config.OPT = 0  # all functions are optimised together in the end
     cpu_target.target_context.get_executable = _make_no_executable
@@ -75,10 +78,9 @@ def _emit(codes: list[str]) -> bytes:
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
     machine = _describe_machine()
-    module = llvm.parse_assembly(_common_to_internal(codes[0]))
+    module = llvm.parse_assembly(_make_globals_internal(codes[0]))
     for code in codes[1:]:
-        other = llvm.parse_assembly(_common_to_internal(code))
-        module.link_in(other)
+        module.link_in(llvm.parse_assembly(_make_globals_internal(code)))
     for symbol in (*module.functions, *module.global_variables):
         if not symbol.is_declaration and not symbol.name.startswith("minihuman_"):
             symbol.linkage = "internal"
@@ -98,7 +100,7 @@ def _describe_machine() -> Any:
     )
 
 
-def _common_to_internal(code: str) -> str:
+def _make_globals_internal(code: str) -> str:
     """Return LLVM code whose common globals are internal, so that linked codes do not share them."""
     return re.sub(r"= common (local_unnamed_addr )?global", "= internal global", code)
 

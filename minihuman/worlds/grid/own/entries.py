@@ -104,10 +104,10 @@ def make_table(arrays: Mapping[int, NDArray[Any]]) -> NDArray[np.int64]:
     return table
 
 
-def write_entries(
+def format_entries(
     *, layout: str, rule: str | None, bodies: int, is_team: bool, lengths: Mapping[str, int]
 ) -> list[str]:
-    """Return the lines of the functions ``layouts`` and, if there is a rule, ``steps``.
+    """Return the source lines of the functions ``layouts`` and, if there is a rule, ``steps``.
 
     Args:
         layout: the name of the translated layout.
@@ -116,16 +116,17 @@ def write_entries(
         is_team: whether the rules take an action and return a reward for each body.
         lengths: the numbers of elements in a world's declared fields, settings, mission and scratch memory.
     """
-    places = {name: number for name, number in globals().items() if name.isupper() and isinstance(number, int)}
-    context = _CONTEXT.format(**places, **lengths)
-    text = _LAYOUTS.format(**places, **lengths, context=context, layout=layout, bodies=bodies)
+    indices = {name: number for name, number in globals().items() if name.isupper() and isinstance(number, int)}
+    context = _CONTEXT.format(**indices, **lengths)
+    text = _LAYOUTS.format(**indices, **lengths, context=context, layout=layout, bodies=bodies)
     if rule is not None:
-        text += _STEPS.format(**places, context=context, bodies=bodies, call=_write_call(rule, bodies, is_team=is_team))
+        call = _format_call(rule, bodies, is_team=is_team)
+        text += _STEPS.format(**indices, context=context, bodies=bodies, call=call)
     return text.splitlines()
 
 
-def _write_call(rule: str, bodies: int, *, is_team: bool) -> str:
-    """Return the lines that call a rule for one world and store its rewards."""
+def _format_call(rule: str, bodies: int, *, is_team: bool) -> str:
+    """Return the source lines that call a rule for one world and store its rewards."""
     if not is_team:
         return f"rewards[i], ended = {rule}(c, actions[i], rewards[i], terminated[i] != 0)"
     places = [f"i * {bodies} + {body}" for body in range(bodies)]

@@ -53,10 +53,15 @@ class Expressions:
         return number
 
     def refuse(self, node: ast.AST, what: str, instead: str) -> NoReturn:
-        """Raise a TranslationError that refuses a node.
+        """Raise a TranslationError for a node of the author's source.
+
+        Args:
+            node: the node.
+            what: what cannot be translated.
+            instead: what to write instead.
 
         Raises:
-            TranslationError: always.
+            TranslationError: always; the message names the line.
         """
         line = getattr(node, "lineno", 1) + self.source.offset
         raise TranslationError(f"{self.source.path}:{line}: {what} cannot be translated; {instead}")
@@ -72,7 +77,7 @@ class Expressions:
     # --- what names stand for ---
 
     def symbol(self, node: ast.AST) -> Symbol | None:
-        """Return what a name or attribute stands for; None if its value is computed when the rules run."""
+        """Return the meaning of a name, attribute or constant; None if its value is computed when the rules run."""
         if isinstance(node, ast.Constant):
             return Symbol("constant", node.value)
         if isinstance(node, ast.Name):
@@ -92,7 +97,7 @@ class Expressions:
         return None
 
     def _name_symbol(self, node: ast.Name) -> Symbol | None:
-        """Return what a name stands for; None for a variable. A name that nothing defines is refused."""
+        """Return the meaning of a name; None for a variable. A name that nothing defines is refused."""
         if node.id in self.symbols:
             return self.symbols[node.id]
         if node.id in self.variables:
@@ -103,6 +108,7 @@ class Expressions:
             self.refuse(node, f"the name {node.id}", "define it in the module")
 
     def _attribute_symbol(self, node: ast.Attribute) -> Symbol | None:
+        """Return the meaning of an attribute; None if it is computed when the rules run. An unknown one is refused."""
         base = self.symbol(node.value)
         if base is None:
             return None
@@ -117,7 +123,7 @@ class Expressions:
         return None
 
     def _self_attribute(self, node: ast.Attribute) -> Symbol | None:
-        """Return what an attribute of ``self`` stands for; None for one that is read when the rules run."""
+        """Return the meaning of an attribute of ``self``; None for one that is read when the rules run."""
         if node.attr == "state":
             return Symbol("state")
         if node.attr == "np_random":
@@ -126,8 +132,8 @@ class Expressions:
             return Symbol("row")
         if node.attr in _SELF_NUMBERS or node.attr in ("agent_pos", "mission"):
             return None
-        known, operand = self.program.fixed_attribute(node.attr)
-        return Symbol("constant", operand) if known else None
+        is_constant, constant = self.program.fixed_attribute(node.attr)
+        return Symbol("constant", constant) if is_constant else None
 
     # --- expressions ---
 
@@ -207,18 +213,18 @@ class Expressions:
 
     def _field(self, field: OwnField) -> str:
         """Return the translation of reading a declared field."""
-        at = field.offset
+        offset = field.offset
         if isinstance(field, Bool):
-            return f"(rt.own(c)[{at}] != 0)"
+            return f"(rt.own(c)[{offset}] != 0)"
         if isinstance(field, Int):
-            return f"rt.own(c)[{at}]"
+            return f"rt.own(c)[{offset}]"
         if isinstance(field, Float):
-            return f"rt.own_floats(c)[{at}]"
+            return f"rt.own_floats(c)[{offset}]"
         if isinstance(field, IntTuple):
-            return "(" + "".join(f"rt.own(c)[{at + k}], " for k in range(field.size)) + ")"
+            return "(" + "".join(f"rt.own(c)[{offset + k}], " for k in range(field.size)) + ")"
         memory = "rt.own_floats(c)" if field.dtype is np.float64 else "rt.own(c)"
         shape: tuple[int, ...] = field.shape  # type: ignore[attr-defined]  # of an array
-        return f"rt.view_{len(shape)}({memory}, {at}, {', '.join(map(str, shape))})"
+        return f"rt.view_{len(shape)}({memory}, {offset}, {', '.join(map(str, shape))})"
 
     def _translate_unaryop(self, node: ast.UnaryOp) -> str:
         operand = self.expression(node.operand)
@@ -287,11 +293,11 @@ class Expressions:
         if isinstance(node.slice, ast.Tuple):
             i, j = self._pair(node)
             return f"rt.at_2(c, {place}, {values}, {i}, {j})"
-        reads = "row_of" if self.matrix_field(node.value) is not None else "at"
-        return f"rt.{reads}(c, {place}, {values}, {self.expression(node.slice)})"
+        function = "row_of" if self.matrix_field(node.value) is not None else "at"
+        return f"rt.{function}(c, {place}, {values}, {self.expression(node.slice)})"
 
     def matrix_field(self, node: ast.AST) -> Any:
-        """Return the declared array of two dimensions that an expression is, or None."""
+        """Return the declared field of two dimensions that an expression names; None if it names none."""
         if isinstance(node, ast.Attribute):
             base = self.symbol(node.value)
             field = self.program.fields.get(node.attr) if base is not None and base.kind == "self" else None
@@ -322,9 +328,9 @@ class Expressions:
     # --- calls ---
 
     def _translate_call(self, node: ast.Call) -> str:
-        if any(isinstance(argument, ast.Starred) for argument in node.args) or any(
-            k.arg is None for k in node.keywords
-        ):
+        has_star = any(isinstance(argument, ast.Starred) for argument in node.args)
+        has_double_star = any(keyword.arg is None for keyword in node.keywords)
+        if has_star or has_double_star:
             self.refuse(node, "a call with * or **", "write the arguments one by one")
         if isinstance(node.func, ast.Attribute):
             base = self.symbol(node.func.value)
@@ -349,13 +355,13 @@ class Expressions:
             return f"rt.find(c, {place}, {arguments[0]})"
         if base.kind == "rng" and not node.keywords:
             if name == "integers" and len(arguments) in (1, 2):
-                return self.draw(f"rt.draw(c, {place}, {', '.join(['0', *arguments][-2:])})")
+                return self.mark_draw(f"rt.draw(c, {place}, {', '.join(['0', *arguments][-2:])})")
             if name == "random" and not arguments:
-                return self.draw(f"rt.draw_random(c, {place})")
+                return self.mark_draw(f"rt.draw_random(c, {place})")
         self.refuse(node, f"{ast.unparse(node.func)}(...)", "of the generator, integers(low, high) and random() are")
 
-    def draw(self, text: str) -> str:
-        """Record that the rules draw random numbers, and return the given text."""
+    def mark_draw(self, text: str) -> str:
+        """Record that the rules draw random numbers, and return ``text``, the translation that draws one."""
         self.program.draws = True
         return text
 
@@ -375,7 +381,7 @@ class Expressions:
         bodies = self.program.bodies
         match name, len(arguments):
             case "draw", 2:
-                return self.draw(f"rt.draw(c, {place}, {arguments[0]}, {arguments[1]})")
+                return self.mark_draw(f"rt.draw(c, {place}, {arguments[0]}, {arguments[1]})")
             case "code_at", 2:
                 return f"rt.code_at(c, {arguments[0]}, {arguments[1]})"
             case "put", 3:
@@ -392,7 +398,7 @@ class Expressions:
         return self._author_call(node, *self.program.find_method(self, node, name, after=owner))
 
     def _constant_call(self, node: ast.Call, callee: Any) -> str:
-        """Return the translation of a call of a function that is known while the rules are translated."""
+        """Return the translation of a call of ``callee``, a function that the name in the call refers to."""
         if isinstance(callee, ObjectKind) or callee in ITEM_FUNCTIONS:
             return self._item(node, callee)
         if isinstance(callee, FunctionType) and not str(callee.__module__).startswith("minihuman.worlds."):
@@ -401,12 +407,12 @@ class Expressions:
         if id(callee) in CODE_FUNCTIONS and not node.keywords:
             arguments = [self._argument_text(argument) for argument in node.args]
             text = CODE_FUNCTIONS[id(callee)].format(*arguments, place=place)
-            return self.draw(text) if "rt.draw" in text else text
+            return self.mark_draw(text) if "rt.draw" in text else text
         if callee in _MATH:
-            wraps = callee in (math.floor, math.ceil)
+            is_whole = callee in (math.floor, math.ceil)
             text = f"{_MATH[callee]}({self.expression(node.args[0])})"
-            return f"rt.whole(c, {place}, {text})" if wraps else text
-        self.refuse(node, f"a call of {ast.unparse(node.func)}", self._instead(callee))
+            return f"rt.whole(c, {place}, {text})" if is_whole else text
+        self.refuse(node, f"a call of {ast.unparse(node.func)}", self._suggest_instead(callee))
 
     def _argument_text(self, node: ast.expr) -> str:
         """Return an argument's translation, in which the generator is the address of its state."""
@@ -416,7 +422,7 @@ class Expressions:
         return self.expression(node)
 
     @staticmethod
-    def _instead(callee: Any) -> str:
+    def _suggest_instead(callee: Any) -> str:
         """Return the advice for a call that cannot be translated."""
         if getattr(callee, "__module__", "") == "math":
             return "write it with + - * / and sqrt, which are the same on every machine"
@@ -428,19 +434,19 @@ class Expressions:
         Arguments that stand for ``self``, the grid and the like are fixed in the translated function, which therefore
         takes only the others.
         """
-        bound: list[Any] = [] if owner is None else [SELF]
+        self_arguments: list[Any] = [] if owner is None else [SELF]
         parameters = function.__code__.co_varnames[
             : function.__code__.co_argcount + function.__code__.co_kwonlyargcount
         ]
-        given: dict[str, Any] = dict(zip(parameters, [*bound, *node.args], strict=False))
-        given |= {keyword.arg: keyword.value for keyword in node.keywords if keyword.arg}
+        arguments: dict[str, Any] = dict(zip(parameters, [*self_arguments, *node.args], strict=False))
+        arguments |= {keyword.arg: keyword.value for keyword in node.keywords if keyword.arg}
         defaults = self._defaults(function)
         symbols: dict[str, Symbol] = {}
         texts = []
         for name in parameters:
-            if name not in given and name not in defaults:
+            if name not in arguments and name not in defaults:
                 self.refuse(node, f"a call without the argument {name}", "give it")
-            argument = given.get(name, Symbol("constant", defaults.get(name)))
+            argument = arguments.get(name, Symbol("constant", defaults.get(name)))
             symbol = argument if isinstance(argument, Symbol) else self.symbol(argument)
             if symbol is not None and (symbol.kind != "constant" or self.program.constant(symbol.value) is None):
                 symbols[name] = symbol

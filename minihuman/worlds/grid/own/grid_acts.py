@@ -31,7 +31,7 @@ draw_unit = numba_form(rng.unit)
 @njit
 def draw(c, place, low, high):
     """Draw a whole number in [low, high), as NumPy's generator does."""
-    if low >= high or high - low > 4294967295:
+    if low >= high or high - low > 4294967295:  # 2**32 - 1
         fail(c, place, BAD_RANGE, low, high)
     return draw_integer(rng_state(c), low, high)
 
@@ -39,7 +39,7 @@ def draw(c, place, low, high):
 @njit
 def draw_random(c, place):
     """Draw a number in [0, 1), as NumPy's generator does."""
-    return draw_unit(rng_state(c)) * (1.0 / 9007199254740992.0)
+    return draw_unit(rng_state(c)) * (1.0 / 9007199254740992.0)  # 2**53
 
 
 @njit
@@ -74,7 +74,7 @@ def is_inside(c, x, y):
 
 @njit
 def find(c, place, identity):
-    """Return the cell of an object, or None."""
+    """Return the cell (x, y) of an object; None if it lies in no cell."""
     if identity < 1 or identity > np.int64(row(c)[0]) * np.int64(row(c)[1]):
         fail(c, place, INDEX, identity, np.int64(row(c)[0]) * np.int64(row(c)[1]))
     cell = np.int64(row(c)[24 + np.int64(row(c)[0]) * np.int64(row(c)[1]) + identity - 1])
@@ -101,7 +101,7 @@ def is_body_at(c, bodies, x, y):
 
 @njit
 def remove(c, x, y):
-    """Empty a cell and return its code."""
+    """Empty a cell and return the code that it had; outside the grid, do nothing and return the code of empty."""
     if not is_inside(c, x, y):
         return np.int64(1)
     return np.int64(lift_code(row(c), x, y))
@@ -120,7 +120,7 @@ def move(c, bodies, identity, x, y):
 
 @njit
 def make_item(c, place, kind, colour, door_state, has_identity):
-    """Return the code of a new object."""
+    """Return the code of a new object; a fault if the grid has as many objects with identities as it can have."""
     if has_identity == 0:
         return kind | colour << 4
     if np.int64(row(c)[11]) >= np.int64(row(c)[0]) * np.int64(row(c)[1]) or np.int64(row(c)[11]) >= 4194303:
@@ -157,13 +157,13 @@ def put_code_checked(c, place, x, y, code):
 
 @njit
 def wall_rect(c, place, x, y, w, h):
-    """Put the four walls of a room."""
+    """Put the four walls of a room of w x h cells, whose first corner is the cell (x, y)."""
     if not is_inside(c, x, y):
         fail(c, place, OUTSIDE, x, y)
     if not is_inside(c, x + w - 1, y + h - 1):
         fail(c, place, OUTSIDE, x + w - 1, y + h - 1)
     for i in range(w):
-        put_code(row(c), x + i, y, 82)
+        put_code(row(c), x + i, y, 82)  # 82 is the code of a grey wall
         put_code(row(c), x + i, y + h - 1, 82)
     for j in range(h):
         put_code(row(c), x, y + j, 82)
@@ -175,7 +175,7 @@ def clear_cell(c, place, x, y):
     """Make a cell empty."""
     if not is_inside(c, x, y):
         fail(c, place, OUTSIDE, x, y)
-    put_code(row(c), x, y, 1)
+    put_code(row(c), x, y, 1)  # 1 is the code of an empty cell
 
 
 @njit
@@ -190,7 +190,7 @@ def is_taken(c, bodies, x, y):
 
 @njit
 def draw_cell(c, place, bodies, top, size, tries):
-    """Draw a free cell of a rectangle."""
+    """Draw a free cell of a rectangle in which no body stands; a fault if there is none, or after so many tries."""
     for _ in range(tries):
         x, y = draw_place(row(c), rng_state(c), top[0], top[1], size[0], size[1], 1 << 30)
         if x < 0:
@@ -211,7 +211,7 @@ def place_item(c, place, bodies, item_fields, top, size, tries):
 
 @njit
 def stand(c, place, bodies, body, x, y, direction):
-    """Put a body into a cell."""
+    """Put a body into a cell, which is not checked, with a direction."""
     if body < 0 or body >= bodies:
         fail(c, place, INDEX, body, bodies)
     start = body_start(c, bodies, body)

@@ -15,21 +15,24 @@ class LayoutCalls(Expressions):
     """The translation of items and of calls of a layout's methods."""
 
     def _item(self, node: ast.Call, callee: Any) -> str:
-        """Return an item: a constant if all its arguments are, else its numbers with a colour that is looked up."""
+        """Return the translation of a call that makes an item.
+
+        It is a constant if all arguments are constants, or else the item's numbers with a colour that is looked up.
+        """
         symbols = [self.symbol(argument) for argument in node.args]
         named = {keyword.arg: self.symbol(keyword.value) for keyword in node.keywords if keyword.arg}
-        known = [symbol for symbol in [*symbols, *named.values()] if symbol is not None and symbol.kind == "constant"]
-        if len(known) == len(symbols) + len(named):
+        all_symbols = [*symbols, *named.values()]
+        if all(symbol is not None and symbol.kind == "constant" for symbol in all_symbols):
             try:
                 options = {name: symbol.value for name, symbol in named.items() if symbol is not None}
-                item_text = callee(*(symbol.value for symbol in symbols if symbol is not None), **options)
+                thing = callee(*(symbol.value for symbol in symbols if symbol is not None), **options)
             except TypeError as error:
                 self.refuse(node, f"{ast.unparse(node)}: {error}", "correct the call")
-            return self._symbol_text(node, Symbol("constant", item_text))
+            return self._symbol_text(node, Symbol("constant", thing))
         return self._coloured_item(node, callee, named)
 
     def _coloured_item(self, node: ast.Call, callee: Any, named: Mapping[str, Symbol | None]) -> str:
-        """Return an item whose colour or contents are computed when the rules run."""
+        """Return the translation of a call that makes an item whose colour or contents are computed."""
         by_name = {keyword.arg: keyword.value for keyword in node.keywords}
         colour = node.args[0] if node.args else by_name.get("colour")
         contents = node.args[1] if len(node.args) > 1 else by_name.get("contains")
@@ -60,7 +63,7 @@ class LayoutCalls(Expressions):
         return default
 
     def _layout_call(self, node: ast.Call, name: str) -> str:
-        """Return the translation of a call of a layout's method, by the method here that bears its name."""
+        """Return the translation of a call of a layout's method, made by the method here that is named after it."""
         method = getattr(self, f"_grid_{name}", None)
         if method is None:
             self.refuse(node, f"grid.{name}(...)", "docs/grid-worlds.md lists what a layout may call")
@@ -78,8 +81,8 @@ class LayoutCalls(Expressions):
         """Return the translation of a call that puts items along a line; ``dx`` is 1 for a row and 0 for a column."""
         x = self._argument(node, 0, "x", "0")
         y = self._argument(node, 1, "y", "0")
-        rest = f"(rt.width(c) - {x})" if dx else f"(rt.height(c) - {y})"
-        length = self._argument(node, 2, "length", rest)
+        to_edge = f"(rt.width(c) - {x})" if dx else f"(rt.height(c) - {y})"
+        length = self._argument(node, 2, "length", to_edge)
         item_text = self._argument(node, 3, "item", repr((2, 5, 0, 0, -1, -1, -1, -1)))
         if "None" in (length, item_text):
             self.refuse(node, "None as an argument", "leave it out")
@@ -112,12 +115,12 @@ class LayoutCalls(Expressions):
         reject = next((keyword.value for keyword in node.keywords if keyword.arg == "reject"), None)
         symbol = None if reject is None else self.symbol(reject)
         if reject is None or (symbol is not None and symbol.kind == "constant" and symbol.value is None):
-            return self.draw(
+            return self.mark_draw(
                 f"rt.place_item(c, {place}, {self.program.bodies}, {item_text}, {self._rectangle(node)}, {tries})"
             )
         placing, captured = self.program.placement(self, node, reject)
         arguments = ", ".join(["c", str(place), item_text, self._rectangle(node), tries, *captured])
-        return self.draw(f"{placing}({arguments})")
+        return self.mark_draw(f"{placing}({arguments})")
 
     def _grid_put_agent(self, node: ast.Call, place: int) -> str:
         parts = [self._argument(node, nth, name, "0") for nth, name in enumerate(("x", "y", "direction"))]
@@ -127,18 +130,19 @@ class LayoutCalls(Expressions):
     def _grid_place_agent(self, node: ast.Call, place: int) -> str:
         direction = self._argument(node, _NAMED_ONLY, "direction", "-1")
         direction = "-1" if direction == "None" else direction
-        rest = f"{self._rectangle(node)}, {direction}, {self._argument(node, _NAMED_ONLY, 'body', '0')}"
-        return self.draw(f"rt.place_agent(c, {place}, {self.program.bodies}, {rest})")
+        body = self._argument(node, _NAMED_ONLY, "body", "0")
+        arguments = f"{self._rectangle(node)}, {direction}, {body}"
+        return self.mark_draw(f"rt.place_agent(c, {place}, {self.program.bodies}, {arguments})")
 
     def _grid_integer(self, node: ast.Call, place: int) -> str:
         low = self._argument(node, 0, "low", "0")
-        return self.draw(f"rt.draw(c, {place}, {low}, {self._argument(node, 1, 'high', '0')})")
+        return self.mark_draw(f"rt.draw(c, {place}, {low}, {self._argument(node, 1, 'high', '0')})")
 
     def _grid_choice(self, node: ast.Call, place: int) -> str:
         options = node.args[0]
         if isinstance(options, ast.List):
             options = ast.copy_location(ast.Tuple(options.elts, ast.Load()), options)
-        return self.draw(f"rt.choice(c, {place}, {self.expression(options)})")
+        return self.mark_draw(f"rt.choice(c, {place}, {self.expression(options)})")
 
     def _grid_task(self, node: ast.Call, place: int) -> str:
         arguments = [self.expression(argument) for argument in node.args]

@@ -26,6 +26,7 @@ from minihuman.worlds.source_digest import import_closure
 CACHE_VARIABLE = "MINIHUMAN_WORLDS_CACHE"  # names the cache's folder; an empty text switches the cache off
 NO_COMPILER = "Numba, which compiles them, is not installed: pip install 'minihuman-lab[own]'"
 MOST_FILES = 256  # in the cache
+_MAX_MESSAGE_CHARS = 4000  # of a compiler's error
 _SOURCES = ("compiler", "runtime")
 _COMPILER = "minihuman.worlds.grid.own.compiler"
 _WRITABLE_BY_OTHERS = stat.S_IWGRP | stat.S_IWOTH
@@ -59,7 +60,7 @@ class RulesLibrary:
 
 
 def _load_engine(code: bytes) -> Any:
-    """Return an LLVM engine that has loaded an object file."""
+    """Return an LLVM engine that has loaded the contents of an object file; it must live as long as its functions."""
     llvm = _llvm()
     machine = llvm.Target.from_default_triple().create_target_machine()
     engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine)
@@ -114,7 +115,7 @@ def compile_library(text: str, *, has_steps: bool) -> RulesLibrary:
     command = [sys.executable, "-m", _COMPILER]
     completed = subprocess.run(command, input=text.encode(), capture_output=True, env=environment, check=False)
     if completed.returncode:
-        raise TranslationError(completed.stderr.decode(errors="replace").strip()[-4000:])
+        raise TranslationError(completed.stderr.decode(errors="replace").strip()[-_MAX_MESSAGE_CHARS:])
     key = _name_entry(text)
     _write_cached(key, completed.stdout)
     _LIBRARIES[key] = RulesLibrary(completed.stdout, has_steps=has_steps)
@@ -145,8 +146,8 @@ def cache_folder() -> Path | None:
             return Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local") / "minihuman" / "worlds"
         if sys.platform == "darwin":
             return Path.home() / "Library" / "Caches" / "minihuman" / "worlds"
-        named = Path(os.environ.get("XDG_CACHE_HOME", ""))
-        return (named if named.is_absolute() else Path.home() / ".cache") / "minihuman" / "worlds"
+        xdg_cache = Path(os.environ.get("XDG_CACHE_HOME", ""))
+        return (xdg_cache if xdg_cache.is_absolute() else Path.home() / ".cache") / "minihuman" / "worlds"
     except RuntimeError:  # no home
         return None
 
@@ -171,7 +172,7 @@ def _read_cached(key: str) -> bytes | None:
 
 
 def _write_cached(key: str, code: bytes) -> None:
-    """Write an object file into the user's cache, and remove the files that were unused for longest."""
+    """Write an object file into the user's cache, if it is on and private, and remove files unused for longest."""
     folder = cache_folder()
     if folder is None:
         return

@@ -49,9 +49,9 @@ def numba_form(kernel: Any) -> Any:
 
 
 def _without_literals(dispatcher: Any) -> Any:
-    """Compile a function once for all whole numbers, not once for each constant in a call.
+    """Return a dispatcher, changed to compile once for all whole numbers, not once for each constant in a call.
 
-    Breaks, by compiling more, if Numba renames ``Dispatcher.get_call_template``.
+    This breaks, by compiling more, if Numba renames ``Dispatcher.get_call_template``.
     """
     template = dispatcher.get_call_template
 

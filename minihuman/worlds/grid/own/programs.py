@@ -51,13 +51,13 @@ def translate_rules(world: Any) -> Program:
     Raises:
         TranslationError: if they cannot be translated; the message names the line and what to write instead.
     """
-    known = _KEPT.setdefault(type(world), [])
-    for translated in known:
+    translations = _KEPT.setdefault(type(world), [])
+    for translated in translations:
         if translated.fits(world):
             break
     else:
         translated = _try_translation(world)
-        known.append(translated)
+        translations.append(translated)
     if translated.program is None:
         raise TranslationError(translated.refusal)
     return translated.program
@@ -111,17 +111,20 @@ def compile_rules(world: Any) -> None:
         if match is None:
             raise
         line = int(match[1])
-        place = program.place(program.lines[line - 1]) if 0 < line <= len(program.lines) else "the rules"
-        raise TranslationError(f"{place}: {_reason(match[2])}") from refusal
+        if 0 < line <= len(program.lines):
+            location = program.place(program.lines[line - 1])
+        else:
+            location = "the rules"
+        raise TranslationError(f"{location}: {_explain_failure(match[2])}") from refusal
 
 
-def _reason(text: str) -> str:
-    """Return the lines of Numba's message that state the error."""
+def _explain_failure(text: str) -> str:
+    """Return an error text with the first lines of Numba's message that state the error."""
     lines = [re.sub(r"\x1b\[[0-9;]*m", "", line).strip() for line in text.splitlines()]
-    telling = [
+    error_lines = [
         line for line in lines if line and not line.startswith(("Failed in", "During", "File", "<source", "[", "-"))
     ]
-    reason = "; ".join(telling[:2]) or "Numba cannot compile this"
+    reason = "; ".join(error_lines[:2]) or "Numba cannot compile this"
     return f"this cannot be compiled ({reason[:300]}); give each variable values of one kind"
 
 
@@ -136,9 +139,9 @@ def describe_rules(world: Any) -> str:
 
 def load_rules(world: Any) -> "WorldRules | None":
     """Return a world's rules if they were compiled before; None if they run as plain Python."""
-    bound: WorldRules | None = world._compiled_rules
-    if bound is not None and bound.is_of(world):
-        return bound
+    present: WorldRules | None = world._compiled_rules
+    if present is not None and present.refresh_for(world):
+        return present
     if "_has_no_rules" in vars(world) or type(world).__module__.startswith(_OURS):
         return None
     rules = _find_rules(world)
@@ -168,23 +171,27 @@ def raise_fault(program: Program, table: NDArray[np.int64], *, world: int | None
         Exception: what Python would have raised; the message begins with the author's file and line.
     """
     kind, place, first, second = table[FAULT : FAULT + 4].tolist()
-    where = program.place(place)
+    location = program.place(place)
     if world is not None:
-        where = f"{where} (world {world})"
-    raise error_of(kind, first, second, where)
+        location = f"{location} (world {world})"
+    raise error_of(kind, first, second, location)
 
 
 def mission_of(program: Program, parts: NDArray[np.int64], first: str) -> str:
-    """Return the mission that a layout has set, or the first mission if it set none."""
+    """Return the mission that a layout has set, or the mission ``first`` if it set none.
+
+    The parts are the number of the template from 1, or 0, and for each placeholder whether a text fills it, and the
+    number of that text or the number that fills it.
+    """
     number = int(parts[0])
     if number == 0:
         return first
-    values = iter(zip(parts[1::2].tolist(), parts[2::2].tolist(), strict=True))
+    fillings = iter(zip(parts[1::2].tolist(), parts[2::2].tolist(), strict=True))
     sentence = []
     for part in program.templates[number - 1]:
         if part is None:
-            is_text, part_number = next(values)
-            sentence.append(program.texts[part_number] if is_text else str(part_number))
+            is_text, filling = next(fillings)
+            sentence.append(program.texts[filling] if is_text else str(filling))
         else:
             sentence.append(part)
     return "".join(sentence)
@@ -198,7 +205,7 @@ def first_mission_of(world: Any) -> str:
 
 
 def setting_arrays(world: Any, program: Program) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Return the numbers that the rules read of a world's attributes, as whole numbers and as floats."""
+    """Return the numbers that the rules read from a world's attributes: the whole numbers, and the floats."""
     whole = np.array([int(getattr(world, name)) for name in program.settings], np.int64)
     return whole, np.array([getattr(world, name) for name in program.float_settings], np.float64)
 
@@ -232,8 +239,8 @@ class WorldRules:
     def __reduce__(self) -> tuple[Any, tuple[()]]:
         return type(None), ()
 
-    def is_of(self, world: Any) -> bool:
-        """Read a world's settings again, and return whether these are the rules of the world in its present state."""
+    def refresh_for(self, world: Any) -> bool:
+        """Read a world's settings again if these are the rules of the world in its present state; return whether so."""
         if self._row is not world._row or self._own is not own_numbers(world):
             return False
         try:

@@ -48,7 +48,7 @@ class Statements(Calls):
         self._temporaries = 0
 
     def emit(self, text: str, node: ast.AST) -> None:
-        """Write a line."""
+        """Add a line to the translated function, indented, with the place of the node that it translates."""
         self.lines.append((_INDENT * self._depth + text, self.place(node)))
 
     def body(self, statements: Iterable[ast.stmt]) -> None:
@@ -61,7 +61,7 @@ class Statements(Calls):
             method(statement)
 
     def block(self, statements: Iterable[ast.stmt], node: ast.AST) -> None:
-        """Translate an indented block."""
+        """Translate the statements of an indented block, as ``pass`` if nothing results."""
         self._depth += 1
         before = len(self.lines)
         self.body(statements)
@@ -90,7 +90,7 @@ class Statements(Calls):
         self.emit(self.expression(node.value), node)
 
     def _translate_return(self, node: ast.Return) -> None:
-        """Write a return; one of a reward makes floats and a truth value of what the author returns."""
+        """Translate a return; that of `reward_and_done` also converts its results to floats and a truth value."""
         if self.returns == "any":
             self.emit("return" if node.value is None else f"return {self.expression(node.value)}", node)
         elif node.value is None:
@@ -99,7 +99,7 @@ class Statements(Calls):
             self._return_reward(node.value, node)
 
     def _return_reward(self, right_side: ast.expr, node: ast.AST) -> None:
-        """Write the return of a reward and an end; a conditional expression becomes an if with two returns."""
+        """Translate the return of a reward and an end; a conditional expression becomes an if with two returns."""
         if isinstance(right_side, ast.IfExp):
             self.emit(f"if {self.expression(right_side.test)}:", node)
             self._depth += 1
@@ -127,7 +127,7 @@ class Statements(Calls):
 
     def _translate_assign(self, node: ast.Assign) -> None:
         if len(node.targets) > 1:
-            name = self._temporary()
+            name = self._new_temporary()
             self.emit(f"{name} = {self.expression(node.value)}", node)
             for target in node.targets:
                 self._assign_text(target, name, node)
@@ -182,8 +182,8 @@ class Statements(Calls):
     def _has_floats(self, right_side: ast.expr) -> bool:
         """Return whether a list holds floats: a float constant, or a name with "reward" in it."""
         parts = list(ast.walk(right_side))
-        floats = any(isinstance(part, ast.Constant) and isinstance(part.value, float) for part in parts)
-        return floats or any(isinstance(part, ast.Name) and "reward" in part.id for part in parts)
+        has_float_constant = any(isinstance(part, ast.Constant) and isinstance(part.value, float) for part in parts)
+        return has_float_constant or any(isinstance(part, ast.Name) and "reward" in part.id for part in parts)
 
     def _assign_mission(self, target: ast.Attribute, right_side: ast.expr) -> bool:
         """Translate an assignment to ``grid.mission`` and return True; return False for another target."""
@@ -205,7 +205,7 @@ class Statements(Calls):
         return True
 
     def _read_placeholder(self, part: ast.expr, mission: ast.expr) -> str:
-        """Return the translation of what fills a mission's placeholder; refuse one with a format."""
+        """Return the translation of the expression in a mission's placeholder; refuse a placeholder with a format."""
         if not isinstance(part, ast.FormattedValue):
             return self.expression(part)
         if part.format_spec is not None or part.conversion != -1:
@@ -216,24 +216,24 @@ class Statements(Calls):
         """Assign to several targets, after all elements of the right side are computed."""
         count = len(target.elts)
         if isinstance(right_side, ast.Tuple) and len(right_side.elts) == count:
-            names = [self._temporary() for _ in range(count)]
+            names = [self._new_temporary() for _ in range(count)]
             for name, element in zip(names, right_side.elts, strict=True):
                 self.emit(f"{name} = {self.expression(element)}", node)
         else:
             text = self.expression(right_side)
             if count in (2, 3):
                 text = f"rt.unpack_{count}(c, {self.place(node)}, {text})"
-            names = [self._temporary() for _ in range(count)]
+            names = [self._new_temporary() for _ in range(count)]
             self.emit(f"{', '.join(names)} = {text}", node)
         for element, name in zip(target.elts, names, strict=True):
             self._assign_text(element, name, node)
 
-    def _temporary(self) -> str:
+    def _new_temporary(self) -> str:
         self._temporaries += 1
         return f"_t{self._temporaries}"
 
     def _assign_text(self, target: ast.expr, text: str, node: ast.AST) -> None:
-        """Assign a translated expression to a target; a name that stood for something becomes a variable."""
+        """Assign a translated expression to a target; a name with another meaning before becomes a variable."""
         place = self.place(node)
         if isinstance(target, ast.Name):
             self.symbols.pop(target.id, None)
@@ -244,7 +244,7 @@ class Statements(Calls):
         elif isinstance(target, ast.Subscript):
             self._assign_element(target, text, place, node)
         elif isinstance(target, ast.Tuple | ast.List):
-            names = [self._temporary() for _ in target.elts]
+            names = [self._new_temporary() for _ in target.elts]
             elements = f"rt.unpack_{len(names)}(c, {place}, {text})" if len(names) in (2, 3) else text
             self.emit(f"{', '.join(names)} = {elements}", node)
             for element, name in zip(target.elts, names, strict=True):
@@ -262,20 +262,20 @@ class Statements(Calls):
 
     def _assign_field(self, field: OwnField, text: str, node: ast.AST) -> None:
         place = self.place(node)
-        at = field.offset
+        offset = field.offset
         if isinstance(field, Bool):
-            self.emit(f"rt.own(c)[{at}] = 1 if {text} else 0", node)
+            self.emit(f"rt.own(c)[{offset}] = 1 if {text} else 0", node)
         elif isinstance(field, Int):
-            self.emit(f"rt.own(c)[{at}] = rt.declared_whole(c, {place}, {text})", node)
+            self.emit(f"rt.own(c)[{offset}] = rt.declared_whole(c, {place}, {text})", node)
         elif isinstance(field, Float):
-            self.emit(f"rt.own_floats(c)[{at}] = rt.real(c, {place}, {text})", node)
+            self.emit(f"rt.own_floats(c)[{offset}] = rt.real(c, {place}, {text})", node)
         elif isinstance(field, IntTuple):
-            self.emit(f"rt.copy_into(c, {place}, rt.view_1(rt.own(c), {at}, {field.size}), {text})", node)
+            self.emit(f"rt.copy_into(c, {place}, rt.view_1(rt.own(c), {offset}, {field.size}), {text})", node)
         else:
             self.emit(f"rt.copy_into(c, {place}, {self._field(field)}, {text})", node)
 
     def _assign_element(self, target: ast.Subscript, text: str, place: int, node: ast.AST) -> None:
-        """Assign to an element, a row or all of an array."""
+        """Assign a translated expression to an element, a row or all elements of an array."""
         values = self.expression(target.value)
         if isinstance(target.slice, ast.Slice):
             if any((target.slice.lower, target.slice.upper, target.slice.step)):
@@ -290,7 +290,7 @@ class Statements(Calls):
             self.emit(f"rt.set_at(c, {place}, {values}, {self.expression(target.slice)}, {text})", node)
 
     def _translate_augassign(self, node: ast.AugAssign) -> None:
-        """Write an operation on a target; the indices of an element are computed once."""
+        """Translate an operation on a target, such as ``+=``; the indices of an element are computed once."""
         target = node.target
         if isinstance(target, ast.Subscript):
             indices = target.slice.elts if isinstance(target.slice, ast.Tuple) else [target.slice]
@@ -335,7 +335,7 @@ class Statements(Calls):
         self.block(node.body, node)
 
     def loop(self, target: ast.expr, iterated: ast.expr, node: ast.AST) -> None:
-        """Write the head of a loop; `_bind_targets` then assigns its element to the target."""
+        """Add the head of a loop to the translation; `_bind_targets` then assigns its element to the target."""
         self._temporaries += 1
         name = f"_e{self._temporaries}"
         self._elements = (target, name)

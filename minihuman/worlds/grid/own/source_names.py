@@ -44,8 +44,9 @@ CELL_PARTS = {
     "identities": "({} >> 9)",
 }
 
+_MAX_ARRAY_NUMBERS = 4096  # of an array that is written as a constant
 ITEM_FUNCTIONS = (wall, floor, lava, goal, door, key, ball, box)
-# functions of ours that rules may call, by what stands in modules for them; each is written with its arguments
+# by the id of a function of ours that rules may call, its translation, with the arguments' places
 CODE_FUNCTIONS: dict[int, str] = {
     id(cells.kind_of): "({0} & 15)",
     id(cells.colour_of): "(({0} >> 4) & 7)",
@@ -62,7 +63,7 @@ CODE_FUNCTIONS: dict[int, str] = {
 }
 
 
-def write_constant(constant: Any, texts: list[str], numbers_of_kinds: Callable[[Item], int]) -> str | None:
+def format_constant(constant: Any, texts: list[str], numbers_of_kinds: Callable[[Item], int]) -> str | None:
     """Return a constant as translated source, or None if rules cannot use such a constant.
 
     Args:
@@ -71,25 +72,26 @@ def write_constant(constant: Any, texts: list[str], numbers_of_kinds: Callable[[
         numbers_of_kinds: a function that returns the number of an item's kind in the world.
     """
     if constant is None or isinstance(constant, bool | int | float | np.integer | np.floating):
-        return _write_number(constant)
+        return _format_number(constant)
     if isinstance(constant, str):
         if constant not in texts:
             texts.append(constant)
         return f"({texts.index(constant)},)"
     if isinstance(constant, Item):
         return repr(item_numbers(constant, numbers_of_kinds))
-    if isinstance(constant, np.ndarray) and constant.size <= 4096:
-        return write_constant(constant.tolist(), texts, numbers_of_kinds)
+    if isinstance(constant, np.ndarray) and constant.size <= _MAX_ARRAY_NUMBERS:
+        return format_constant(constant.tolist(), texts, numbers_of_kinds)
     if isinstance(constant, tuple | list | frozenset | range):
         ordered = sorted(constant) if isinstance(constant, frozenset) else constant
-        written = [write_constant(element, texts, numbers_of_kinds) for element in ordered]
-        if any(text is None for text in written):
+        elements = [format_constant(element, texts, numbers_of_kinds) for element in ordered]
+        if any(text is None for text in elements):
             return None
-        return "(" + "".join(f"{text}, " for text in written) + ")"
+        return "(" + "".join(f"{text}, " for text in elements) + ")"
     return None
 
 
-def _write_number(constant: Any) -> str | None:
+def _format_number(constant: Any) -> str | None:
+    """Return a number, truth value or None as translated source; None for a number that is too large or not finite."""
     if constant is None or isinstance(constant, bool):
         return repr(constant)
     if isinstance(constant, int | np.integer):
@@ -162,10 +164,10 @@ def read_function(function: FunctionType) -> FunctionSource:
 
 
 def find_global(function: FunctionType, name: str) -> Any:
-    """Return what a name that a function does not bind stands for.
+    """Return the object that a name refers to in a function that does not bind it: of a closure, module or built in.
 
     Raises:
-        KeyError: if it stands for nothing.
+        KeyError: if it refers to nothing.
     """
     free = function.__code__.co_freevars
     if name in free and function.__closure__ is not None:

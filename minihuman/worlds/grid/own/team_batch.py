@@ -84,7 +84,7 @@ class OwnTeamBatch(TeamBatch):
         return self.observations
 
     def _begin(self, worlds: NDArray[np.int64]) -> None:
-        """Begin an episode in some worlds, each with a newly drawn seed."""
+        """Begin an episode in some worlds, given by their numbers, each with a newly drawn seed."""
         for number in worlds.tolist():
             generator = np.random.default_rng(int(self._seeds.integers(2**63)))
             read_rng_state(generator, self._rng_states[number])
@@ -99,8 +99,8 @@ class OwnTeamBatch(TeamBatch):
         self.check_actions(actions)
         numbers = np.ascontiguousarray(actions)
         rewards = np.zeros(actions.shape)
-        ends = self._terminated, self._truncated, self._stepped
-        status = act_teams(self._rows, numbers, self.observations, rewards, *ends, False)
+        flags = self._terminated, self._truncated, self._stepped
+        status = act_teams(self._rows, numbers, self.observations, rewards, *flags, False)
         if status < 0:
             raise self._refusal(~status, numbers)
         if self._library.steps is not None:
@@ -109,7 +109,7 @@ class OwnTeamBatch(TeamBatch):
             if self._library.steps(self._table.ctypes.data):
                 raise_fault(self._program, self._table, world=int(self._table[FAULT + 4]))
         if getattr(type(self.world), "shared_reward", True):
-            rewards[:] = self._sums(rewards)
+            rewards[:] = self._sum_over_bodies(rewards)
         self.ends[:] = self._terminated | self._truncated
         if self.ends.any():
             self._begin(np.flatnonzero(self.ends))
@@ -117,8 +117,11 @@ class OwnTeamBatch(TeamBatch):
         return self.observations, rewards, self.ends
 
     @staticmethod
-    def _sums(rewards: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the total reward of all bodies, added from the first to the last, as `TeamGrid.step` does."""
+    def _sum_over_bodies(rewards: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the total reward of all bodies, float64[worlds, 1], added from the first body to the last.
+
+        `TeamGrid.step` adds them in this order, too.
+        """
         total = np.zeros(len(rewards))
         for body in range(rewards.shape[1]):
             total += rewards[:, body]

@@ -17,7 +17,7 @@ from minihuman.worlds.colours import COLOURS
 from minihuman.worlds.grid.core.state import FIRST_OWN_KIND
 from minihuman.worlds.grid.layout import from_text
 from minihuman.worlds.grid.object_kinds import Item, ObjectKind
-from minihuman.worlds.grid.own.entries import write_entries
+from minihuman.worlds.grid.own.entries import format_entries
 from minihuman.worlds.grid.own.faults import NO_PLACE, UNPACK
 from minihuman.worlds.grid.own.fields import numbers_length
 from minihuman.worlds.grid.own.rule_statements import Statements
@@ -27,10 +27,10 @@ from minihuman.worlds.grid.own.source_names import (
     FunctionSource,
     Symbol,
     TranslationError,
+    format_constant,
     item_numbers,
     number_kind,
     read_function,
-    write_constant,
 )
 
 _OURS = "minihuman."
@@ -105,10 +105,10 @@ class Translation:
         Raises:
             TranslationError: if something cannot be translated.
         """
-        layout = self._method("layout", {"self": SELF, "grid": GRID}, "any")
+        layout = self._translate_method("layout", {"self": SELF, "grid": GRID}, "any")
         rule = None
         if type(self.world)._has_own_reward:
-            rule = self._method("reward_and_done", {"self": SELF}, "rewards" if self.is_team else "reward")
+            rule = self._translate_method("reward_and_done", {"self": SELF}, "rewards" if self.is_team else "reward")
         mission_length = 1 + 2 * max([0, *(template.count(None) for template in self._templates)])
         lengths = {
             "own": numbers_length(type(self.world)),
@@ -121,7 +121,7 @@ class Translation:
         if self.needs_colours:
             numbers = [COLOURS.index(text) if text in COLOURS else -1 for text in self._texts]
             head.append(("COLOURS = (" + "".join(f"{number}, " for number in numbers) + ")", -1))
-        entries = write_entries(layout=layout, rule=rule, bodies=self.bodies, is_team=self.is_team, lengths=lengths)
+        entries = format_entries(layout=layout, rule=rule, bodies=self.bodies, is_team=self.is_team, lengths=lengths)
         lines = [*head, *self._lines, *((line, -1) for line in entries)]
         return Program(
             text="\n".join(text for text, _ in lines) + "\n",
@@ -139,15 +139,18 @@ class Translation:
             mission_length=mission_length,
         )
 
-    def _method(self, name: str, symbols: dict[str, Symbol], returns: str) -> str:
-        """Translate one of the world's methods; ``symbols`` are what its parameters stand for, in order."""
+    def _translate_method(self, name: str, symbols: dict[str, Symbol], returns: str) -> str:
+        """Translate one of the world's methods, and return the name of the translation.
+
+        The symbols are the meanings of its first parameters in order, whatever the author calls these.
+        """
         function, owner = self._look_up(name, None)
         source = read_function(function)
         parameters = [argument.arg for argument in source.node.args.args]
-        renamed = dict(zip(parameters, symbols.values(), strict=False))
-        return self._write(function, owner, source, renamed, returns)
+        parameter_symbols = dict(zip(parameters, symbols.values(), strict=False))
+        return self._translate_function(function, owner, source, parameter_symbols, returns)
 
-    def _write(
+    def _translate_function(
         self,
         function: FunctionType,
         owner: type | None,
@@ -162,23 +165,24 @@ class Translation:
             raise TranslationError(
                 f"{source.path}:{line}: * and / in {source.node.name}'s arguments cannot be translated; name them"
             )
-        runtime = [a.arg for a in [*arguments.args, *arguments.kwonlyargs] if a.arg not in symbols]
+        parameters = [a.arg for a in [*arguments.args, *arguments.kwonlyargs] if a.arg not in symbols]
         bound = {n.id for n in ast.walk(source.node) if isinstance(n, ast.Name) and not isinstance(n.ctx, ast.Load)}
-        statements = Statements(self, function, owner, source, symbols, {*runtime, *bound}, returns)
+        statements = Statements(self, function, owner, source, symbols, {*parameters, *bound}, returns)
         statements.body(source.node.body)
-        name = self._name("f")
-        self._add(name, ["c", *(f"v_{parameter}" for parameter in runtime)], statements.lines)
+        name = self._new_name("f")
+        self._add_function(name, ["c", *(f"v_{parameter}" for parameter in parameters)], statements.lines)
         return name
 
-    def _name(self, letter: str) -> str:
+    def _new_name(self, letter: str) -> str:
         self._count += 1
         return f"{letter}{self._count}"
 
-    def _add(self, name: str, parameters: Sequence[str], lines: Iterable[tuple[str, int]]) -> None:
+    def _add_function(self, name: str, parameters: Sequence[str], lines: Iterable[tuple[str, int]]) -> None:
+        """Add a function to the translated source, of lines with the numbers of their places."""
         self._lines += [("@rt.njit", -1), (f"def {name}({', '.join(parameters)}):", -1)]
         self._lines += list(lines) or [("    pass", -1)]
 
-    # --- what the translation of a function asks for ---
+    # --- what the translation of a function needs ---
 
     def number_place(self, path: str, line: int) -> int:
         """Return the number of a place in the author's source."""
@@ -186,7 +190,7 @@ class Translation:
 
     def constant(self, content: Any) -> str | None:
         """Return a constant as source, or None if rules cannot use it."""
-        return write_constant(content, self._texts, self.kind_number)
+        return format_constant(content, self._texts, self.kind_number)
 
     def kind_number(self, thing: Item) -> int:
         """Return the number of an item's kind."""
@@ -197,7 +201,10 @@ class Translation:
         return FIRST_OWN_KIND + self.world.kinds.index(kind) if kind in self.world.kinds else -1
 
     def fixed_attribute(self, name: str) -> tuple[bool, Any]:
-        """Return whether an attribute of the world is a constant, and the constant."""
+        """Return whether rules treat an attribute of the world as a constant, and if so the constant.
+
+        Such an attribute becomes a part of the source. Numbers that `__init__` sets do not: see `setting`.
+        """
         if name in self.fields:
             return False, None
         if name in vars(self.world):
@@ -213,7 +220,7 @@ class Translation:
         return False, None
 
     def setting(self, name: str) -> str | None:
-        """Return how the rules read a number that `__init__` has set, or None if there is no such number."""
+        """Return the translated source that reads a number set by `__init__`; None if there is no such number."""
         content = vars(self.world).get(name)
         if isinstance(content, bool | int) and -(2**63) <= content < 2**63:
             if name not in self._settings:
@@ -227,7 +234,7 @@ class Translation:
         return None
 
     def property_of(self, name: str) -> tuple[FunctionType, type] | None:
-        """Return the function of a property that the author wrote, and its class."""
+        """Return the function of a property that the author wrote, and its class; None if there is no such property."""
         for owner in type(self.world).__mro__:
             if name in vars(owner):
                 content = vars(owner)[name]
@@ -243,7 +250,13 @@ class Translation:
         return False
 
     def _look_up(self, name: str, after: type | None) -> tuple[FunctionType, type | None]:
-        """Return a method and the class that defines it, searching after a class if one is given."""
+        """Return a method and the class that defines it, searching after a class if one is given.
+
+        The class is None for a static method.
+
+        Raises:
+            KeyError: if no class defines the method.
+        """
         classes = list(type(self.world).__mro__)
         if after is not None:
             classes = classes[classes.index(after) + 1 :]
@@ -259,39 +272,39 @@ class Translation:
         raise KeyError(name)
 
     def find_method(
-        self, asking: Statements, node: ast.AST, name: str, after: type | None = None
+        self, caller: Statements, node: ast.AST, name: str, after: type | None = None
     ) -> tuple[FunctionType, type | None]:
         """Return one of the author's methods and the class that defines it; None as the class of a static method."""
         try:
             return self._look_up(name, after)
         except KeyError:
-            asking.refuse(node, f"a call of the method {name}", "define it with def in the class")
+            caller.refuse(node, f"a call of the method {name}", "define it with def in the class")
 
     def function(
         self,
-        asking: Statements,
+        caller: Statements,
         node: ast.AST,
         function: FunctionType,
         owner: type | None,
         symbols: dict[str, Symbol],
     ) -> str:
-        """Return the name of a translated function of the author's, which is translated on the first call."""
+        """Return the name of the translation of an author's function, which is made once for the same symbols."""
         key = function, tuple(sorted((name, symbol.kind, id(symbol.value)) for name, symbol in symbols.items()))
         if key not in self._functions:
             self._functions[key] = ""
-            self._functions[key] = self._write(function, owner, read_function(function), symbols)
+            self._functions[key] = self._translate_function(function, owner, read_function(function), symbols)
         if not self._functions[key]:
-            asking.refuse(node, f"{function.__name__}, which calls itself,", "write a loop")
+            caller.refuse(node, f"{function.__name__}, which calls itself,", "write a loop")
         return self._functions[key]
 
     def lift_generator(
-        self, asking: Statements, generator: ast.GeneratorExp | ast.ListComp, callee: Callable[..., Any]
+        self, caller: Statements, generator: ast.GeneratorExp | ast.ListComp, callee: Callable[..., Any]
     ) -> tuple[str, list[str]]:
-        """Define a function that computes ``any``, ``all``, ``sum``, ``min`` or ``max`` of a generator.
+        """Translate ``any``, ``all``, ``sum``, ``min`` or ``max`` of a generator into a function.
 
-        Return its name and the names of the variables to call it with.
+        Return the function's name, and the names of the variables to call it with.
         """
-        inner, captured = self._inner(asking, generator)
+        inner, captured = self._enter_scope(caller, generator)
         place = inner.place(generator)
         starts = {any: [], all: [], sum: ["total = 0"], min: ["known = False", "best = 0"]}
         for start in starts.get(callee, starts[min]):
@@ -320,14 +333,14 @@ class Translation:
             inner.emit(f"if not known: rt.fail(c, {place}, {UNPACK}, 0, 1)", generator)
         results = {any: "False", all: "True", sum: "total"}
         inner.emit(f"return {results.get(callee, 'best')}", generator)
-        name = self._name("g")
-        self._add(name, ["c", *captured], inner.lines)
+        name = self._new_name("g")
+        self._add_function(name, ["c", *captured], inner.lines)
         return name, captured
 
-    def _inner(self, asking: Statements, node: ast.AST) -> tuple[Statements, list[str]]:
-        """Return the translation of a nested scope, and the variables that it captures."""
-        inner = Statements(self, asking.function, asking.owner, asking.source, asking.symbols, asking.variables)
-        inner.lengths = dict(asking.lengths)
+    def _enter_scope(self, caller: Statements, node: ast.AST) -> tuple[Statements, list[str]]:
+        """Return a new translation for a nested scope, and the translated names of the variables that it captures."""
+        inner = Statements(self, caller.function, caller.owner, caller.source, caller.symbols, caller.variables)
+        inner.lengths = dict(caller.lengths)
         stored = {n.id for n in ast.walk(node) if isinstance(n, ast.Name) and not isinstance(n.ctx, ast.Load)}
         if isinstance(node, ast.Lambda):
             stored |= {argument.arg for argument in node.args.args}
@@ -335,12 +348,15 @@ class Translation:
             inner.symbols.pop(name, None)
         inner.variables |= stored
         names_read = {n.id for n in ast.walk(node) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Load)}
-        captured = sorted((names_read & asking.variables) - stored - asking.symbols.keys())
+        captured = sorted((names_read & caller.variables) - stored - caller.symbols.keys())
         return inner, [f"v_{name}" for name in captured]
 
-    def placement(self, asking: Statements, node: ast.AST, reject: ast.expr) -> tuple[str, list[str]]:
-        """Return the name of a function that places an item where ``reject`` allows it, and what it captures."""
-        if not isinstance(reject, ast.Lambda):
+    def placement(self, caller: Statements, node: ast.AST, reject: ast.expr) -> tuple[str, list[str]]:
+        """Translate a placement with ``reject`` into a function that places an item where this allows it.
+
+        Return the function's name, and the names of the variables to call it with.
+        """
+        if not isinstance(reject, ast.Lambda):  # make a lambda that calls it
             names = ("column_", "row_")
             call = ast.Call(reject, [ast.Name(name, ast.Load()) for name in names], [])
             arguments = ast.arguments([], [ast.arg(name) for name in names], None, [], [], None, [])
@@ -348,7 +364,7 @@ class Translation:
             for part in ast.walk(reject):
                 if hasattr(part, "lineno"):
                     ast.copy_location(part, node)
-        inner, captured = self._inner(asking, reject)
+        inner, captured = self._enter_scope(caller, reject)
         x, y = (f"v_{argument.arg}" for argument in reject.args.args)
         inner.emit("for _ in range(tries):", node)
         inner.emit(f"    {x}, {y} = rt.draw_once(c, place, top, size)", node)
@@ -357,12 +373,12 @@ class Translation:
         inner.emit(f"        return rt.put(c, place, item, {x}, {y})", node)
         inner.emit(f"rt.fail(c, place, {NO_PLACE}, size[0], size[1])", node)
         inner.emit("return np.int64(0), np.int64(0), np.int64(0)", node)
-        name = self._name("p")
-        self._add(name, ["c", "place", "item", "top", "size", "tries", *captured], inner.lines)
+        name = self._new_name("p")
+        self._add_function(name, ["c", "place", "item", "top", "size", "tries", *captured], inner.lines)
         return name, captured
 
     def diagram(self, text: str, place: int) -> list[str]:
-        """Return the statements that lay out a diagram."""
+        """Return the translated statements that lay out a diagram."""
         writer = _DiagramWriter(self, place)
         from_text(text, writer)  # type: ignore[arg-type]  # it calls these methods alone
         return writer.lines
@@ -374,7 +390,11 @@ class Translation:
         return self._templates.index(template) + 1
 
     def scratch(self, length: int, *, is_float: bool) -> str:
-        """Return an array of scratch memory for a list."""
+        """Reserve scratch memory for a list, and return the translated source of an array on this memory.
+
+        Raises:
+            TranslationError: if the world's lists need too much memory.
+        """
         start = self._scratch
         self._scratch += length
         if self._scratch > SCRATCH_NUMBERS:

@@ -24,7 +24,7 @@ from minihuman.worlds.grid.pictures.tiles import OBJECT_COLOURS, RGB, Canvas, ag
 
 
 class Figure(NamedTuple):
-    """A partly transparent figure, prepared for `lay`.
+    """A partly transparent figure, prepared for `blend`.
 
     Arrays of the same shape are blended ten times as fast as arrays that must be broadcast.
     """
@@ -46,7 +46,7 @@ def draw_body(body: int, direction: int, tile_px: int, palette: Palette) -> Figu
     return prepare_figure(np.dstack([canvas.rgb, 255 * canvas.alpha]).round().astype(np.uint8))
 
 
-def lay(figure: Figure, left: int, top: int, out: Pixels) -> None:
+def blend(figure: Figure, left: int, top: int, out: Pixels) -> None:
     """Blend a figure into a picture: the mean of the figure's and the picture's colours, weighted by the opacity."""
     under = out[top : top + figure.paint.shape[0], left : left + figure.paint.shape[1]]
     mixed = under * figure.through  # with the paint at most 65,152, so that uint16 holds it
@@ -91,19 +91,19 @@ def draw_team(
     forward_x, forward_y = ahead(0, 0, facing)
     for number, (column, line, direction, carrying) in enumerate(bodies):
         if view == "partial":
-            far = (column - x) * forward_x + (line - y) * forward_y
-            aside = (line - y) * forward_x - (column - x) * forward_y
-            column = view_size // 2 + aside
-            line = view_size - 1 - far
-            inside = 0 <= column < view_size and 0 <= line < view_size
-            if number != body and not (inside and own_view[column, line, 0] == AGENT):
+            n_ahead = (column - x) * forward_x + (line - y) * forward_y
+            n_right = (line - y) * forward_x - (column - x) * forward_y
+            column = view_size // 2 + n_right
+            line = view_size - 1 - n_ahead
+            is_in_view = 0 <= column < view_size and 0 <= line < view_size
+            if number != body and not (is_in_view and own_view[column, line, 0] == AGENT):
                 continue
             direction = (direction - facing + 3) % 4
-        lay(draw_body(number, direction, tile_px, palette), column * tile_px, line * tile_px, out)
+        blend(draw_body(number, direction, tile_px, palette), column * tile_px, line * tile_px, out)
         if carrying != EMPTY:
             small = tile_atlas.carried[tile_atlas.number[carrying & LOOKS - 1]]
             inset = tile_px - small.shape[0]
-            lay(prepare_figure(small), column * tile_px + inset, line * tile_px + inset, out)
+            blend(prepare_figure(small), column * tile_px + inset, line * tile_px + inset, out)
     return out
 
 
@@ -121,6 +121,7 @@ _STEEL: RGB = (176, 184, 196)
 _DARK: RGB = (34, 36, 42)
 _SOUP: RGB = (214, 140, 52)
 _RAW: RGB = (92, 128, 170)  # the water of a pot that does not cook yet
+_CLOCK_DOTS = 24  # of a pot's full clock
 THING_COLOURS = tuple(
     "#{:02x}{:02x}{:02x}".format(*colour) for colour in (_FLOOR, _POT, _COUNTER, _ONION, _TOMATO, _PLATE, _HATCH)
 )
@@ -155,14 +156,14 @@ def draw_kitchen_tile(
     terrain: int, thing: int, time: int, cook: tuple[RGB, int, int, bool] | None, size_px: int
 ) -> Pixels:
     """Draw a cell of a kitchen: a station or the floor, and the cook on it. The caller must not write to the array."""
-    out = _station(terrain, thing, time, size_px).copy()
+    out = _draw_station(terrain, thing, time, size_px).copy()
     if cook is not None:
-        lay(_cook(*cook, size_px), 0, 0, out)
+        blend(_draw_cook(*cook, size_px), 0, 0, out)
     return out
 
 
 @lru_cache(maxsize=1024)
-def _station(terrain: int, thing: int, time: int, size_px: int) -> Pixels:
+def _draw_station(terrain: int, thing: int, time: int, size_px: int) -> Pixels:
     """Draw a station, or the floor, with the object on it."""
     canvas = Canvas(size_px)
     if terrain == fields.FLOOR:
@@ -174,27 +175,30 @@ def _station(terrain: int, thing: int, time: int, size_px: int) -> Pixels:
     if terrain == fields.ONIONS or terrain == fields.TOMATOES:
         canvas.fill(canvas.box(0.1, 0.1, 0.9, 0.9, 0.1), shade(_COUNTER, -0.5))
         for u, v in ((0.33, 0.35), (0.67, 0.35), (0.33, 0.67), (0.67, 0.67)):
-            _vegetable(canvas, terrain == fields.ONIONS, u, v, 0.16)
+            _draw_vegetable(canvas, terrain == fields.ONIONS, u, v, 0.16)
     elif terrain == fields.DISHES:
         for v in (0.6, 0.5, 0.4):
-            _plate(canvas, 0.5, v, 0.3)
+            _draw_plate(canvas, 0.5, v, 0.3)
     elif terrain == fields.HATCH:
         canvas.fill(canvas.box(0.06, 0.06, 0.94, 0.94, 0.08), _HATCH)
         canvas.fill(canvas.bar(0.5, 0.7, 0.5, 0.36, 0.07), _PLATE)
         canvas.fill(canvas.polygon((0.5, 0.14), (0.76, 0.46), (0.24, 0.46), rounding=0.03), _PLATE)
     elif terrain == fields.POT:
-        _pot(canvas, thing, time)
+        _draw_pot(canvas, thing, time)
     if terrain != fields.POT:
-        _thing(canvas, thing, 0.5, 0.5, 1.0)
+        _draw_thing(canvas, thing, 0.5, 0.5, 1.0)
     return canvas.rgb.round().astype(np.uint8)
 
 
 @lru_cache(maxsize=512)
-def _cook(colour: RGB, direction: int, carried: int, own: bool, size_px: int) -> Figure:
-    """Draw a cook from above with a hat, a pointed side that shows the direction, and the carried object."""
+def _draw_cook(colour: RGB, direction: int, carried: int, is_observer: bool, size_px: int) -> Figure:
+    """Draw a cook from above with a hat, a pointed side that shows the direction, and the carried object.
+
+    The observing cook has a white ring.
+    """
     canvas = Canvas(size_px)
     forward = ((0, -1), (0, 1), (1, 0), (-1, 0))[direction]
-    if own:
+    if is_observer:
         canvas.fill(canvas.disc(0.5, 0.5, 0.49), _DARK)
         canvas.fill(canvas.disc(0.5, 0.5, 0.47), _PLATE)
     canvas.fill(canvas.disc(0.5, 0.5, 0.42), _DARK)
@@ -209,25 +213,25 @@ def _cook(colour: RGB, direction: int, carried: int, own: bool, size_px: int) ->
     corners = (tip, (base[0] + side[0], base[1] + side[1]), (base[0] - side[0], base[1] - side[1]))
     canvas.fill(canvas.polygon(*corners, rounding=0.02), _DARK)
     if carried:
-        _thing(canvas, carried, 0.5 + 0.12 * forward[0], 0.5 + 0.12 * forward[1], 0.86)
+        _draw_thing(canvas, carried, 0.5 + 0.12 * forward[0], 0.5 + 0.12 * forward[1], 0.86)
     return prepare_figure(np.dstack([canvas.rgb, 255 * canvas.alpha]).round().astype(np.uint8))
 
 
-def _thing(canvas: Canvas, thing: int, u: float, v: float, size: float) -> None:
-    """Draw an object that can be carried, centred at a point."""
+def _draw_thing(canvas: Canvas, thing: int, u: float, v: float, size: float) -> None:
+    """Draw an object that can be carried, centred at a point; nothing for no object."""
     kind = kind_of(thing)
     if kind == fields.ONION or kind == fields.TOMATO:
-        _vegetable(canvas, kind == fields.ONION, u, v, 0.21 * size)
+        _draw_vegetable(canvas, kind == fields.ONION, u, v, 0.21 * size)
     elif kind == fields.DISH:
-        _plate(canvas, u, v, 0.3 * size)
+        _draw_plate(canvas, u, v, 0.3 * size)
     elif kind == fields.SOUP:
-        _plate(canvas, u, v, 0.32 * size)
+        _draw_plate(canvas, u, v, 0.32 * size)
         canvas.fill(canvas.disc(u, v, 0.23 * size), shade(_SOUP, -0.3))
         canvas.fill(canvas.disc(u, v, 0.2 * size), _SOUP)
-        _ingredients(canvas, thing, u, v, 0.5 * size)
+        _draw_ingredients(canvas, thing, u, v, 0.5 * size)
 
 
-def _pot(canvas: Canvas, thing: int, time: int) -> None:
+def _draw_pot(canvas: Canvas, thing: int, time: int) -> None:
     """Draw a pot from above with its contents, and a clock that fills during cooking and turns green at the end."""
     canvas.fill(canvas.box(0.04, 0.04, 0.96, 0.96, 0.08), shade(_POT, -0.5))
     canvas.fill(canvas.bar(0.12, 0.5, 0.88, 0.5, 0.07), _DARK)
@@ -236,41 +240,42 @@ def _pot(canvas: Canvas, thing: int, time: int) -> None:
     if not thing:
         return
     clock = clock_of(thing)
-    ready = clock >= time
+    is_ready = clock >= time
     canvas.fill(canvas.disc(0.5, 0.5, 0.3), _RAW if clock < 0 else _SOUP)
-    _ingredients(canvas, thing, 0.5, 0.5, 0.8)
+    _draw_ingredients(canvas, thing, 0.5, 0.5, 0.8)
     if clock >= 0:
-        for tick in range(24 if ready else 24 * clock // max(time, 1)):
-            angle = math.tau * tick / 24
+        n_dots = _CLOCK_DOTS if is_ready else _CLOCK_DOTS * clock // max(time, 1)
+        for dot in range(n_dots):
+            angle_rad = math.tau * dot / _CLOCK_DOTS
             canvas.fill(
-                canvas.disc(0.5 + 0.4 * math.sin(angle), 0.5 - 0.4 * math.cos(angle), 0.055),
-                (70, 220, 110) if ready else (255, 255, 255),
+                canvas.disc(0.5 + 0.4 * math.sin(angle_rad), 0.5 - 0.4 * math.cos(angle_rad), 0.055),
+                (70, 220, 110) if is_ready else (255, 255, 255),
             )
 
 
-def _ingredients(canvas: Canvas, thing: int, u: float, v: float, size: float) -> None:
+def _draw_ingredients(canvas: Canvas, thing: int, u: float, v: float, size: float) -> None:
     """Draw the onions and tomatoes of a soup around a point."""
-    inside = [True] * onions_in(thing) + [False] * tomatoes_in(thing)
-    for (spot_u, spot_v), is_onion in zip(_SPOTS[max(len(inside), 1) - 1], inside, strict=False):
-        _vegetable(canvas, is_onion, u + (spot_u - 0.5) * size, v + (spot_v - 0.5) * size, 0.13 * size)
+    are_onions = [True] * onions_in(thing) + [False] * tomatoes_in(thing)
+    for (spot_u, spot_v), is_onion in zip(_SPOTS[max(len(are_onions), 1) - 1], are_onions, strict=False):
+        _draw_vegetable(canvas, is_onion, u + (spot_u - 0.5) * size, v + (spot_v - 0.5) * size, 0.13 * size)
 
 
-def _vegetable(canvas: Canvas, is_onion: bool, u: float, v: float, radius: float) -> None:
+def _draw_vegetable(canvas: Canvas, is_onion: bool, u: float, v: float, radius: float) -> None:
     """Draw an onion or a tomato."""
     colour = _ONION if is_onion else _TOMATO
     canvas.fill(canvas.disc(u, v, radius * 1.12), shade(colour, -0.55))
     canvas.fill(canvas.disc(u, v, radius), colour)
     if is_onion:
         for du, top, bottom, width in ((0.0, -1.2, -0.5, 0.16), (-0.3, -0.5, 0.5, 0.07), (0.3, -0.5, 0.5, 0.07)):
-            at = u + radius * du
-            canvas.fill(canvas.bar(at, v + radius * top, at, v + radius * bottom, radius * width), _SKIN)
+            stroke_u = u + radius * du
+            canvas.fill(canvas.bar(stroke_u, v + radius * top, stroke_u, v + radius * bottom, radius * width), _SKIN)
     else:
         for du, dv in ((0.5, 0), (-0.5, 0), (0, 0.4)):
             tip = u + radius * du, v + radius * (dv - 0.6)
             canvas.fill(canvas.bar(u, v - radius * 0.6, *tip, radius * 0.16), _LEAF)
 
 
-def _plate(canvas: Canvas, u: float, v: float, radius: float) -> None:
+def _draw_plate(canvas: Canvas, u: float, v: float, radius: float) -> None:
     """Draw a plate."""
     canvas.fill(canvas.disc(u, v, radius * 1.08), shade(_PLATE, -0.5))
     canvas.fill(canvas.disc(u, v, radius), _PLATE)

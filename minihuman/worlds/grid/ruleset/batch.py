@@ -98,7 +98,7 @@ class RulesetBatch(RowVectorEnv):
         super().__init__(world, num_envs=num_envs, autoreset_mode=autoreset_mode)
         self._mode = MODES.index(self._autoreset_mode)
         self._rows: Row = np.tile(world.row, (num_envs, 1))
-        self._over = np.zeros(num_envs, np.int64)  # first the worlds that the last step left to be laid out anew
+        self._over = np.zeros(num_envs, np.int64)  # begins with the numbers of worlds to lay out after the last step
         self._image_shape = (num_envs, world.view_size, world.view_size, 2)
         self._after_layout()
 
@@ -139,7 +139,7 @@ class RulesetBatch(RowVectorEnv):
         if count > 0:
             over = self._over[:count].copy()
             if MODES[self._mode] is AutoresetMode.SAME_STEP:
-                info = self._final(terminated | truncated, self._build_observation(*seen))
+                info = self._collect_final(terminated | truncated, self._build_observation(*seen))
             self._lay_out(over)
             observe_rulesets(self._rows, over, *seen)
         return self._build_observation(*seen), rewards, terminated, truncated, info
@@ -152,10 +152,14 @@ class RulesetBatch(RowVectorEnv):
         )
 
     def _lay_out(self, worlds: NDArray[np.int64]) -> None:
-        """Draw the tasks and layouts of new episodes in the given worlds."""
+        """Draw the tasks and layouts of new episodes in the given worlds.
+
+        Raises:
+            WorldError: if a world has not enough floor for its task's things.
+        """
         tasks, first, last = self._world.source
-        drawn_from = tasks.records, tasks.starts, first, last, self._world.rooms
-        failed = lay_out_tasks(self._rows, worlds, self._rng_states, *drawn_from)
+        source = tasks.records, tasks.starts, first, last, self._world.rooms
+        failed = lay_out_tasks(self._rows, worlds, self._rng_states, *source)
         if failed >= 0:
             assert self._rows[failed, FAILED]
             raise WorldError(
@@ -186,7 +190,7 @@ class RulesetBatch(RowVectorEnv):
             observation |= {"goal_encoding": goals.copy(), "rule_encoding": rules.copy()}
         return observation
 
-    def _final(self, over: NDArray[np.bool_], last: Observation) -> dict[str, Any]:
+    def _collect_final(self, over: NDArray[np.bool_], last: Observation) -> dict[str, Any]:
         """Return the last observations of the worlds whose episodes ended, in Gymnasium's form."""
         observations = np.full(self.num_envs, None, object)
         for i in np.flatnonzero(over).tolist():

@@ -71,7 +71,7 @@ class TaskSource(NamedTuple):
 
 
 def find_tasks(task_set: str, task: Any, difficulty: Difficulty) -> TaskSource:
-    """Return the tasks that options name.
+    """Return the tasks that a world's options name: one task, or those of a set with some difficulties.
 
     Raises:
         WorldError: if there are no such tasks.
@@ -87,8 +87,8 @@ def find_tasks(task_set: str, task: Any, difficulty: Difficulty) -> TaskSource:
     if isinstance(difficulty, Sequence):
         pair = check_pair("difficulty", difficulty, 0, UNREACHABLE)
     else:
-        least = check_whole("difficulty", difficulty, 0, UNREACHABLE)
-        pair = least, least
+        level = check_whole("difficulty", difficulty, 0, UNREACHABLE)
+        pair = level, level
     return TaskSource(tasks, *tasks.numbers_of(pair))
 
 
@@ -248,7 +248,7 @@ class RulesetWorld(ShowsItself, gymnasium.Env[dict[str, Any], int], NativeWorld)
         return self.observation(), {}
 
     def _read_task(self) -> None:
-        """Write the mission and the numbers of the task of the row for observations."""
+        """Set the mission and the encodings that observations have from the task in the row."""
         self.mission = describe_task(self.task)
         if self.observes_task:
             goals, rules = encode_tasks(self._row[None], self.most_rules)
@@ -314,7 +314,10 @@ class RulesetWorld(ShowsItself, gymnasium.Env[dict[str, Any], int], NativeWorld)
             raise WorldError(f"{self} has not been reset; call reset() first")
 
     def render(self) -> NDArray[np.uint8] | str | None:
-        """Return the world as a picture from above or as text, according to the render mode; None without one."""
+        """Return the world as a picture from above ("rgb_array") or as text ("ansi"), according to the render mode.
+
+        The mode "human" shows the picture in a window and returns None, as does no mode.
+        """
         if self.render_mode is None:
             return None
         if self.render_mode == "ansi":
@@ -347,6 +350,7 @@ class RulesetWorld(ShowsItself, gymnasium.Env[dict[str, Any], int], NativeWorld)
         return "\n".join([*lines, f"carrying: {name_tile(carried) if carried else 'nothing'}", self.mission])
 
     def _letters(self, y: int, x: int, tile: int) -> str:
+        """Return the two characters of a cell in `text`."""
         if (y, x) == (self._row[fields.Y], self._row[fields.X]):
             return "^>v<"[int(self._row[fields.DIRECTION])] * 2
         if tile == BLACK_FLOOR:
@@ -383,8 +387,8 @@ class RulesetWorld(ShowsItself, gymnasium.Env[dict[str, Any], int], NativeWorld)
         self._check_laid_out()
         return find_plan(self._row, self.task, self.tiles.size)
 
-    def _now(self) -> RngState:
-        """Return a copy of the state of the random stream."""
+    def _read_rng_state(self) -> RngState:
+        """Return a copy of the state of this world's random stream."""
         read_rng_state(self.np_random, self._rng_state)
         return self._rng_state.copy()
 
@@ -400,7 +404,7 @@ class RulesetWorld(ShowsItself, gymnasium.Env[dict[str, Any], int], NativeWorld)
 
     def save(self) -> RulesetSnapshot:
         """Return an exact copy of the state in mid-episode."""
-        return RulesetSnapshot(self._row.copy(), self._now())
+        return RulesetSnapshot(self._row.copy(), self._read_rng_state())
 
     def restore(self, saved: RulesetSnapshot) -> None:
         """Restore a saved state. It may be restored again, here or in another world with the same options.
@@ -426,7 +430,8 @@ _COLOUR_LETTERS = " rgbpyekowni"  # by colour: e grey, k black, n brown, i pink
 
 
 def _hash_state(saved: RulesetSnapshot) -> int:
+    """Return a uint64 hash of the state, in which the task counts by its content, not by its number in a set."""
     row = saved.row.copy()
-    row[fields.TASK] = 0  # the task's number in its set does not affect the state
+    row[fields.TASK] = 0
     rng_state = saved.rng_state[: 6 if saved.rng_state[4] else 4]  # the last two: a buffered half draw, if there is one
     return hash64(["ruleset", row, rng_state])

@@ -91,85 +91,85 @@ PRESETS = {
 
 def generate_tasks(settings: GeneratorSettings, count: int, seed: int = 42) -> Iterator[RuleTask]:
     """Yield ``count`` tasks with different rules, as the source does with the same settings and seed."""
-    draws = random.Random(seed)
-    known = set()
+    rng = random.Random(seed)
+    drawn = set()
     for _ in range(count):
-        task, is_bare = _draw_task(settings, draws)
-        while (task.goal, task.rules, is_bare) in known:
-            task, is_bare = _draw_task(settings, draws)
-        known.add((task.goal, task.rules, is_bare))
+        task, is_bare = _draw_task(settings, rng)
+        while (task.goal, task.rules, is_bare) in drawn:
+            task, is_bare = _draw_task(settings, rng)
+        drawn.add((task.goal, task.rules, is_bare))
         yield task
 
 
-def _left(tiles: list[Tile], used: list[Tile]) -> list[Tile]:
-    """Return the tiles that are not used yet, in the order of a set of Python's, as the source has them."""
+def _list_unused(tiles: list[Tile], used: list[Tile]) -> list[Tile]:
+    """Return the tiles that are not used yet, in the order of a Python set, which is the source's order."""
     return list(set(tiles) - set(used))
 
 
-def _code(tile: Tile) -> int:
+def _tile_code(tile: Tile) -> int:
     kind, colour = tile
     return kind | colour << 4
 
 
-def _draw_goal(draws: random.Random) -> tuple[RuleGoal, tuple[Tile, ...]]:
-    """Draw a goal; return it with the tiles that it needs."""
-    number = draws.randint(0, len(_GOALS) - 1)
+def _draw_goal(rng: random.Random) -> tuple[RuleGoal, tuple[Tile, ...]]:
+    """Draw a goal, and return it with the tiles that it needs."""
+    number = rng.randint(0, len(_GOALS) - 1)
     tiles: tuple[Tile, ...]
     if number == 0:
-        tiles = (draws.choice(_CARRIED_TILES),)
+        tiles = (rng.choice(_CARRIED_TILES),)
     elif number < _FIRST_PAIR:
-        tiles = (draws.choice(_NEAR),)
+        tiles = (rng.choice(_NEAR),)
     else:
-        first = draws.choice(_NEAR)
-        tiles = first, draws.choice(_CARRIED_TILES)
-    return RuleGoal(_GOALS[number], *map(_code, tiles)), tiles
+        first = rng.choice(_NEAR)
+        tiles = first, rng.choice(_CARRIED_TILES)
+    return RuleGoal(_GOALS[number], *map(_tile_code, tiles)), tiles
 
 
-def _draw_rule(product_tile: Tile, used: list[Tile], draws: random.Random) -> tuple[TileRule, tuple[Tile, ...]]:
-    """Draw a rule that makes a tile of tiles that are not used yet; return it with these tiles."""
-    number = draws.randint(0, len(_RULES) - 1)
+def _draw_rule(product_tile: Tile, used: list[Tile], rng: random.Random) -> tuple[TileRule, tuple[Tile, ...]]:
+    """Draw a rule that makes ``product_tile`` from tiles that are not used yet, and return it with these tiles."""
+    number = rng.randint(0, len(_RULES) - 1)
     if number < _FIRST_PAIR:
-        tile = draws.choice(_left(_CARRIED_TILES, used))
-        return TileRule(_RULES[number], _code(tile), 0, _code(product_tile)), (tile,)
-    first = draws.choice(_left(_NEAR, used))
-    second = draws.choice(_left(_CARRIED_TILES, used))
-    return TileRule(_RULES[number], _code(first), _code(second), _code(product_tile)), (first, second)
+        tile = rng.choice(_list_unused(_CARRIED_TILES, used))
+        return TileRule(_RULES[number], _tile_code(tile), 0, _tile_code(product_tile)), (tile,)
+    first = rng.choice(_list_unused(_NEAR, used))
+    second = rng.choice(_list_unused(_CARRIED_TILES, used))
+    return TileRule(_RULES[number], _tile_code(first), _tile_code(second), _tile_code(product_tile)), (first, second)
 
 
-def _draw_task(settings: GeneratorSettings, draws: random.Random) -> tuple[RuleTask, bool]:
+def _draw_task(settings: GeneratorSettings, rng: random.Random) -> tuple[RuleTask, bool]:
     """Draw a task: the goal, level by level the rules that make what it needs, and distractors.
 
     Return the task, and whether its chain has no level; the source counts such tasks as different from others.
     """
-    goal, chain = _draw_goal(draws)
+    goal, chain = _draw_goal(rng)
     used = list(chain)
     chain_tiles = list(chain)
     rules: list[TileRule] = []
     things: list[Tile] = []
-    levels = draws.randint(0, settings.chain_depth) if settings.sample_depth else settings.chain_depth
+    levels = rng.randint(0, settings.chain_depth) if settings.sample_depth else settings.chain_depth
     if levels == 0:
         things.extend(chain)
     for level in range(levels):
         inputs: list[Tile] = []
         while chain_tiles:
             tile = chain_tiles.pop()
-            if settings.prune_chain and draws.random() < settings.prune_prob:
+            if settings.prune_chain and rng.random() < settings.prune_prob:
                 things.append(tile)
                 continue
-            rule, tiles = _draw_rule(tile, used, draws)
+            rule, tiles = _draw_rule(tile, used, rng)
             used.extend(tiles)
             inputs.extend(tiles)
             rules.append(rule)
             if level == levels - 1:
                 things.extend(tiles)
         chain_tiles = inputs
-    things.extend(draws.choices(_left(_NEAR, used), k=settings.num_distractor_objects))
+    things.extend(rng.choices(_list_unused(_NEAR, used), k=settings.num_distractor_objects))
     n_distractors = settings.num_distractor_rules
     if settings.sample_distractor_rules:
-        n_distractors = draws.randint(0, n_distractors)
+        n_distractors = rng.randint(0, n_distractors)
     for _ in range(n_distractors):
-        made = draws.choice(_left(_PRODUCTS, used))
-        rule, tiles = _draw_rule(made, [], draws)
+        product_tile = rng.choice(_list_unused(_PRODUCTS, used))
+        rule, tiles = _draw_rule(product_tile, [], rng)
         rules.append(rule)
         things.extend(tiles)
-    return RuleTask(goal, tuple(rules), tuple(map(_code, things))), levels == 0
+    return RuleTask(goal, tuple(rules), tuple(map(_tile_code, things))), levels == 0

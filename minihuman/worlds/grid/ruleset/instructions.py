@@ -17,7 +17,7 @@ from minihuman.worlds.grid.ruleset.tasks import MOST_RULES, RuleGoal, RuleTask, 
 _NAMES = {"goal": "mat", "hex": "hexagon"}  # the names of kinds in instructions, where they differ from those in code
 _FROM = ("directly above", "directly to the right of", "directly below", "directly to the left of")  # by direction
 _OPPOSITE = (*_FROM[2:], *_FROM[:2])
-_LONGEST = 12_000  # characters of an instruction
+_MAX_CHARS = 12_000  # characters of an instruction
 
 
 def name_tile(tile: int) -> str:
@@ -26,40 +26,40 @@ def name_tile(tile: int) -> str:
     return f"{TILE_COLOURS[tile >> 4]} {_NAMES.get(kind, kind)}"
 
 
-def _a(tile: int) -> str:
+def _with_article(tile: int) -> str:
     name = name_tile(tile)
     return f"an {name}" if name[0] in "aeiou" else f"a {name}"
 
 
 def describe_goal(goal: RuleGoal) -> str:
-    """Return the goal as a sentence."""
+    """Return a goal as a sentence."""
     first, second = goal.first, goal.second
     match goal.kind:
         case numbers.NO_GOAL:
             return "There is nothing to reach."
         case numbers.GOAL_HOLD:
-            return f"Pick up {_a(first)}."
+            return f"Pick up {_with_article(first)}."
         case numbers.GOAL_ON_TILE:
-            return f"Walk onto {_a(first)}."
+            return f"Walk onto {_with_article(first)}."
         case numbers.GOAL_AGENT_NEAR:
-            return f"Walk up to {_a(first)}, so that you stand next to it."
+            return f"Walk up to {_with_article(first)}, so that you stand next to it."
         case numbers.GOAL_TILE_NEAR:
             return f"{_put_together(first, second)}."
         case numbers.GOAL_TILE_AT:
-            return f"Bring {_a(first)} to row {second + 1}, column {goal.third + 1}."
+            return f"Bring {_with_article(first)} to row {second + 1}, column {goal.third + 1}."
         case numbers.GOAL_AGENT_AT:
             return f"Go to row {first + 1}, column {second + 1}."
         case kind if kind >= numbers.GOAL_AGENT_NEAR_UP:
-            return f"Stand {_OPPOSITE[kind - numbers.GOAL_AGENT_NEAR_UP]} {_a(first)}."
+            return f"Stand {_OPPOSITE[kind - numbers.GOAL_AGENT_NEAR_UP]} {_with_article(first)}."
         case kind:
-            return f"Put {_a(second)} {_FROM[kind - numbers.GOAL_TILE_NEAR_UP]} {_a(first)}."
+            return f"Put {_with_article(second)} {_FROM[kind - numbers.GOAL_TILE_NEAR_UP]} {_with_article(first)}."
 
 
 def _put_together(first: int, second: int) -> str:
-    """Return what to do to bring two tiles together; what cannot be carried is named last."""
+    """Return an instruction to bring two tiles together; a mat, which cannot be carried, is named last."""
     if first & 15 == numbers.GOAL_TILE:
-        return f"Put {_a(second)} next to {_a(first)}"
-    return f"Put {_a(first)} next to {_a(second)}"
+        return f"Put {_with_article(second)} next to {_with_article(first)}"
+    return f"Put {_with_article(first)} next to {_with_article(second)}"
 
 
 def describe_rule(rule: TileRule) -> str:
@@ -70,19 +70,20 @@ def describe_rule(rule: TileRule) -> str:
         case numbers.NO_RULE:
             return "Nothing happens."
         case numbers.HOLD:
-            made = "a useless black tile" if disappears else _a(rule.product)
-            return f"If you pick up {_a(first)}, it turns into {made} in your hand."
+            outcome = "a useless black tile" if disappears else _with_article(rule.product)
+            return f"If you pick up {_with_article(first)}, it turns into {outcome} in your hand."
         case numbers.AGENT_NEAR:
-            made = "disappears" if disappears else f"turns into {_a(rule.product)}"
-            return f"If you step next to {_a(first)}, it {made}."
+            outcome = "disappears" if disappears else f"turns into {_with_article(rule.product)}"
+            return f"If you step next to {_with_article(first)}, it {outcome}."
         case kind if kind >= numbers.AGENT_NEAR_UP:
-            made = "disappears" if disappears else f"turns into {_a(rule.product)}"
-            return f"If you step {_OPPOSITE[kind - numbers.AGENT_NEAR_UP]} {_a(first)}, it {made}."
-    made = "both disappear" if disappears else f"the two turn into {_a(rule.product)}"
+            outcome = "disappears" if disappears else f"turns into {_with_article(rule.product)}"
+            return f"If you step {_OPPOSITE[kind - numbers.AGENT_NEAR_UP]} {_with_article(first)}, it {outcome}."
+    outcome = "both disappear" if disappears else f"the two turn into {_with_article(rule.product)}"
     if rule.kind == numbers.TILE_NEAR:
         together = _put_together(first, second)
-        return f"If you {together[:1].lower()}{together[1:]}, {made}."
-    return f"If you put {_a(second)} {_FROM[rule.kind - numbers.TILE_NEAR_UP]} {_a(first)}, {made}."
+        return f"If you {together[:1].lower()}{together[1:]}, {outcome}."
+    direction = _FROM[rule.kind - numbers.TILE_NEAR_UP]
+    return f"If you put {_with_article(second)} {direction} {_with_article(first)}, {outcome}."
 
 
 def describe_task(task: RuleTask) -> str:
@@ -96,16 +97,16 @@ def describe_task(task: RuleTask) -> str:
     return f"Goal: {describe_goal(task.goal)} Rules: {listed}"
 
 
-def _vocabulary() -> Iterable[str]:
+def _list_vocabulary_texts() -> Iterable[str]:
     """Yield texts that have every word of every instruction."""
     tiles = [kind | colour << 4 for kind in range(1, len(TILE_KINDS)) for colour in range(1, len(TILE_COLOURS))]
     for tile in tiles:
-        yield f"{_a(tile)} {name_tile(tile)}."
+        yield f"{_with_article(tile)} {name_tile(tile)}."
     key = numbers.KEY | 1 << 4
     mat = numbers.GOAL_TILE | 2 << 4
-    for kind in range(15):
+    for kind in range(numbers.GOAL_AGENT_NEAR_LEFT + 1):
         yield describe_goal(RuleGoal(kind, key, key, 0))
-    for kind in range(12):
+    for kind in range(numbers.AGENT_NEAR_LEFT + 1):
         for first in (key, mat):
             rules = TileRule(kind, first, key, key), TileRule(kind, first, key, numbers.BLACK_FLOOR)
             yield describe_task(RuleTask(RuleGoal(numbers.GOAL_TILE_NEAR, first, key), rules, ()))
@@ -113,7 +114,7 @@ def _vocabulary() -> Iterable[str]:
     yield " ".join([*(f"({number})" for number in range(MOST_RULES + 1)), *(f"{n}, {n}." for n in range(257))])
 
 
-_WORDS = sorted({word for text in _vocabulary() for word in words_in(text)})
+_WORDS = sorted({word for text in _list_vocabulary_texts() for word in words_in(text)})
 
 
 class TaskTexts(Sentences):
@@ -125,12 +126,12 @@ class TaskTexts(Sentences):
     """
 
     def __init__(self, example: str, *, seed: int | np.random.Generator | None = None) -> None:
-        super().__init__(_WORDS, max_length=_LONGEST, most_words=_LONGEST // 4, seed=seed)
+        super().__init__(_WORDS, max_length=_MAX_CHARS, most_words=_MAX_CHARS // 4, seed=seed)
         self.example = example
 
     def contains(self, x: Any) -> bool:
         """Return whether a text is made of the words of instructions."""
-        return isinstance(x, str) and len(x) <= _LONGEST and set(words_in(x)) <= set(self.words)
+        return isinstance(x, str) and len(x) <= _MAX_CHARS and set(words_in(x)) <= set(self.words)
 
     def sample(self, mask: Any = None, probability: Any = None) -> str:
         """Return an instruction. Masks and probabilities are not supported."""

@@ -36,10 +36,11 @@ MOST_SCENES = 4_000  # the search is given up after so many expanded states
 STEPS_PER_RULE = 30  # steps per rule in the estimate: more than a rule mostly takes, so that the search is greedy
 MOST_DROPS = 8  # a narrow search puts a thing down without effect only in so many places, the nearest
 _IMPOSSIBLE = float("inf")
+_MOVE_BASE = 8  # by which the kernel codes a pose and an action as one number
 
 
 class _Change(NamedTuple):
-    """How a state was reached: the state before, and the pose and action that led on, ``pose * 8 + action``."""
+    """The way to a state: the state before it, and the pose and action that led on, ``pose * _MOVE_BASE + action``."""
 
     before: bytes
     move: int
@@ -59,7 +60,7 @@ class _Expansion(NamedTuple):
 
     @classmethod
     def for_row(cls, row: Row, n_cells: int) -> "_Expansion":
-        """Return the space for a row of so many cells."""
+        """Return arrays for the changes of a state in a grid of ``n_cells`` cells."""
         poses = 4 * n_cells
         after = np.zeros((4 * poses, len(row)), np.int32)
         costs = np.zeros(4 * poses, np.int64)
@@ -85,7 +86,7 @@ def find_plan(row: Row, task: RuleTask, n_cells: int) -> Sequence[int]:
 
 
 def _find_needed(task: RuleTask) -> set[int]:
-    """Return the tiles that the goal needs, or a rule that makes what is needed."""
+    """Return the tiles that the goal needs, and those that rules need to make needed tiles."""
     needed = set(task.goal.tiles)
     for _ in task.rules:
         needed |= {tile for rule in task.rules if rule.product in needed for tile in rule.inputs}
@@ -106,7 +107,7 @@ class _Search:
         self._needed = _find_needed(task)
 
     def run(self, *, is_narrow: bool) -> list[int] | None:
-        """Search; return the plan, or None if there is none among the states that were looked at.
+        """Search for a plan and return its actions; None if no state that the search can reach is at the goal.
 
         Args:
             is_narrow: whether to close no door, to pick up only what is needed, and to put it down without effect only
@@ -124,8 +125,8 @@ class _Search:
             _, _, cost, key = heapq.heappop(waiting)
             row = np.frombuffer(key, np.int32).copy()
             if row[PHASE] == OVER:
-                return self._write_plan(key, reached)
-            scene = self._scene(row)
+                return self._build_plan(key, reached)
+            scene = self._scene_key(row)
             if scene in done:
                 continue
             done.add(scene)
@@ -133,18 +134,19 @@ class _Search:
                 raise WorldError(
                     f"no plan was found in the first {MOST_SCENES} states searched; there may still be one"
                 )
-            for after, more, move in self._expand(row, is_narrow=is_narrow):
+            for after, n_actions, move in self._expand(row, is_narrow=is_narrow):
                 next_key = after.tobytes()
-                if next_key in reached or self._scene(after) in done:
+                if next_key in reached or self._scene_key(after) in done:
                     continue
                 estimate = self._estimate(after)
                 if estimate < _IMPOSSIBLE:
                     reached[next_key] = _Change(key, move)
-                    heapq.heappush(waiting, (cost + more + estimate, next(order), cost + more, next_key))
+                    new_cost = cost + n_actions
+                    heapq.heappush(waiting, (new_cost + estimate, next(order), new_cost, next_key))
         return None
 
-    def _scene(self, row: Row) -> bytes:
-        """Return the part of a state that the search distinguishes: all but the agent's place."""
+    def _scene_key(self, row: Row) -> bytes:
+        """Return the part of a state that the search distinguishes, as bytes: all but the agent's pose."""
         return row[POCKET].tobytes() + row[-self._n_cells :].tobytes() + row[PHASE].tobytes()
 
     def _expand(self, row: Row, *, is_narrow: bool) -> Iterable[tuple[Row, int, int]]:
@@ -155,22 +157,27 @@ class _Search:
         for number in range(reach_changes(row, *space)):
             after = space.after[number]
             move = int(space.moves[number])
-            if is_narrow and after[PHASE] != OVER and move % 8 != FORWARD:
+            if is_narrow and after[PHASE] != OVER and move % _MOVE_BASE != FORWARD:
                 tiles = after[-self._n_cells :]
                 is_plain = int((tiles != before).sum()) == 1
-                if move % 8 == TOGGLE and int((tiles & 15 == DOOR_OPEN).sum()) < int((before & 15 == DOOR_OPEN).sum()):
+                if move % _MOVE_BASE == TOGGLE and int((tiles & 15 == DOOR_OPEN).sum()) < int(
+                    (before & 15 == DOOR_OPEN).sum()
+                ):
                     continue
-                if is_plain and move % 8 == PICK_UP and int(after[POCKET]) not in self._needed:
+                if is_plain and move % _MOVE_BASE == PICK_UP and int(after[POCKET]) not in self._needed:
                     continue
-                if is_plain and move % 8 == PUT_DOWN:
-                    place = tiles.tobytes()
-                    if place in drops or len(drops) == MOST_DROPS:
+                if is_plain and move % _MOVE_BASE == PUT_DOWN:
+                    layout = tiles.tobytes()
+                    if layout in drops or len(drops) == MOST_DROPS:
                         continue
-                    drops.add(place)
+                    drops.add(layout)
             yield after, int(space.costs[number]), move
 
     def _estimate(self, row: Row) -> float:
-        """Return an estimate of the number of actions to the goal: a share for each rule that has to be used."""
+        """Return an estimate of the number of actions to the goal, by the number of rules that still have to be used.
+
+        It is infinite if rules cannot make what the goal needs.
+        """
         if row[PHASE] == OVER:
             return 0.0
         present = frozenset(self._needed & {int(row[POCKET]), *row[-self._n_cells :].tolist()})
@@ -179,7 +186,7 @@ class _Search:
             self._estimates[present] = _IMPOSSIBLE if uses is None else STEPS_PER_RULE * uses + 1.0
         return self._estimates[present]
 
-    def _write_plan(self, key: bytes, reached: dict[bytes, _Change | None]) -> list[int]:
+    def _build_plan(self, key: bytes, reached: dict[bytes, _Change | None]) -> list[int]:
         """Return the actions of a plan: those of the walks between its changes, and the changes themselves."""
         actions: list[int] = []
         change = reached[key]
@@ -188,7 +195,7 @@ class _Search:
             reach_changes(row, *self._space)
             move = change.move
             while move >= 0:
-                pose, action = divmod(move, 8)
+                pose, action = divmod(move, _MOVE_BASE)
                 actions.append(action)
                 move = int(self._space.parents[pose])
             change = reached[change.before]

@@ -103,17 +103,17 @@ class RuleTask(NamedTuple):
 
 
 def read_record(record: Sequence[int]) -> RuleTask:
-    """Return the task of a record."""
-    plain = [int(number) for number in record]
-    n_rules = plain[N_RULES]
-    first_thing = RECORD + numbers.PER_RULE * n_rules
-    rules = tuple(TileRule(*plain[at : at + numbers.PER_RULE]) for at in range(RECORD, first_thing, numbers.PER_RULE))
-    things = tuple(plain[first_thing : first_thing + plain[N_THINGS]])
-    return RuleTask(RuleGoal(*plain[:N_RULES]), rules, things)
+    """Return the task that a record in a file encodes, as `RuleTask.record` writes it."""
+    integers = [int(number) for number in record]
+    first_thing = RECORD + numbers.PER_RULE * integers[N_RULES]
+    starts = range(RECORD, first_thing, numbers.PER_RULE)
+    rules = tuple(TileRule(*integers[start : start + numbers.PER_RULE]) for start in starts)
+    things = tuple(integers[first_thing : first_thing + integers[N_THINGS]])
+    return RuleTask(RuleGoal(*integers[:N_RULES]), rules, things)
 
 
 def check_task(task: RuleTask, height: int, width: int) -> None:
-    """Check that a task means something in a grid of a size.
+    """Check that the numbers of a task are valid in a grid of a size.
 
     Raises:
         WorldError: if a number stands for no tile, rule, goal or cell, or a rule or the goal is about walls.
@@ -132,83 +132,83 @@ def check_task(task: RuleTask, height: int, width: int) -> None:
             _check_tile("a rule makes", rule.product)
     for tile in (*task.things, *task.goal.tiles):
         _check_tile("a task has", tile)
-    place = {numbers.GOAL_TILE_AT: task.goal[2:], numbers.GOAL_AGENT_AT: task.goal[1:3]}.get(task.goal.kind)
-    if place is not None and not (place[0] < height and place[1] < width):
-        raise WorldError(
-            f"the goal is about row {place[0]} and column {place[1]} of a grid of {height} x {width} cells"
-        )
+    cell = {numbers.GOAL_TILE_AT: task.goal[2:], numbers.GOAL_AGENT_AT: task.goal[1:3]}.get(task.goal.kind)
+    if cell is not None and not (cell[0] < height and cell[1] < width):
+        raise WorldError(f"the goal is about row {cell[0]} and column {cell[1]} of a grid of {height} x {width} cells")
 
 
-def _check_tile(what: str, tile: int) -> None:
-    """Raise a WorldError unless a tile is coloured floor, a thing or a door; ``what`` begins the message."""
+def _check_tile(subject: str, tile: int) -> None:
+    """Raise a WorldError unless a tile is coloured floor, a thing or a door; ``subject`` begins the message."""
     kind = tile & 15
     if not numbers.FLOOR <= kind <= numbers.STAR or kind == numbers.WALL or not 0 < tile >> 4 <= len(_COLOURS):
-        raise WorldError(f"{what} the tile {tile!r}, a {_name(tile)}; use floor, things or doors in a colour")
+        raise WorldError(f"{subject} the tile {tile!r}, a {_name_kind(tile)}; use floor, things or doors in a colour")
 
 
 _COLOURS = numbers.TILE_COLOURS[1:]
 
 
-def _name(tile: int) -> str:
+def _name_kind(tile: int) -> str:
+    """Return the name of a tile's kind, or "tile of no kind"."""
     kind = tile & 15
     if kind < len(numbers.TILE_KINDS):
         return numbers.TILE_KINDS[kind]
     return "tile of no kind"
 
 
-def parse_task(given: Any) -> RuleTask:
-    """Return a task that is given in XLand-MiniGrid's numbers: ``goal``, ``rules`` and ``init_tiles``, padded or not.
+def parse_task(encoding: Any) -> RuleTask:
+    """Return the task of an encoding in XLand-MiniGrid's numbers: ``goal``, ``rules``, ``init_tiles``, padded or not.
 
     Args:
-        given: a mapping; a goal has a kind and numbers, a rule a kind and the kind and colour of up to three tiles, the
-            last of which it makes, and each initial tile a kind and a colour.
+        encoding: a mapping, or a task, which is returned unchanged; a goal has a kind and numbers, a rule a kind and
+            the kind and colour of up to three tiles, the last of which it makes, and each initial tile a kind and a
+            colour.
 
     Raises:
         WorldError: if something is missing or has another form.
     """
-    if isinstance(given, RuleTask):
-        return given
-    if not isinstance(given, Mapping) or given.keys() != {"goal", "rules", "init_tiles"}:
-        raise WorldError(f"task is {given!r}; give a table with goal, rules and init_tiles")
-    goal = _read_goal(_whole_list("goal", given["goal"], 5))
-    rules = [_read_rule(_whole_list("a rule", rule, 7)) for rule in given["rules"]]
-    things = [_whole_list("an initial tile", tile, 2) for tile in given["init_tiles"]]
+    if isinstance(encoding, RuleTask):
+        return encoding
+    if not isinstance(encoding, Mapping) or encoding.keys() != {"goal", "rules", "init_tiles"}:
+        raise WorldError(f"task is {encoding!r}; give a table with goal, rules and init_tiles")
+    goal = _read_goal(_read_numbers("goal", encoding["goal"], 5))
+    rules = [_read_rule(_read_numbers("a rule", rule, 7)) for rule in encoding["rules"]]
+    things = [_read_numbers("an initial tile", tile, 2) for tile in encoding["init_tiles"]]
     codes = tuple(kind | colour << 4 for kind, colour in things if kind != numbers.EMPTY)
     return RuleTask(goal, tuple(rule for rule in rules if rule.kind != numbers.NO_RULE), codes)
 
 
-def _whole_list(what: str, encoding: Any, most: int) -> list[int]:
-    """Return a list of whole numbers, padded with 0 to a length.
+def _read_numbers(subject: str, encoding: Any, length: int) -> list[int]:
+    """Return the whole numbers of an encoding, padded with 0 to a length.
 
     Raises:
-        WorldError: if it is longer, or has a number outside 0 to 255; ``what`` begins the message.
+        WorldError: if there are more, or one is outside 0 to 255; ``subject`` begins the message.
     """
     plain = encoding.tolist() if isinstance(encoding, np.ndarray) else encoding
-    if not isinstance(plain, list | tuple) or len(plain) > most:
-        raise WorldError(f"{what} of the task is {encoding!r}; give up to {most} whole numbers")
-    read = [whole_number(number) for number in plain]
-    if any(number is None or not 0 <= number < 256 for number in read):
-        raise WorldError(f"{what} of the task is {encoding!r}; give whole numbers from 0 to 255")
-    return [*cast(list[int], read), *[0] * (most - len(read))]
+    if not isinstance(plain, list | tuple) or len(plain) > length:
+        raise WorldError(f"{subject} of the task is {encoding!r}; give up to {length} whole numbers")
+    wholes = [whole_number(number) for number in plain]
+    if any(number is None or not 0 <= number < 256 for number in wholes):
+        raise WorldError(f"{subject} of the task is {encoding!r}; give whole numbers from 0 to 255")
+    return [*cast(list[int], wholes), *[0] * (length - len(wholes))]
 
 
 def _read_goal(encoding: list[int]) -> RuleGoal:
     """Return the goal of an encoding: a kind, and two tiles, a tile and a cell, a cell, or a tile."""
-    kind, *rest = encoding
-    first = rest[0] | rest[1] << 4
+    kind, *parts = encoding
+    first = parts[0] | parts[1] << 4
     if kind == numbers.GOAL_AGENT_AT:
-        return RuleGoal(kind, rest[0], rest[1])
+        return RuleGoal(kind, parts[0], parts[1])
     if kind == numbers.GOAL_TILE_AT:
-        return RuleGoal(kind, first, rest[2], rest[3])
+        return RuleGoal(kind, first, parts[2], parts[3])
     if kind == numbers.GOAL_TILE_NEAR or kind in _PAIR_GOALS:
-        return RuleGoal(kind, first, rest[2] | rest[3] << 4)
+        return RuleGoal(kind, first, parts[2] | parts[3] << 4)
     return RuleGoal(kind, first if kind else 0)
 
 
 def _read_rule(encoding: list[int]) -> TileRule:
     """Return the rule of an encoding: a kind, the tiles that it takes, and the tile that it makes."""
-    kind, *rest = encoding
-    tiles = [rest[at] | rest[at + 1] << 4 for at in (0, 2, 4)]
+    kind, *parts = encoding
+    tiles = [parts[start] | parts[start + 1] << 4 for start in (0, 2, 4)]
     if numbers.TILE_NEAR <= kind <= numbers.TILE_NEAR_LEFT:
         return TileRule(kind, *tiles)
     return TileRule(kind, tiles[0], 0, tiles[1])
@@ -255,8 +255,8 @@ class TaskSet:
         first = int(np.searchsorted(self.difficulties, low, "left"))
         last = int(np.searchsorted(self.difficulties, high, "right"))
         if first == last:
-            known = ", ".join(map(str, np.unique(self.difficulties).tolist()))
-            raise WorldError(f"no task has a difficulty from {low} to {high}; those of this set have {known}")
+            available = ", ".join(map(str, np.unique(self.difficulties).tolist()))
+            raise WorldError(f"no task has a difficulty from {low} to {high}; those of this set have {available}")
         return first, last
 
     def save(self, path: Path) -> None:
@@ -274,7 +274,11 @@ class TaskSet:
 
 
 def build_task_set(tasks: Iterable[RuleTask], origin: Mapping[str, Any] | None = None) -> TaskSet:
-    """Return a set of tasks; tasks of one difficulty keep their order."""
+    """Return a set of tasks, sorted by difficulty; tasks of equal difficulty keep their order.
+
+    Raises:
+        WorldError: if there are no tasks.
+    """
     pairs = [(task.difficulty, task.record()) for task in tasks]
     if not pairs:
         raise WorldError("a set needs at least one task")
@@ -312,7 +316,11 @@ def read_task_set(path: Path) -> TaskSet:
 
 
 def _check_lengths(task_set: TaskSet, path: Path) -> None:
-    """Check that each record is as long as its counts say, so that no kernel reads past it."""
+    """Check that each record is as long as its counts say, so that no kernel reads past it.
+
+    Raises:
+        WorldError: if a record has another length, or the tasks are not sorted by difficulty.
+    """
     first = task_set.starts[:-1]
     lengths = np.diff(task_set.starts)
     if lengths.min() < RECORD:

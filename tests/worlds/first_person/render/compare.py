@@ -13,7 +13,7 @@ import gymnasium  # noqa: E402
 import miniworld  # noqa: E402
 import numpy as np  # noqa: E402
 
-from minihuman.worlds.first_person.pictures import camera  # noqa: E402
+from minihuman.worlds.first_person.pictures import build_camera  # noqa: E402
 from minihuman.worlds.first_person.render.drawing import render, render_depth  # noqa: E402
 
 WIDTH, HEIGHT = 80, 60
@@ -36,7 +36,7 @@ def differences(name: str, poses: int) -> dict[str, float]:
         theirs.agent.dir = heading
         reference = theirs.render_obs().astype(int)
         distance = theirs.render_depth()[:, :, 0]
-        eye = camera(stage, (float(pos[0]), float(pos[1]), float(pos[2])), heading)
+        eye = build_camera(stage, (float(pos[0]), float(pos[1]), float(pos[2])), heading)
         difference = np.abs(render(scene, eye, WIDTH, HEIGHT).astype(int) - reference)
         mean.append(difference.mean())
         far_off.append((difference.max(axis=2) > 16).mean())
