@@ -135,12 +135,12 @@ def read_at(fd: int, count: int, offset: int) -> bytes:
     if sys.platform != "win32":
         return os.pread(fd, count, offset)
     with _SEEKING:
-        before = os.lseek(fd, 0, os.SEEK_CUR)
+        previous_position = os.lseek(fd, 0, os.SEEK_CUR)
         try:
             os.lseek(fd, offset, os.SEEK_SET)
             return os.read(fd, count)
         finally:
-            os.lseek(fd, before, os.SEEK_SET)
+            os.lseek(fd, previous_position, os.SEEK_SET)
 
 
 _SEEKING = threading.Lock()

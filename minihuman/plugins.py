@@ -238,15 +238,15 @@ def read_settings(
     """
     values: dict[str, Any] = {}
     for part in filter(None, text.split(",")):
-        setting, _, value = part.partition("=")
+        setting, _, number = part.partition("=")
         name = (aliases or {}).get(setting, setting)
         if name not in defaults:
             raise error(f"{owner} has no setting {setting!r}; use {', '.join(defaults)}")
         kind = type(defaults[name])
         try:
-            values[name] = bool(int(value)) if kind is bool else kind(value)
+            values[name] = bool(int(number)) if kind is bool else kind(number)
         except ValueError:
-            raise error(f"{owner}: setting {setting} is {value!r}; use a number") from None
+            raise error(f"{owner}: setting {setting} is {number!r}; use a number") from None
     return values
 
 

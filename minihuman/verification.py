@@ -277,6 +277,7 @@ def _verify_page_data(file: Path) -> Iterator[tuple[str, bool]]:
 
 
 def _verify_log(log: Path, *, trust: bool, policies: bool) -> _LogFindings:
+    """Replay a log and return the findings; the options are those of `verify`."""
     from minihuman.admin.verify.log import is_of_our_worlds, verify_session
 
     lines = list(_convert_findings(log, verify_session(log, trust=trust, policies=policies)))

@@ -226,7 +226,7 @@ def clone_policy(
             best_epoch = epoch
             best_training_loss = training_loss
             best_agreement = agreement
-            best_weights = {name: value.clone() for name, value in policy.state_dict().items()}
+            best_weights = {name: weights.clone() for name, weights in policy.state_dict().items()}
         elif epoch - best_epoch >= settings.patience:
             break
     policy.load_state_dict(best_weights)

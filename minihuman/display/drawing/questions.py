@@ -119,12 +119,13 @@ def _measure_question_room(screen: QuestionScreen) -> float:
 
 
 def _fit_options(
-    sheet: Sheet, item: OptionList, width_px: float, max_height_px: float
+    sheet: Sheet, option_list: OptionList, width_px: float, max_height_px: float
 ) -> tuple[list[list[str]], int] | None:
     """Return the lines of each option and the largest readable type size in which all fit; None if they do not fit."""
     type_px = round(sheet.high * _TYPE)
     while type_px >= sheet.min_type_px:
-        options_lines = [sheet.wrap(option, type_px, width_px - type_px * _OPTION_INDENT) for option in item.options]
+        text_px = width_px - type_px * _OPTION_INDENT
+        options_lines = [sheet.wrap(option, type_px, text_px) for option in option_list.options]
         frame_px = type_px * (2 * _OPTION_PADDING + _OPTION_GAP)
         heights = [len(lines) * type_px * TIGHT_LINE_HEIGHT + frame_px for lines in options_lines]
         if sum(heights) <= max_height_px:
@@ -133,12 +134,12 @@ def _fit_options(
     return None
 
 
-def _draw_options(sheet: Sheet, item: OptionList, box: Box) -> None:
+def _draw_options(sheet: Sheet, option_list: OptionList, box: Box) -> None:
     """Draw options below each other, each with its number and a circle or, if several can be chosen, a tick box."""
     left, top, right, bottom = box
-    fitted = _fit_options(sheet, item, right - left, bottom - top)
+    fitted = _fit_options(sheet, option_list, right - left, bottom - top)
     if fitted is None:
-        options_lines = [[option] for option in item.options]
+        options_lines = [[option] for option in option_list.options]
         type_px = sheet.min_type_px
     else:
         options_lines, type_px = fitted
@@ -146,14 +147,14 @@ def _draw_options(sheet: Sheet, item: OptionList, box: Box) -> None:
     for number, lines in enumerate(options_lines):
         height = len(lines) * type_px * TIGHT_LINE_HEIGHT + type_px * 2 * _OPTION_PADDING
         option_box = (left, y, right, y + height)
-        is_chosen = number in item.chosen
-        outline, stroke = _option_outline(sheet, is_chosen=is_chosen, has_cursor=number == item.cursor)
+        is_chosen = number in option_list.chosen
+        outline, stroke = _option_outline(sheet, is_chosen=is_chosen, has_cursor=number == option_list.cursor)
         sheet.draw.rounded_rectangle(
             option_box, radius=type_px * 0.35, fill=theme.SURFACE, outline=outline, width=stroke
         )
         sheet.spots.append(Spot(f"option:{number}", *option_box))
         tick_x = sheet.from_start(left, right, type_px * 1.3)
-        _draw_tick_box(sheet, (tick_x, y + height / 2), type_px, is_chosen=is_chosen, is_box=item.many)
+        _draw_tick_box(sheet, (tick_x, y + height / 2), type_px, is_chosen=is_chosen, is_box=option_list.many)
         _draw_option_text(sheet, lines, number, option_box, type_px)
         y += height + type_px * _OPTION_GAP
 
@@ -168,8 +169,8 @@ def _draw_option_text(sheet: Sheet, lines: list[str], number: int, box: Box, typ
         line_y += type_px * TIGHT_LINE_HEIGHT
     if number < _MOST_NUMBERED_OPTIONS:
         number_x = sheet.from_end(left, right, type_px * 0.9)
-        small = max(sheet.min_type_px, round(type_px * 0.75))
-        sheet.put((number_x, (top + bottom) / 2), str(number + 1), small, theme.MUTED_INK, "m")
+        digit_px = max(sheet.min_type_px, round(type_px * 0.75))
+        sheet.put((number_x, (top + bottom) / 2), str(number + 1), digit_px, theme.MUTED_INK, "m")
 
 
 def _option_outline(sheet: Sheet, *, is_chosen: bool, has_cursor: bool) -> tuple[theme.Colour, int]:
@@ -183,7 +184,7 @@ def _option_outline(sheet: Sheet, *, is_chosen: bool, has_cursor: bool) -> tuple
 
 
 def _draw_tick_box(sheet: Sheet, place: tuple[float, float], type_px: int, *, is_chosen: bool, is_box: bool) -> None:
-    """Draw an option's tick box, or its circle if only one option can be chosen."""
+    """Draw an option's tick box, or its circle if only one option can be chosen, around a point (x, y)."""
     x, y = place
     reach = type_px * 0.42
     stroke = max(2, round(type_px / 10))
@@ -236,33 +237,33 @@ def _has_words(scale: RatingScale | RatingMatrix) -> bool:
     return all(not point.isdecimal() for point in scale.points)
 
 
-def _draw_scale(sheet: Sheet, item: RatingScale, box: Box) -> None:
+def _draw_scale(sheet: Sheet, scale: RatingScale, box: Box) -> None:
     """Draw the points of a scale side by side in reading order, with texts at the two ends or below each point."""
     left, top, right, _ = box
-    count = len(item.points)
+    count = len(scale.points)
     unit = (right - left) / count
     reach = min(unit * _POINT_RADIUS, sheet.high * 0.04)
     y = top + sheet.high * 0.10
     words_top = y + reach * 1.4
-    has_words = _has_words(item)
-    small = sheet.min_type_px
-    for number, point in enumerate(item.points):
+    has_words = _has_words(scale)
+    type_px = sheet.min_type_px
+    for number, point in enumerate(scale.points):
         x = left + unit * (sheet.place_from_left(number, count) + 0.5)
-        is_chosen = number == item.chosen
+        is_chosen = number == scale.chosen
         _draw_point(sheet, (x, y), reach, is_chosen=is_chosen)
         label = point
         bottom = words_top
         if has_words:
             label = str(number + 1)
             bottom = _draw_point_words(sheet, point, (x, words_top), unit)
-        sheet.put((x, y), label, max(small, round(reach * 0.95)), _choice_ink(is_chosen), "m")
-        sheet.spots.append(Spot(f"option:{number}", x - unit / 2, y - reach * 1.6, x + unit / 2, bottom + small))
+        sheet.put((x, y), label, max(type_px, round(reach * 0.95)), _choice_ink(is_chosen), "m")
+        sheet.spots.append(Spot(f"option:{number}", x - unit / 2, y - reach * 1.6, x + unit / 2, bottom + type_px))
     if not has_words:
-        _draw_end_texts(sheet, item.low, item.high, (left, right), words_top + small)
+        _draw_end_texts(sheet, scale.low, scale.high, (left, right), words_top + type_px)
 
 
 def _draw_point_words(sheet: Sheet, words: str, place: tuple[float, float], unit: float) -> float:
-    """Draw the text of a point centred below a place, in a column of ``unit`` pixels; return the y below the text."""
+    """Draw a point's text centred below ``place`` in a column of ``unit`` pixels; return the y below the text."""
     x, top = place
     type_px = sheet.min_type_px
     lines = sheet.wrap(words, type_px, unit * 0.94)
@@ -309,33 +310,33 @@ def _measure_matrix_heads(sheet: Sheet, matrix: RatingMatrix, unit: float) -> fl
     return type_px * TIGHT_LINE_HEIGHT * most_lines + type_px * 0.6
 
 
-def _draw_matrix(sheet: Sheet, item: RatingMatrix, box: Box) -> None:
+def _draw_matrix(sheet: Sheet, matrix: RatingMatrix, box: Box) -> None:
     """Draw a row for each statement with its points in reading order, below a head with the meaning of the points."""
     left, top, right, bottom = box
-    small = sheet.min_type_px
+    type_px = sheet.min_type_px
     width = right - left
     if sheet.locale.rtl:
         columns = (left, right - width * _STATEMENT_SHARE)
     else:
         columns = (left + width * _STATEMENT_SHARE, right)
-    top += _draw_matrix_heads(sheet, item, columns, top)
-    row_px = min((bottom - top) / len(item.rows), sheet.high * 0.09)
-    for row, lines in enumerate(_wrap_statements(sheet, item, width)):
+    top += _draw_matrix_heads(sheet, matrix, columns, top)
+    row_px = min((bottom - top) / len(matrix.rows), sheet.high * 0.09)
+    for row, lines in enumerate(_wrap_statements(sheet, matrix, width)):
         y = top + row_px * (row + 0.5)
-        if row == item.cursor:
+        if row == matrix.cursor:
             stripe = (left, y - row_px * 0.46, right, y + row_px * 0.46)
-            sheet.draw.rounded_rectangle(stripe, radius=small * 0.4, outline=theme.EDGE)
+            sheet.draw.rounded_rectangle(stripe, radius=type_px * 0.4, outline=theme.EDGE)
         x = sheet.from_start(left, right, sheet.high * 0.015)
         middle_line = (len(lines) - 1) / 2
         for number, line in enumerate(lines):
-            offset = (number - middle_line) * small * TIGHT_LINE_HEIGHT
-            sheet.put((x, y + offset), line, small, theme.INK, sheet.start_anchor)
-        _draw_matrix_points(sheet, item, row, columns, y, row_px)
+            offset = (number - middle_line) * type_px * TIGHT_LINE_HEIGHT
+            sheet.put((x, y + offset), line, type_px, theme.INK, sheet.start_anchor)
+        _draw_matrix_points(sheet, matrix, row, columns, y, row_px)
 
 
 def _draw_matrix_heads(sheet: Sheet, matrix: RatingMatrix, columns: tuple[float, float], top: float) -> float:
     """Write the meaning of the points above their columns; return the height of this head in pixels."""
-    small = sheet.min_type_px
+    type_px = sheet.min_type_px
     left, right = columns
     unit = (right - left) / len(matrix.points)
     heads = _wrap_matrix_heads(sheet, matrix, unit)
@@ -344,8 +345,8 @@ def _draw_matrix_heads(sheet: Sheet, matrix: RatingMatrix, columns: tuple[float,
     for point, lines in enumerate(heads):
         x = left + unit * (sheet.place_from_left(point, len(heads)) + 0.5)
         for number, line in enumerate(lines):
-            line_y = top + small * (number * TIGHT_LINE_HEIGHT + TIGHT_LINE_HEIGHT / 2)
-            sheet.put((x, line_y), line, small, theme.INK, "m")
+            line_y = top + type_px * (number * TIGHT_LINE_HEIGHT + TIGHT_LINE_HEIGHT / 2)
+            sheet.put((x, line_y), line, type_px, theme.INK, "m")
     return _measure_matrix_heads(sheet, matrix, unit)
 
 
@@ -373,13 +374,13 @@ def _draw_matrix_points(
 def _draw_end_texts(sheet: Sheet, low: str, high: str, sides: tuple[float, float], y: float) -> None:
     """Write the texts at the two ends of a scale, each within its half of the width."""
     left, right = sides
-    small = round(sheet.high * _SMALL_TYPE)
+    type_px = round(sheet.high * _SMALL_TYPE)
     ends = [low, high]
     if sheet.locale.rtl:
         ends.reverse()
     for words, x, anchor in zip(ends, sides, "lr", strict=True):
-        for row, line in enumerate(sheet.wrap(words, small, (right - left) * 0.46)):
-            sheet.put((x, y + small * (row * LINE_HEIGHT + 0.5)), line, small, theme.INK, anchor)
+        for row, line in enumerate(sheet.wrap(words, type_px, (right - left) * 0.46)):
+            sheet.put((x, y + type_px * (row * LINE_HEIGHT + 0.5)), line, type_px, theme.INK, anchor)
 
 
 def _draw_slider(sheet: Sheet, slider: Slider, box: Box) -> None:
@@ -414,14 +415,14 @@ def _draw_slider_mark(sheet: Sheet, slider: Slider, x: float, y: float, stroke: 
         sheet.put((x, y - reach * 2.4), slider.value, round(sheet.high / 30), theme.INK, "m")
 
 
-def _draw_shapes(sheet: Sheet, item: ShapeCanvas, box: Box) -> None:
+def _draw_shapes(sheet: Sheet, canvas: ShapeCanvas, box: Box) -> None:
     """Draw boxes and ellipses with their labels, on the largest canvas that fits."""
     left, top, right, bottom = box
-    canvas_width = min(right - left, (bottom - top) * item.aspect)
-    canvas_height = canvas_width / item.aspect
+    canvas_width = min(right - left, (bottom - top) * canvas.aspect)
+    canvas_height = canvas_width / canvas.aspect
     canvas_left = (left + right - canvas_width) / 2
     stroke = max(2, round(sheet.high / 360))
-    for shape in item.shapes:
+    for shape in canvas.shapes:
         x = canvas_left + shape.x * canvas_width
         y = top + shape.y * canvas_height
         x_end = x + shape.width * canvas_width
@@ -482,18 +483,18 @@ def field_type_px(sheet: Sheet) -> int:
     return round(sheet.high * _TYPE)
 
 
-def _draw_text_field(sheet: Sheet, item: TextField, box: Box) -> None:
+def _draw_text_field(sheet: Sheet, field: TextField, box: Box) -> None:
     """Draw a text field with its text, caret and unit."""
     left, top, right, bottom = box
     type_px = field_type_px(sheet)
     pad = type_px * 0.6
-    if item.long:
+    if field.long:
         height = bottom - top
     else:
         height = type_px * 2.2
         top += sheet.high * 0.06
-    if item.unit:
-        right = right - sheet.width_px(item.unit, type_px) - pad * 2
-    draw_field(sheet, item, (left, top, right, top + height), type_px)
-    if item.unit:
-        sheet.put((right + pad, top + height / 2), item.unit, type_px, theme.INK)
+    if field.unit:
+        right = right - sheet.width_px(field.unit, type_px) - pad * 2
+    draw_field(sheet, field, (left, top, right, top + height), type_px)
+    if field.unit:
+        sheet.put((right + pad, top + height / 2), field.unit, type_px, theme.INK)

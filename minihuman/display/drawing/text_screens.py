@@ -45,19 +45,19 @@ def draw_text(screen: TextScreen, size_px: Size) -> Sheet:
     """Draw a text screen, with the keyboard check if it has keys, and return the sheet."""
     width, height = size_px
     sheet = Sheet(size_px, screen.locale)
-    wide = min(width - 4 * height * MARGIN, height * _MEASURE)
+    column_px = min(width - 4 * height * MARGIN, height * _MEASURE)
     middle = width / 2
-    left = middle - wide / 2
-    right = middle + wide / 2
+    left = middle - column_px / 2
+    right = middle + column_px / 2
     top, bottom = measure_text_box(screen, height)
-    sheet.put_line((middle, height * _TITLE_Y), screen.title, round(height / 15), wide, theme.INK)
+    sheet.put_line((middle, height * _TITLE_Y), screen.title, round(height / 15), column_px, theme.INK)
     if screen.keys:
         _draw_keyboard(sheet, screen, (left, height * _KEYBOARD_TOP, right, height * _TEXT_BOTTOM))
     _draw_paragraphs(sheet, screen.body, (left, top, right, bottom))
     if screen.waits:
         _draw_waiting(sheet, (middle, height * _PROMPT_Y))
-    sheet.put_line((middle, height * _PROMPT_Y), screen.prompt, round(height * BODY_TYPE_SIZE), wide, theme.ACCENT)
-    sheet.put_line((middle, height * _PROGRESS_Y), screen.progress, round(height / 36), wide, theme.MUTED_INK)
+    sheet.put_line((middle, height * _PROMPT_Y), screen.prompt, round(height * BODY_TYPE_SIZE), column_px, theme.ACCENT)
+    sheet.put_line((middle, height * _PROGRESS_Y), screen.progress, round(height / 36), column_px, theme.MUTED_INK)
     return sheet
 
 

@@ -73,11 +73,12 @@ class Gamepad:
                 if event.button < len(_BUTTONS) and _BUTTONS[event.button]:
                     yield _BUTTONS[event.button], event.type == pygame.CONTROLLERBUTTONDOWN
             case pygame.CONTROLLERAXISMOTION if event.axis < len(PAD_AXES):
-                value, buttons = self._axes.move(PAD_AXES[event.axis], event.value / _FULL)
-                if value is not None and PAD_AXES[event.axis] not in self._held_axes:
-                    yield PAD_AXES[event.axis], value
-                elif value == 0:
-                    self._held_axes.discard(PAD_AXES[event.axis])
+                axis = PAD_AXES[event.axis]
+                position, buttons = self._axes.move(axis, event.value / _FULL)
+                if position is not None and axis not in self._held_axes:
+                    yield axis, position
+                elif position == 0:
+                    self._held_axes.discard(axis)
                 yield from buttons
             case pygame.CONTROLLERDEVICEADDED if self._pad is None:
                 self._pad = self._open()

@@ -163,6 +163,7 @@ class PygameWindow(BlockingWindow):
         pygame.display.update(changed)
 
     def _arrived(self, timeout_ns: int | None) -> list[Input]:
+        """Wait for events of SDL until the time is up (None: no limit), and return the inputs that they mean."""
         events = []
         if timeout_ns is None:
             events.append(pygame.event.wait())
@@ -299,14 +300,15 @@ class PygameWindow(BlockingWindow):
     def _read_gamepad(self, gamepad: Gamepad, event: pygame.event.Event, t_ns: int) -> list[Input]:
         """Convert an event of the gamepad to inputs: its buttons are keys, and its sticks and triggers are axes."""
         inputs: list[Input] = []
-        for name, value in gamepad.read(event):
-            if isinstance(value, bool):
-                inputs += self._key(value, name, "gamepad", t_ns)
+        for name, state in gamepad.read(event):
+            if isinstance(state, bool):
+                inputs += self._key(state, name, "gamepad", t_ns)
             else:
-                inputs.append(AxisChanged(t_ns, name, value))
+                inputs.append(AxisChanged(t_ns, name, state))
         return inputs
 
     def _find_held_keys(self) -> Sequence[str]:
+        """Return, and remember, the keys that were down when the window got the focus."""
         self._down_at_focus = []
         if self._record is not None:
             self._down_at_focus = self._record.find_held_keys()
@@ -327,6 +329,7 @@ class PygameWindow(BlockingWindow):
         return (pixel[0] + 0.5) / width, (pixel[1] + 0.5) / height
 
     def _want(self, *, text: bool, pointer: bool) -> None:
+        """Turn SDL's events of typed text and of the pointer on or off."""
         if text:
             pygame.key.start_text_input()
             pygame.event.set_allowed(_TEXT)
@@ -340,6 +343,7 @@ class PygameWindow(BlockingWindow):
             pygame.event.set_blocked(_POINTER)
 
     def _capture_mouse(self, captured: bool) -> None:
+        """Hide the pointer and receive the mouse's motion alone; or, if not ``captured``, release the mouse."""
         pygame.mouse.set_relative_mode(captured)
         if captured:
             pygame.event.get(pygame.MOUSEMOTION)  # discard earlier motion

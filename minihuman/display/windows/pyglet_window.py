@@ -87,6 +87,7 @@ class PygletWindow(BlockingWindow):
         self._window.present(frame, changed)
 
     def _arrived(self, timeout_ns: int | None) -> list[Input]:
+        """Wait for events of pyglet until the time is up (None: no limit), and return the inputs that they meant."""
         import pyglet
 
         if not self._inputs:
@@ -137,6 +138,7 @@ class PygletWindow(BlockingWindow):
     def _on_pointer(
         self, kind: type[PointerPressed | PointerMoved | PointerReleased], x: int, y: int, buttons: int
     ) -> None:
+        """Add the inputs of an event of the main mouse button; x and y are in pixels from the lower left corner."""
         if buttons & _MAIN_BUTTON_BIT:
             width, height = self._window.get_size()
             button_ms = self._window.button_ms
@@ -154,6 +156,7 @@ class PygletWindow(BlockingWindow):
             self._inputs += self._move_mouse(right_px, down_px, self._convert_time(server_ms))
 
     def _want(self, *, text: bool, pointer: bool) -> None:
+        """Turn pyglet's events of typed text on or off, and show or hide the pointer."""
         self._window.accepts_text = text
         self._window.set_mouse_visible(pointer)
 

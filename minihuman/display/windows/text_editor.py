@@ -208,24 +208,24 @@ def _belongs_to_word(letter: str) -> bool:
     return letter.isalnum() or letter == "_" or unicodedata.category(letter).startswith("M")
 
 
-def _extends_letter(text: str, at: int) -> bool:
+def _extends_letter(text: str, position: int) -> bool:
     """Return whether the code point at a position is a mark on the letter before it, or is joined to that letter."""
-    letter = text[at]
+    letter = text[position]
     is_mark = unicodedata.category(letter).startswith("M") or letter in (_JOINER, "\N{VARIATION SELECTOR-16}")
-    return is_mark or text[at - 1] == _JOINER
+    return is_mark or text[position - 1] == _JOINER
 
 
-def _find_next(text: str, at: int) -> int:
+def _find_next(text: str, position: int) -> int:
     """Return the position after the letter at a position and its combining marks."""
-    at = min(len(text), at + 1)
-    while at < len(text) and _extends_letter(text, at):
-        at += 1
-    return at
+    position = min(len(text), position + 1)
+    while position < len(text) and _extends_letter(text, position):
+        position += 1
+    return position
 
 
-def _find_previous(text: str, at: int) -> int:
+def _find_previous(text: str, position: int) -> int:
     """Return the position before the letter, with its combining marks, that ends at a position."""
-    at = max(0, at - 1)
-    while at > 0 and _extends_letter(text, at):
-        at -= 1
-    return at
+    position = max(0, position - 1)
+    while position > 0 and _extends_letter(text, position):
+        position -= 1
+    return position

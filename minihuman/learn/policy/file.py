@@ -118,10 +118,10 @@ def _find_misfit(card: PolicyCard, weights: Any) -> str | None:
     """
     if not isinstance(weights, dict) or not weights:
         return f"weights is a {type(weights).__name__}"
-    for name, value in weights.items():
-        if not isinstance(name, str) or not _is_plain_tensor(value):
+    for name, tensor in weights.items():
+        if not isinstance(name, str) or not _is_plain_tensor(tensor):
             return f"{name!r} is not a tensor of finite 32-bit floats"
-    if sum(value.numel() for value in weights.values()) > MAX_VALUES:
+    if sum(tensor.numel() for tensor in weights.values()) > MAX_VALUES:
         return f"more than {MAX_VALUES} weights"
     if not card.hidden or len(card.hidden) > MAX_LAYERS or not all(1 <= size <= MAX_UNITS for size in card.hidden):
         return f"layers of {card.hidden} units"
@@ -129,7 +129,7 @@ def _find_misfit(card: PolicyCard, weights: Any) -> str | None:
         return f"an image of {' x '.join(map(str, card.image_shape))}"
     with torch.device("meta"):
         extractor = MissionImageExtractor(card.observation_space, card.eyes).state_dict()
-    shapes = {f"features_extractor.{name}": tuple(value.shape) for name, value in extractor.items()}
+    shapes = {f"features_extractor.{name}": tuple(tensor.shape) for name, tensor in extractor.items()}
     shapes[f"{ACTOR_HEAD}bias"] = (len(card.action_names),)
     if card.is_continuous:
         shapes["log_std"] = (len(card.action_names),)
@@ -142,13 +142,13 @@ def _find_misfit(card: PolicyCard, weights: Any) -> str | None:
     return None
 
 
-def _is_plain_tensor(value: Any) -> bool:
+def _is_plain_tensor(candidate: Any) -> bool:
     """Return whether an object is a dense tensor of finite float32 on the CPU, of limited size."""
     return (
-        isinstance(value, torch.Tensor)
-        and (value.dtype, value.layout, value.device.type) == (torch.float32, torch.strided, "cpu")
-        and value.numel() <= MAX_VALUES
-        and bool(torch.isfinite(value).all())
+        isinstance(candidate, torch.Tensor)
+        and (candidate.dtype, candidate.layout, candidate.device.type) == (torch.float32, torch.strided, "cpu")
+        and candidate.numel() <= MAX_VALUES
+        and bool(torch.isfinite(candidate).all())
     )
 
 
@@ -205,16 +205,16 @@ def _read_card(content: dict[str, Any], path: Path) -> PolicyCard:
         ) from None
 
 
-def save_atomically(value: Any, path: Path) -> None:
+def save_atomically(content: Any, path: Path) -> None:
     """Write a file with ``torch.save`` so that a crash leaves either the old file or the complete new one.
 
     Raises:
         OSError: if the file cannot be written; the error names ``path``.
     """
-    content = io.BytesIO()  # not the file itself: torch reports a full disk as a RuntimeError
-    torch.save(value, content)
+    buffer = io.BytesIO()  # not the file itself: torch reports a full disk as a RuntimeError
+    torch.save(content, buffer)
     with replace_durably(path, path.with_name(path.name + UNFINISHED_SUFFIX)) as file:
-        file.write(content.getbuffer())
+        file.write(buffer.getbuffer())
 
 
 def read_checkpoint(checkpoint: Path) -> dict[str, Any]:

@@ -128,11 +128,11 @@ class CodeEncoder(nn.Module):
 
     def forward(self, image: torch.Tensor) -> torch.Tensor:
         """Return features float32[batch, 64] of spread codes: uint8, or floats in 0 to 1."""
-        first, *rest = self.layers
+        first, *later_layers = self.layers
         assert isinstance(first, nn.Linear)
         inputs = (self._read_codes(image).long() + self.offsets).flatten(1)
         features: torch.Tensor = InputLookup.apply(inputs, first.weight, first.bias)  # type: ignore[no-untyped-call]
-        for layer in rest:
+        for layer in later_layers:
             features = layer(features)
         return features
 

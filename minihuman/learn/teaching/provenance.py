@@ -94,7 +94,7 @@ def reproduce_policy(path: Path, dataset: Dataset, *, start: Path | None = None)
     ]
     if data_differences:
         return data_differences
-    settings = ",".join(f"{name}={value}" for name, value in training["settings"].items())
+    settings = ",".join(f"{name}={setting}" for name, setting in training["settings"].items())
     torch.set_num_threads(1)
     start_policy = _load_start(start, dataset)
     request = LearningRequest(dataset, np.random.default_rng(training["seed"]), start_policy)
