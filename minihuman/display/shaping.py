@@ -105,7 +105,7 @@ def shape_line(text: str, faces: TypefaceSet, size_px: int, *, rtl: bool) -> Sha
 
 @lru_cache(maxsize=16384)
 def measure_width_px(text: str, faces: TypefaceSet, size_px: int) -> float:
-    """Return the length of a line in pixels."""
+    """Return the length in pixels of a line of text at a size of type."""
     return shape_line(text, faces, size_px, rtl=is_rtl(text)).width_px
 
 

@@ -86,16 +86,16 @@ def _is_chinese_or_japanese(character: str) -> bool:
     return bool(_WIDE.match(character)) and not _KOREAN.match(character)
 
 
-def wrap_text(text: str, *, faces: TypefaceSet, size_px: int, wide_px: float) -> list[str]:
-    """Break a text into lines of at most ``wide_px`` pixels, keeping the line breaks in the text.
+def wrap_text(text: str, *, faces: TypefaceSet, size_px: int, max_width_px: float) -> list[str]:
+    """Break a text into lines of at most ``max_width_px`` pixels, keeping the line breaks in the text.
 
     A word that is longer than a line is broken, too.
     """
-    return _break_lines(text, lambda piece: measure_width_px(piece, faces, size_px), wide_px)
+    return _break_lines(text, lambda piece: measure_width_px(piece, faces, size_px), max_width_px)
 
 
-def _break_lines(text: str, measure: Callable[[str], float], wide_px: float) -> list[str]:
-    """Break a text into lines of at most ``wide_px`` pixels, where ``measure`` returns the width of a text in pixels.
+def _break_lines(text: str, measure: Callable[[str], float], max_width_px: float) -> list[str]:
+    """Break a text into lines of at most ``max_width_px``; ``measure`` returns the width of a text in pixels.
 
     Blanks at the end of a line are dropped, and do not count in its width.
     """
@@ -104,12 +104,12 @@ def _break_lines(text: str, measure: Callable[[str], float], wide_px: float) -> 
         line = ""
         line_px = 0.0
         for token in split_tokens(paragraph):
-            for piece in _split_long(token, measure, wide_px):
+            for piece in _split_long(token, measure, max_width_px):
                 piece_px = measure(piece)
                 inked_px = piece_px
                 if piece[-1].isspace():
                     inked_px = measure(piece.rstrip())
-                if line and line_px + inked_px > wide_px:
+                if line and line_px + inked_px > max_width_px:
                     lines.append(line.rstrip())
                     line = ""
                     line_px = 0.0
@@ -119,10 +119,10 @@ def _break_lines(text: str, measure: Callable[[str], float], wide_px: float) -> 
     return lines
 
 
-def _split_long(token: str, measure: Callable[[str], float], wide_px: float) -> Iterator[str]:
+def _split_long(token: str, measure: Callable[[str], float], max_width_px: float) -> Iterator[str]:
     """Yield the pieces of a token, each as long as a line permits, but at least one character."""
-    while len(token) > 1 and measure(token.rstrip()) > wide_px:
-        cut = next(n for n in range(len(token) - 1, 0, -1) if n == 1 or measure(token[:n]) <= wide_px)
+    while len(token) > 1 and measure(token.rstrip()) > max_width_px:
+        cut = next(n for n in range(len(token) - 1, 0, -1) if n == 1 or measure(token[:n]) <= max_width_px)
         yield token[:cut]
         token = token[cut:]
     yield token

@@ -345,7 +345,7 @@ class BatchPpo:
         losses.minibatches += 1
 
     def _encode(self) -> Batch:
-        """Return what the worlds show now, as tensors on the device."""
+        """Return the present observations of all worlds, as tensors on the device."""
         return self._encoder.encode(self._worlds)
 
     def save(self) -> dict[str, Any]:

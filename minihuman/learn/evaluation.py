@@ -41,7 +41,7 @@ def play_levels(
     seed: int,
     most_steps: Sequence[int] | None = None,
 ) -> list[EpisodeScore]:
-    """Play an episode of each level, each action drawn from the policy; return them in the order of the levels.
+    """Play an episode of each level, drawing each action from the policy; return the scores in the levels' order.
 
     Args:
         policy: the policy, on the CPU.

@@ -119,7 +119,7 @@ def train(
 
 
 def _yield_updates(run: BatchPpo, settings: TrainingSettings) -> Iterator[CurvePoint]:
-    """Update the policy until all steps are made, and yield the point of each update."""
+    """Update the policy until the run has made all its steps, and yield the curve's point after each update."""
     while run.steps < settings.steps:
         yield run.update()
 

@@ -127,7 +127,7 @@ _encode_mission = lru_cache(maxsize=1024)(encode_mission)
 
 
 def as_images(observations: NDArray[Any]) -> NDArray[Any]:
-    """Return observations, one a row, as images; a vector is an image of one pixel."""
+    """Return observations, one per row, as images; vectors become images of one pixel."""
     if observations.ndim == 2:
         return observations[:, None, None, :]
     return observations

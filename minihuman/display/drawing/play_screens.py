@@ -143,7 +143,7 @@ def _fit_picture(picture: NDArray[np.uint8], room_width: int, room_height: int) 
 
 
 def _fit_size(width: int, height: int, room_width: int, room_height: int) -> Size:
-    """Return the size to which `_fit_picture` scales a picture of a size."""
+    """Return the width and height to which `_fit_picture` scales a picture of a given width and height."""
     scale = min(room_width // width, room_height // height)
     if scale > 1:
         return width * scale, height * scale
@@ -280,7 +280,7 @@ def _draw_sign(
 def _draw_legend(sheet: Sheet, play_frame: PlayFrame) -> None:
     """Draw the keys and their actions side by side in a centred line.
 
-    If there are many, the type is smaller, and then they are broken into several lines.
+    If they do not fit in a line, the type is made smaller, and then they are broken into several lines.
     """
     printed_labels = {key: f"{above} {cap}".strip() for key, cap, above in play_frame.labels}
     keys = [(printed_labels.get(key, key_label(key)), action.replace("_", " ")) for key, action in play_frame.legend]

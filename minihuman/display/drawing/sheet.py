@@ -99,7 +99,7 @@ class Spot:
         return self.left <= x < self.right and self.top <= y < self.bottom
 
     def along(self, x: float) -> float:
-        """Return the position of an x along the spot, from 0 to 1."""
+        """Return how far along the spot an x in pixels lies, from 0 at its start to 1 at its end in reading order."""
         share = min(1.0, max(0.0, (x - self.left) / max(1.0, self.right - self.left)))
         if self.rtl:
             return 1.0 - share
@@ -236,7 +236,7 @@ class Sheet:
 
     def wrap(self, words: str, type_px: int, max_width_px: float) -> list[str]:
         """Break a text into lines that are at most ``max_width_px`` pixels long."""
-        return wrap_text(words, faces=self.faces, size_px=type_px, wide_px=max_width_px)
+        return wrap_text(words, faces=self.faces, size_px=type_px, max_width_px=max_width_px)
 
     def fitted(self, words: str, type_px: int, max_width_px: float, max_height_px: float) -> tuple[list[str], int]:
         """Return a text's lines in the largest type that fits, and the size of that type, at most ``type_px``.

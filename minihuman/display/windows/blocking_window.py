@@ -214,8 +214,8 @@ class BlockingWindow(Window):
             self._moving = None
         self._moves_from_ns = self._clock()
         if self._moving is not None:
-            return self._put(self._draw_motion(self._moving), await_log)
-        return self._put(self._field.open(screen), await_log)
+            return self._draw_and_flip(self._draw_motion(self._moving), await_log)
+        return self._draw_and_flip(self._field.open(screen), await_log)
 
     def _draw_motion(self, moving: PlayScreen) -> PlayScreen:
         """Return a moving screen as it looks one frame from now; if the motion is over then, end it."""
@@ -226,7 +226,7 @@ class BlockingWindow(Window):
         self._moving = None
         return moving
 
-    def _put(self, screen: Screen, await_log: Callable[[], None]) -> ScreenShown:
+    def _draw_and_flip(self, screen: Screen, await_log: Callable[[], None]) -> ScreenShown:
         """Draw a screen, wait until its events are in the log, and display it; return its times.
 
         Before that, accept the kinds of input that the screen takes, and capture the mouse or give it back.
@@ -317,7 +317,7 @@ class BlockingWindow(Window):
             if arrived:
                 return arrived
             if self._moving is not None:
-                self._put(self._draw_motion(self._moving), lambda: None)
+                self._draw_and_flip(self._draw_motion(self._moving), lambda: None)
             now_ns = self._clock()
             is_over = until_ns is not None and now_ns >= until_ns
             if due_inputs := self._list_due(now_ns, is_over=is_over):
@@ -333,17 +333,17 @@ class BlockingWindow(Window):
         if repeats := self._edit_field(self._repeater.repeats(now_ns)):
             return repeats
         if self._field.due_ns is not None and now_ns >= self._field.due_ns:
-            return self._field.settle(now_ns)
+            return self._field.report_text(now_ns)
         return self._mouse_motion.report(now_ns, is_needed=is_over)
 
     def _edit_field(self, arrived: Sequence[Input]) -> list[Input]:
         """Apply inputs to the field on the screen, and show the field; return the inputs that are for the session."""
-        remaining = self._field.take(arrived, self.size_px)
+        remaining = self._field.apply_inputs(arrived, self.size_px)
         if not self._field.is_active:
             return remaining
         view = self._field.show_current()
         if view != self._screen:
-            self._put(view, lambda: None)
+            self._draw_and_flip(view, lambda: None)
         return remaining
 
     def _key(self, down: bool, key: str, symbol: str, t_ns: int, cause: PressCause = "finger") -> list[Input]:

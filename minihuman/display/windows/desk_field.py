@@ -161,7 +161,7 @@ class DeskField:
         self._editor.composition = text
         self._was_composed = self._was_composed or bool(text)
 
-    def take(self, inputs: Iterable[Input], size_px: Size) -> list[Input]:
+    def apply_inputs(self, inputs: Iterable[Input], size_px: Size) -> list[Input]:
         """Apply inputs to the field, and return the inputs that are for the session.
 
         The text of the field is reported before the next input that is for the session. A press can lead to another
@@ -175,7 +175,7 @@ class DeskField:
             if self._apply_input(happened, size_px):
                 continue
             if self.is_active and not isinstance(happened, KeyUp | ScreenShown | PointerReleased):
-                remaining += self.settle(happened.t_ns)
+                remaining += self.report_text(happened.t_ns)
             remaining.append(happened)
             if self.is_active and isinstance(happened, KeyDown | PointerPressed):
                 self._waiting = coming[index + 1 :]
@@ -283,7 +283,7 @@ class DeskField:
                 self._began_ns = t_ns
             self._due_ns = t_ns + SETTLE_NS
 
-    def settle(self, t_ns: int) -> list[Input]:
+    def report_text(self, t_ns: int) -> list[Input]:
         """Return an input that reports the text, in a list; [] if the session has the same text already."""
         began_ns = self._began_ns
         if began_ns is None or self._editor.text == self._reported:

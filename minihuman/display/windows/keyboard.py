@@ -13,40 +13,40 @@ from typing import Any
 from minihuman.experiment.keys import DIGITS, FUNCTION, KEY_NAMES, LETTERS
 
 
-def _numbered(first: int, names: tuple[str, ...]) -> dict[int, str]:
+def _number_names(first: int, names: tuple[str, ...]) -> dict[int, str]:
     """Return names by consecutive numbers, of which ``first`` is the first."""
     return {first + offset: name for offset, name in enumerate(names)}
 
 
 # USB HID Usage Tables 1.5, page 0x07: what SDL calls a scancode.
 _BY_SCANCODE: Mapping[int, str] = (
-    _numbered(4, LETTERS)
-    | _numbered(30, DIGITS)
-    | _numbered(40, ("enter", "escape", "backspace", "tab", "space"))
-    | _numbered(45, ("minus", "equals", "left_bracket", "right_bracket", "backslash"))
-    | _numbered(51, ("semicolon", "quote", "grave", "comma", "period", "slash", "caps_lock"))
-    | _numbered(58, FUNCTION)
-    | _numbered(73, ("insert", "home", "page_up", "delete", "end", "page_down"))
-    | _numbered(79, ("right", "left", "down", "up", "num_lock"))
-    | _numbered(84, ("kp_divide", "kp_multiply", "kp_minus", "kp_plus", "kp_enter"))
-    | _numbered(89, tuple(f"kp_{digit}" for digit in DIGITS))
+    _number_names(4, LETTERS)
+    | _number_names(30, DIGITS)
+    | _number_names(40, ("enter", "escape", "backspace", "tab", "space"))
+    | _number_names(45, ("minus", "equals", "left_bracket", "right_bracket", "backslash"))
+    | _number_names(51, ("semicolon", "quote", "grave", "comma", "period", "slash", "caps_lock"))
+    | _number_names(58, FUNCTION)
+    | _number_names(73, ("insert", "home", "page_up", "delete", "end", "page_down"))
+    | _number_names(79, ("right", "left", "down", "up", "num_lock"))
+    | _number_names(84, ("kp_divide", "kp_multiply", "kp_minus", "kp_plus", "kp_enter"))
+    | _number_names(89, tuple(f"kp_{digit}" for digit in DIGITS))
     | {99: "kp_period"}
-    | _numbered(224, ("left_ctrl", "left_shift", "left_alt"))
-    | _numbered(228, ("right_ctrl", "right_shift", "right_alt"))
+    | _number_names(224, ("left_ctrl", "left_shift", "left_alt"))
+    | _number_names(228, ("right_ctrl", "right_shift", "right_alt"))
 )
 
 
-def _row(letter: str, names: str) -> dict[str, str]:
+def _name_positions_of_row(letter: str, names: str) -> dict[str, str]:
     """Return the names of a row's keys by XKB's names of their positions, such as "AE01" for row E's first key."""
     return {f"A{letter}{number:02}": name for number, name in enumerate(names.split(), start=1)}
 
 
 # XKB's names of positions (xkeyboard-config, keycodes/evdev): row A is the space bar's, E the digits'.
 _BY_XKB: Mapping[str, str] = (
-    _row("E", "1 2 3 4 5 6 7 8 9 0 minus equals")
-    | _row("D", "q w e r t y u i o p left_bracket right_bracket")
-    | _row("C", "a s d f g h j k l semicolon quote")
-    | _row("B", "z x c v b n m comma period slash")
+    _name_positions_of_row("E", "1 2 3 4 5 6 7 8 9 0 minus equals")
+    | _name_positions_of_row("D", "q w e r t y u i o p left_bracket right_bracket")
+    | _name_positions_of_row("C", "a s d f g h j k l semicolon quote")
+    | _name_positions_of_row("B", "z x c v b n m comma period slash")
     | {f"FK{number:02}": f"f{number}" for number in range(1, 13)}
     | {f"KP{digit}": f"kp_{digit}" for digit in DIGITS}
     | {"KPEN": "kp_enter", "KPAD": "kp_plus", "KPSU": "kp_minus", "KPMU": "kp_multiply", "KPDV": "kp_divide"}

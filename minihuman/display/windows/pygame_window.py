@@ -156,10 +156,10 @@ class PygameWindow(BlockingWindow):
     @property
     def size_px(self) -> Size:
         """The width and height of the drawn picture."""
-        return _surface().get_size()
+        return _get_surface().get_size()
 
     def _flip(self, frame: NDArray[np.uint8], changed: Box) -> None:
-        _surface().blit(pygame.image.frombuffer(frame.data, self.size_px, "RGB"), changed, changed)
+        _get_surface().blit(pygame.image.frombuffer(frame.data, self.size_px, "RGB"), changed, changed)
         pygame.display.update(changed)
 
     def _arrived(self, timeout_ns: int | None) -> list[Input]:
@@ -391,7 +391,7 @@ def _open_record(clock: Clock) -> X11InputRecord | None:
         return None
 
 
-def _surface() -> pygame.Surface:
+def _get_surface() -> pygame.Surface:
     """Return the surface to draw on; ask for it each time, since SDL replaces it when the size changes."""
     surface = pygame.display.get_surface()
     assert surface is not None, "the window is open"

@@ -86,8 +86,10 @@ class RewardModel:
             self._reward_cache[key] = float(self.rewards(batch, torch.tensor([action]))[0])
         return self._reward_cache[key]
 
-    def chances(self, dataset: Dataset, pairs: Sequence[tuple[LessonFragment, LessonFragment]]) -> NDArray[np.float64]:
-        """Return each member's probability that a pair's right fragment is better, of shape (members, pairs)."""
+    def predict_answers(
+        self, dataset: Dataset, pairs: Sequence[tuple[LessonFragment, LessonFragment]]
+    ) -> NDArray[np.float64]:
+        """Return each network's probability that a pair's right fragment is better, of shape (members, pairs)."""
         steps = collect_steps(dataset.lessons)
         first = get_first_rows(dataset)
         raw = torch.as_tensor(self._predict_raw_rewards(steps.observations, steps.actions))
@@ -282,7 +284,7 @@ EVERY_EPISODE = 2**31  # more episodes than a session can have
 
 def compute_disagreement(model: RewardModel, dataset: Dataset, pairs: Sequence[Pair]) -> NDArray[np.float64]:
     """Return the ensemble's disagreement on each pair: the variance of the probability of its right side."""
-    return np.asarray(model.chances(dataset, pairs).var(axis=0))
+    return np.asarray(model.predict_answers(dataset, pairs).var(axis=0))
 
 
 def choose_disputed_pair(
