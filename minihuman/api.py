@@ -108,8 +108,7 @@ def run(
     Raises:
         ProtocolError: if the protocol is not valid, or runs Python that is not trusted.
         AllocationError: if no slot is free, this session may not be run now, or another must be resumed first.
-        WindowError: if no window can be opened.
-        DeviceError: if the protocol has sounds and no sound device can be opened.
+        WindowError, DeviceError: if no window can be opened, or no sound device for a protocol with sounds.
         LogError: if the log cannot be written.
     """
     from minihuman.admin.enrolment_entries import AuditNote

@@ -204,13 +204,13 @@ class Episode:
             for index, action in enumerate(recorded.actions):
                 self._require_recorded_observation(observation_hash, index)
                 observation = copy.deepcopy(world.observation)  # as a world may use its arrays again
-                result = world.step(int(action))
-                observation_hash = result.observation_hash
+                world_step = world.step(int(action))
+                observation_hash = world_step.observation_hash
                 yield ReplayedStep(
                     step=index + 1,
                     observation=observation,
                     action=recorded.start.action_names[action],
-                    reward=result.reward,
+                    reward=world_step.reward,
                     terminated=bool(recorded.terminated[index]),
                     truncated=bool(recorded.truncated[index]),
                 )

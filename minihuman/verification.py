@@ -67,14 +67,9 @@ def verify(
         MinihumanError: if a manifest is combined with ``trust`` or ``policies``, ``outputs`` are given without exactly
             one study's tables, ``sample`` is not a share between 0 and 1, or nothing exists at a path.
     """
-    _require_compatible(
-        paths,
-        outputs,
-        manifest,
-        tables=tables,
-        has_replay_options=trust or policies,
-        is_selective=sample is not None or record is not None,
-    )
+    has_options = trust or policies
+    is_selective = sample is not None or record is not None
+    _require_compatible(paths, outputs, manifest, tables=tables, has_options=has_options, is_selective=is_selective)
     yield from _obey_withdrawals(paths)
     checks: list[Iterable[VerificationLine]] = []
     replay = _plan_replay(engine, trust=trust, policies=policies, sample=sample, seed=sample_seed, record=record)
@@ -96,7 +91,7 @@ def _require_compatible(
     manifest: str | None,
     *,
     tables: bool,
-    has_replay_options: bool,
+    has_options: bool,
     is_selective: bool,
 ) -> None:
     """Check that the arguments of `verify` can be combined.
@@ -106,7 +101,7 @@ def _require_compatible(
         outputs: the folders to compare with recomputed tables.
         manifest: the manifest to compare files with; None for none.
         tables: whether tables are recomputed.
-        has_replay_options: whether an option of replaying is set that does not choose logs.
+        has_options: whether an option of replaying is set that does not choose logs.
         is_selective: whether only some logs are replayed: a sample, or those that a record lacks.
 
     Raises:
@@ -117,9 +112,9 @@ def _require_compatible(
         raise MinihumanError(
             "--sample and --record select logs to replay; use --manifest and --tables in a separate command"
         )
-    if manifest is not None and has_replay_options:
+    if manifest is not None and has_options:
         raise MinihumanError("--manifest only compares files; use --trust or --policies in a separate command")
-    if tables and (manifest is not None or has_replay_options):
+    if tables and (manifest is not None or has_options):
         raise MinihumanError(
             "--tables does not replay logs; use --manifest, --trust or --policies in a separate command"
         )

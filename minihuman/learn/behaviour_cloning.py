@@ -198,11 +198,7 @@ def split_by_participant(
 def clone_policy(
     training: Demonstrations, validation: Demonstrations, *, eyes: EncoderName, settings: CloningSettings
 ) -> tuple[Policy, CloningResult]:
-    """Train a policy to imitate demonstrations; return it, with the weights of its best epoch, and the losses.
-
-    The best epoch is that with the lowest validation loss. Training stops after ``patience`` epochs without a lower
-    loss, or after ``most_epochs``.
-    """
+    """Train a policy to imitate demonstrations; return it, as it was at the lowest validation loss, and the losses."""
     torch.manual_seed(settings.seed)
     steps = _stack_steps(training)
     if settings.mirrored:
@@ -399,10 +395,7 @@ def build_card_text(
     chance: Evaluation,
     command: str,
 ) -> str:
-    """Return a policy's card in Markdown: its training data, its performance, and how the performance was measured.
-
-    The last of the rows is about the policy itself, and ``chance`` is the evaluation of random actions.
-    """
+    """Return a policy's card in Markdown: its training data, its performance, and how the performance was measured."""
     players = sorted({episode.player for episode in demonstrations.episodes})
     last = rows[-1].cloned
     sight = _SIGHTS[study.sight]

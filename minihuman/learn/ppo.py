@@ -152,28 +152,22 @@ class LeanPpo(PPO):
     def collect_rollouts(
         self, env: VecEnv, callback: BaseCallback, rollout_buffer: RolloutBuffer, n_rollout_steps: int
     ) -> bool:
-        """Collect a rollout into the agent's own arrays, without Stable-Baselines3's buffer ``rollout_buffer``.
-
-        Returns:
-            False if the callback ended the training, and otherwise True.
-        """
+        """Collect a rollout into the agent's own arrays; return False if the callback ended the training."""
         assert isinstance(env, DummyVecEnv)
         world = env.envs[0].unwrapped
         assert isinstance(world, TrainingEnv)
         assert self._last_episode_starts is not None
         self.policy.set_training_mode(False)
         callback.on_rollout_start()
-        sample_action = _ActionSampler(self.policy)
+        sampler = _ActionSampler(self.policy)
         observation = {name: part[0] for name, part in self._last_obs.items()}
         starts = bool(self._last_episode_starts[0])
-        if not hasattr(self, "_rollout"):
-            self._rollout = Rollout(n_rollout_steps, observation)
-        rollout = self._rollout
+        rollout = self._reuse_rollout(n_rollout_steps, observation)
         for step in range(n_rollout_steps):
             rollout.images[step] = observation["image"].transpose(1, 2, 0)
             if rollout.missions is not None:
                 rollout.missions[step] = observation["mission"]
-            action, value, log_prob = sample_action(observation)
+            action, value, log_prob = sampler.draw(observation)
             observation, reward, terminated, truncated, info = world.step(action)
             self.num_timesteps += 1
             if not callback.on_step():
@@ -182,7 +176,7 @@ class LeanPpo(PPO):
             starts = terminated or truncated
             self._update_info_buffer([info], np.array([starts]))
             if truncated and not terminated:  # the return beyond a step limit is estimated by the state's value
-                reward += self.gamma * sample_action.value(observation)
+                reward += self.gamma * sampler.value(observation)
             rollout.actions[step] = action
             rollout.rewards[step] = reward
             rollout.starts[step] = began_with_step
@@ -190,18 +184,20 @@ class LeanPpo(PPO):
             rollout.log_probs[step] = log_prob
             if starts:
                 observation, _ = world.reset()
-        last_value = sample_action.value(observation)
-        rollout.estimate_advantages(last_value, starts, gamma=self.gamma, gae_lambda=self.gae_lambda)
+        rollout.estimate_advantages(sampler.value(observation), starts, gamma=self.gamma, gae_lambda=self.gae_lambda)
         self._last_obs = {name: part[None] for name, part in observation.items()}
         self._last_episode_starts = np.array([starts])
         callback.on_rollout_end()
         return True
 
-    def train(self) -> None:
-        """Update the policy from the last rollout, in ``n_epochs`` passes.
+    def _reuse_rollout(self, n_steps: int, example: Observation) -> Rollout:
+        """Return the arrays of the last rollout to overwrite; new ones for the first rollout."""
+        if not hasattr(self, "_rollout"):
+            self._rollout = Rollout(n_steps, example)
+        return self._rollout
 
-        NumPy's global generator draws the minibatches, as in Stable-Baselines3.
-        """
+    def train(self) -> None:
+        """Update the policy from the last rollout, in minibatches that NumPy's global generator draws."""
         policy = self.policy
         rollout = self._rollout
         policy.set_training_mode(True)
@@ -238,8 +234,7 @@ class LeanPpo(PPO):
                 value_error = functional.mse_loss(returns[chosen], values.squeeze(1))
                 loss = self.vf_coef * value_error - surrogate
                 if self.ent_coef:
-                    negative_entropy = (new_log_probs.exp() * new_log_probs).sum(dim=1).mean()
-                    loss = loss + self.ent_coef * negative_entropy
+                    loss = loss + self.ent_coef * (new_log_probs.exp() * new_log_probs).sum(dim=1).mean()  # -entropy
                 policy.optimizer.zero_grad()
                 loss.backward()  # type: ignore[no-untyped-call]
                 torch.nn.utils.clip_grad_norm_(parameters, self.max_grad_norm)
@@ -256,7 +251,7 @@ class _ActionSampler:
         else:
             self._compute_outputs = policy.compute_single_outputs
 
-    def __call__(self, observation: Observation) -> tuple[int, float, float]:
+    def draw(self, observation: Observation) -> tuple[int, float, float]:
         """Return a drawn action, the state's value, and the action's log-probability."""
         logits, value = self._compute_outputs(observation)
         log_probs = torch.log_softmax(logits, dim=0)

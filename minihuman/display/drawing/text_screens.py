@@ -236,12 +236,7 @@ def _draw_label(
 ) -> None:
     """Draw a label next to a picture, with a line to the point of the picture that it describes.
 
-    Args:
-        sheet: the sheet to draw on.
-        mark: the label, and its point in shares of the picture's width and height.
-        picture_box: the left, top, right and bottom of the picture, in pixels.
-        size: the picture's width and height in pixels.
-        sides: the left and right in pixels between which picture and labels must lie.
+    ``size`` is the picture's; picture and labels lie between the left and the right of ``sides``. All are in pixels.
     """
     picture_left, picture_top, picture_right, _ = picture_box
     left, right = sides

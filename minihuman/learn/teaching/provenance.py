@@ -69,11 +69,6 @@ def make_policy(
 def reproduce_policy(path: Path, dataset: Dataset, *, start: Path | None = None) -> list[str]:
     """Learn a policy again from its training data, and describe the differences, one per line.
 
-    Args:
-        path: the policy file.
-        dataset: the dataset from which the policy was learned.
-        start: the file of the policy that it was learned from, if any.
-
     Returns:
         [] if the weights are equal. If the dataset or the starting policy has another digest, only the lines about
         these. Otherwise the weights that differ, after the versions of code that differ.
