@@ -26,7 +26,7 @@ Listener = Callable[[str], None]
 
 
 def _ignore(_: str) -> None:
-    pass
+    """Do nothing: the default of functions that are called with lines about the progress."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,16 +99,16 @@ def run(
         isolate_worlds: whether to run third-party worlds in separate processes; worlds of teams stay in this one.
         trust: whether to trust the protocol's folder from now on and run its Python, or a function that asks this.
         on_progress: called with a text about what is being prepared; "" when the window is about to open.
-        on_start: called with a line on slots without a log, then, once the slot is taken, a line on the participant.
+        on_start: called with a line on each of: slots without a log, a slot once it is taken, further people's logs.
 
     Returns:
-        The path of the session's log; None if the session ended before anything had to be recorded, so the slot is
-        free.
+        The path of the session's log, or the first participant's if several share this machine; None if the session
+        ended before anything had to be recorded, so the slot is free.
 
     Raises:
         ProtocolError: if the protocol is not valid, or runs Python that is not trusted.
         AllocationError: if no slot is free, this session may not be run now, or another must be resumed first.
-        WindowError: if no window can be opened; DeviceError if no sound device can, for a protocol with sounds.
+        WindowError, DeviceError: if no window can be opened, or no sound device for a protocol with sounds.
         LogError: if the log cannot be written.
     """
     from minihuman.admin.enrolment_entries import AuditNote
@@ -127,7 +127,7 @@ def run(
     data = Path(data)
     study = read_protocol(protocol, trust=trust)
     if not participant and not next_slot:
-        _require_none_interrupted(protocol, data, study)
+        _require_no_interrupted_session(protocol, data, study)
     seats = count_seats_at_machine(study, group)
     require_one_process(study, f"on one machine; use minihuman serve {protocol}", group=group, at_one_machine=seats)
     codes = _split_codes(participant, seats)
@@ -139,7 +139,7 @@ def run(
     opened = open_window(window, clock, fullscreen=fullscreen)
     try:  # the window first: a station without a display must not use up a slot
         if participant is None:
-            _name_unused_slots(data / study.study.name, on_start)
+            _report_unused_slots(data / study.study.name, on_start)
         plan_session = partial(
             _plan_session,
             study,
@@ -183,7 +183,7 @@ def _split_codes(participant: str | None, seats: int) -> list[str] | list[None]:
     return codes
 
 
-def _require_none_interrupted(protocol: Path, data: Path, study: "Protocol") -> None:
+def _require_no_interrupted_session(protocol: Path, data: Path, study: "Protocol") -> None:
     """Check that no interrupted session of the study is waiting to be resumed.
 
     Raises:
@@ -208,21 +208,22 @@ def _require_none_interrupted(protocol: Path, data: Path, study: "Protocol") -> 
     )
 
 
-def _name_unused_slots(study: Path, on_start: Listener) -> None:
+def _report_unused_slots(study_folder: Path, on_start: Listener) -> None:
+    """Call ``on_start`` with a line about the slots that were taken but have no log, if there are any."""
     from minihuman.admin.next_session import find_unused_slots
 
-    unused = find_unused_slots(study)
+    unused = find_unused_slots(study_folder)
     if unused:
         on_start(
             f"{', '.join(unused)}: a slot and no log; if no session of theirs is running: "
-            f"minihuman replace {unused[0]} --study {study}"
+            f"minihuman replace {unused[0]} --study {study_folder}"
         )
 
 
 def _plan_session(
-    study: "Protocol", data: Path, participant: str | None, *, on_start: Listener, **options: Any
+    study: "Protocol", data: Path, participant: str | None, *, on_start: Listener, **planning_options: Any
 ) -> "SessionPlan":
-    """Take a slot, plan its session, and report the participant with ``on_start``.
+    """Take the participant's slot, or the next free one for None; plan its session and report it with ``on_start``.
 
     Raises:
         DeviceError: if the study has sounds and no sound device opens; no slot is taken then.
@@ -231,7 +232,7 @@ def _plan_session(
     from minihuman.runtime.devices.sound import require_sound_device
 
     require_sound_device(study)
-    plan = plan_next_session(study, data, participant=participant, **options)
+    plan = plan_next_session(study, data, participant=participant, **planning_options)
     if plan.participant.group:
         group = f"group {plan.participant.group}"
     else:
@@ -266,7 +267,7 @@ def simulate(
             name, with parameters as in ``human-like:lapse=0.1``; or ``model:NAME``, a language model at the endpoint
             given by ``OPENAI_BASE_URL`` and ``OPENAI_API_KEY``.
         parallel: the number of model sessions that are played at the same time.
-        max_price: the total price at which a model's sessions stop; they can be resumed. 0 means no limit.
+        max_price: the price, in the protocol's currency, at which a model's sessions stop, to be resumed; 0: no limit.
         isolate_worlds: as for ``run``; the worlds of a model's sessions stay in this process.
         trust: as for ``run``.
         on_progress: called with a text about the progress.
@@ -308,6 +309,7 @@ def _simulate_models(
     max_price: float,
     on_progress: Listener,
 ) -> Iterator[Path]:
+    """Play sessions with a language model, yield the path of each log, and report progress and costs."""
     from minihuman.runtime.model_run import ModelRun
     from minihuman.runtime.model_sessions import simulate_models
     from minihuman.simulation.model_conversation import SpentTotals
@@ -315,17 +317,17 @@ def _simulate_models(
     n_done = 0
     currency = study.model.currency
 
-    def say(spent: SpentTotals) -> None:
+    def report_costs(spent: SpentTotals) -> None:
         cost = f"{spent.price:.4f} {currency}".strip()
         on_progress(
             f"{player} plays {study.study.name}: {n_done} of {participants} participants done, {spent.calls} calls, "
             f"{spent.tokens} tokens, {cost}"
         )
 
-    run = ModelRun.of_model(player, max_price=max_price, changed=say)
+    run = ModelRun.of_model(player, max_price=max_price, changed=report_costs)
     for path in simulate_models(study, data, participants=participants, parallel=parallel, run=run):
         n_done += 1
-        say(run.spent)
+        report_costs(run.spent)
         yield path
 
 
@@ -398,19 +400,19 @@ def publish(
     selection: "Selection | None" = None,
     on_progress: Listener = _ignore,
 ) -> ExportSummary:
-    """Write the folder that an archive takes: the export in its format, a card, the citation and metadata.
+    """Write a folder to upload to a public archive: an export in its format, a card, the citation and metadata.
 
-    What the protocol's ``[about]`` does not state can be stated in ``about.toml`` in the study's folder.
+    Facts that the protocol's ``[about]`` lacks are read from ``about.toml`` in the study's folder.
 
     Args:
         study: a study's folder.
         archive: osf, zenodo, hugging-face or openneuro.
         out: the path of a folder that does not exist yet.
-        selection: which sessions and episodes are included.
+        selection: the rule for which sessions and episodes are included.
         on_progress: called with the path of each log.
 
     Raises:
-        ExportError: if the archive is unknown, a fact that it requires is not stated, or as for ``export``.
+        ExportError: if the archive is unknown, a fact that it requires is missing, or for a reason of ``export``.
         LogError: if the study cannot be read.
     """
     from minihuman.dataset.selection import Selection
@@ -451,18 +453,18 @@ def report(
     from minihuman.reporting.build import build_report, find_stale_figures
 
     out = Path(out)
-    obeyed: list[str] = []
-    obey_withdrawals(Path(study), say=obeyed.append)
+    withdrawal_notes: list[str] = []
+    obey_withdrawals(Path(study), say=withdrawal_notes.append)
     with infrequent_collection(), name_output_when_full(out), select(Path(study), selection) as tables:
         files = build_report(tables, out, None if template is None else Path(template), scripts=scripts)
-        forgotten = record_output(Path(study), "report", out)
+        unrecorded_note = record_output(Path(study), "report", out)  # "" if the output is recorded
         account = tables.account
         notes = (
-            *obeyed,
+            *withdrawal_notes,
             *account.lines(),
             *find_stale_figures(out, files),
             *account.notes,
-            *filter(None, [forgotten]),
+            *filter(None, [unrecorded_note]),
         )
         return ReportSummary(files[0], files, notes)
 

@@ -190,10 +190,10 @@ MOVED_MODULES: dict[str, tuple[str, ...]] = {  # an old name -> the modules amon
 
 
 def find_moved(old_module: str, name: str) -> tuple[str, Any]:
-    """Return the module that now has a name of an old module, and the object that the name refers to.
+    """Return the new module of a name that an old module had, and the object that has this name.
 
     Raises:
-        AttributeError: if no module has it.
+        AttributeError: if none of the modules that replace ``old_module`` has the name.
     """
     for new_module in MOVED_MODULES[old_module]:
         module = import_module(new_module)
@@ -203,22 +203,28 @@ def find_moved(old_module: str, name: str) -> tuple[str, Any]:
 
 
 def _get_moved(old_module: str, name: str) -> Any:
-    """Return the object that an old name refers to, and warn the caller of the module's ``__getattr__``."""
-    if name.startswith("__"):  # the import system looks for some
+    """Return the object that an old name refers to, and warn the code that uses the old name.
+
+    Only a module's ``__getattr__`` may call this function: the warning names the line that is two calls above.
+
+    Raises:
+        AttributeError: if no new module has the name.
+    """
+    if name.startswith("__"):  # the import system looks up such names, which have not moved
         raise AttributeError(f"module {old_module!r} has no attribute {name!r}")
-    new_module, contents = find_moved(old_module, name)
+    new_module, moved_object = find_moved(old_module, name)
     warnings.warn(
         f"{old_module}.{name} is now {new_module}.{name}; the old name goes with the next version",
         DeprecationWarning,
         stacklevel=3,
     )
-    return contents
+    return moved_object
 
 
-def warn_of_old_name(old_name: str, name: str) -> None:
-    """Warn the caller of a function that is being used under its earlier name."""
+def warn_of_old_name(old_name: str, new_name: str) -> None:
+    """Warn that a name is old; the warning points to the line that uses it, two calls above this function."""
     warnings.warn(
-        f"{old_name} is now {name}; the old name goes with the next version", DeprecationWarning, stacklevel=3
+        f"{old_name} is now {new_name}; the old name goes with the next version", DeprecationWarning, stacklevel=3
     )
 
 
@@ -232,7 +238,7 @@ def forward_names(module: str) -> Callable[[str], Any]:
 
 
 class _MovedModule(ModuleType):
-    """A module without contents of its own."""
+    """An empty module in place of an old one; its attributes come from the modules that replace it."""
 
     def __getattr__(self, name: str) -> Any:
         return _get_moved(self.__name__, name)

@@ -34,6 +34,7 @@ MAX_PROCESSES = 61  # that one Windows process can wait for
 LOWER_PRIORITY = 10  # what is added to the niceness of work that participants do not wait for
 REPLACE_ATTEMPTS = 50  # a virus scanner or an indexer has let go of a file by then
 REPLACE_INTERVAL_S = 0.1
+_RESEND_DELAY_S = 0.1  # until SIGTERM is sent again after Python dropped the exception that it had raised
 _SHARING_VIOLATIONS = frozenset({5, 32, 33})  # Windows: access denied, open elsewhere, locked elsewhere
 _LOCK_OFFSET_HIGH = 0x4000_0000  # Windows locks bytes against reading: lock one that no file has
 
@@ -43,7 +44,7 @@ def is_sharing_violation(error: OSError) -> bool:
     return getattr(error, "winerror", None) in _SHARING_VIOLATIONS
 
 
-OWNER_ONLY_FOLDER = 0o700  # what people did is nobody else's to read, whatever the umask
+OWNER_ONLY_FOLDER = 0o700  # whatever the umask: only the owner may read what people did
 OWNER_ONLY_FILE = 0o600
 
 
@@ -72,7 +73,7 @@ def make_private_folder(folder: Path, mode: int = OWNER_ONLY_FOLDER) -> None:
 def keep_private(file: Path) -> None:
     """Restrict a file that a library created to its owner, if the system and the file's owner allow it."""
     with contextlib.suppress(OSError):
-        if stat.S_IMODE(os.stat(file).st_mode) != OWNER_ONLY_FILE:  # or its time changes, which tells caches apart
+        if stat.S_IMODE(os.stat(file).st_mode) != OWNER_ONLY_FILE:  # a chmod would look like a change to caches
             os.chmod(file, OWNER_ONLY_FILE)
 
 
@@ -134,12 +135,12 @@ def read_at(fd: int, count: int, offset: int) -> bytes:
     if sys.platform != "win32":
         return os.pread(fd, count, offset)
     with _SEEKING:
-        before = os.lseek(fd, 0, os.SEEK_CUR)
+        previous_position = os.lseek(fd, 0, os.SEEK_CUR)
         try:
             os.lseek(fd, offset, os.SEEK_SET)
             return os.read(fd, count)
         finally:
-            os.lseek(fd, before, os.SEEK_SET)
+            os.lseek(fd, previous_position, os.SEEK_SET)
 
 
 _SEEKING = threading.Lock()
@@ -156,10 +157,11 @@ def lock_descriptor(fd: int, *, wait: bool = True) -> None:
         exclusive = 2
         at_once = 1
         lock_violation = 33
-        call = ctypes.WinDLL("kernel32", use_last_error=True).LockFileEx
-        call.argtypes = [ctypes.c_void_p, *[ctypes.c_uint32] * 4, ctypes.c_void_p]
-        place = (ctypes.c_uint64 * 4)(0, 0, _LOCK_OFFSET_HIGH << 32)  # an OVERLAPPED: its third field is the offset
-        if not call(msvcrt.get_osfhandle(fd), exclusive if wait else exclusive | at_once, 0, 1, 0, place):
+        flags = exclusive if wait else exclusive | at_once
+        lock_file = ctypes.WinDLL("kernel32", use_last_error=True).LockFileEx
+        lock_file.argtypes = [ctypes.c_void_p, *[ctypes.c_uint32] * 4, ctypes.c_void_p]
+        overlapped = (ctypes.c_uint64 * 4)(0, 0, _LOCK_OFFSET_HIGH << 32)  # the third field is the offset
+        if not lock_file(msvcrt.get_osfhandle(fd), flags, 0, 1, 0, overlapped):
             if ctypes.get_last_error() == lock_violation:
                 raise BlockingIOError(f"descriptor {fd} is locked by another process")
             raise ctypes.WinError(ctypes.get_last_error())
@@ -207,18 +209,18 @@ def sync_file_system(fd: int) -> None:
         OSError: if something could not be written, or the system does not support the call.
     """
     if sys.platform == "win32":
-        call = None
+        syncfs = None
     else:
-        call = getattr(ctypes.CDLL(None, use_errno=True), "syncfs", None)
-    if call is None:
+        syncfs = getattr(ctypes.CDLL(None, use_errno=True), "syncfs", None)
+    if syncfs is None:
         raise OSError("this operating system does not support syncfs")
-    if call(fd):
-        number = ctypes.get_errno()
-        raise OSError(number, os.strerror(number))
+    if syncfs(fd):
+        error_number = ctypes.get_errno()
+        raise OSError(error_number, os.strerror(error_number))
 
 
 def is_owned_by_user(status: os.stat_result) -> bool:
-    """Return whether this process's user owns a file; always true on Windows, whose files have no owner's number."""
+    """Return whether this process's user owns a file; always True on Windows, where files have no user id."""
     return sys.platform == "win32" or status.st_uid == os.geteuid()
 
 
@@ -258,9 +260,9 @@ def retry_when_shared(call: Callable[[], object], *, interval_s: float = REPLACE
 
 
 def _replace_open_file(source: Path, target: Path) -> None:
-    """Replace a file.
+    """Rename ``source`` to ``target``, replacing the file ``target``.
 
-    Windows refuses to replace an open file, so a rename with POSIX semantics is tried first there.
+    Windows refuses to replace a file that is open, so a rename with POSIX semantics is tried first there.
     """
     if sys.platform == "win32":
         delete_and_synchronize = 0x0011_0000
@@ -273,9 +275,9 @@ def _replace_open_file(source: Path, target: Path) -> None:
         handle = _winapi.CreateFile(str(source), delete_and_synchronize, share_all, 0, open_existing, normal, 0)
         try:  # FILE_RENAME_INFO: flags, a folder's handle, the name's length, the name
             info = b"".join((replace_and_posix.to_bytes(8, "little"), bytes(8), len(name).to_bytes(4, "little"), name))
-            call = ctypes.WinDLL("kernel32").SetFileInformationByHandle
-            call.argtypes = [ctypes.c_void_p, ctypes.c_int, ctypes.c_char_p, ctypes.c_uint32]
-            if call(handle, rename_info_ex, info, len(info)):
+            set_file_information = ctypes.WinDLL("kernel32").SetFileInformationByHandle
+            set_file_information.argtypes = [ctypes.c_void_p, ctypes.c_int, ctypes.c_char_p, ctypes.c_uint32]
+            if set_file_information(handle, rename_info_ex, info, len(info)):
                 return
         finally:
             _winapi.CloseHandle(handle)
@@ -312,7 +314,7 @@ def raise_file_limit(needed: int) -> int:
 
 
 def count_processes() -> int:
-    """Return the maximum number of processes to run in parallel: one per core."""
+    """Return how many processes to run in parallel: one per CPU core, at most ``MAX_PROCESSES``."""
     return min(os.cpu_count() or 1, MAX_PROCESSES)
 
 
@@ -335,10 +337,9 @@ def lower_thread_priority() -> None:
 
 @contextlib.contextmanager
 def keep_scheduling() -> Iterator[None]:
-    """Undo the real-time priority that a library called inside gives to this thread or its own threads.
+    """Undo the real-time priority that a library gives to its caller or its own threads in the enclosed code.
 
-    If started by root, as in a container, the AV1 encoder gives itself and its caller priority over everything else on
-    the machine.
+    The AV1 encoder does so if root starts it, as in a container; it would then slow everything else on the machine.
     """
     if sys.platform != "linux":
         yield
@@ -356,16 +357,16 @@ def keep_scheduling() -> Iterator[None]:
 
 
 def limit_memory(share: float) -> None:
-    """Limit this process to a share of the machine's memory, and make it the first to be killed when memory is short.
+    """Limit this process to a share (0 to 1) of the machine's memory, and let it be killed first if memory is short.
 
-    Linux does both. macOS may refuse, and Windows has no such call for a running process; there is no limit then.
+    Only Linux does both. macOS may refuse the limit, and Windows has no limit for a process that already runs.
     """
     if sys.platform != "win32":
         limit_memory_bytes(int(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") * share))
 
 
 def limit_memory_bytes(limit: int) -> None:
-    """Limit this process's memory to a number of bytes, as ``limit_memory`` does."""
+    """Limit this process to ``limit`` bytes of memory, on the same systems as ``limit_memory``."""
     if sys.platform != "win32":
         with contextlib.suppress(OSError):
             Path("/proc/self/oom_score_adj").write_text("1000", encoding="ascii", newline="\n")
@@ -380,8 +381,8 @@ def measure_own_use() -> tuple[float, int]:
     """
     if sys.platform != "win32":
         usage = resource.getrusage(resource.RUSAGE_SELF)
-        unit = 1 if sys.platform == "darwin" else 1024
-        return usage.ru_utime + usage.ru_stime, usage.ru_maxrss * unit
+        bytes_per_unit = 1 if sys.platform == "darwin" else 1024  # the unit of ru_maxrss
+        return usage.ru_utime + usage.ru_stime, usage.ru_maxrss * bytes_per_unit
     return time.process_time(), 0
 
 
@@ -391,7 +392,7 @@ def ignore_termination() -> None:
 
 
 def outlive_termination() -> None:
-    """Ignore SIGTERM in this process only."""
+    """Ignore SIGTERM in this process, but not in the programs that it starts, which inherit no handlers."""
     signal.signal(signal.SIGTERM, lambda *_: None)
 
 
@@ -403,13 +404,13 @@ def name_signal(number: int) -> str:
 
 
 def lead_own_group() -> None:
-    """Make this process the leader of a group that Ctrl-C in the terminal does not reach; not on Windows."""
+    """Make this process lead a new process group, which Ctrl-C in the terminal does not reach; not on Windows."""
     if sys.platform != "win32":
         os.setsid()
 
 
 def end_group(pid: int) -> None:
-    """Kill a process and the processes it started, if it leads a group; do nothing if it has ended."""
+    """Kill the process group that a process leads; do nothing if there is no such group, or on Windows."""
     if sys.platform != "win32":
         with contextlib.suppress(ProcessLookupError, PermissionError):
             os.killpg(pid, signal.SIGKILL)
@@ -424,10 +425,10 @@ def end_with_parent() -> None:
 
 @contextlib.contextmanager
 def receive_end_signals(remember: Callable[[str], None]) -> Iterator[None]:
-    """Call ``remember`` with the name of each signal that asks the program to end, instead of ending.
+    """Call ``remember`` with the name of each signal that asks the program to end, instead of ending the program.
 
-    The signals are Ctrl-C, SIGTERM, and the closing of the terminal (SIGHUP, or SIGBREAK on Windows). Only the main
-    thread receives signals.
+    The signals are SIGINT (Ctrl-C), SIGTERM, and SIGHUP (or SIGBREAK on Windows) when the terminal is closed. Only
+    the main thread receives signals; in another thread, nothing changes.
     """
 
     def receive(number: int, _: FrameType | None) -> None:
@@ -436,11 +437,11 @@ def receive_end_signals(remember: Callable[[str], None]) -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before: dict[int, Any] = {number: signal.signal(number, receive) for number in _END_SIGNALS}
+    previous_handlers: dict[int, Any] = {number: signal.signal(number, receive) for number in _END_SIGNALS}
     try:
         yield
     finally:
-        for number, handler in before.items():
+        for number, handler in previous_handlers.items():
             signal.signal(number, handler)
 
 
@@ -466,33 +467,33 @@ def interrupt_after(limit_s: float) -> Iterator[None]:
     def expire(_number: int, _frame: FrameType | None) -> None:
         raise TimeoutError(f"no answer within {limit_s:g} s")
 
-    before = signal.signal(signal.SIGALRM, expire)
+    previous_handler = signal.signal(signal.SIGALRM, expire)
     signal.setitimer(signal.ITIMER_REAL, limit_s)
     try:
         yield
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0)
-        signal.signal(signal.SIGALRM, before)
+        signal.signal(signal.SIGALRM, previous_handler)
 
 
 def exit_when_terminated() -> None:
     """Turn SIGTERM into SystemExit, so that ``finally`` blocks run.
 
-    Python drops exceptions raised in a finalizer or a weak reference's callback; in that case the signal is sent again.
+    Python drops exceptions raised in a finalizer or a weak reference's callback; then the signal is sent again.
     """
-    report = sys.unraisablehook
+    report_unraisable = sys.unraisablehook
 
-    def leave(*_: object) -> None:
+    def exit_program(*_: object) -> None:
         raise SystemExit(0)
 
-    def leave_later(dropped: "sys.UnraisableHookArgs") -> None:
+    def resend_if_dropped(dropped: "sys.UnraisableHookArgs") -> None:
         if dropped.exc_type is SystemExit:
-            threading.Timer(0.1, os.kill, (os.getpid(), signal.SIGTERM)).start()
+            threading.Timer(_RESEND_DELAY_S, os.kill, (os.getpid(), signal.SIGTERM)).start()
         else:
-            report(dropped)
+            report_unraisable(dropped)
 
-    sys.unraisablehook = leave_later
-    signal.signal(signal.SIGTERM, leave)
+    sys.unraisablehook = resend_if_dropped
+    signal.signal(signal.SIGTERM, exit_program)
 
 
 if not TYPE_CHECKING:

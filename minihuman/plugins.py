@@ -61,20 +61,21 @@ def list_plugin_names(group: str, *, built_in: bool = False) -> tuple[str, ...]:
 
 @cache
 def _list_names(group: str, module: str, path: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the names of a group's entries whose modules begin with ``module``.
+    """Return the names of a group's entries whose modules begin with ``module``; ``path`` is ``sys.path``.
 
-    Cached, as one command asks hundreds of times.
+    The result is cached for each ``sys.path``, because one command calls this function hundreds of times.
     """
     return tuple(sorted({entry.name for entry in _load_group(group, path) if entry.value.startswith(module)}))
 
 
 def _find_entry_points(group: str, name: str = "") -> tuple[EntryPoint, ...]:
+    """Return the entry points of a group that have a name; all of the group if the name is ""."""
     return tuple(entry for entry in _load_group(group, tuple(sys.path)) if not name or entry.name == name)
 
 
 @cache
 def _load_group(group: str, path: tuple[str, ...]) -> EntryPoints:
-    """Read the entry points of a group; cached, because it takes 5 ms."""
+    """Return the entry points of a group; cached for each ``path`` (``sys.path``), because reading takes 5 ms."""
     return entry_points(group=group)
 
 
@@ -94,20 +95,21 @@ def load_plugin(group: str, name: str, error: Callable[[str], MinihumanError], *
     if not candidates:
         raise error(f"{noun} {name!r} is unknown; it is one of {', '.join(list_plugin_names(group))}")
     if len(candidates) > 1:
-        owners = " and ".join(f"{entry.value} ({_package(entry)})" for entry in candidates)
+        owners = " and ".join(f"{entry.value} ({_format_package(entry)})" for entry in candidates)
         raise error(f"{noun} {name!r} is registered twice, by {owners}; uninstall or rename one")
     (entry_point,) = candidates
     try:
         return entry_point.load()
     except ImportError as failed:
-        remedy = _find_remedy(failed) or f"repair {_package(entry_point)}"
+        remedy = _find_remedy(failed) or f"repair {_format_package(entry_point)}"
         raise error(f"{noun} {name!r} ({entry_point.value}) cannot be imported: {failed}; {remedy}") from failed
     except AttributeError as failed:
-        raise error(f"{noun} {name!r}: {entry_point.value} does not exist; repair {_package(entry_point)}") from failed
+        package = _format_package(entry_point)
+        raise error(f"{noun} {name!r}: {entry_point.value} does not exist; repair {package}") from failed
 
 
 def _find_remedy(error: ImportError) -> str:
-    """Return which extra of minihuman to install for a missing package; "" if none has it."""
+    """Return the advice to install the extra of minihuman that has a missing package; "" if no extra has it."""
     if not isinstance(error, ModuleNotFoundError) or error.name is None:
         return ""
     extra = EXTRA_OF_PACKAGE.get(error.name.partition(".")[0])
@@ -118,13 +120,14 @@ def read_plugin_file(group: str, name: str, file: str) -> str | None:
     """Read a text file that lies beside the module of a plug-in, without loading the module.
 
     Returns:
-        The text; None where there is no such file, or no one such plug-in: `load_plugin` says what is wrong then.
+        The text; None if there is no such file, if the module is in no package, or if no plug-in or more than one has
+        the name. `load_plugin` raises an error that explains the last two cases.
     """
     candidates = set(_find_entry_points(group, name=name))
     if len(candidates) != 1:
         return None
     package, _, _ = candidates.pop().module.rpartition(".")
-    if not package:  # a module that is in no package has no folder of its own
+    if not package:  # a top-level module has no folder that only its own files are in
         return None
     try:
         path = files(package) / file
@@ -136,23 +139,31 @@ def read_plugin_file(group: str, name: str, file: str) -> str | None:
 
 
 def remember_by_name(find: Callable[[str], Port]) -> Callable[[str], Port]:
-    """Cache the objects that a function finds by name, as long as ``sys.path`` stays the same."""
+    """Return a function that does the same as ``find``, but caches what it returns for each name and ``sys.path``."""
 
     @cache
-    def find_in(name: str, path: tuple[str, ...]) -> Port:
+    def find_cached(name: str, path: tuple[str, ...]) -> Port:  # the path is only part of the cache's key
         return find(name)
 
     @wraps(find)
-    def find_here(name: str) -> Port:
-        return find_in(name, tuple(sys.path))
+    def find_for_current_path(name: str) -> Port:
+        return find_cached(name, tuple(sys.path))
 
-    return find_here
+    return find_for_current_path
 
 
 def make_plugin(
     group: str, name: str, port: type[Port], error: Callable[[str], MinihumanError], *arguments: Any, noun: str
 ) -> Port:
-    """Create a plug-in from its name and the text after the colon, which is passed as its first argument.
+    """Create the plug-in ``KIND:TEXT`` by calling the registered object ``KIND`` with ``TEXT`` and ``arguments``.
+
+    Args:
+        group: the entry-point group, such as "minihuman.players".
+        name: the plug-in's name, which a colon and a text can follow; without them, the text is "".
+        port: the class of which the plug-in must be an instance.
+        error: the function that creates the error to raise from its message.
+        *arguments: the arguments after the text.
+        noun: the kind of plug-in as the message names it, such as "player".
 
     Raises:
         MinihumanError: as created by ``error``, under the conditions of `call_plugin`.
@@ -170,7 +181,16 @@ def call_plugin(
     noun: str,
     **settings: Any,
 ) -> Port:
-    """Create a plug-in by name with the given arguments.
+    """Create a plug-in by calling the object that is registered under a name.
+
+    Args:
+        group: the entry-point group, such as "minihuman.players".
+        name: the plug-in's name.
+        port: the class of which the plug-in must be an instance.
+        error: the function that creates the error to raise from its message.
+        *arguments: the positional arguments of the call.
+        noun: the kind of plug-in as the message names it, such as "player".
+        **settings: the keyword arguments of the call.
 
     Raises:
         MinihumanError: as created by ``error``, under the conditions of `load_plugin`, or if the object is not a
@@ -181,12 +201,13 @@ def call_plugin(
         return plugin
     (entry, *_) = _find_entry_points(group, name=name)
     raise error(
-        f"{entry.value} ({_package(entry)}) makes a {type(plugin).__name__}; "
+        f"{entry.value} ({_format_package(entry)}) makes a {type(plugin).__name__}; "
         f"a plug-in of {group!r} must make a {port.__module__}.{port.__qualname__}"
     )
 
 
-def _package(entry: EntryPoint) -> str:
+def _format_package(entry: EntryPoint) -> str:
+    """Return the name and version of the package that registers a plug-in."""
     if entry.dist is None:
         return "an unknown package"
     return f"{entry.dist.name} {entry.dist.version}"
@@ -217,15 +238,15 @@ def read_settings(
     """
     values: dict[str, Any] = {}
     for part in filter(None, text.split(",")):
-        setting, _, value = part.partition("=")
+        setting, _, number = part.partition("=")
         name = (aliases or {}).get(setting, setting)
         if name not in defaults:
             raise error(f"{owner} has no setting {setting!r}; use {', '.join(defaults)}")
         kind = type(defaults[name])
         try:
-            values[name] = bool(int(value)) if kind is bool else kind(value)
+            values[name] = bool(int(number)) if kind is bool else kind(number)
         except ValueError:
-            raise error(f"{owner}: setting {setting} is {value!r}; use a number") from None
+            raise error(f"{owner}: setting {setting} is {number!r}; use a number") from None
     return values
 
 

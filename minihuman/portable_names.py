@@ -19,13 +19,12 @@ def explain_unportable_name(name: str) -> str:
 
 
 def find_case_twin(name: str, names: Iterable[str]) -> str:
-    """Return the name among ``names`` that differs from a name only in case.
+    """Return the first of ``names`` that differs from ``name`` only in case; "" if there is none.
 
-    "" if there is none, or the name is among them.
-
-    Windows, and macOS in its default configuration, store both names as the same folder.
+    If ``name`` itself is among ``names``, the result is "", too. Windows, and macOS in its default configuration, store
+    two names that differ only in case as the same folder.
     """
-    other_names = set(names)
-    if name in other_names:
+    unique_names = set(names)
+    if name in unique_names:
         return ""
-    return next((other for other in sorted(other_names) if other.casefold() == name.casefold()), "")
+    return next((candidate for candidate in sorted(unique_names) if candidate.casefold() == name.casefold()), "")

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 
 def read_table_frame(source: Path, selection: Selection, name: str, *, with_excluded: bool) -> "pd.DataFrame":
-    """Return one of the tables of a study or a session, with the included rows or all rows.
+    """Return a table of a study's folder or a session's log: its included rows, or all with ``with_excluded``.
 
     Raises:
         QueryError: if there is no such table.
@@ -190,7 +190,7 @@ class Episode:
         return render_frames(self.recorded)
 
     def play_back(self) -> Iterator[ReplayedStep]:
-        """Replay the episode in its world, step by step, and compare each observation by hash with the recording.
+        """Replay the episode in its world, and yield each step whose observation has the hash that was recorded.
 
         Raises:
             LogError: at the first step whose observation differs.
@@ -201,20 +201,20 @@ class Episode:
         recorded = self.recorded
         with closing(World(recorded.plan.world, recorded.world_options)) as world:
             observation_hash = world.reset(recorded.plan.seed).observation_hash
-            for place, action in enumerate(recorded.actions):
-                self._compare_observation(observation_hash, place)
+            for index, action in enumerate(recorded.actions):
+                self._require_recorded_observation(observation_hash, index)
                 observation = copy.deepcopy(world.observation)  # as a world may use its arrays again
-                change = world.step(int(action))
-                observation_hash = change.observation_hash
+                world_step = world.step(int(action))
+                observation_hash = world_step.observation_hash
                 yield ReplayedStep(
-                    step=place + 1,
+                    step=index + 1,
                     observation=observation,
                     action=recorded.start.action_names[action],
-                    reward=change.reward,
-                    terminated=bool(recorded.terminated[place]),
-                    truncated=bool(recorded.truncated[place]),
+                    reward=world_step.reward,
+                    terminated=bool(recorded.terminated[index]),
+                    truncated=bool(recorded.truncated[index]),
                 )
-            self._compare_observation(observation_hash, self.steps)
+            self._require_recorded_observation(observation_hash, self.steps)
 
     def figure(self) -> "Figure":
         """Draw the agent's path over the floor plan."""
@@ -222,11 +222,16 @@ class Episode:
 
         return paths_figure([(self.world, [self.recorded])], across=1)
 
-    def _compare_observation(self, observation_hash: int, step: int) -> None:
+    def _require_recorded_observation(self, observation_hash: int, step: int) -> None:
+        """Check the hash of the observation after ``step`` steps against the recording.
+
+        Raises:
+            LogError: if it differs.
+        """
         if observation_hash != int(self.recorded.observation_hashes[step]):
-            place = f"{self.participant}: {self.recorded.name} step {step}"
             raise LogError(
-                f"{place}: the observation of {self.world} differs from the recorded one; run: minihuman verify"
+                f"{self.participant}: {self.recorded.name} step {step}: the observation of {self.world} differs from "
+                "the recorded one; run: minihuman verify"
             )
 
     def __repr__(self) -> str:
@@ -295,7 +300,7 @@ class Session:
     def episodes(self) -> tuple[Episode, ...]:
         """The included episodes, in the order in which they were played."""
         included = set(self._selected.places)
-        return tuple(episode for place, episode in enumerate(self.all_episodes) if place in included)
+        return tuple(episode for index, episode in enumerate(self.all_episodes) if index in included)
 
     @property
     def all_episodes(self) -> tuple[Episode, ...]:
@@ -362,7 +367,7 @@ def read_session(path: Path, selection: Selection) -> Session:
     return Session(selection.judge(read_log(path)), selection)
 
 
-_MAX_SHOWN_SESSIONS = 20  # participants in a notebook's cell
+_MAX_SHOWN_SESSIONS = 20  # rows of a study's table in a notebook's cell
 
 
 class Study:
@@ -432,24 +437,25 @@ class Study:
 
         logs = [session._selected.session for session in self.sessions]
         episode_plans = [episode.plan for log in logs for episode in log.episodes]
-        place = of
+        block_or_world = of
         if name == "learning":
-            if not place and episode_plans:
-                place = episode_plans[-1].block_name
+            if not block_or_world and episode_plans:
+                block_or_world = episode_plans[-1].block_name
             rewards = collect_rewards(logs)
-            episodes = rewards[rewards["block"] == place]
+            episodes = rewards[rewards["block"] == block_or_world]
             curves = collect_learning_curves(episodes)
             if curves:
-                title = name_measure("reward", place)
+                title = name_measure("reward", block_or_world)
                 return learning_figure(curves, measure="reward", limits=find_reward_limits(episodes), title=title)
         else:
-            if not place and episode_plans:
-                place = episode_plans[-1].world
-            groups = group_participants_by_group(logs, place)
+            if not block_or_world and episode_plans:
+                block_or_world = episode_plans[-1].world
+            groups = group_participants_by_group(logs, block_or_world)
             if groups:
-                return occupancy_figure(place, groups)
+                return occupancy_figure(block_or_world, groups)
         raise LogError(
-            f"{self.path} has no included episode of {place!r} that can be drawn; choose another block or world"
+            f"{self.path} has no included episode of {block_or_world!r} that can be drawn; choose another block or "
+            "world"
         )
 
     def __getitem__(self, key: str | tuple[str, int]) -> Session:

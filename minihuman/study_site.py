@@ -1,6 +1,6 @@
-"""Studies without a server: write a protocol's static folder, and import what its pages recorded.
+"""Studies without a server: write a static folder that runs a protocol, and import what its pages recorded.
 
-Modules that only one of both needs are imported when it is called.
+Modules that only one function needs are imported when it is called.
 """
 
 from collections.abc import Iterator
@@ -22,13 +22,13 @@ def write_site(
     Args:
         protocol: the protocol's TOML file.
         out: the folder; files of an earlier site in it are replaced.
-        collector: where the page sends its record: "download", "jatos", "datapipe:EXPERIMENT_ID", or an address.
+        collector: where the pages send their records: "download", "jatos", "datapipe:EXPERIMENT_ID", or an address.
         slots: the number of allocation slots to write; 0 for all participants of the study.
         trust: as for ``run``.
 
     Raises:
         ProtocolError: if the protocol is not valid, or runs Python that is not trusted.
-        MinihumanError: if a part of it needs a server, or there is no such collector.
+        MinihumanError: if a part of the protocol needs a server, or there is no such collector.
     """
     from minihuman.admin.protocol_file import read_protocol
     from minihuman.experiment.plan.dry_run import check_worlds
@@ -42,15 +42,15 @@ def write_site(
 def import_site_data(
     *paths: Path | str, study: Path | str, protocol: Path | str, trust: Permission = False
 ) -> Iterator["ImportedRecord"]:
-    """Import the records of a site's pages: each runs through the session machine again, which writes its log.
+    """Import the records of a site's pages by running each through the session machine, which writes its log.
 
     The log is marked as consistent, not witnessed. What the page showed and computed is compared with the session
     machine, and every difference is reported. Records that were imported before are skipped.
 
     Args:
         paths: files of records or of their parts, or folders of them.
-        study: the study's folder, named as the protocol's study; it is created if it does not exist.
-        protocol: the protocol that the site was made of.
+        study: the study's folder, which must have the name of the protocol's study; it is created if it is missing.
+        protocol: the protocol's TOML file from which the site was written.
         trust: as for ``run``.
 
     Yields:
@@ -68,11 +68,11 @@ def import_site_data(
 
 
 def describe_site_slots(study: Path | str, protocol: Path | str, *, trust: Permission = False) -> str:
-    """Describe in one line how evenly the imported records of a site are over its slots and groups.
+    """Describe in one line how evenly a site's imported records are distributed over its slots and groups.
 
     Args:
         study: the study's folder.
-        protocol: the protocol that the site was made of.
+        protocol: the protocol's TOML file from which the site was written.
         trust: as for ``run``.
 
     Raises:

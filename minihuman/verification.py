@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from minihuman.admin.verify.coverage import Sample, VerificationRecord
 
 _PAGE_DATA_SUFFIXES = (".json", ".csv")
-_LOGS_PER_PROCESS = 8  # to verify; fewer are replayed sooner than one more process starts
+_LOGS_PER_PROCESS = 8  # fewer logs are replayed in less time than another process needs to start
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,22 +54,22 @@ def verify(
         outputs: folders of reports and exports (CSV, Parquet) of the default selection to compare with these tables.
         engine: "local" to replay many logs in processes of this machine, or "ray" to replay them in a Ray cluster.
         sample: the share of the sessions to replay, such as "5%" or 0.05; every finding about one of them says so.
-        sample_seed: the seed with which they are drawn.
-        record: a file of the logs that were verified, which is added to. Logs that are unchanged since, with the same
-            chain heads in the enrolment log, are not replayed again by the same software; so a run that was cut off
-            goes on.
+        sample_seed: the seed with which the sample is drawn.
+        record: a file that records which logs were verified; new logs are added to it. A log in it is not replayed
+            again if the log, its chain head in the enrolment log and this software are unchanged, so that an
+            interrupted run can be continued.
 
     Yields:
         Findings. ``all(line.ok for line in verify(path))`` tells whether everything is as logged. A log that cannot be
-        read
-        yields a line with an ``error``, and the other logs are still verified.
+        read yields a line with an ``error``, and the other logs are still verified.
 
     Raises:
         MinihumanError: if a manifest is combined with ``trust`` or ``policies``, ``outputs`` are given without exactly
-            one study's tables, ``sample`` is no share, or nothing exists at a path.
+            one study's tables, ``sample`` is not a share between 0 and 1, or nothing exists at a path.
     """
-    selects = sample is not None or record is not None
-    _require_compatible(paths, outputs, manifest, tables=tables, obeys=trust or policies, selects=selects)
+    has_options = trust or policies
+    is_selective = sample is not None or record is not None
+    _require_compatible(paths, outputs, manifest, tables=tables, has_options=has_options, is_selective=is_selective)
     yield from _obey_withdrawals(paths)
     checks: list[Iterable[VerificationLine]] = []
     replay = _plan_replay(engine, trust=trust, policies=policies, sample=sample, seed=sample_seed, record=record)
@@ -79,7 +79,7 @@ def verify(
         elif manifest is not None:
             checks.append(_verify_manifest(path, manifest))
         elif path.suffix.lower() in _PAGE_DATA_SUFFIXES and path.is_file():
-            checks.append(_name_findings(path, _verify_page_data(path)))
+            checks.append(_convert_findings(path, _verify_page_data(path)))
         else:
             checks += _list_log_checks(path, replay)
     yield from chain.from_iterable(checks)
@@ -91,22 +91,30 @@ def _require_compatible(
     manifest: str | None,
     *,
     tables: bool,
-    obeys: bool,
-    selects: bool,
+    has_options: bool,
+    is_selective: bool,
 ) -> None:
-    """Refuse arguments that exclude each other.
+    """Check that the arguments of `verify` can be combined.
+
+    Args:
+        paths: the paths to verify.
+        outputs: the folders to compare with recomputed tables.
+        manifest: the manifest to compare files with; None for none.
+        tables: whether tables are recomputed.
+        has_options: whether an option of replaying is set that does not choose logs.
+        is_selective: whether only some logs are replayed: a sample, or those that a record lacks.
 
     Raises:
-        MinihumanError: if they do.
+        MinihumanError: if two arguments exclude each other, or one needs another that is missing.
     """
-    replays = manifest is None and not tables
-    if selects and not replays:
+    has_replay = manifest is None and not tables
+    if is_selective and not has_replay:
         raise MinihumanError(
             "--sample and --record select logs to replay; use --manifest and --tables in a separate command"
         )
-    if manifest is not None and obeys:
+    if manifest is not None and has_options:
         raise MinihumanError("--manifest only compares files; use --trust or --policies in a separate command")
-    if tables and (manifest is not None or obeys):
+    if tables and (manifest is not None or has_options):
         raise MinihumanError(
             "--tables does not replay logs; use --manifest, --trust or --policies in a separate command"
         )
@@ -118,7 +126,7 @@ def _require_compatible(
 
 @dataclass(frozen=True, slots=True)
 class _Replay:
-    """How logs are replayed, and which of them."""
+    """The settings of replaying logs, and the rules for which logs are replayed."""
 
     verify_log: Callable[[Path], "_LogFindings"]
     processes: int | None
@@ -129,23 +137,23 @@ class _Replay:
 
 @dataclass(frozen=True, slots=True)
 class _LogFindings:
-    """The findings about a log, and whether it would be the same again as long as the log and this software are."""
+    """The findings about a log, and whether they are sure to recur while the log and this software are unchanged."""
 
     lines: list[VerificationLine]
-    can_repeat: bool
+    can_repeat: bool  # False after a failure, and for worlds of other packages, which can change
 
 
 def _plan_replay(
     engine: str, *, trust: bool, policies: bool, sample: str | float | None, seed: int, record: Path | str | None
 ) -> _Replay:
-    """Return how logs are replayed.
+    """Return the settings of replaying logs, from the arguments of `verify`.
 
     Raises:
-        MinihumanError: if the sample is no share, or the record is another file.
+        MinihumanError: if the sample is not a share between 0 and 1, or the record is a file of another kind.
     """
     replay = _Replay(
         verify_log=partial(_verify_log, trust=trust, policies=policies),
-        processes=1 if trust else None,  # what is trusted is one file
+        processes=1 if trust else None,  # since trusting a log's modules writes to the one record of trust
         engine=engine,
     )
     if sample is None and record is None:
@@ -174,29 +182,35 @@ def _list_log_checks(path: Path, replay: _Replay) -> Iterator[Iterable[Verificat
         yield _replay_logs(logs, replay)
     else:
         yield _replay_sample(path, logs, replay, replay.sample)
-    yield from (_name_findings(study, verify_enrolment(study)) for study in studies)
-    yield from (_name_findings(study, verify_teams(study)) for study in studies)
+    yield from (_convert_findings(study, verify_enrolment(study)) for study in studies)
+    yield from (_convert_findings(study, verify_teams(study)) for study in studies)
 
 
 def _replay_sample(path: Path, logs: Sequence[Path], replay: _Replay, sample: "Sample") -> Iterator[VerificationLine]:
-    """Yield the findings about a sample of logs, each of which says so if it reports success, and what was left out."""
+    """Yield the findings about a sample of logs, and then how many logs were not verified.
+
+    Each finding that reports success also says that it is about a sample.
+    """
     drawn = sample.draw(logs)
     description = sample.describe(len(drawn), len(logs))
     for finding in _replay_logs(drawn, replay):
-        yield replace(finding, text=f"{finding.text} ({description})") if finding.ok else finding
+        if finding.ok:
+            yield replace(finding, text=f"{finding.text} ({description})")
+        else:
+            yield finding
     yield VerificationLine(
         path, f"replayed {description}; the other {len(logs) - len(drawn)} were not verified", ok=True
     )
 
 
 def _replay_logs(logs: Sequence[Path], replay: _Replay) -> Iterator[VerificationLine]:
-    """Yield the findings about logs, replaying those of which the record has none."""
+    """Yield the findings about logs: the recorded ones if there are any, and otherwise those of replaying the log."""
     from minihuman.dataset.log_files import map_paths
 
     recorded: dict[Path, tuple[str, ...]] = {}
     if replay.record is not None:
         recorded = _find_recorded(logs, replay.record)
-    results = map_paths(
+    new_findings = map_paths(
         [log for log in logs if log not in recorded],
         replay.verify_log,
         processes=replay.processes,
@@ -207,41 +221,42 @@ def _replay_logs(logs: Sequence[Path], replay: _Replay) -> Iterator[Verification
         if log in recorded:
             yield from (VerificationLine(log, text, ok=True) for text in recorded[log])
             continue
-        findings = next(results)
+        findings = next(new_findings)
         if replay.record is not None and findings.can_repeat and all(line.ok for line in findings.lines):
             replay.record.add(log, [line.text for line in findings.lines])
         yield from findings.lines
 
 
 def _find_recorded(logs: Sequence[Path], record: "VerificationRecord") -> dict[Path, tuple[str, ...]]:
-    """Return the recorded findings about the logs that are unchanged."""
+    """Return the texts of the recorded findings about each log that is unchanged since it was recorded."""
     from minihuman.admin.verify.log import find_chain_heads
 
     recorded = {}
     for log in logs:
-        lines = record.find(log, find_chain_heads(log))
-        if lines is not None:
-            recorded[log] = lines
+        texts = record.find(log, find_chain_heads(log))
+        if texts is not None:
+            recorded[log] = texts
     return recorded
 
 
 def _verify_tables(study: Path, outputs: Iterable[Path | str]) -> Iterator[VerificationLine]:
     from minihuman.reporting.recomputation import verify_tables
 
-    return _name_findings(study, verify_tables(study, [Path(output) for output in outputs]))
+    return _convert_findings(study, verify_tables(study, [Path(output) for output in outputs]))
 
 
 def _verify_manifest(study: Path, manifest: str) -> Iterator[VerificationLine]:
     from minihuman.admin.verify.study import verify_manifest
 
-    return _name_findings(study, verify_manifest(study, manifest))
+    return _convert_findings(study, verify_manifest(study, manifest))
 
 
 def _obey_withdrawals(paths: Iterable[Path | str]) -> Iterator[VerificationLine]:
+    """Erase this machine's copies of participants who withdrew from the studies at these paths; yield what was done."""
     from minihuman.admin.local_copies import obey_withdrawals
     from minihuman.admin.verify.study import find_studies
 
-    studies: dict[Path, None] = {}  # each once, in order
+    studies: dict[Path, None] = {}  # a dict instead of a set, to keep the order of the paths
     for path in paths:
         studies |= dict.fromkeys(find_studies(Path(path)))
     for study in studies:
@@ -257,14 +272,16 @@ def _verify_page_data(file: Path) -> Iterator[tuple[str, bool]]:
 
 
 def _verify_log(log: Path, *, trust: bool, policies: bool) -> _LogFindings:
+    """Replay a log and return the findings; the options are those of `verify`."""
     from minihuman.admin.verify.log import is_of_our_worlds, verify_session
 
-    lines = list(_name_findings(log, verify_session(log, trust=trust, policies=policies)))
+    lines = list(_convert_findings(log, verify_session(log, trust=trust, policies=policies)))
     can_repeat = all(line.ok for line in lines) and is_of_our_worlds(log)
     return _LogFindings(lines, can_repeat)
 
 
-def _name_findings(path: Path, findings: Iterable[tuple[str, bool]]) -> Iterator[VerificationLine]:
+def _convert_findings(path: Path, findings: Iterable[tuple[str, bool]]) -> Iterator[VerificationLine]:
+    """Yield findings (text, ok) about a path as lines; an error ends them with a line that describes it."""
     try:
         for text, ok in findings:
             yield VerificationLine(path, text, ok)

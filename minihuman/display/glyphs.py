@@ -38,23 +38,31 @@ def _open_face(face: Typeface) -> freetype.Face:
 
 @lru_cache(maxsize=8192)
 def render_glyph(face: Typeface, size_px: int, glyph: int) -> GlyphBitmap:
-    """Render a glyph of a typeface at a size in pixels."""
+    """Render the glyph with an index in a typeface, at a type size in pixels."""
     with _LOCK:
-        opened = _open_face(face)
-        opened.set_pixel_sizes(0, size_px)
-        opened.load_glyph(glyph, _LOAD_FLAGS)
-        opened.glyph.render(freetype.FT_RENDER_MODE_NORMAL)
-        bitmap = opened.glyph.bitmap
+        ft_face = _open_face(face)
+        ft_face.set_pixel_sizes(0, size_px)
+        ft_face.load_glyph(glyph, _LOAD_FLAGS)
+        ft_face.glyph.render(freetype.FT_RENDER_MODE_NORMAL)
+        bitmap = ft_face.glyph.bitmap
         rows = np.array(bitmap.buffer, np.uint8).reshape(bitmap.rows, bitmap.pitch)
-        coverage = rows[:, : bitmap.width].copy()
-        return GlyphBitmap(coverage, opened.glyph.bitmap_left, opened.glyph.bitmap_top)
+        coverage = rows[:, : bitmap.width].copy()  # without the padding at the end of each row
+        return GlyphBitmap(coverage, ft_face.glyph.bitmap_left, ft_face.glyph.bitmap_top)
 
 
 def draw_shaped(
     draw: ImageDraw.ImageDraw, baseline: tuple[float, float], line: ShapedLine, size_px: int, colour: Colour
 ) -> None:
-    """Draw a shaped line, starting at the left end of its baseline."""
-    x_64, y_64 = (round(length * SUBPIXELS) for length in baseline)
+    """Draw a shaped line of type.
+
+    Args:
+        draw: the drawing context.
+        baseline: the left end (x, y) of the line's baseline, in pixels from the top left.
+        line: the line.
+        size_px: the size of type for which the line was shaped, in pixels.
+        colour: the colour of the type.
+    """
+    x_64, y_64 = (round(coordinate * SUBPIXELS) for coordinate in baseline)
     mask = _render_line(line, size_px, x_64 % SUBPIXELS, y_64 % SUBPIXELS)
     if mask is not None:
         left = x_64 // SUBPIXELS + mask.left
@@ -82,17 +90,23 @@ def _render_line(line: ShapedLine, size_px: int, x_64: int, y_64: int) -> GlyphB
     for bitmap, x, y in inked:
         height, width = bitmap.coverage.shape
         under = canvas[top - y : top - y + height, x - left : x - left + width]
-        under += _scale(bitmap.coverage, 255 - under)
+        under += _scale(bitmap.coverage, 255 - under)  # a glyph covers its share of what is not covered yet
     return GlyphBitmap(canvas, left, top)
 
 
 def _find_pixel(glyph: PlacedGlyph, x_64: int, y_64: int) -> tuple[int, int]:
-    """Return the pixel to which a glyph's origin is rounded, to the right and up."""
+    """Return the pixel (x, y) to which a glyph's origin is rounded, to the right and up from the line's pixel.
+
+    ``x_64`` and ``y_64`` are the position of the line's origin within its pixel, to the right and down.
+    """
     half = SUBPIXELS // 2
     return (glyph.x_64 + x_64 + half) // SUBPIXELS, (glyph.y_64 - y_64 + half) // SUBPIXELS
 
 
 def _scale(coverage: NDArray[np.uint8], share: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Multiply two arrays of shares of 255, rounding to the nearest whole number."""
+    """Return coverage * share / 255 for arrays of values from 0 to 255, rounded to the nearest whole number.
+
+    The shifts divide by 255 exactly for all products of two bytes.
+    """
     product = coverage.astype(np.uint16) * share + 128
     return (((product >> 8) + product) >> 8).astype(np.uint8)

@@ -25,12 +25,12 @@ from minihuman.display.typefaces import (
 )
 
 SUBPIXELS = 64  # of a pixel: the unit of FreeType's and HarfBuzz's positions
-_FIRST_RTL = 0x590  # no character below has a direction other than left to right, none asks for one
+_FIRST_RTL = 0x590  # the first code point that can run from right to left, or that sets a direction
 _LEVELS_HEADING = "\n    levels: [\n"  # a line break inside the text itself is escaped
 _LEVEL = re.compile(r"Level\(\s*(\d+)")
 _LINE_END = re.compile(r"[\s\u202a-\u202e\u2066-\u2069]+\Z")
 _SURROGATE = re.compile("[\ud800-\udfff]")
-_FOLLOWS = frozenset("PSZNM")  # signs, blanks, numbers and marks: the categories that stay in the face before them
+_FOLLOWS = frozenset("PSZNM")  # Unicode categories of characters that keep the typeface before them: all but letters
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,11 +68,12 @@ class _Run:
 
 
 def is_rtl(text: str) -> bool:
-    """Return whether the first character with a direction runs from right to left."""
+    """Return whether the first character of a text that has a direction runs from right to left."""
     return not _is_plainly_ltr(text) and bool(bidi.get_base_level(_without_surrogates(text)))
 
 
 def _is_plainly_ltr(text: str) -> bool:
+    """Return whether a text is surely from left to right alone, so that the Bidirectional Algorithm is not needed."""
     return all(ord(character) < _FIRST_RTL for character in text)
 
 
@@ -83,7 +84,14 @@ def _without_surrogates(text: str) -> str:
 
 @lru_cache(maxsize=16384)
 def shape_line(text: str, faces: TypefaceSet, size_px: int, *, rtl: bool) -> ShapedLine:
-    """Shape a line; ``rtl`` is the direction of the whole text, and parts in the other direction keep their own."""
+    """Return the glyphs of a line of text and their positions.
+
+    Args:
+        text: the line, without line breaks.
+        faces: the typefaces to choose from.
+        size_px: the size of type in pixels.
+        rtl: whether the text as a whole runs from right to left; parts in the other direction keep their own.
+    """
     codepoints = [ord(character) for character in text]
     glyphs: list[PlacedGlyph] = []
     x_64 = 0
@@ -97,12 +105,15 @@ def shape_line(text: str, faces: TypefaceSet, size_px: int, *, rtl: bool) -> Sha
 
 @lru_cache(maxsize=16384)
 def measure_width_px(text: str, faces: TypefaceSet, size_px: int) -> float:
-    """Return the length of a line in pixels."""
+    """Return the length in pixels of a line of text at a size of type."""
     return shape_line(text, faces, size_px, rtl=is_rtl(text)).width_px
 
 
 def _shape_run(codepoints: list[int], run: _Run, size_px: int, language: str) -> harfbuzz.Buffer:
-    """Return HarfBuzz's buffer with a run's glyphs; letters join with those around the run in ``codepoints``."""
+    """Return HarfBuzz's buffer with the glyphs of a run.
+
+    HarfBuzz gets the ``codepoints`` of the whole line, so that letters at the run's ends join with their neighbours.
+    """
     buffer = harfbuzz.Buffer()
     buffer.add_codepoints(codepoints, run.start, run.stop - run.start)
     buffer.direction = "ltr"
@@ -136,9 +147,9 @@ def _split_runs(text: str, faces: TypefaceSet, *, rtl: bool) -> Iterator[_Run]:
 def select_faces(text: str, faces: TypefaceSet) -> list[Typeface]:
     """Return the typeface of each character.
 
-    A typeface that has all characters of a text draws all of it, so that the text is shaped as one. Signs, blanks and
-    marks take the typeface of the character before them. A character that is in no typeface is drawn as the shipped
-    typeface's box.
+    If one typeface is preferred for all characters of a text, it draws the blanks, too, so that the text is one run.
+    Otherwise, signs, blanks and marks take the typeface of the character before them. A character that is in no
+    typeface is drawn as the shipped typeface's box.
     """
     preferred = {character: faces.of(character) for character in dict.fromkeys(text) if not character.isspace()}
     used = set(preferred.values())
@@ -170,10 +181,10 @@ def _resolve_scripts(text: str) -> list[str]:
     """
     scripts = [find_script(character) for character in text]
     current = next((script for script in scripts if script != SHARED_SCRIPT), SHARED_SCRIPT)
-    for place, script in enumerate(scripts):
+    for index, script in enumerate(scripts):
         if script != SHARED_SCRIPT:
             current = script
-        scripts[place] = current
+        scripts[index] = current
     return scripts
 
 
@@ -185,9 +196,12 @@ def _find_levels(text: str, *, rtl: bool) -> Sequence[int]:
 
 
 def _query_levels(text: str, *, rtl: bool) -> list[int]:
-    """Return the embedding levels that python-bidi computes.
+    """Return each character's embedding level, as python-bidi computes it.
 
     The library reports levels only in its debugging output, with one level per byte of UTF-8.
+
+    Raises:
+        RuntimeError: if the output has another form, as in another release of the library.
     """
     base_direction = "L"
     if rtl:
@@ -199,7 +213,7 @@ def _query_levels(text: str, *, rtl: bool) -> list[int]:
         raise RuntimeError(
             f"python-bidi reports {len(levels)} levels for {sum(lengths)} bytes; install another release"
         )
-    starts = [sum(lengths[:place]) for place in range(len(text))]
+    starts = [sum(lengths[:index]) for index in range(len(text))]  # each character's first byte
     return [levels[start] for start in starts]
 
 
@@ -213,7 +227,7 @@ def _apply_line_end_rule(text: str, levels: list[int], *, base: int) -> list[int
 
 
 def _order_runs(runs: Iterator[_Run]) -> list[_Run]:
-    """Return runs in their order from left to right (rule L2)."""
+    """Return the runs of a line in visual order, from left to right (rule L2 of UAX #9)."""
     ordered = list(runs)
     highest = max((run.level for run in ordered), default=0)
     for level in range(highest, 0, -1):

@@ -18,7 +18,7 @@ from minihuman.display.shaping import SUBPIXELS, is_rtl, measure_width_px, shape
 from minihuman.display.typefaces import TypefaceSet, list_characters, select_typefaces, shipped_typeface
 
 Colour = tuple[int, int, int]
-_BASELINE = 0.36  # of the type size, below the middle of a line's height
+_BASELINE = 0.36  # the distance of the baseline below the middle of a line's height, in type sizes
 
 
 def draw_line(
@@ -34,8 +34,15 @@ def draw_line(
 ) -> None:
     """Draw a line of text.
 
-    ``place`` is the middle of the line's height at its left end ("l"), its middle ("m") or its right end ("r"). ``rtl``
-    is the direction of the whole text; parts in the other direction keep their own.
+    Args:
+        draw: the drawing context.
+        place: the point (x, y) in pixels at the middle of the line's height, at the end that ``anchor`` names.
+        text: the line, without line breaks.
+        faces: the typefaces to choose from.
+        size_px: the size of type in pixels.
+        colour: the colour of the type.
+        anchor: which point of the line is at ``place``: its left end ("l"), its middle ("m") or its right end ("r").
+        rtl: whether the text as a whole runs from right to left; parts in the other direction keep their own.
     """
     line = shape_line(text, faces, size_px, rtl=rtl)
     x, y = place
@@ -67,48 +74,55 @@ def split_tokens(paragraph: str) -> Iterator[str]:
 
 
 def _may_break(before: str, after: str) -> bool:
-    """Return whether a line can be broken between two characters: at blanks, and around Chinese and Japanese."""
+    """Return whether a line can be broken between two characters: after blanks, and beside Chinese and Japanese."""
     if before.isspace():
         return not after.isspace()
     if after.isspace() or after in _NO_LINE_START or before in _NO_LINE_END:
         return False
-    wide = [bool(_WIDE.match(character)) and not _KOREAN.match(character) for character in (before, after)]
-    return any(wide)
+    return _is_chinese_or_japanese(before) or _is_chinese_or_japanese(after)
 
 
-def wrap_text(text: str, *, faces: TypefaceSet, size_px: int, wide_px: float) -> list[str]:
-    """Break a text into lines of at most ``wide_px`` pixels, keeping its own line breaks.
+def _is_chinese_or_japanese(character: str) -> bool:
+    return bool(_WIDE.match(character)) and not _KOREAN.match(character)
 
-    A piece that is longer than a line is broken, too.
+
+def wrap_text(text: str, *, faces: TypefaceSet, size_px: int, max_width_px: float) -> list[str]:
+    """Break a text into lines of at most ``max_width_px`` pixels, keeping the line breaks in the text.
+
+    A word that is longer than a line is broken, too.
     """
-    return _break_lines(text, lambda piece: measure_width_px(piece, faces, size_px), wide_px)
+    return _break_lines(text, lambda piece: measure_width_px(piece, faces, size_px), max_width_px)
 
 
-def _break_lines(text: str, measure: Callable[[str], float], wide_px: float) -> list[str]:
+def _break_lines(text: str, measure: Callable[[str], float], max_width_px: float) -> list[str]:
+    """Break a text into lines of at most ``max_width_px``; ``measure`` returns the width of a text in pixels.
+
+    Blanks at the end of a line are dropped, and do not count in its width.
+    """
     lines: list[str] = []
     for paragraph in text.strip("\n").split("\n"):
         line = ""
-        length = 0.0
+        line_px = 0.0
         for token in split_tokens(paragraph):
-            for piece in _split_long(token, measure, wide_px):
+            for piece in _split_long(token, measure, max_width_px):
                 piece_px = measure(piece)
                 inked_px = piece_px
                 if piece[-1].isspace():
                     inked_px = measure(piece.rstrip())
-                if line and length + inked_px > wide_px:
+                if line and line_px + inked_px > max_width_px:
                     lines.append(line.rstrip())
                     line = ""
-                    length = 0.0
+                    line_px = 0.0
                 line += piece
-                length += piece_px
+                line_px += piece_px
         lines.append(line.rstrip())
     return lines
 
 
-def _split_long(token: str, measure: Callable[[str], float], wide_px: float) -> Iterator[str]:
-    """Yield the pieces of a token, of which none but a single character is longer than a line."""
-    while len(token) > 1 and measure(token.rstrip()) > wide_px:
-        cut = next(n for n in range(len(token) - 1, 0, -1) if n == 1 or measure(token[:n]) <= wide_px)
+def _split_long(token: str, measure: Callable[[str], float], max_width_px: float) -> Iterator[str]:
+    """Yield the pieces of a token, each as long as a line permits, but at least one character."""
+    while len(token) > 1 and measure(token.rstrip()) > max_width_px:
+        cut = next(n for n in range(len(token) - 1, 0, -1) if n == 1 or measure(token[:n]) <= max_width_px)
         yield token[:cut]
         token = token[cut:]
     yield token
@@ -124,25 +138,33 @@ TEXT_BOTTOM = 0.82
 PAGE_PICTURE_HEIGHT = 0.40  # of the height, with the gap below, where there is one above the text
 _HEADING = 40  # characters of the longest heading
 _SHORT = 240  # characters that fit any page, however wide
+_SHORT_LINE_BREAKS = 5  # fewer line breaks than these fit any page, too
+_ROUNDING_ERROR = 1e-9  # of a division of lengths, which must not lose a line
 
 
 _EMPHASIS = re.compile(r"(?<![\w*])\*(?=[^\s*])((?:[^*\n]|\n(?!\n))*[^\s*])\*(?![\w*])")
 _LIST_ITEM = re.compile(r"(?m)^( *)[-*] (?=\S)")
-EMPHASIS_MARK = "\ue000"  # of a private use: no text has it
+EMPHASIS_MARK = "\ue000"  # a private-use character, which no text contains
 
 
 def style_lines(lines: list[str]) -> list[str]:
-    """Return lines with the markup of emphasis (``*word*``) replaced and with a bullet for "- " at the start of a line.
+    """Return lines with marks for emphasis (``*word*``), and with a bullet for "- " or "* " at the start of a line.
 
-    In each line, `EMPHASIS_MARK` begins and ends emphasis in turn.
+    In each returned line, every odd `EMPHASIS_MARK` begins emphasis, and the next one ends it: emphasis that goes on in
+    the next line is ended and begun again.
     """
     text = _EMPHASIS.sub(rf"{EMPHASIS_MARK}\1{EMPHASIS_MARK}", _LIST_ITEM.sub("\\1\u2022 ", "\n".join(lines)))
     styled = []
-    is_on = False
+    is_emphasised = False  # at the start of the line
     for line in text.split("\n"):
-        begins = EMPHASIS_MARK * is_on
-        is_on ^= line.count(EMPHASIS_MARK) % 2 == 1
-        styled.append(f"{begins}{line}{EMPHASIS_MARK * is_on}")
+        styled_line = line
+        if is_emphasised:
+            styled_line = EMPHASIS_MARK + styled_line
+        if line.count(EMPHASIS_MARK) % 2 == 1:
+            is_emphasised = not is_emphasised
+        if is_emphasised:
+            styled_line += EMPHASIS_MARK
+        styled.append(styled_line)
     return styled
 
 
@@ -151,7 +173,7 @@ def count_page_lines(*, picture: bool) -> int:
     height = TEXT_BOTTOM - TEXT_TOP
     if picture:
         height -= PAGE_PICTURE_HEIGHT
-    return int(height / (PAGE_TYPE_SIZE * PAGE_LINE_HEIGHT) + 1e-9)
+    return int(height / (PAGE_TYPE_SIZE * PAGE_LINE_HEIGHT) + _ROUNDING_ERROR)
 
 
 def break_page_lines(text: str) -> list[str]:
@@ -160,7 +182,7 @@ def break_page_lines(text: str) -> list[str]:
 
 
 _REFERENCE_TYPE_PX = round(PAGE_REFERENCE_PX * PAGE_TYPE_SIZE)
-_OTHER_ADVANCE = 0.7  # of the type size: of a character that the shipped face lacks and that is not wide
+_OTHER_ADVANCE = 0.7  # in type sizes: the advance of a narrow character that the shipped typeface lacks
 
 
 @lru_cache(maxsize=16384)
@@ -177,17 +199,18 @@ def measure_reference_px(text: str) -> float:
     ):
         piece = "".join(members)
         if is_shipped:
-            width_64 += _measure_shipped(piece)
+            width_64 += _measure_shipped_64(piece)
         else:
-            width_64 += sum(map(_advance_of_other, piece))
+            width_64 += sum(map(_get_fallback_advance_64, piece))
     return width_64 / SUBPIXELS
 
 
-def _measure_shipped(text: str) -> int:
+def _measure_shipped_64(text: str) -> int:
+    """Return the length of a text in the shipped typeface at the reference size, in 64ths of a pixel."""
     return shape_line(text, select_typefaces("en"), _REFERENCE_TYPE_PX, rtl=is_rtl(text)).width_64
 
 
-def _advance_of_other(character: str) -> int:
+def _get_fallback_advance_64(character: str) -> int:
     """Return the fixed advance of a character that the shipped typeface lacks, in 64ths of a pixel."""
     if unicodedata.category(character) in ("Mn", "Me", "Cf"):
         return 0
@@ -203,16 +226,15 @@ def paginate_text(text: str, *, pictures: int = 0) -> tuple[str, ...]:
     Blank lines at the start of a page are dropped.
     """
     text = text.strip()
-    if not pictures and len(text) <= _SHORT and text.count("\n") < 5:
+    if not pictures and len(text) <= _SHORT and text.count("\n") < _SHORT_LINE_BREAKS:
         return (text,)
-    lines = _marked_lines(text)
+    lines = _break_without_loss(text)
     pages: list[str] = []
     while lines:
-        room = count_page_lines(picture=len(pages) < pictures)
-        room = _without_heading(lines, room)
-        page = lines[:room]
-        lines = lines[room:]
-        pages.append("".join(page).strip("\n"))
+        most_lines = count_page_lines(picture=len(pages) < pictures)
+        n_lines = _keep_heading_with_text(lines, most_lines)
+        pages.append("".join(lines[:n_lines]).strip("\n"))
+        lines = lines[n_lines:]
         while lines and not lines[0].strip():
             lines = lines[1:]
     pages += [""] * (pictures - len(pages))
@@ -220,52 +242,57 @@ def paginate_text(text: str, *, pictures: int = 0) -> tuple[str, ...]:
 
 
 def is_division(pages: Sequence[str], text: str, *, pictures: int = 0) -> bool:
-    """Return whether pages are a complete division of a text in order, with nothing but blanks left out.
+    """Return whether pages contain a whole text in order, with nothing but blanks left out between pages.
 
-    Only pages with a picture, or the only page, can be without text.
+    The first ``pictures`` pages have a picture. Only these pages, or the only page, can be without text.
     """
-    place = 0
+    position = 0  # in the text, after the pages so far
     for number, page in enumerate(pages):
         words = page.strip()
-        if not words and (page or not (number < pictures or len(pages) == 1)):
+        may_be_empty = number < pictures or len(pages) == 1
+        if not words and (page or not may_be_empty):
             return False
-        start = text.find(words, place)
+        start = text.find(words, position)
         stop = start + len(words)
-        before = after = ""
+        blanks_before = blanks_after = ""
         if words:
-            before, _, after = page.partition(words)
-        gap = text[place : max(start, place)]
-        if start < 0 or gap.strip() or not gap.endswith(before) or not text.startswith(after, stop):
+            blanks_before, _, blanks_after = page.partition(words)
+        gap = text[position : max(start, position)]
+        if start < 0 or gap.strip() or not gap.endswith(blanks_before) or not text.startswith(blanks_after, stop):
             return False
-        place = stop + len(after)
-    return len(pages) >= pictures and not text[place:].strip()
+        position = stop + len(blanks_after)
+    return len(pages) >= pictures and not text[position:].strip()
 
 
-def _without_heading(lines: list[str], room: int) -> int:
-    """Return how many lines to put on a page so that no heading, a one-line paragraph, stands alone at its end."""
-    if len(lines) <= room:
-        return room
-    last = room
+def _keep_heading_with_text(lines: list[str], most_lines: int) -> int:
+    """Return how many lines to put on a page of at most ``most_lines``, so that the page does not end with a heading.
+
+    A heading is a short paragraph of one line.
+    """
+    if len(lines) <= most_lines:
+        return most_lines
+    last = most_lines  # the number of the last line that is not blank, from 1
     while last > 1 and not lines[last - 1].strip():
         last -= 1
-    is_single_line = last == 1 or lines[last - 2].endswith("\n")
-    follows = lines[last - 1].endswith("\n") and len(lines[last - 1]) < _HEADING
-    if is_single_line and follows and last > 1:
+    begins_paragraph = last == 1 or lines[last - 2].endswith("\n")
+    ends_paragraph = lines[last - 1].endswith("\n")
+    is_heading = begins_paragraph and ends_paragraph and len(lines[last - 1]) < _HEADING
+    if is_heading and last > 1:
         return last - 1
-    return room
+    return most_lines
 
 
-def _marked_lines(text: str) -> list[str]:
-    """Break a text into lines that include the blank or line break after them; joined, they are the text."""
-    marked_lines = []
-    place = 0
+def _break_without_loss(text: str) -> list[str]:
+    """Break a text into lines, each with the blanks and the line break after it, so that joined they are the text."""
+    lines = []
+    start = 0
     for line in break_page_lines(text):
-        assert text.startswith(line, place), "a line is a piece of the text"
-        end = place + len(line)
+        assert text.startswith(line, start), "a line is a piece of the text"
+        end = start + len(line)
         while end < len(text) and text[end].isspace() and text[end] != "\n":
             end += 1
         if end < len(text) and text[end] == "\n":
             end += 1
-        marked_lines.append(text[place:end])
-        place = end
-    return marked_lines
+        lines.append(text[start:end])
+        start = end
+    return lines

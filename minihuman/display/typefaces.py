@@ -47,7 +47,7 @@ _SYSTEM = (
     "Kohinoor.ttc",
 )
 SHARED_SCRIPT = "Zyyy"  # of signs, blanks and marks, which go with the text around them
-_UNSEEN = frozenset({"Cc", "Cf", "Zs", "Zl", "Zp"})  # blanks, line breaks, marks of direction
+_UNSEEN = frozenset({"Cc", "Cf", "Zs", "Zl", "Zp"})  # Unicode categories: blanks, line breaks, directional marks
 _CJK_FACE = {"ja": 0, "ko": 1, "zh": 2, "zh-tw": 3, "zh-hk": 4}  # of the collection: the same character, drawn as there
 _CJK_SUFFIX = {"ja": "JP", "ko": "KR", "zh": "SC", "zh-tw": "TC", "zh-hk": "HK"}  # of the same faces in single files
 _OTHERS = re.compile(r"(NotoSans|SourceHanSans)\w*-Regular\.(ttf|otf)")
@@ -110,10 +110,10 @@ def list_characters(face: Typeface) -> frozenset[int]:
 @cache
 def list_joined_scripts(face: Typeface) -> frozenset[str]:
     """Return the scripts (ISO 15924 codes) for which a typeface has rules that join and place letters."""
-    opened = open_face(face)
-    if "morx" in opened.table_tags:  # Apple's rules have no scripts
+    harfbuzz_face = open_face(face)
+    if "morx" in harfbuzz_face.table_tags:  # Apple's rules do not name scripts
         return _JOINING_SCRIPTS
-    return frozenset(harfbuzz.ot_tag_to_script(tag) for tag in opened.get_table_script_tags("GSUB"))
+    return frozenset(harfbuzz.ot_tag_to_script(tag) for tag in harfbuzz_face.get_table_script_tags("GSUB"))
 
 
 @lru_cache(maxsize=4096)
@@ -198,8 +198,8 @@ def _list_installed_typefaces(language: str) -> tuple[Typeface, ...]:
     suffix = _CJK_SUFFIX.get(language, "SC")
 
     def is_for_other_language(name: str) -> bool:
-        stem = name.removesuffix(name[-4:]).removesuffix("-Regular")
-        return not stem.upper().endswith(suffix)
+        family = Path(name).stem.removesuffix("-Regular")
+        return not family.upper().endswith(suffix)
 
     other_names = sorted(name for name in paths if _OTHERS.fullmatch(name) and name not in _NOTO)
     other_names.sort(key=is_for_other_language)
@@ -209,11 +209,11 @@ def _list_installed_typefaces(language: str) -> tuple[Typeface, ...]:
 
 @cache
 def _find_font_files() -> dict[str, str]:
-    """Return the paths of the font files on this machine, by file name."""
+    """Return the path of each font file on this machine, by file name; of equal names, the first folder's counts."""
     paths: dict[str, str] = {}
     for folder in _list_font_folders():
         for root, inner_folders, names in os.walk(folder):
-            inner_folders.sort()  # of two files with one name the same everywhere: file systems list them as they like
+            inner_folders.sort()  # if two files have one name, the same one is chosen on every file system
             for name in names:
                 if name.endswith((".ttf", ".ttc", ".otf")):
                     paths.setdefault(name, os.path.join(root, name))
@@ -226,6 +226,7 @@ def user_font_folder() -> Path:
 
 
 def _list_font_folders() -> Iterator[Path]:
+    """Yield the folders in which this system keeps font files, the user's own folder first."""
     home = Path.home()
     if sys.platform == "darwin":
         yield from (home / "Library/Fonts", Path("/Library/Fonts"), Path("/System/Library/Fonts"))

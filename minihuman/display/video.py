@@ -69,11 +69,11 @@ class VideoWriter:
 
     def write(self, pictures: Iterable[NDArray[np.uint8]]) -> None:
         """Append pictures uint8[H, W, 3] with even height and width; the first one becomes a key frame."""
-        for place, picture in enumerate(pictures):
+        for index, picture in enumerate(pictures):
             if not self.frames:
                 self._stream.height, self._stream.width = picture.shape[:2]
             frame = av.VideoFrame.from_ndarray(picture, format="rgb24")
-            if place == 0:
+            if index == 0:
                 frame.pict_type = PictureType.I
             if self.frames:
                 self._container.mux(self._stream.encode(frame))
@@ -97,13 +97,13 @@ class VideoWriter:
         if error is None:
             self.close()
             return
-        with suppress(OSError, ValueError):  # the first error is the one to tell
+        with suppress(OSError, ValueError):  # an error of closing must not replace the first error
             self.close()
 
 
 def pad_to_even(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Return a picture with an even number of rows and columns, as codecs require, by repeating the last ones."""
-    rows, columns = (size % 2 for size in picture.shape[:2])
-    if rows or columns:
-        return np.pad(picture, ((0, rows), (0, columns), (0, 0)), "edge")
+    extra_rows, extra_columns = (size % 2 for size in picture.shape[:2])
+    if extra_rows or extra_columns:
+        return np.pad(picture, ((0, extra_rows), (0, extra_columns), (0, 0)), "edge")
     return picture

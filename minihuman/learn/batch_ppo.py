@@ -24,8 +24,9 @@ from minihuman.learn.policy.network import Policy
 from minihuman.learn.training_settings import TrainingSettings
 from minihuman.learn.training_worlds import Batch, BatchEncoder, TrainingLevel, TrainingWorlds
 
-RECENT = 100  # the latest episodes, over which a point of the curve is a mean
-_OBSERVATION_PREFIX = "seen "  # of the fields of a rollout that are observations
+RECENT = 100  # the number of latest episodes over which a point of the curve is a mean
+_OBSERVATION_PREFIX = "seen "  # of the names of a rollout's fields that are observations
+_EPSILON = 1e-8  # added to the advantages' standard deviation, as in Stable-Baselines3
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,14 +58,14 @@ class Losses:
     minibatches: int = 0
 
     def means(self) -> tuple[float, float, float, float, float]:
-        """Return the means in the order of the fields."""
+        """Return the means over the minibatches, in the order of the fields."""
         n = max(1, self.minibatches)
         return self.policy / n, self.value / n, self.entropy / n, self.kl / n, self.clipped / n
 
 
 @dataclass(frozen=True, slots=True)
 class EpisodeSoFar:
-    """A world's current episode: its level and the actions so far, from which it can be replayed."""
+    """A world's current episode: its level and the actions so far, from which the episode can be replayed."""
 
     level: TrainingLevel
     actions: list[Any]  # numbers, or lists of components
@@ -76,8 +77,8 @@ class BatchPpo:
     Args:
         policy: the policy to train.
         worlds: the worlds to train in.
-        curriculum: what chooses the level of each episode.
-        encoder: what encodes the observations of all worlds.
+        curriculum: the rule that chooses the level of each episode.
+        encoder: the encoder of the observations of all worlds.
         settings: the settings; their number of worlds must be that of ``worlds``.
         clone: a policy that the trained one stays close to, as strongly as ``settings.kl`` says; None to train freely.
     """
@@ -105,9 +106,8 @@ class BatchPpo:
         self._returns = np.zeros(worlds.num_envs)
         self._lengths = np.zeros(worlds.num_envs, np.int64)
         self._recent: deque[tuple[float, bool, int]] = deque(maxlen=RECENT)
-        self._ended_levels: list[
-            tuple[int, TrainingLevel]
-        ] = []  # in the order of their ends in a rollout: world, level
+        # the number of the world and the level of each episode that ended in the rollout, in the order of their ends
+        self._ended_levels: list[tuple[int, TrainingLevel]] = []
         self._cpu_s = 0.0
         self._losses = Losses()
         self._playing: list[EpisodeSoFar] = []
@@ -128,30 +128,35 @@ class BatchPpo:
         if self._curriculum.needs_scores:
             self._score_levels(rollout)
         self._set_learning_rate()
-        self._policy.requires_grad_(self.updates >= self._critic_updates)
+        self._policy.requires_grad_(self.updates >= self._critic_updates)  # until then, only the critic learns
         self._policy.value_net.requires_grad_(True)
         self._policy.mlp_extractor.value_net.requires_grad_(True)
         self._learn(rollout, hidden)
         self.updates += 1
         self._cpu_s += time.process_time() - began
-        returns, success, length = np.mean(self._recent or [(math.nan, math.nan, math.nan)], axis=0).tolist()
+        latest_episodes = self._recent or [(math.nan, math.nan, math.nan)]
+        return_mean, success, length_mean = np.mean(latest_episodes, axis=0).tolist()
         losses = self._losses.means()
-        return CurvePoint(self.steps, self.episodes, returns, success, length, *losses, self._cpu_s)
+        return CurvePoint(self.steps, self.episodes, return_mean, success, length_mean, *losses, self._cpu_s)
 
     def _set_learning_rate(self) -> None:
         """Set the learning rate of an update; with a linear schedule, it falls to 0 over the run."""
         rate = self._settings.learning_rate
         if self._settings.schedule == "linear":
-            rate *= self._share_left()
+            rate *= self._get_remaining_share()
         for group in self._optimizer.param_groups:
             group["lr"] = rate
 
-    def _share_left(self) -> float:
-        """Return the share of the run's steps that are still to be made, from 1 to 0."""
+    def _get_remaining_share(self) -> float:
+        """Return the share of the run's steps that remain, which falls from 1 to 0."""
         return max(0.0, 1 - self.steps / self._settings.steps)
 
     def _collect(self) -> Batch:
-        """Act for a rollout; return its steps by field, each of shape [rollout, worlds, ...], with advantages."""
+        """Act for the steps of a rollout; return its fields by name, each of shape [rollout, worlds, ...].
+
+        The fields are the observations, with a prefix to their names, and "actions", "log_probs", "values", "starts"
+        and "advantages"; with a clone also "clone", its log-probabilities of all actions.
+        """
         settings = self._settings
         policy = self._policy
         steps_by_field: dict[str, list[torch.Tensor]] = {}
@@ -159,12 +164,13 @@ class BatchPpo:
         with torch.no_grad():
             for t in range(settings.rollout):
                 step_fields = {_OBSERVATION_PREFIX + name: part for name, part in self._observations.items()}
-                outputs, values, self._hidden = policy.think_on(self._observations, self._hidden, self._starts)
+                outputs, values, self._hidden = policy.compute_step_outputs(
+                    self._observations, self._hidden, self._starts
+                )
                 actions = policy.distribution.draw(outputs)
-                chosen = policy.distribution.log_probability(outputs, actions)
                 step_fields |= {
                     "actions": actions,
-                    "log_probs": chosen,
+                    "log_probs": policy.distribution.log_probability(outputs, actions),
                     "values": values.squeeze(1),
                     "starts": self._starts,
                 }
@@ -173,18 +179,21 @@ class BatchPpo:
                 for name, part in step_fields.items():
                     steps_by_field.setdefault(name, []).append(part)
                 rewards[t] = self._step(actions.cpu().numpy())
-            _, last, _ = policy.think_on(self._observations, self._hidden, self._starts)
+            _, last_values, _ = policy.compute_step_outputs(self._observations, self._hidden, self._starts)
         rollout = {name: torch.stack(parts) for name, parts in steps_by_field.items()}
         rewards = rewards.to(settings.device)
         ends = torch.cat((rollout["starts"][1:], self._starts[None]))
-        next_values = torch.cat((rollout["values"][1:], last.T))
+        next_values = torch.cat((rollout["values"][1:], last_values.T))
         rollout["advantages"] = self._estimate_advantages(rewards, rollout["values"], next_values, ends)
         return rollout
 
     def _estimate_advantages(
         self, rewards: torch.Tensor, values: torch.Tensor, next_values: torch.Tensor, ends: torch.Tensor
     ) -> torch.Tensor:
-        """Return the generalised advantage estimate of each step; all arrays have the shape [rollout, worlds]."""
+        """Return the generalised advantage estimate (GAE) of each step; all arrays have the shape [rollout, worlds].
+
+        ``next_values`` are the values of the states after each step; ``ends`` is 1.0 where a step ended an episode.
+        """
         settings = self._settings
         advantage = torch.zeros_like(next_values[-1])
         newest_first = []
@@ -196,7 +205,7 @@ class BatchPpo:
         return torch.stack(newest_first[::-1])
 
     def _step(self, actions: NDArray[Any]) -> torch.Tensor:
-        """Step every world; return rewards float32[n].
+        """Step every world, and begin the next episode where one ended; return the rewards float32[n].
 
         At a step limit, the reward includes the discounted value of the state that followed.
         """
@@ -210,7 +219,7 @@ class BatchPpo:
             episode.actions.append(action)
         if over.any():
             self._end_episodes(np.flatnonzero(over), joint_step.terminated & (rewards > 0))
-            rewards += self._value_beyond(joint_step.truncated & ~joint_step.terminated)
+            rewards += self._estimate_value_beyond(joint_step.truncated & ~joint_step.terminated)
             self._begin_next(np.flatnonzero(over).tolist())
         self._observations = self._encode()
         self._starts = torch.as_tensor(over, dtype=torch.float32, device=self._settings.device)
@@ -225,19 +234,22 @@ class BatchPpo:
         self._returns[ended] = 0.0
         self._lengths[ended] = 0
 
-    def _value_beyond(self, limited: NDArray[np.bool_]) -> NDArray[np.float32]:
-        """Return the discounted value of the states at which step limits ended episodes; 0 in all other worlds."""
-        values = np.zeros(len(limited), np.float32)
+    def _estimate_value_beyond(self, limited: NDArray[np.bool_]) -> NDArray[np.float32]:
+        """Return the discounted value of the states at which step limits ended episodes, float32[n]; 0 elsewhere.
+
+        ``limited`` says in which worlds a step limit has just ended an episode.
+        """
+        discounted_values = np.zeros(len(limited), np.float32)
         numbers = np.flatnonzero(limited)
         if len(numbers):
             final = {name: part[torch.from_numpy(numbers)] for name, part in self._encode().items()}
             starts = torch.zeros(len(numbers), device=self._settings.device)
-            _, beyond, _ = self._policy.think_on(final, self._hidden[numbers], starts)
-            values[numbers] = self._settings.gamma * beyond.squeeze(1).cpu().numpy()
-        return values
+            _, values, _ = self._policy.compute_step_outputs(final, self._hidden[numbers], starts)
+            discounted_values[numbers] = self._settings.gamma * values.squeeze(1).cpu().numpy()
+        return discounted_values
 
     def _begin_next(self, ended: list[int]) -> None:
-        """Begin the next episode of the worlds whose episodes ended, in levels of the curriculum."""
+        """Begin the next episode in the worlds whose episodes ended, at levels that the curriculum draws."""
         levels = [self._curriculum.draw() for _ in ended]
         for number, level in zip(ended, levels, strict=True):
             if self._curriculum.needs_scores:
@@ -247,29 +259,36 @@ class BatchPpo:
             self._worlds.begin(ended, levels)
 
     def _score_levels(self, rollout: Batch) -> None:
-        """Score the levels of a rollout by the mean size of the advantages in each episode that ended in it."""
+        """Tell the curriculum the score of each level whose episode ended in a rollout.
+
+        The score is the mean absolute advantage over the steps of the episode that lie in the rollout.
+        """
         sizes = rollout["advantages"].abs().cpu().numpy()
-        starts = rollout["starts"].cpu().numpy()[1:] > 0
-        starts = np.vstack((starts, self._starts.cpu().numpy()[None] > 0))
-        first = dict.fromkeys(range(len(sizes[0])), 0)
-        ends = {number: iter(np.flatnonzero(starts[:, number]).tolist()) for number in first}
+        next_starts = np.vstack((rollout["starts"].cpu().numpy()[1:], self._starts.cpu().numpy()[None]))
+        is_end = next_starts > 0  # [rollout, worlds]: a step ends an episode if the next step begins one
+        n_worlds = sizes.shape[1]
+        begins = [0] * n_worlds  # the first step of each world's episode
+        ends = [iter(np.flatnonzero(is_end[:, number]).tolist()) for number in range(n_worlds)]
         for number, level in self._ended_levels:
             end = next(ends[number]) + 1
-            self._curriculum.score(level, float(sizes[first[number] : end, number].mean()))
-            first[number] = end
+            self._curriculum.score(level, float(sizes[begins[number] : end, number].mean()))
+            begins[number] = end
         self._ended_levels.clear()
 
     def _learn(self, rollout: Batch, hidden: torch.Tensor) -> None:
-        """Update the policy from a rollout, whose memory at the first step is ``hidden``."""
+        """Update the policy from a rollout; ``hidden`` is the policy's memory before the rollout's first step.
+
+        A minibatch has steps drawn from all worlds or, if the policy has a memory, whole rollouts of some worlds.
+        """
         settings = self._settings
         returns = rollout["advantages"] + rollout["values"]
         if settings.memory:
-            parts = settings.worlds
+            n_parts = settings.worlds
         else:
-            parts = settings.worlds * settings.rollout
+            n_parts = settings.worlds * settings.rollout
         for _ in range(settings.epochs):
-            for chosen in torch.randperm(parts).chunk(settings.minibatches):
-                if settings.memory:  # whole rollouts of some worlds
+            for chosen in torch.randperm(n_parts).chunk(settings.minibatches):
+                if settings.memory:
                     minibatch = {name: part[:, chosen] for name, part in rollout.items()}
                     return_targets = returns[:, chosen].flatten()
                     start_hidden = hidden[chosen]
@@ -292,42 +311,45 @@ class BatchPpo:
             if name.startswith(_OBSERVATION_PREFIX)
         }
         distribution = self._policy.distribution
-        outputs, values = self._policy.think_through(observations, start_hidden, minibatch["starts"])
+        outputs, values = self._policy.compute_sequence_outputs(observations, start_hidden, minibatch["starts"])
         log_prob = distribution.log_probability(outputs, minibatch["actions"].flatten(0, 1))
         advantages = minibatch["advantages"].flatten()
-        advantages = (advantages - advantages.mean()) / (advantages.std() + 1e-8)
+        advantages = (advantages - advantages.mean()) / (advantages.std() + _EPSILON)
         log_ratio = log_prob - minibatch["log_probs"].flatten()
         ratio = log_ratio.exp()
         clipped = ratio.clamp(1 - settings.clip, 1 + settings.clip)
         gain = torch.min(ratio * advantages, clipped * advantages).mean()
         entropy = distribution.entropy(outputs).mean()
         error = (values.squeeze(1) - return_targets).square().mean()
-        self._note_losses(-gain, error, entropy, log_ratio.detach())
+        self._add_losses(-gain, error, entropy, log_ratio.detach())
         loss = settings.value * error - gain - settings.entropy * entropy
         if "clone" in minibatch:
             clone = minibatch["clone"].flatten(0, 1)
             divergence = (clone.exp() * (clone - outputs)).sum(dim=1).mean()  # KL(clone, policy)
-            loss = loss + settings.kl * self._share_left() * divergence
+            loss = loss + settings.kl * self._get_remaining_share() * divergence
         return loss
 
-    def _note_losses(
-        self, policy: torch.Tensor, value: torch.Tensor, entropy: torch.Tensor, log_ratio: torch.Tensor
+    def _add_losses(
+        self, policy_loss: torch.Tensor, value_loss: torch.Tensor, entropy: torch.Tensor, log_ratio: torch.Tensor
     ) -> None:
-        """Add a minibatch's losses and entropy, and the divergence that ``log_ratio`` implies, to the update's sums."""
+        """Add a minibatch's losses to the update's sums.
+
+        ``log_ratio`` are the logarithms of the present over the past probabilities of the actions.
+        """
         losses = self._losses
-        losses.policy += policy.item()
-        losses.value += value.item()
+        losses.policy += policy_loss.item()
+        losses.value += value_loss.item()
         losses.entropy += entropy.item()
-        losses.kl += float((log_ratio.exp() - 1 - log_ratio).mean())
+        losses.kl += float((log_ratio.exp() - 1 - log_ratio).mean())  # Schulman's k3
         losses.clipped += float(((log_ratio.exp() - 1).abs() > self._settings.clip).float().mean())
         losses.minibatches += 1
 
     def _encode(self) -> Batch:
-        """Return what the worlds show now, as tensors on the device."""
+        """Return the present observations of all worlds, as tensors on the device."""
         return self._encoder.encode(self._worlds)
 
     def save(self) -> dict[str, Any]:
-        """Return everything that the rest of the run depends on, in tensors and plain values."""
+        """Return the run's state, from which `restore` continues it, in tensors and plain values."""
         return {
             "policy": self._policy.state_dict(),
             "optimizer": self._optimizer.state_dict(),
@@ -347,10 +369,10 @@ class BatchPpo:
         }
 
     def restore(self, saved: dict[str, Any]) -> None:
-        """Restore a saved run; worlds play their current episodes again.
+        """Continue a run from the state that `save` returned; the worlds replay their current episodes.
 
         Raises:
-            LearnError: if a world does not show what it showed.
+            LearnError: if a world does not show the same observation as before.
         """
         self._policy.load_state_dict(saved["policy"])
         self._optimizer.load_state_dict(saved["optimizer"])

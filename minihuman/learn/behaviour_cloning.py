@@ -1,7 +1,7 @@
 """Behaviour cloning: train a policy to imitate people, evaluate it, and write it with its card.
 
-Training stops when the policy no longer improves on people whom it was not trained on. The evaluation uses fixed
-held-out episodes.
+Training stops when the policy no longer improves on the data of participants who are not in the training data. The
+evaluation uses fixed held-out episodes.
 """
 
 import json
@@ -72,9 +72,10 @@ def evaluate_policy(
     seed: int,
     most_steps: int | None = None,
 ) -> Evaluation:
-    """Evaluate a policy, in every seat of a team world, on held-out episodes whose seeds depend on ``seed`` alone.
+    """Evaluate a policy on held-out episodes; in a team world, it plays every seat.
 
-    An episode ends when the world ends it or after ``most_steps``, so at least one of the two must have a limit.
+    The seeds of the episodes depend on ``seed`` alone. An episode ends when the world ends it or after ``most_steps``,
+    so at least one of the two must have a limit.
     """
     env: Any = World(world_id, options, trusted=True).env  # with its own step limit
     encoder = eyesight.episode_encoder()
@@ -104,7 +105,7 @@ def _play_episode(
     episode_return = 0.0
     length = 0
     while True:
-        if team is not None:  # what the other bodies do
+        if team is not None:  # the world takes the actions of the other bodies from its joint action
             observations = [team.observation(body) for body in range(team.bodies)]
             world.joint = [choose(encoder.encode(world, observation)) for observation in observations]
         action = choose(encoder.encode(world, raw))
@@ -116,7 +117,7 @@ def _play_episode(
 
 
 def held_out_seed(seed: int, episode: int) -> int:
-    """Return the reset seed of a held-out episode, at least 2**31; seeds of training and sessions are smaller."""
+    """Return the reset seed of an evaluation's held-out episode; it is above those of training and sessions (2**31)."""
     return 2**31 + episode_seed(seed, episode)
 
 
@@ -168,9 +169,9 @@ class CloningResult:
 def split_by_participant(
     demonstrations: Demonstrations, *, share: float, seed: int
 ) -> tuple[Demonstrations, Demonstrations]:
-    """Split demonstrations into training and validation data.
+    """Split demonstrations at random into training and validation data, the latter with a share of the participants.
 
-    No participant is in both, and people who played together are in the same part.
+    No participant is in both, and participants who played together are in the same part.
 
     Raises:
         LearnError: if only one participant or one team took part.
@@ -197,40 +198,40 @@ def split_by_participant(
 def clone_policy(
     training: Demonstrations, validation: Demonstrations, *, eyes: EncoderName, settings: CloningSettings
 ) -> tuple[Policy, CloningResult]:
-    """Train a policy to imitate demonstrations; return it with the weights of the epoch that was best in validation."""
+    """Train a policy to imitate demonstrations; return it, as it was at the lowest validation loss, and the losses."""
     torch.manual_seed(settings.seed)
     steps = _stack_steps(training)
     if settings.mirrored:
-        steps = _with_mirror_images(steps, training.action_names, eyes)
+        steps = _add_mirrored_steps(steps, training.action_names, eyes)
     held_out = _stack_steps(validation)
     policy = build_policy(training.space, len(training.action_names), eyes, hidden=settings.hidden)
     policy.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
     optimiser = torch.optim.Adam(
         policy.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay, fused=True
     )
-    best = float("inf")
+    best_validation_loss = float("inf")
     best_epoch = 0
-    best_training = float("nan")
-    agreement = 0.0
+    best_training_loss = float("nan")
+    best_agreement = 0.0
     best_weights = policy.state_dict()
     for epoch in range(1, settings.most_epochs + 1):
         training_loss = _train_epoch(policy, optimiser, steps, settings.batch_size)
-        validation_loss, share_equal = _compare_with_people(policy, held_out)
-        if validation_loss < best:
-            best = validation_loss
+        validation_loss, agreement = _compare_with_people(policy, held_out)
+        if validation_loss < best_validation_loss:
+            best_validation_loss = validation_loss
             best_epoch = epoch
-            best_training = training_loss
-            agreement = share_equal
-            best_weights = {name: value.clone() for name, value in policy.state_dict().items()}
+            best_training_loss = training_loss
+            best_agreement = agreement
+            best_weights = {name: weights.clone() for name, weights in policy.state_dict().items()}
         elif epoch - best_epoch >= settings.patience:
             break
     policy.load_state_dict(best_weights)
     policy.set_training_mode(False)
     return policy, CloningResult(
         epochs=best_epoch,
-        training_loss=best_training,
-        validation_loss=best,
-        agreement=agreement,
+        training_loss=best_training_loss,
+        validation_loss=best_validation_loss,
+        agreement=best_agreement,
         training_episodes=len(training.episodes),
         validation_episodes=len(validation.episodes),
         training_participants=training.participants,
@@ -280,21 +281,22 @@ def _stack_steps(demonstrations: Demonstrations) -> Steps:
 def _pick_rows(
     images: torch.Tensor, missions: torch.Tensor | None, rows: torch.Tensor | slice
 ) -> dict[str, torch.Tensor]:
+    """Return the observations of the steps in some rows; without missions if there are none."""
     if missions is None:
         return {"image": images[rows]}
     return {"image": images[rows], "mission": missions[rows]}
 
 
-def _with_mirror_images(steps: Steps, action_names: tuple[str, ...], eyes: EncoderName) -> Steps:
-    """Return steps, followed by the same steps with mirrored images and with left and right actions swapped."""
+def _add_mirrored_steps(steps: Steps, action_names: tuple[str, ...], eyes: EncoderName) -> Steps:
+    """Return steps followed by the same steps with mirrored images, and with left and right actions exchanged."""
     images, missions, actions = steps
-    sideways = 2  # grid codes are [column, row]
+    left_right_axis = 2  # grid codes are [step, channel, column, row]
     if eyes == "atari":
-        sideways = 3  # pictures are [row, column]
+        left_right_axis = 3  # pictures are [step, channel, row, column]
     if missions is not None:
         missions = torch.cat((missions, missions))
     swapped = torch.tensor([action_names.index(_OTHER_SIDE.get(name, name)) for name in action_names])
-    return torch.cat((images, images.flip(sideways))), missions, torch.cat((actions, swapped[actions]))
+    return torch.cat((images, images.flip(left_right_axis))), missions, torch.cat((actions, swapped[actions]))
 
 
 _OTHER_SIDE = {"left": "right", "right": "left", "turn_left": "turn_right", "turn_right": "turn_left"}
@@ -318,7 +320,7 @@ class CloneStudy:
 
 @dataclass(frozen=True, slots=True)
 class CloneEvaluation:
-    """A clone trained on a given number of demonstrations, with its evaluation."""
+    """The training and the evaluation of a clone of a given number of demonstrations."""
 
     demonstrations: int
     cloned: CloningResult
@@ -334,7 +336,7 @@ def clone_study(source: Path, out: Path, study: CloneStudy, *, command: str) -> 
         LearnError: if a file exists already, a number of demonstrations is below 1, or there is nothing to clone. Then
             nothing is written.
     """
-    torch.set_num_threads(1)  # such small networks are faster so, and sums come in one order
+    torch.set_num_threads(1)  # small networks are faster on one thread, and their sums have a fixed order
     files = {kind: out.with_name(out.name + kind) for kind in ("", ".md", ".json")}
     _require_new_files(files.values())
     for size in study.sizes:
@@ -354,11 +356,11 @@ def clone_study(source: Path, out: Path, study: CloneStudy, *, command: str) -> 
     available = len(training.episodes)
     for size in sorted({min(size, available) for size in (*study.sizes, available)}):
         policy, cloned = clone_policy(training.first(size), validation, eyes=eyes, settings=study.cloning)
-        played = _play(make_sampling_policy(policy, study.cloning.seed), demonstrations, study)
+        played = _evaluate_player(make_sampling_policy(policy, study.cloning.seed), demonstrations, study)
         rows.append(CloneEvaluation(size, cloned, played))
     assert policy is not None
-    random = make_random_policy(len(demonstrations.action_names), study.cloning.seed)
-    chance = _play(random, demonstrations, study)
+    random_policy = make_random_policy(len(demonstrations.action_names), study.cloning.seed)
+    chance = _evaluate_player(random_policy, demonstrations, study)
     text = build_card_text(study, demonstrations, rows, chance, command)
     out.parent.mkdir(parents=True, exist_ok=True)
     save_policy(policy, _build_card(demonstrations, eyes, study), out)
@@ -368,6 +370,7 @@ def clone_study(source: Path, out: Path, study: CloneStudy, *, command: str) -> 
 
 
 def _require_new_files(paths: Iterable[Path]) -> None:
+    """Raise LearnError if one of the files exists already."""
     for path in paths:
         if path.exists():
             raise LearnError(f"{path} already exists; choose another file with --out")
@@ -398,10 +401,10 @@ def build_card_text(
     sight = _SIGHTS[study.sight]
     if study.missions:
         sight += " and the mission"
-    success = f"Success over {study.evaluation_episodes} held-out episodes, each action drawn from the policy"
+    success_note = f"Success over {study.evaluation_episodes} held-out episodes, each action drawn from the policy"
     if any(episode.team for episode in demonstrations.episodes):
-        success += " in every seat"
-    success += ", with its 95 %"
+        success_note += " in every seat"
+    success_note += ", with its 95 %"
     lines = [
         f"# A policy cloned from {', '.join(players)} demonstrations of {study.world}",
         "",
@@ -412,7 +415,7 @@ def build_card_text(
         f"Training participants: {', '.join(last.training_participants)}.",
         f"Validation participants: {', '.join(last.validation_participants)}.",
         "",
-        success,
+        success_note,
         "Wilson interval:",
         "",
         "| demonstrations | success | mean return | epochs | validation loss | agreement |",
@@ -430,7 +433,7 @@ def build_card_text(
 
 
 def _join_versions() -> str:
-    """Return the packages on which a policy's results depend, with their versions."""
+    """Return the packages on which a policy's results depend with their versions, separated by commas."""
     return ", ".join(f"{package} {version}" for package, version in get_versions().items())
 
 
@@ -447,7 +450,7 @@ def _collect_numbers(
     }
 
 
-def _play(choose: ChooseAction, demonstrations: Demonstrations, study: CloneStudy) -> Evaluation:
+def _evaluate_player(choose: ChooseAction, demonstrations: Demonstrations, study: CloneStudy) -> Evaluation:
     """Evaluate a player on the held-out episodes of a cloning study."""
     return evaluate_policy(
         choose,

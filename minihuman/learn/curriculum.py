@@ -1,7 +1,8 @@
-"""Curricula: which level an episode of training begins with, a world and a seed.
+"""Curricula: rules that choose the level, a world and a seed, of each episode of a training run.
 
-`uniform` draws worlds and seeds alike; `staged` goes on to the next world when the present one is solved; `plr` plays
-levels again from which there is most to learn (Jiang, Grefenstette and Rocktäschel, "Prioritized Level Replay", 2021).
+`uniform` draws all worlds and seeds with the same probability; `staged` goes on to the next world when the present one
+is solved; `plr` replays the levels from which there is most to learn (Jiang, Grefenstette and Rocktäschel, "Prioritized
+Level Replay", 2021).
 """
 
 import abc
@@ -15,6 +16,8 @@ from minihuman.learn.training_settings import TrainingSettings
 from minihuman.learn.training_worlds import TrainingLevel
 from minihuman.worlds.hashing import hash64
 
+_LEVELS_STREAM = 0x1EEE15  # makes this generator independent of others with the same seed
+
 
 class Curriculum(abc.ABC):
     """A rule that chooses the levels of a training run, with a random generator of its own."""
@@ -25,7 +28,7 @@ class Curriculum(abc.ABC):
         self._n_worlds = n_worlds
         self._settings = settings
         self._seed = seed
-        self._rng = np.random.default_rng(np.random.SeedSequence([seed, 0x1EEE15]))
+        self._rng = np.random.default_rng(np.random.SeedSequence([seed, _LEVELS_STREAM]))
 
     @abc.abstractmethod
     def draw(self) -> TrainingLevel:
@@ -50,7 +53,7 @@ class Curriculum(abc.ABC):
         return ""
 
     def _draw_new(self, world: int) -> TrainingLevel:
-        """Return a level of a world with a drawn seed."""
+        """Return a level of a world with a drawn seed: any, or one of as many as the setting ``levels`` says."""
         if not self._settings.levels:
             return TrainingLevel(world, int(self._rng.integers(2**31)))
         number = int(self._rng.integers(self._settings.levels))
@@ -121,8 +124,8 @@ class PrioritizedLevelReplay(Curriculum):
     def draw(self) -> TrainingLevel:
         """Return the level of the next episode."""
         self._episodes += 1
-        plays_again = bool(self._scores) and self._rng.random() < self._settings.replay
-        if plays_again:
+        is_replay = bool(self._scores) and self._rng.random() < self._settings.replay
+        if is_replay:
             level = self._draw_scored()
         else:
             level = self._draw_new(int(self._rng.integers(self._n_worlds)))
@@ -148,7 +151,7 @@ class PrioritizedLevelReplay(Curriculum):
         """Restore a saved state."""
         super().restore(saved)
         self._scores = {TrainingLevel(world, seed): score for world, seed, score, _ in saved["remembered"]}
-        self._played_at = {TrainingLevel(world, seed): at for world, seed, _, at in saved["remembered"]}
+        self._played_at = {TrainingLevel(world, seed): episode for world, seed, _, episode in saved["remembered"]}
         self._episodes = saved["episodes"]
 
     def describe(self) -> str:
@@ -156,15 +159,17 @@ class PrioritizedLevelReplay(Curriculum):
         return f"{len(self._scores)} levels to replay"
 
     def _draw_scored(self) -> TrainingLevel:
-        """Draw a remembered level, with a probability that mixes the rank of its score and its age."""
+        """Draw a remembered level by the rank of its score and, with the weight ``staleness``, by its age."""
         levels = list(self._scores)
-        ranks = np.argsort(np.argsort([-self._scores[level] for level in levels], kind="stable"), kind="stable") + 1
-        by_score = (1.0 / ranks) ** (1 / self._settings.temperature)
-        by_age = np.array([self._episodes - self._played_at[level] for level in levels], np.float64)
-        chances = by_score / by_score.sum()
-        if by_age.sum() > 0:
-            chances = (1 - self._settings.staleness) * chances + self._settings.staleness * by_age / by_age.sum()
-        return levels[int(self._rng.choice(len(levels), p=chances / chances.sum()))]
+        order = np.argsort([-self._scores[level] for level in levels], kind="stable")
+        ranks = np.argsort(order, kind="stable") + 1  # 1 for the highest score
+        score_weights = (1.0 / ranks) ** (1 / self._settings.temperature)
+        ages = np.array([self._episodes - self._played_at[level] for level in levels], np.float64)
+        probabilities = score_weights / score_weights.sum()
+        if ages.sum() > 0:
+            staleness = self._settings.staleness
+            probabilities = (1 - staleness) * probabilities + staleness * ages / ages.sum()
+        return levels[int(self._rng.choice(len(levels), p=probabilities / probabilities.sum()))]
 
 
 _CURRICULA: dict[str, type[Curriculum]] = {
@@ -175,10 +180,10 @@ _CURRICULA: dict[str, type[Curriculum]] = {
 
 
 def make_curriculum(n_worlds: int, settings: TrainingSettings, seed: int) -> Curriculum:
-    """Make the curriculum that the settings name, for some worlds.
+    """Make the curriculum that the settings name, for a number of worlds and the training run's seed.
 
     Raises:
-        LearnError: if there is only one world to go through in stages.
+        LearnError: if the curriculum is "staged" and there is only one world.
     """
     if settings.curriculum == "staged" and n_worlds < 2:
         raise LearnError("a staged curriculum goes from world to world; name two or more worlds, the easiest first")

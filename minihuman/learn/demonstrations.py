@@ -1,4 +1,4 @@
-"""Demonstrations: people's observations and actions, replayed from their logs and checked against them."""
+"""Demonstrations: the observations and actions of people, replayed from logs and compared with them."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -25,15 +25,15 @@ from minihuman.worlds.adapters.world import World
 class Demonstration:
     """One episode of a participant: ``n`` observations and the ``n`` actions that followed them.
 
-    In a team, a demonstration has only the steps that the participant made: not those of a program that took the seat,
-    or of a tick at which the participant's action came too late.
+    In a team, a demonstration has only the steps whose action the participant chose: not those of a program that took
+    the seat, nor those of ticks at which the participant's action came too late.
     """
 
     participant: str
     player: str
     actions: NDArray[np.int64]  # (n,)
     observations: tuple[Observation, ...]
-    team: str = ""  # whose episode it was; "" where one body played
+    team: str = ""  # the team whose episode it was; "" if one participant played alone
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,7 +42,7 @@ class Demonstrations:
 
     world: str
     options: dict[str, Any]
-    action_names: tuple[str, ...]  # the world's, up to the last that had a key or was a tick's no-op
+    action_names: tuple[str, ...]  # the world's, up to the last one that had a key or was the no-op of a tick
     most_steps: int  # the largest step limit of an episode
     eyesight: ObservationEncoder
     space: spaces.Dict  # of the observations
@@ -81,13 +81,16 @@ def replay_demonstration(log: SessionLog, episode: EpisodeLog, world: World, enc
     """
     observations = tuple(replay_observations(log, episode, world, encoder))
     team = episode.team
-    name = ""
-    own = list(range(len(observations)))
+    steps = list(range(len(observations)))
     if team is not None:
-        name = team.team
-        own = [step for step in own if team.sources[step][team.seat] == "person"]
-    actions = episode.actions[np.array(own, np.int64)]
-    return Demonstration(log.plan.participant.id, log.player, actions, tuple(observations[step] for step in own), name)
+        steps = [step for step in steps if team.sources[step][team.seat] == "person"]
+    return Demonstration(
+        participant=log.plan.participant.id,
+        player=log.player,
+        actions=episode.actions[np.array(steps, np.int64)],
+        observations=tuple(observations[step] for step in steps),
+        team="" if team is None else team.team,
+    )
 
 
 def read_demonstrations(source: Path, world: str, eyesight: ObservationEncoder, selection: Selection) -> Demonstrations:
@@ -97,18 +100,18 @@ def read_demonstrations(source: Path, world: str, eyesight: ObservationEncoder, 
         LearnError: if there is no such episode, episodes have different options, or an episode does not replay.
     """
     episodes, account = select_episodes(source, world, selection)
-    plan = check_equal_options(episodes)
-    player = World(plan.world, plan.options)
-    player.reset(plan.seed)
+    plan = get_shared_plan(episodes)
+    replay_world = World(plan.world, plan.options)
+    replay_world.reset(plan.seed)
     encoder = eyesight.episode_encoder()
-    replayed = [replay_demonstration(log, episode, player, encoder) for log, episode in episodes]
+    replayed = [replay_demonstration(log, episode, replay_world, encoder) for log, episode in episodes]
     return Demonstrations(
         world=world,
         options=plan.options,
         action_names=list_used_actions(episodes),
         most_steps=max(episode.plan.max_steps for _, episode in episodes),
         eyesight=eyesight,
-        space=eyesight.space(player.unwrapped),
+        space=eyesight.space(replay_world.unwrapped),
         episodes=tuple(demonstration for demonstration in replayed if len(demonstration.actions)),
         account=account,
     )
@@ -122,9 +125,9 @@ def select_episodes(source: Path, world: str, selection: Selection) -> tuple[lis
     """
     sessions = StudySessions(source, selection)
     episodes = [
-        (item.log, item.episode)
-        for item in IncludedEpisodes(sessions)
-        if item.episode.plan.world == world and len(item.episode.actions)
+        (included.log, included.episode)
+        for included in IncludedEpisodes(sessions)
+        if included.episode.plan.world == world and len(included.episode.actions)
     ]
     if not episodes:
         summary = "; ".join(sessions.account.lines())
@@ -134,10 +137,10 @@ def select_episodes(source: Path, world: str, selection: Selection) -> tuple[lis
     return episodes, sessions.account
 
 
-def check_equal_options(episodes: Sequence[LoggedEpisode]) -> EpisodePlan:
-    """Return the first episode's plan after checking that all episodes have the same options.
+def get_shared_plan(episodes: Sequence[LoggedEpisode]) -> EpisodePlan:
+    """Return the plan of the first episode, with the world's options that all the episodes share.
 
-    In a team, the options of the plan do not include the seat.
+    For a team, the options of the plan do not include the seat.
 
     Raises:
         LearnError: if the options of two episodes differ.
@@ -155,8 +158,8 @@ def check_equal_options(episodes: Sequence[LoggedEpisode]) -> EpisodePlan:
 def list_used_actions(episodes: Sequence[LoggedEpisode], least: int = 0) -> tuple[str, ...]:
     """Return the names of the world's actions up to the last one that is used.
 
-    An action is used if a key is assigned to it, or if it is the no-op of a tick. All actions up to number ``least``
-    are returned in any case.
+    An action is used if a key is assigned to it, or if it is the no-op of a tick. The actions up to the number
+    ``least`` are returned even if they are not used.
     """
     names = episodes[0][1].start.action_names
     used: set[str] = set()

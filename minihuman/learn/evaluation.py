@@ -1,4 +1,4 @@
-"""How well a policy plays: on fresh levels, and on the levels that a study's participants played, beside them."""
+"""Evaluation of policies: on fresh levels, and on the levels that a study's participants played, for comparison."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from minihuman.dataset.selection import Selection
 from minihuman.errors import LearnError
 from minihuman.learn.behaviour_cloning import Evaluation, held_out_seed
-from minihuman.learn.demonstrations import LoggedEpisode, check_equal_options, select_episodes
+from minihuman.learn.demonstrations import LoggedEpisode, get_shared_plan, select_episodes
 from minihuman.learn.policy.file import load_policy
 from minihuman.learn.policy.network import Policy
 from minihuman.learn.training_settings import WorldChoice
@@ -20,7 +20,7 @@ from minihuman.learn.training_worlds import BatchEncoder, TrainingLevel, Trainin
 from minihuman.worlds.adapters.world import World
 
 MAX_STEPS = 100_000  # of an episode, in a world without a step limit
-TOGETHER = 16  # worlds that are stepped side by side
+MOST_WORLDS = 16  # that are stepped side by side
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,58 +41,71 @@ def play_levels(
     seed: int,
     most_steps: Sequence[int] | None = None,
 ) -> list[EpisodeScore]:
-    """Play an episode of each level, each action drawn from the policy; return them in the order of the levels.
+    """Play an episode of each level, drawing each action from the policy; return the scores in the levels' order.
 
     Args:
         policy: the policy, on the CPU.
         worlds: the worlds in which episodes are played side by side.
-        encoder: what encodes their observations.
+        encoder: the encoder of their observations.
         levels: the levels to play.
         seed: the seed of the drawn actions.
-        most_steps: a step limit for each level; None for the worlds' own alone.
+        most_steps: a step limit for each level; None for only the worlds' own limits.
     """
     limits = most_steps or [MAX_STEPS] * len(levels)
-    slots = _Slots(worlds, levels)
+    queue = _LevelQueue(worlds, levels)
     random = torch.Generator().manual_seed(seed)
     hidden = torch.zeros(worlds.num_envs, policy.features_dim)
     starts = torch.ones(worlds.num_envs)
-    while len(slots.scores) < len(levels):
+    while len(queue.scores) < len(levels):
         with torch.no_grad():
-            outputs, _, hidden = policy.think_on(encoder.encode(worlds), hidden, starts)
+            outputs, _, hidden = policy.compute_step_outputs(encoder.encode(worlds), hidden, starts)
             actions = policy.distribution.draw(outputs, random)
-        starts = torch.as_tensor(slots.step(actions.numpy(), limits), dtype=torch.float32)
-    return [slots.scores[number] for number in range(len(levels))]
+        starts = torch.as_tensor(queue.step(actions.numpy(), limits), dtype=torch.float32)
+    return [queue.scores[number] for number in range(len(levels))]
 
 
-class _Slots:
-    """Worlds that play levels side by side. When none is left, a world plays one again, which does not count."""
+class _LevelQueue:
+    """Worlds that play levels side by side, each taking the next level when its episode ends.
+
+    A world that finds no level in the queue plays one again, whose score is ignored.
+    """
 
     def __init__(self, worlds: TrainingWorlds, levels: Sequence[TrainingLevel]) -> None:
         self.scores: dict[int, EpisodeScore] = {}  # by the number of the level
         self._worlds = worlds
         self._levels = levels
-        self._playing = list(range(worlds.num_envs))  # the number of each world's level
+        self._playing = list(range(worlds.num_envs))  # the number of each world's level; too high for a repetition
         self._returns = np.zeros(worlds.num_envs)
         self._lengths = np.zeros(worlds.num_envs, np.int64)
         self._begin(self._playing)
 
-    def _begin(self, slots: list[int]) -> None:
-        self._worlds.begin(slots, [self._levels[self._playing[slot] % len(self._levels)] for slot in slots])
+    def _begin(self, numbers: list[int]) -> None:
+        """Begin the episodes of the levels that the numbered worlds play now."""
+        levels = [self._levels[self._playing[number] % len(self._levels)] for number in numbers]
+        self._worlds.begin(numbers, levels)
 
     def step(self, actions: NDArray[Any], limits: Sequence[int]) -> NDArray[np.bool_]:
-        """Step all worlds; return which of them begin another level."""
+        """Step all worlds, record the scores of the episodes that end, and begin the next levels.
+
+        Args:
+            actions: an action for each world.
+            limits: the step limit of each level.
+
+        Returns:
+            Which of the worlds begin another level, bool[worlds].
+        """
         joint_step = self._worlds.step(actions)
         self._returns += joint_step.rewards
         self._lengths += 1
         over = joint_step.terminated | joint_step.truncated
-        over |= self._lengths >= np.array([limits[number % len(limits)] for number in self._playing])
+        over |= self._lengths >= np.array([limits[level % len(limits)] for level in self._playing])
         ended = np.flatnonzero(over).tolist()
-        for slot in ended:
-            success = bool(joint_step.terminated[slot] and joint_step.rewards[slot] > 0)
-            if self._playing[slot] < len(self._levels):
-                score = EpisodeScore(float(self._returns[slot]), int(self._lengths[slot]), success)
-                self.scores[self._playing[slot]] = score
-            self._playing[slot] = max(self._playing) + 1
+        for number in ended:
+            has_succeeded = bool(joint_step.terminated[number] and joint_step.rewards[number] > 0)
+            if self._playing[number] < len(self._levels):
+                score = EpisodeScore(float(self._returns[number]), int(self._lengths[number]), has_succeeded)
+                self.scores[self._playing[number]] = score
+            self._playing[number] = max(self._playing) + 1
         self._returns[over] = 0.0
         self._lengths[over] = 0
         if ended:
@@ -100,8 +113,8 @@ class _Slots:
         return over
 
 
-def summarize(episodes: Sequence[EpisodeScore]) -> Evaluation:
-    """Return the number of episodes, how many succeeded, and the means of returns and lengths."""
+def summarise_scores(episodes: Sequence[EpisodeScore]) -> Evaluation:
+    """Return the evaluation that the scores of some episodes make together."""
     return Evaluation(
         len(episodes),
         sum(episode.has_succeeded for episode in episodes),
@@ -113,18 +126,26 @@ def summarize(episodes: Sequence[EpisodeScore]) -> Evaluation:
 def evaluate_in_batch(
     policy: Policy, choices: Sequence[WorldChoice], encoder: BatchEncoder, *, episodes: int, seed: int
 ) -> list[Evaluation]:
-    """Evaluate a policy in each of some worlds, on levels that no training draws; they depend on ``seed`` alone."""
+    """Return a policy's evaluation in each of some worlds, on levels that no training draws.
+
+    Args:
+        policy: the policy, on the CPU.
+        choices: the worlds.
+        encoder: the encoder of the worlds' observations.
+        episodes: the number of levels to play in each world.
+        seed: the seed of the levels and of the policy's actions.
+    """
     evaluations = []
     for choice in choices:
-        worlds = make_worlds([choice], min(TOGETHER, episodes), 1)
+        worlds = make_worlds([choice], min(MOST_WORLDS, episodes), 1)
         levels = [TrainingLevel(0, held_out_seed(seed, episode)) for episode in range(episodes)]
-        evaluations.append(summarize(play_levels(policy, worlds, encoder, levels, seed=seed)))
+        evaluations.append(summarise_scores(play_levels(policy, worlds, encoder, levels, seed=seed)))
     return evaluations
 
 
 @dataclass(frozen=True, slots=True)
 class PersonBesidePolicy:
-    """A participant's episodes in a world, and a policy's on the same levels."""
+    """A participant's evaluation in a world, and a policy's evaluation on the same levels."""
 
     participant: str
     person: Evaluation
@@ -133,7 +154,7 @@ class PersonBesidePolicy:
 
 @dataclass(frozen=True, slots=True)
 class PeopleComparison:
-    """A policy beside the participants of a study, on the levels that each of them played."""
+    """A comparison of a policy with a study's participants, on the levels that each of them played."""
 
     world: str
     people: tuple[PersonBesidePolicy, ...]
@@ -153,6 +174,7 @@ class PeopleComparison:
 
 
 def _format_pair(name: str, person: Evaluation, policy: Evaluation) -> str:
+    """Return a line of the table of a comparison."""
     success = f"{person.rate:.2f}, {policy.rate:.2f}"
     returns = f"{person.mean_return:.2f}, {policy.mean_return:.2f}"
     steps = f"{person.mean_steps:.1f}, {policy.mean_steps:.1f}"
@@ -173,7 +195,7 @@ def _pool(parts: Sequence[Evaluation]) -> Evaluation:
 def compare_with_people(
     path: Path, study: Path, selection: Selection, *, world: str = "", seed: int = 1
 ) -> PeopleComparison:
-    """Have a policy play the levels that a study's participants played, with their options and step limits.
+    """Compare a policy with a study's participants: it plays their levels, with the same options and step limits.
 
     Args:
         path: the policy file.
@@ -183,7 +205,8 @@ def compare_with_people(
         seed: the seed of the policy's actions.
 
     Raises:
-        LearnError: if the study has no such episode, or the policy observes something else in the world.
+        LearnError: if the policy was not trained in the world or with its observations, the study has no episode in it,
+            or it is a team world.
     """
     torch.set_num_threads(1)
     policy, card = load_policy(path)
@@ -193,7 +216,7 @@ def compare_with_people(
     if card.eyesight.sight != "view":
         raise LearnError(f"{path} observes more than the world shows; compare a policy of --sight view")
     episodes, account = select_episodes(study, world, selection)
-    plan = check_equal_options(episodes)
+    plan = get_shared_plan(episodes)
     if any(episode.team is not None for _, episode in episodes):
         raise LearnError(f"{world} is a team world; let the policy take a seat of a study, and report that study")
     example = World(world, plan.options)
@@ -201,20 +224,28 @@ def compare_with_people(
         raise LearnError(f"{path} was trained with other options than {study} has, {plan.options}; train with these")
     example.reset(plan.seed)
     encoder = BatchEncoder(card.eyesight.missions, card.eyesight.spreads(example.unwrapped, example.observation))
-    worlds = make_worlds([WorldChoice(world, plan.options)], min(TOGETHER, len(episodes)), 1)
+    worlds = make_worlds([WorldChoice(world, plan.options)], min(MOST_WORLDS, len(episodes)), 1)
     levels = [TrainingLevel(0, episode.plan.seed) for _, episode in episodes]
     limits = [episode.plan.max_steps for _, episode in episodes]
-    played = play_levels(policy, worlds, encoder, levels, seed=seed, most_steps=limits)
-    return PeopleComparison(world, tuple(_pair_people(episodes, played)), tuple(account.lines()))
+    policy_scores = play_levels(policy, worlds, encoder, levels, seed=seed, most_steps=limits)
+    return PeopleComparison(world, tuple(_pair_people(episodes, policy_scores)), tuple(account.lines()))
 
 
-def _pair_people(episodes: Sequence[LoggedEpisode], played: Sequence[EpisodeScore]) -> list[PersonBesidePolicy]:
-    """Return each participant's episodes beside the policy's on the same levels."""
-    pairs: dict[str, list[tuple[EpisodeScore, EpisodeScore]]] = {}
-    for (log, episode), by_policy in zip(episodes, played, strict=True):
-        by_person = EpisodeScore(episode.return_, len(episode.actions), episode.outcome == "goal")
-        pairs.setdefault(log.plan.participant.id, []).append((by_person, by_policy))
+def _pair_people(episodes: Sequence[LoggedEpisode], policy_scores: Sequence[EpisodeScore]) -> list[PersonBesidePolicy]:
+    """Return the evaluation of each participant with the policy's on the same levels.
+
+    ``policy_scores`` are the policy's scores on the levels of the episodes, in the same order.
+    """
+    person_scores_of: dict[str, list[EpisodeScore]] = {}
+    policy_scores_of: dict[str, list[EpisodeScore]] = {}
+    for (log, episode), policy_score in zip(episodes, policy_scores, strict=True):
+        participant = log.plan.participant.id
+        person_score = EpisodeScore(episode.return_, len(episode.actions), episode.outcome == "goal")
+        person_scores_of.setdefault(participant, []).append(person_score)
+        policy_scores_of.setdefault(participant, []).append(policy_score)
     return [
-        PersonBesidePolicy(name, summarize([pair[0] for pair in own]), summarize([pair[1] for pair in own]))
-        for name, own in pairs.items()
+        PersonBesidePolicy(
+            participant, summarise_scores(person_scores), summarise_scores(policy_scores_of[participant])
+        )
+        for participant, person_scores in person_scores_of.items()
     ]

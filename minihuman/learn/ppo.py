@@ -1,7 +1,7 @@
 """PPO with the settings, losses and random draws of Stable-Baselines3: its environment and its two loops.
 
-There is one world, without wrappers or logging. A rollout acts through the network's fast forward pass, and an update
-uses tensors that are allocated once. The sums are those of Stable-Baselines3; a step takes a third less time.
+There is one world, without wrappers or logging. A rollout acts through the network's fast forward pass, and its arrays
+are allocated once. The results are those of Stable-Baselines3, and a step takes a third less time.
 """
 
 from dataclasses import dataclass
@@ -35,7 +35,7 @@ class PpoSettings:
 
 
 class TrainingEnv(gymnasium.Env[Any, Any]):
-    """A world for training, in which every episode resets with a seed of its own, derived from the training run's seed.
+    """A world for training, in which each episode has its own seed, derived from the training run's seed.
 
     Returns and lengths of episodes are in ``info["episode"]``, as Stable-Baselines3 expects them, without wall-clock
     times.
@@ -74,7 +74,7 @@ class TrainingEnv(gymnasium.Env[Any, Any]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Begin the next episode; ``seed`` is ignored, since the training run's seed determines the episode's."""
+        """Begin the next episode, whose seed follows from the training run's; both arguments are ignored."""
         self._episode += 1
         self._return = 0.0
         self._steps = 0
@@ -93,7 +93,12 @@ class TrainingEnv(gymnasium.Env[Any, Any]):
 
 
 def episode_seed(seed: int, episode: int) -> int:
-    """Return the reset seed of an episode, whose number counts from 0."""
+    """Return the reset seed of an episode of a training run.
+
+    Args:
+        seed: the seed of the training run.
+        episode: the number of the episode, from 0.
+    """
     return hash64((seed, "episode", episode)) % 2**31
 
 
@@ -101,35 +106,40 @@ EPSILON = 1e-8  # added to the advantages' standard deviation, as in Stable-Base
 
 
 class Rollout:
-    """The ``n`` steps since the last update, in arrays that the next rollout overwrites."""
+    """The steps since the last update, in arrays that the next rollout overwrites.
 
-    def __init__(self, n: int, like: Observation) -> None:
-        channels, height, width = like["image"].shape
-        # channels last: what convolutions on a CPU want, and what the world gave
-        self.images = np.empty((n, height, width, channels), np.uint8)
+    Args:
+        n_steps: the number of steps.
+        example: an observation, whose parts have the shapes of all observations.
+    """
+
+    def __init__(self, n_steps: int, example: Observation) -> None:
+        channels, height, width = example["image"].shape
+        # channels last, as in the world's own image, because convolutions on a CPU are faster so
+        self.images = np.empty((n_steps, height, width, channels), np.uint8)
         self.missions = None
-        if "mission" in like:
-            self.missions = np.empty((n, *like["mission"].shape), np.float32)
-        self.actions = np.empty(n, np.int64)
-        self.rewards = np.empty(n, np.float32)
-        self.values = np.empty(n, np.float32)
-        self.log_probs = np.empty(n, np.float32)
-        self.starts = np.empty(n, np.float32)  # 1 where an episode began with this step
-        self.advantages = np.empty(n, np.float32)
+        if "mission" in example:
+            self.missions = np.empty((n_steps, *example["mission"].shape), np.float32)
+        self.actions = np.empty(n_steps, np.int64)
+        self.rewards = np.empty(n_steps, np.float32)
+        self.values = np.empty(n_steps, np.float32)
+        self.log_probs = np.empty(n_steps, np.float32)
+        self.starts = np.empty(n_steps, np.float32)  # 1 where an episode began with this step
+        self.advantages = np.empty(n_steps, np.float32)
 
-    def judge(self, last_value: float, ended: bool, *, gamma: float, gae_lambda: float) -> None:
-        """Compute the generalised advantage estimates of all steps (Schulman et al., 2016).
+    def estimate_advantages(self, last_value: float, ended: bool, *, gamma: float, gae_lambda: float) -> None:
+        """Compute the generalised advantage estimates of all steps (Schulman et al., 2016), in ``advantages``.
 
         ``last_value`` is the value of the state after the last step; ``ended`` is whether that step ended an episode.
         """
-        following = np.float32(last_value)
+        next_value = np.float32(last_value)
         goes_on = np.float32(not ended)
-        running = np.float32(0)
+        advantage = np.float32(0)
         for step in reversed(range(len(self.actions))):
-            delta = self.rewards[step] + gamma * following * goes_on - self.values[step]
-            running = np.float32(delta + gamma * gae_lambda * goes_on * running)
-            self.advantages[step] = running
-            following = self.values[step]
+            temporal_difference = self.rewards[step] + gamma * next_value * goes_on - self.values[step]
+            advantage = np.float32(temporal_difference + gamma * gae_lambda * goes_on * advantage)
+            self.advantages[step] = advantage
+            next_value = self.values[step]
             goes_on = 1 - self.starts[step]
 
 
@@ -142,22 +152,22 @@ class LeanPpo(PPO):
     def collect_rollouts(
         self, env: VecEnv, callback: BaseCallback, rollout_buffer: RolloutBuffer, n_rollout_steps: int
     ) -> bool:
-        """Collect a rollout into the agent's own arrays, without Stable-Baselines3's buffer."""
+        """Collect a rollout into the agent's own arrays; return False if the callback ended the training."""
         assert isinstance(env, DummyVecEnv)
         world = env.envs[0].unwrapped
         assert isinstance(world, TrainingEnv)
         assert self._last_episode_starts is not None
         self.policy.set_training_mode(False)
         callback.on_rollout_start()
-        choose = _Chooser(self.policy)
+        sampler = _ActionSampler(self.policy)
         observation = {name: part[0] for name, part in self._last_obs.items()}
         starts = bool(self._last_episode_starts[0])
-        rollout = self._rollout = getattr(self, "_rollout", None) or Rollout(n_rollout_steps, observation)
+        rollout = self._reuse_rollout(n_rollout_steps, observation)
         for step in range(n_rollout_steps):
             rollout.images[step] = observation["image"].transpose(1, 2, 0)
             if rollout.missions is not None:
                 rollout.missions[step] = observation["mission"]
-            action, value, log_prob = choose(observation)
+            action, value, log_prob = sampler.draw(observation)
             observation, reward, terminated, truncated, info = world.step(action)
             self.num_timesteps += 1
             if not callback.on_step():
@@ -166,7 +176,7 @@ class LeanPpo(PPO):
             starts = terminated or truncated
             self._update_info_buffer([info], np.array([starts]))
             if truncated and not terminated:  # the return beyond a step limit is estimated by the state's value
-                reward += self.gamma * choose.value(observation)
+                reward += self.gamma * sampler.value(observation)
             rollout.actions[step] = action
             rollout.rewards[step] = reward
             rollout.starts[step] = began_with_step
@@ -174,14 +184,20 @@ class LeanPpo(PPO):
             rollout.log_probs[step] = log_prob
             if starts:
                 observation, _ = world.reset()
-        rollout.judge(choose.value(observation), starts, gamma=self.gamma, gae_lambda=self.gae_lambda)
+        rollout.estimate_advantages(sampler.value(observation), starts, gamma=self.gamma, gae_lambda=self.gae_lambda)
         self._last_obs = {name: part[None] for name, part in observation.items()}
         self._last_episode_starts = np.array([starts])
         callback.on_rollout_end()
         return True
 
+    def _reuse_rollout(self, n_steps: int, example: Observation) -> Rollout:
+        """Return the arrays of the last rollout to overwrite; new ones for the first rollout."""
+        if not hasattr(self, "_rollout"):
+            self._rollout = Rollout(n_steps, example)
+        return self._rollout
+
     def train(self) -> None:
-        """Update the policy from the last rollout: ``n_epochs`` passes in minibatches from NumPy's global stream."""
+        """Update the policy from the last rollout, in minibatches that NumPy's global generator draws."""
         policy = self.policy
         rollout = self._rollout
         policy.set_training_mode(True)
@@ -209,16 +225,16 @@ class LeanPpo(PPO):
                 observations = {"image": images.index_select(0, chosen).permute(0, 3, 1, 2)}
                 if missions is not None:
                     observations["mission"] = missions[chosen]
-                choices, values = policy.think(observations)
-                ratio = torch.exp(choices.gather(1, actions[chosen]).squeeze(1) - log_probs[chosen])
+                new_log_probs, values = policy.compute_outputs(observations)
+                ratio = torch.exp(new_log_probs.gather(1, actions[chosen]).squeeze(1) - log_probs[chosen])
                 gain = advantages[chosen]
                 if len(gain) > 1:
                     gain = (gain - gain.mean()) / (gain.std() + EPSILON)
                 surrogate = torch.min(gain * ratio, gain * torch.clamp(ratio, 1 - clip, 1 + clip)).mean()
-                error = functional.mse_loss(returns[chosen], values.squeeze(1))
-                loss = self.vf_coef * error - surrogate
+                value_error = functional.mse_loss(returns[chosen], values.squeeze(1))
+                loss = self.vf_coef * value_error - surrogate
                 if self.ent_coef:
-                    loss = loss + self.ent_coef * (choices.exp() * choices).sum(dim=1).mean()
+                    loss = loss + self.ent_coef * (new_log_probs.exp() * new_log_probs).sum(dim=1).mean()  # -entropy
                 policy.optimizer.zero_grad()
                 loss.backward()  # type: ignore[no-untyped-call]
                 torch.nn.utils.clip_grad_norm_(parameters, self.max_grad_norm)
@@ -226,27 +242,28 @@ class LeanPpo(PPO):
             self._n_updates += 1
 
 
-class _Chooser:
+class _ActionSampler:
     """Draws actions as Stable-Baselines3 does, and returns each with its value and log-probability."""
 
     def __init__(self, policy: Policy) -> None:
         if policy.device.type == "cpu":
-            self._think = make_forward(policy)
+            self._compute_outputs = make_forward(policy)
         else:
-            self._think = policy.think_of
+            self._compute_outputs = policy.compute_single_outputs
 
-    def __call__(self, observation: Observation) -> tuple[int, float, float]:
-        logits, value = self._think(observation)
+    def draw(self, observation: Observation) -> tuple[int, float, float]:
+        """Return a drawn action, the state's value, and the action's log-probability."""
+        logits, value = self._compute_outputs(observation)
         log_probs = torch.log_softmax(logits, dim=0)
         action = int(torch.multinomial(log_probs.exp(), 1, replacement=True))
         return action, float(value), float(log_probs[action])
 
     def value(self, observation: Observation) -> float:
         """Return the value of the observed state."""
-        return float(self._think(observation)[1])
+        return float(self._compute_outputs(observation)[1])
 
 
-LAST_EPISODES = 100  # a curve's point is the mean over so many
+LAST_EPISODES = 100  # the number of episodes over which a point of the learning curve is a mean
 
 
 def make_ppo(world: TrainingEnv, *, settings: PpoSettings, eyes: EncoderName, seed: int, device: str) -> LeanPpo:

@@ -1,4 +1,4 @@
-"""What a training by PPO is asked for: its worlds and settings, from the command line or a job's TOML file.
+"""The worlds and settings of a training run by PPO, from the command line or a job's TOML file.
 
 A setting has one name everywhere: the field here, the key in the file, the option of `minihuman learn ppo`. This module
 does not import torch.
@@ -26,7 +26,7 @@ class WorldChoice:
 def _setting(
     default: Any, help: str, panel: str = "Training", least: float | None = None, most: float | None = None
 ) -> Any:
-    """Declare a setting with its option's help and panel, and the least and the most that it can be; None: no limit."""
+    """Declare a setting with its default, the help text and panel of its option, and its limits (None for no limit)."""
     return field(default=default, metadata={"help": help, "panel": panel, "least": least, "most": most})
 
 
@@ -88,16 +88,26 @@ class TrainingSettings:
     kl: float = _setting(0.0, "The weight, falling to 0, of the divergence from the clone.", _PEOPLE, 0)
 
     def __post_init__(self) -> None:
+        self._require_numbers_in_range()
+        self._require_layers()
+        self._require_compatible_memory()
+
+    def _require_numbers_in_range(self) -> None:
         for declared in fields(self):
             number = getattr(self, declared.name)
             least = declared.metadata["least"]
             most = declared.metadata["most"]
-            is_low = least is not None and not number >= least
-            if is_low or (most is not None and not number <= most):
+            is_low = least is not None and not number >= least  # also for NaN
+            is_high = most is not None and not number <= most
+            if is_low or is_high:
                 limits = f"{least} or more" if most is None else f"{least} to {most}"
                 raise LearnError(f"{declared.name} is {number!r}; use {limits}")
+
+    def _require_layers(self) -> None:
         if not self.hidden or min(self.hidden) < 1 or max(self.hidden) > 4096:
             raise LearnError(f"hidden is {list(self.hidden)}; name one or more sizes of 1 to 4096")
+
+    def _require_compatible_memory(self) -> None:
         if self.memory and self.from_people:
             raise LearnError("a clone of people has no memory; omit memory or from_people")
         if self.memory and self.minibatches > self.worlds:
@@ -141,21 +151,21 @@ def read_job(path: Path) -> TrainingJob:
 
 
 def change_settings(settings: TrainingSettings, changes: Mapping[str, Any]) -> TrainingSettings:
-    """Return settings with some changed, by name.
+    """Return a copy of settings with the given changes, by the settings' names.
 
     Raises:
-        LearnError: if there is no setting of a name, or a value is not valid.
+        LearnError: if there is no setting with a name, or a change is not valid.
     """
     names = [declared.name for declared in fields(TrainingSettings)]
     converted = {}
-    for name, number in changes.items():
+    for name, change in changes.items():
         if name not in names:
             raise LearnError(f"{name!r} is not a setting; use world or one of {', '.join(names)}")
         try:
-            converted[name] = msgspec.convert(number, _KINDS[name])
+            converted[name] = msgspec.convert(change, _SETTING_TYPES[name])
         except msgspec.ValidationError as error:
-            raise LearnError(f"{name} is {number!r}: {error}") from None
+            raise LearnError(f"{name} is {change!r}: {error}") from None
     return replace(settings, **converted)
 
 
-_KINDS: Mapping[str, Any] = TrainingSettings.__annotations__
+_SETTING_TYPES: Mapping[str, Any] = TrainingSettings.__annotations__

@@ -1,7 +1,7 @@
 """The worlds of a training run: several are stepped together, and each episode is one level, a world and a seed.
 
-A world of minihuman has a batch in compiled code. Several worlds at once, and other packages' worlds, are stepped one
-after the other. No world begins its next episode by itself, but for those of teams: the caller chooses the level.
+A world of minihuman has a batch in compiled code. Different worlds, and worlds of other packages, are stepped one after
+the other. The caller chooses the level of each episode, except in team worlds, which begin the next episode themselves.
 """
 
 import abc
@@ -27,7 +27,7 @@ from minihuman.worlds.team import TeamWorld
 
 
 class TrainingLevel(NamedTuple):
-    """What an episode begins with: the number of a world among those that are trained in, and a reset seed."""
+    """The start of an episode: the number of a world among those that are trained in, and a reset seed."""
 
     world: int
     seed: int
@@ -46,14 +46,17 @@ class TrainingWorlds(abc.ABC):
 
     Attributes:
         num_envs: the number of worlds.
-        images: what each world shows now, uint8[n, height, width, channels]; vectors are float32[n, 1, 1, components].
-        missions: each world's mission; "" where it has none.
+        images: the present image of each world, uint8[n, height, width, channels]; vectors are float32[n, 1, 1,
+            components].
+        missions: each world's mission; "" if it has none.
+        begins_by_itself: whether the step that ends an episode also begins the next one, so that the caller cannot
+            choose its level.
     """
 
     num_envs: int
     images: NDArray[Any]
     missions: Sequence[str]
-    begins_by_itself: bool = False  # the next episode, in the step that ends one
+    begins_by_itself: bool = False
 
     @abc.abstractmethod
     def begin(self, numbers: Sequence[int], levels: Sequence[TrainingLevel]) -> None:
@@ -67,10 +70,14 @@ class TrainingWorlds(abc.ABC):
         """
 
     def replay(self, levels: Sequence[TrainingLevel], actions: Sequence[Sequence[Any]]) -> None:
-        """Bring each world to where these actions lead from the beginning of its level.
+        """Begin each world's level and take its recorded actions; all worlds take their last action in the same step.
 
-        The episodes are aligned at their ends. A world whose own episode begins later plays an idle action until then,
-        and is begun anew for it, and whenever idling has ended an episode before.
+        Since all worlds are stepped together, a world with fewer actions than the longest episode first takes idle
+        actions. Its level is begun again when its own actions follow, and when an idle action has ended an episode.
+
+        Args:
+            levels: the level of each world.
+            actions: the actions of each world's episode so far, as numbers or as lists of components.
         """
         longest = max(map(len, actions))
         everywhere = range(self.num_envs)
@@ -79,7 +86,7 @@ class TrainingWorlds(abc.ABC):
         dtype = np.float32 if isinstance(first, list) else np.int64
         self.begin(everywhere, levels)
         for t in range(longest):
-            own_steps = [t - (longest - len(episode)) for episode in actions]  # negative before a world's own episode
+            own_steps = [t - (longest - len(episode)) for episode in actions]  # negative while a world is idle
             joint_action = [
                 episode[own_step] if own_step >= 0 else idle_action
                 for episode, own_step in zip(actions, own_steps, strict=True)
@@ -93,23 +100,23 @@ class TrainingWorlds(abc.ABC):
                 self.begin(starting, [levels[number] for number in starting])
 
 
-Batch = dict[str, torch.Tensor]  # what worlds show: uint8 (or float32) [n, channels, height, width], float32[n, 9]
+Batch = dict[str, torch.Tensor]  # "image" uint8 or float32[n, channels, height, width], and "mission" float32[n, 9]
 
 
 @dataclass(frozen=True, slots=True)
 class BatchEncoder:
-    """What encodes the observations of all worlds for a policy, as its `ObservationEncoder` does those of a world."""
+    """An encoder of the observations of many worlds at once, with the same result as `ObservationEncoder` for each."""
 
-    missions: bool
-    spreads: bool  # whether images are grid codes that are spread
+    missions: bool  # whether missions are observed
+    spreads: bool  # whether images are grid codes that are spread over the range of a byte
     device: str = "cpu"
 
     def encode(self, worlds: TrainingWorlds) -> Batch:
-        """Return what the worlds show now, as tensors on the device."""
+        """Return the present observations of all worlds, as tensors on the device."""
         image = worlds.images
         if self.spreads:
             image = image * np.array(SPREAD, np.uint8)
-        # copied: a batch of teams writes its next observations where these are
+        # a copy, because a batch of teams writes its next observations into the same array
         observations = {"image": torch.from_numpy(np.array(np.moveaxis(image, -1, 1), order="C"))}
         if self.missions:
             observations["mission"] = torch.from_numpy(np.stack([_encode_mission(text) for text in worlds.missions]))
@@ -120,14 +127,14 @@ _encode_mission = lru_cache(maxsize=1024)(encode_mission)
 
 
 def as_images(observations: NDArray[Any]) -> NDArray[Any]:
-    """Return observations, one a row, as images; a vector is an image of one pixel."""
+    """Return observations, one per row, as images; vectors become images of one pixel."""
     if observations.ndim == 2:
         return observations[:, None, None, :]
     return observations
 
 
 class BatchWorlds(TrainingWorlds):
-    """Worlds of one id with the same options, stepped by its batch in compiled code."""
+    """Worlds of one id with the same options, which a vector environment of minihuman steps in compiled code."""
 
     def __init__(self, batch: Any) -> None:
         self._batch = batch
@@ -142,16 +149,17 @@ class BatchWorlds(TrainingWorlds):
         for number, level in zip(numbers, levels, strict=True):
             seeds[number] = level.seed
         options = None if mask.all() else {"reset_mask": mask}
-        self._take(self._batch.reset(seed=seeds, options=options)[0])
+        self._store_observations(self._batch.reset(seed=seeds, options=options)[0])
 
     def step(self, actions: NDArray[Any]) -> BatchStep:
         """Take one action in every world."""
         within_bounds = clip_actions(self._batch.single_action_space, actions)
         observation, rewards, terminated, truncated, _ = self._batch.step(within_bounds)
-        self._take(observation)
+        self._store_observations(observation)
         return BatchStep(rewards, terminated, truncated)
 
-    def _take(self, observation: Any) -> None:
+    def _store_observations(self, observation: Any) -> None:
+        """Set ``images``, and ``missions`` if there are any, from the batch's observations."""
         if isinstance(observation, dict):
             self.images = observation["image"]
             self.missions = observation.get("mission", self.missions)
@@ -160,25 +168,26 @@ class BatchWorlds(TrainingWorlds):
 
 
 class WorldsInTurn(TrainingWorlds):
-    """Worlds of several ids or options with equal observations and actions, stepped one after the other."""
+    """Worlds of several ids or options with equal observation and action spaces, stepped one after the other."""
 
     def __init__(self, choices: Sequence[WorldChoice], num_envs: int) -> None:
         self.num_envs = num_envs
         self._choices = choices
-        self._worlds: list[dict[int, Any]] = [{} for _ in range(num_envs)]  # by number of the choice, once it is needed
+        # each world's environments by the number of the choice; made when they are first needed
+        self._worlds: list[dict[int, Any]] = [{} for _ in range(num_envs)]
         self._current: list[Any] = [None] * num_envs
         self._observations: list[Any] = [None] * num_envs
 
     def begin(self, numbers: Sequence[int], levels: Sequence[TrainingLevel]) -> None:
         """Begin an episode of a level in each of the numbered worlds."""
         for number, level in zip(numbers, levels, strict=True):
-            own_worlds = self._worlds[number]
-            if level.world not in own_worlds:
+            envs = self._worlds[number]
+            if level.world not in envs:
                 choice = self._choices[level.world]
-                own_worlds[level.world] = World(choice.id, choice.options, trusted=True).env
-            self._current[number] = own_worlds[level.world]
+                envs[level.world] = World(choice.id, choice.options, trusted=True).env
+            self._current[number] = envs[level.world]
             self._observations[number], _ = self._current[number].reset(seed=level.seed)
-        self._show()
+        self._stack_observations()
 
     def step(self, actions: NDArray[Any]) -> BatchStep:
         """Take one action in every world."""
@@ -187,15 +196,15 @@ class WorldsInTurn(TrainingWorlds):
         truncated = np.zeros(self.num_envs, np.bool_)
         for number, (env, action) in enumerate(zip(self._current, actions, strict=True)):
             if actions.ndim == 1:
-                taken: Any = int(env.action_space.start) + int(action)
+                env_action: Any = int(env.action_space.start) + int(action)
             else:
-                taken = clip_actions(env.action_space, action)
-            self._observations[number], rewards[number], terminated[number], truncated[number], _ = env.step(taken)
-        self._show()
+                env_action = clip_actions(env.action_space, action)
+            self._observations[number], rewards[number], terminated[number], truncated[number], _ = env.step(env_action)
+        self._stack_observations()
         return BatchStep(rewards, terminated, truncated)
 
-    def _show(self) -> None:
-        """Stack what all worlds show."""
+    def _stack_observations(self) -> None:
+        """Set ``images`` and ``missions`` from the observations of all worlds."""
         if isinstance(self._observations[0], dict):
             self.images = np.stack([observation["image"] for observation in self._observations])
             self.missions = [str(observation.get("mission", "")) for observation in self._observations]
@@ -222,9 +231,12 @@ class SeatWorlds(TrainingWorlds):
         self.missions = [""] * self.num_envs
 
     def begin(self, numbers: Sequence[int], levels: Sequence[TrainingLevel]) -> None:
-        """Begin the first episodes of all worlds, whose seeds are drawn from the first level's; the rest is ignored."""
+        """Begin the first episodes of all worlds, whose seeds are drawn from the first level's seed.
+
+        The numbers and the other levels are ignored.
+        """
         self._batch.reset(levels[0].seed)
-        self._show()
+        self._stack_observations()
 
     def step(self, actions: NDArray[Any]) -> BatchStep:
         """Take one action in every seat; where an episode ends, the next one begins."""
@@ -232,25 +244,25 @@ class SeatWorlds(TrainingWorlds):
         shaping_weight = max(0.0, 1 - self._steps / self._shaped_steps)
         rewards = rewards + shaping_weight * getattr(self._batch, "shaping", 0.0)
         self._steps += self.num_envs
-        self._show()
+        self._stack_observations()
         over = np.repeat(ends, self._bodies)
         return BatchStep(rewards.ravel(), over, np.zeros_like(over))
 
-    def _show(self) -> None:
+    def _stack_observations(self) -> None:
+        """Set ``images`` from the observations of all seats."""
         self.images = self._batch.observations.reshape(self.num_envs, *self._batch.observations.shape[2:])
 
 
 def make_worlds(choices: Sequence[WorldChoice], num_envs: int, shaped_steps: float) -> TrainingWorlds:
-    """Make the worlds of a training run, as fast as these can be stepped.
+    """Make the worlds of a training run, of the class that steps them fastest.
 
     Args:
         choices: the worlds to train in.
         num_envs: the number of worlds that are stepped together.
-        shaped_steps: the steps after which a team earns nothing for useful steps.
+        shaped_steps: the number of steps over which the shaping rewards of a team world decrease to 0.
 
     Raises:
-        LearnError: if a team world is to be trained in together with another world, or the worlds show or do different
-            things.
+        LearnError: if a team world is named with another world, or the observations or actions of two worlds differ.
     """
     examples = [World(choice.id, choice.options, trusted=True) for choice in choices]
     teams = [choice.id for choice, world in zip(choices, examples, strict=True) if hasattr(world.unwrapped, "team")]
@@ -267,18 +279,24 @@ def make_worlds(choices: Sequence[WorldChoice], num_envs: int, shaped_steps: flo
 
 
 def _require_alike(first_choice: WorldChoice, first: Any, choice: WorldChoice, world: Any) -> None:
-    for name, ours, other in (
-        ("images", _image_space(first).shape, _image_space(world).shape),
+    """Check that a world has the same shape of images and the same actions as the first world.
+
+    Raises:
+        LearnError: if they differ.
+    """
+    for name, first_space, world_space in (
+        ("images", _get_image_space(first).shape, _get_image_space(world).shape),
         ("actions", first.action_space, world.action_space),
     ):
-        if ours != other:
+        if first_space != world_space:
             raise LearnError(
-                f"{choice.id} has the {name} {other}, and {first_choice.id} has {ours}; train in worlds whose "
-                "observations and actions are equal, such as one family's with the same agent_view_size"
+                f"{choice.id} has the {name} {world_space}, and {first_choice.id} has {first_space}; train in worlds "
+                "whose observations and actions are equal, such as one family's with the same agent_view_size"
             )
 
 
-def _image_space(world: Any) -> Any:
+def _get_image_space(world: Any) -> Any:
+    """Return the space of a world's image or, if its observations have no image, the space of its observations."""
     space = world.observation_space
     if isinstance(space, gymnasium.spaces.Dict) and "image" in space.spaces:
         return space["image"]
@@ -286,7 +304,7 @@ def _image_space(world: Any) -> Any:
 
 
 def _make_batch(choice: WorldChoice, world: World, num_envs: int) -> Any:
-    """Make the batch of a world of minihuman; None if it has none."""
+    """Make the vector environment of a world in compiled code; return None if the world has no such environment."""
     native = world.unwrapped
     spec = world.env.spec
     if not isinstance(native, NativeWorld) or spec is None:

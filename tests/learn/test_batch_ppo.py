@@ -107,11 +107,11 @@ def test_advantages_are_those_of_gae_and_a_step_limit_is_no_end():
     rollout = run._collect()
     values = rollout["values"].double().numpy()
     with torch.no_grad():
-        last = policy.think(run._observations)[1].squeeze(1).double().numpy()
+        last = policy.compute_outputs(run._observations)[1].squeeze(1).double().numpy()
         beyond = np.zeros_like(values)
         for t, (limited, _, shown) in enumerate(ends):
             for i in np.flatnonzero(limited):
-                beyond[t, i] = float(policy.think({"image": shown["image"][[i]]})[1])
+                beyond[t, i] = float(policy.compute_outputs({"image": shown["image"][[i]]})[1])
     assert (beyond != 0).sum() >= 4
     following = np.vstack((values[1:], last))
     for i in range(SMALL.worlds):
@@ -134,11 +134,11 @@ def test_a_memory_goes_through_a_rollout_as_it_went_step_by_step_and_forgets_whe
     rollout = run._collect()
     assert rollout["starts"][1:].sum() >= 12
     seen = {"image": rollout["seen image"]}
-    log_probs, values = policy.think_through(seen, hidden, rollout["starts"])
+    log_probs, values = policy.compute_sequence_outputs(seen, hidden, rollout["starts"])
     chosen = log_probs.gather(1, rollout["actions"].flatten()[:, None]).squeeze(1)
     torch.testing.assert_close(chosen, rollout["log_probs"].flatten(), atol=1e-5, rtol=1e-4)
     torch.testing.assert_close(values.squeeze(1), rollout["values"].flatten(), atol=1e-5, rtol=1e-4)
-    again, _ = policy.think_through(seen, hidden, torch.zeros_like(rollout["starts"]))
+    again, _ = policy.compute_sequence_outputs(seen, hidden, torch.zeros_like(rollout["starts"]))
     assert not torch.allclose(again, log_probs, atol=1e-4)  # it does remember
 
 

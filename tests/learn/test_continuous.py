@@ -83,7 +83,7 @@ def test_a_training_from_numbers_learns_and_its_file_plays_again(tmp_path):
     policy, card = load_policy(path)
     assert card.is_continuous
     assert card.action_names == ("component_0",)
-    outputs, _ = policy.think_of({"image": np.array([[[-0.9]], [[0.9]]], np.float32)})
+    outputs, _ = policy.compute_single_outputs({"image": np.array([[[-0.9]], [[0.9]]], np.float32)})
     assert outputs[0] > 0.3, "the mark is to the right"
 
 

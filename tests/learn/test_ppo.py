@@ -20,7 +20,7 @@ def test_acting_written_out_thinks_what_the_policy_thinks(eyes, world_id):
     policy = build_policy(world.observation_space, 3, eyes).to(memory_format=torch.channels_last)
     seen, _ = world.reset()
     for action in (0, 2, 1):
-        log_probs, value = policy.think_of(seen)
+        log_probs, value = policy.compute_single_outputs(seen)
         logits, written_out = make_forward(policy)(seen)
         torch.testing.assert_close(torch.log_softmax(logits, dim=0), log_probs, atol=1e-6, rtol=0)
         torch.testing.assert_close(written_out, value, atol=1e-6, rtol=0)
@@ -32,10 +32,10 @@ def test_acting_asked_for_again_knows_the_weights_after_an_update():
     policy = build_policy(world.observation_space, 3, "grid")
     seen, _ = world.reset()
     before = make_forward(policy)(seen)[1].clone()
-    policy.think({name: torch.as_tensor(part)[None] for name, part in seen.items()})[1].sum().backward()
+    policy.compute_outputs({name: torch.as_tensor(part)[None] for name, part in seen.items()})[1].sum().backward()
     policy.optimizer.step()
     after = make_forward(policy)(seen)[1]
-    torch.testing.assert_close(after, policy.think_of(seen)[1], atol=1e-6, rtol=0)
+    torch.testing.assert_close(after, policy.compute_single_outputs(seen)[1], atol=1e-6, rtol=0)
     assert not torch.equal(before, after)
 
 

@@ -43,7 +43,7 @@ class Typist:
         self.now_ns = 1_000
 
     def give(self, *inputs: Input) -> None:
-        self.session += self.field.take(inputs, SIZE_PX)
+        self.session += self.field.apply_inputs(inputs, SIZE_PX)
 
     def type(self, text: str) -> None:
         for letter in text:
@@ -65,7 +65,7 @@ class Typist:
         return item.text
 
     def settle(self) -> TextEdited:
-        [edited] = self.field.settle(self.now_ns)
+        [edited] = self.field.report_text(self.now_ns)
         assert isinstance(edited, TextEdited)
         return edited
 
@@ -79,7 +79,7 @@ def test_what_was_typed_is_reported_whole_and_no_key_of_it_reaches_the_session()
     edited = typist.settle()
     assert edited.text == typist.text == f"{PERSIAN}\n{FRENCH}"
     assert (edited.changes, edited.keys, edited.began_ns) == (("typed",), len(PERSIAN) + 1 + len(FRENCH), 2_000)
-    assert typist.field.settle(typist.now_ns) == []
+    assert typist.field.report_text(typist.now_ns) == []
 
 
 def test_what_ends_the_question_comes_after_the_text() -> None:

@@ -13,10 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
-from minihuman.display.drawing import sheet, sheet as theme
+from minihuman.display.drawing import sheet as theme
 from minihuman.display.drawing.sheet import (
     LINE_HEIGHT,
     MARGIN,
+    MIN_TYPE_PX,
     MIN_TYPE_SIZE,
     OVERFLOW_TYPE_SIZE,
     Sheet,
@@ -36,10 +37,13 @@ Box = tuple[int, int, int, int]  # left, top, width, height
 _Key = tuple[str, str]  # what is printed on it, what it does
 
 
-_TOP = 0.10  # the mission's band, of the height
+_TOP = 0.10  # the height of the mission's band, in window heights
 
 
-_BOTTOM = 0.16  # legend and progress
+_BOTTOM = 0.16  # the height of the band of legend and progress, in window heights
+
+
+_PROGRESS_Y = 0.965  # the middle of the line of progress, in window heights
 
 
 _LEGEND_OFFSET = 0.068  # of the legend's middle below the picture's space, of the height
@@ -52,9 +56,6 @@ _GAP = 1.4  # between a key's word and the next key, of the type size
 
 
 _CAP_GAP = 0.6  # between a key and its word, of the type size
-
-
-_MIN_LEGEND_TYPE_PX = 8
 
 
 _WORTH_ENLARGING = 1.2  # a picture that would grow by less keeps its size, and so stays sharp
@@ -89,8 +90,8 @@ def picture_size_px(size_px: Size) -> Size:
     """
     width, height = size_px
     room_height = height - round(height * _TOP) - round(height * _BOTTOM)
-    wide = min(width - 2 * round(height * MARGIN), room_height * 4 // 3)
-    return wide, wide * 3 // 4
+    picture_width = min(width - 2 * round(height * MARGIN), room_height * 4 // 3)
+    return picture_width, picture_width * 3 // 4
 
 
 def paint_picture(frame: NDArray[np.uint8], picture: NDArray[np.uint8]) -> Box:
@@ -104,16 +105,16 @@ def paint_picture(frame: NDArray[np.uint8], picture: NDArray[np.uint8]) -> Box:
 
 def locate_picture(picture: NDArray[np.uint8], size_px: Size) -> Box:
     """Return the box in which a world's picture is drawn."""
-    return _locate(picture.shape[1], picture.shape[0], size_px)
+    return _locate_size(picture.shape[1], picture.shape[0], size_px)
 
 
-def _locate(width: int, height: int, size_px: Size) -> Box:
-    """Return the box in which a picture of a size is drawn."""
+def _locate_size(width: int, height: int, size_px: Size) -> Box:
+    """Return the box in which a picture of a given width and height is drawn, after it is fitted to the window."""
     return _place_picture(*_fit_size(width, height, *picture_size_px(size_px)), size_px)
 
 
 def _place_picture(width: int, height: int, size_px: Size) -> Box:
-    """Return the box of a picture in the middle of a window's space between heading and legend."""
+    """Return the box of a fitted picture, centred in a window's space between heading and legend."""
     window_width, window_height = size_px
     top = round(window_height * _TOP)
     bottom = window_height - round(window_height * _BOTTOM)
@@ -123,9 +124,10 @@ def _place_picture(width: int, height: int, size_px: Size) -> Box:
 
 
 def _fit_picture(picture: NDArray[np.uint8], room_width: int, room_height: int) -> NDArray[np.uint8]:
-    """Scale a picture to a room by the largest whole factor, or smoothly if that would leave much of the room empty.
+    """Scale a picture to the size in pixels of the space for it.
 
-    A picture that is larger than the room is averaged down to it.
+    Its pixels are repeated by the largest whole factor above 1 that fits. If none fits, the picture keeps its size or
+    is enlarged smoothly; a picture that is larger than the space is averaged down.
     """
     height, width = picture.shape[:2]
     scale = min(room_width // width, room_height // height)
@@ -141,7 +143,7 @@ def _fit_picture(picture: NDArray[np.uint8], room_width: int, room_height: int) 
 
 
 def _fit_size(width: int, height: int, room_width: int, room_height: int) -> Size:
-    """Return the size to which `_fit_picture` scales a picture of a size."""
+    """Return the width and height to which `_fit_picture` scales a picture of a given width and height."""
     scale = min(room_width // width, room_height // height)
     if scale > 1:
         return width * scale, height * scale
@@ -154,58 +156,62 @@ def _fit_size(width: int, height: int, room_width: int, room_height: int) -> Siz
 def draw_surroundings(play_frame: PlayFrame, size_px: Size) -> Sheet:
     """Draw a play screen without the world's picture, and return the sheet.
 
-    A mission with rules has its goal above the picture, and each rule on lines of its own beside it. Where a window has
-    no room for them there, all of the mission stands above.
+    If the mission has rules, its goal is drawn above the picture, and each rule begins a new line beside the picture.
+    If a window has no room for the rules there, the whole mission is drawn above.
     """
     width, height = size_px
     sheet = Sheet(size_px, play_frame.locale)
-    wide = width - 2 * height * MARGIN
+    text_width_px = width - 2 * height * MARGIN
     mission = play_frame.mission[:1].upper() + play_frame.mission[1:]
     heading, *rules = split_mission(mission)
     if rules and not _draw_rules(sheet, rules, play_frame.picture_px):
         heading = mission
-    sheet.put_line((width / 2, height * _TOP / 2), heading, round(height / 24), wide, theme.INK)
+    sheet.put_line((width / 2, height * _TOP / 2), heading, round(height / 24), text_width_px, theme.INK)
     _draw_legend(sheet, play_frame)
-    sheet.put_line((width / 2, height * 0.965), play_frame.progress, round(height / 36), wide, theme.MUTED_INK)
+    progress_place = (width / 2, height * _PROGRESS_Y)
+    sheet.put_line(progress_place, play_frame.progress, round(height / 36), text_width_px, theme.MUTED_INK)
     return sheet
 
 
 def _draw_rules(sheet: Sheet, rules: list[str], picture_px: Size) -> bool:
-    """Draw rules beside the picture, on both sides if one has too little room; return whether they fit there."""
+    """Draw rules beside the picture; return False, without drawing, if they do not fit there.
+
+    They are drawn on one side in readable type, or else on both sides in type that can be smaller.
+    """
     if not all(picture_px):
         return False
     width, height = sheet.size_px
     margin = height * MARGIN
-    left, top, _, _ = _locate(*picture_px, sheet.size_px)
-    wide = left - 2 * margin
-    high = height * (1 - _BOTTOM) - top
-    sides = [margin, width - margin - wide]
+    left, top, _, _ = _locate_size(*picture_px, sheet.size_px)
+    column_width_px = left - 2 * margin
+    max_height_px = height * (1 - _BOTTOM) - top
+    sides = [margin, width - margin - column_width_px]
     if sheet.locale.rtl:
         sides.reverse()
     half = math.ceil(len(rules) / 2)
     halves = [rules[:half], rules[half:]]
     largest = round(height / 32)
-    least = max(8, round(sheet.high * OVERFLOW_TYPE_SIZE))
+    least = max(MIN_TYPE_PX, round(sheet.high * OVERFLOW_TYPE_SIZE))
     for columns, smallest in (([rules], sheet.min_type_px), (halves, least)):
         for type_px in range(largest, smallest - 1, -1):
-            if all(_measure_rules_px(sheet, column, type_px, wide) <= high for column in columns):
-                for begin, column in zip(sides, columns, strict=False):
-                    _draw_column(sheet, column, (begin, top, wide), type_px)
+            if all(_measure_rules_px(sheet, column, type_px, column_width_px) <= max_height_px for column in columns):
+                for column_left, column in zip(sides, columns, strict=False):
+                    _draw_column(sheet, column, (column_left, top, column_width_px), type_px)
                 return True
     return False
 
 
-def _measure_rules_px(sheet: Sheet, rules: list[str], type_px: int, wide: float) -> float:
+def _measure_rules_px(sheet: Sheet, rules: list[str], type_px: int, max_width_px: float) -> float:
     """Return the height of a column of rules in pixels."""
-    n_lines = sum(len(sheet.wrap(rule, type_px, wide)) for rule in rules)
+    n_lines = sum(len(sheet.wrap(rule, type_px, max_width_px)) for rule in rules)
     return (n_lines * LINE_HEIGHT + (len(rules) - 1) * _RULE_GAP) * type_px
 
 
-def _draw_column(sheet: Sheet, rules: list[str], place: tuple[float, float, float], type_px: int) -> None:
-    """Draw rules below each other in a place (left, top, width)."""
-    begin, y, wide = place
+def _draw_column(sheet: Sheet, rules: list[str], column_px: tuple[float, float, float], type_px: int) -> None:
+    """Draw rules below each other in a column, given by its left, top and width in pixels."""
+    left, y, width = column_px
     for rule in rules:
-        y = sheet.column(sheet.wrap(rule, type_px, wide), begin, begin + wide, y, type_px) + _RULE_GAP * type_px
+        y = sheet.column(sheet.wrap(rule, type_px, width), left, left + width, y, type_px) + _RULE_GAP * type_px
 
 
 def draw_mark(screen: PlayScreen, size_px: Size) -> Image.Image:
@@ -254,7 +260,10 @@ def _draw_outcome_label(
 def _draw_sign(
     draw: ImageDraw.ImageDraw, mark: str, place: tuple[float, float], reach: float, colour: theme.Colour, stroke: int
 ) -> None:
-    """Draw a tick, a cross or a bar, which differ even without colour."""
+    """Draw a tick for "good", a cross for "bad" or a bar for "neutral", which differ even without colour.
+
+    ``place`` is the sign's middle (x, y), and ``reach`` is half its width, in pixels.
+    """
     x, y = place
     left = x - reach
     right = x + reach
@@ -271,10 +280,10 @@ def _draw_sign(
 def _draw_legend(sheet: Sheet, play_frame: PlayFrame) -> None:
     """Draw the keys and their actions side by side in a centred line.
 
-    If there are many, the type is smaller, and then they are broken into several lines.
+    If they do not fit in a line, the type is made smaller, and then they are broken into several lines.
     """
-    printed = {key: f"{above} {cap}".strip() for key, cap, above in play_frame.labels}
-    keys = [(printed.get(key, key_label(key)), action.replace("_", " ")) for key, action in play_frame.legend]
+    printed_labels = {key: f"{above} {cap}".strip() for key, cap, above in play_frame.labels}
+    keys = [(printed_labels.get(key, key_label(key)), action.replace("_", " ")) for key, action in play_frame.legend]
     rows, type_px = _fit_legend(sheet, keys)
     width, height = sheet.size_px
     keycap_height = type_px * (2.0 if len(rows) == 1 else 1.3)
@@ -303,17 +312,17 @@ def _fit_legend(sheet: Sheet, keys: list[tuple[str, str]]) -> tuple[list[list[tu
     while type_px > sheet.min_type_px and _measure_legend_px(sheet, keys, type_px) > room_px:
         type_px -= 1
     rows = _break_legend(sheet, keys, type_px, room_px)
-    while len(rows) > _MOST_ROWS and type_px > _MIN_LEGEND_TYPE_PX:
+    while len(rows) > _MOST_ROWS and type_px > MIN_TYPE_PX:
         type_px -= 1
         rows = _break_legend(sheet, keys, type_px, room_px)
     return rows, type_px
 
 
-def _break_legend(sheet: Sheet, keys: list[_Key], type_px: int, wide: float) -> list[list[_Key]]:
-    """Break keys into lines that are at most ``wide`` pixels long."""
+def _break_legend(sheet: Sheet, keys: list[_Key], type_px: int, max_width_px: float) -> list[list[_Key]]:
+    """Break keys into lines that are at most ``max_width_px`` pixels long."""
     rows: list[list[_Key]] = [[]]
     for key in keys:
-        if rows[-1] and _measure_legend_px(sheet, [*rows[-1], key], type_px) > wide:
+        if rows[-1] and _measure_legend_px(sheet, [*rows[-1], key], type_px) > max_width_px:
             rows.append([])
         rows[-1].append(key)
     return rows
@@ -331,10 +340,10 @@ def _measure_legend_px(sheet: Sheet, keys: list[_Key], type_px: int) -> float:
     return sum(lengths) + type_px * _GAP * (len(keys) - 1)
 
 
-_COLOURS = {"agent": sheet.HIGHLIGHT, "person": sheet.ACCENT}
+_COLOURS = {"agent": theme.HIGHLIGHT, "person": theme.ACCENT}
 
 
-_FLASHES = {"good": sheet.GOOD, "bad": sheet.BAD}
+_FLASHES = {"good": theme.GOOD, "bad": theme.BAD}
 
 
 _SIGNS = {"good": "+", "bad": "\N{MINUS SIGN}"}
@@ -346,33 +355,39 @@ _LINE = 0.03  # the line's height, of the window's
 _DASH = 4  # of the frame's thickness
 
 
-def draw_steering(frame: NDArray[np.uint8], screen: PlayScreen, picture: Box) -> Box:
-    """Draw the frame and the line that show who is in control; return the box that may have changed.
+def draw_steering(frame: NDArray[np.uint8], screen: PlayScreen, picture_box: Box) -> Box:
+    """Draw a border around the picture and a line of text below it, which show who is in control.
 
-    The box includes the picture.
+    Args:
+        frame: the screen's picture uint8[H, W, 3], which is changed in place.
+        screen: the screen, which names the controller and, after a rating, whether to flash "good" or "bad".
+        picture_box: the box that the world's picture covers.
+
+    Returns:
+        The box that may have changed, which includes the picture.
     """
     height, width = frame.shape[:2]
     stroke = max(3, height // 144)
-    left, top, wide, high = picture
-    box = (left - stroke, top - stroke, wide + 2 * stroke, high + 2 * stroke)
-    colour = sheet.find_colour(_FLASHES.get(screen.flash) or _COLOURS[screen.controller], screen.locale.theme)
-    ground = sheet.find_colour(sheet.BACKGROUND, screen.locale.theme)
+    left, top, picture_width, picture_height = picture_box
+    box = (left - stroke, top - stroke, picture_width + 2 * stroke, picture_height + 2 * stroke)
+    colour = theme.find_colour(_FLASHES.get(screen.flash) or _COLOURS[screen.controller], screen.locale.theme)
+    ground = theme.find_colour(theme.BACKGROUND, screen.locale.theme)
     gap_colour = colour
     if screen.controller == "agent" and not screen.flash:  # dashed
         gap_colour = ground
     _draw_frame(frame, box, stroke, colour, gap_colour)
     text = _SIGNS.get(screen.flash, screen.controller_text)
     line = _draw_text_line(text, screen.locale.language, colour, ground, box[2], round(height * _LINE))
-    below = box[1] + box[3]
-    start = (width - line.shape[1]) // 2
-    rows = min(len(line), height - below)
-    frame[below : below + rows, start : start + line.shape[1]] = line[:rows]
-    left = min(start, box[0])
-    return left, box[1], width - 2 * left, box[3] + rows
+    line_top = box[1] + box[3]
+    line_left = (width - line.shape[1]) // 2
+    rows = min(len(line), height - line_top)
+    frame[line_top : line_top + rows, line_left : line_left + line.shape[1]] = line[:rows]
+    changed_left = min(line_left, box[0])
+    return changed_left, box[1], width - 2 * changed_left, box[3] + rows
 
 
-def _draw_frame(frame: NDArray[np.uint8], box: Box, stroke: int, colour: sheet.Colour, gap: sheet.Colour) -> None:
-    """Draw the four sides of a box, dashed if the gaps have another colour."""
+def _draw_frame(frame: NDArray[np.uint8], box: Box, stroke: int, colour: theme.Colour, gap: theme.Colour) -> None:
+    """Draw the four sides of a box inside it, ``stroke`` pixels thick; they are dashed if ``gap`` is another colour."""
     left, top, width, height = box
     right = left + width
     bottom = top + height
@@ -385,7 +400,7 @@ def _draw_frame(frame: NDArray[np.uint8], box: Box, stroke: int, colour: sheet.C
 
 
 @lru_cache(maxsize=16)
-def _draw_dashed_side(length: int, stroke: int, colour: sheet.Colour, gap: sheet.Colour) -> NDArray[np.uint8]:
+def _draw_dashed_side(length: int, stroke: int, colour: theme.Colour, gap: theme.Colour) -> NDArray[np.uint8]:
     """Draw a side of the frame as uint8[length, 3]; it begins and ends with a dash, so that corners are complete."""
     side = np.full((length, 3), colour, np.uint8)
     n_gaps = max(1, round((length / (stroke * _DASH) - 1) / 2))
@@ -397,14 +412,15 @@ def _draw_dashed_side(length: int, stroke: int, colour: sheet.Colour, gap: sheet
 
 @lru_cache(maxsize=16)
 def _draw_text_line(
-    text: str, language: str, colour: sheet.Colour, ground: sheet.Colour, width: int, height: int
+    text: str, language: str, colour: theme.Colour, ground: theme.Colour, width: int, height: int
 ) -> NDArray[np.uint8]:
-    """Draw the line of text below the picture as uint8[height, at least width, 3]."""
+    """Draw the line of text below the picture as uint8[height, at least width, 3], wider if the text needs it."""
     faces = select_typefaces(language)
-    size_px = max(8, round(height / _LINE * MIN_TYPE_SIZE))
-    width = max(width, 2 * round(measure_width_px(text, faces, size_px) / 2 + size_px))
-    image = Image.new("RGB", (width, height), ground)
-    start = (width - measure_width_px(text, faces, size_px)) / 2
+    size_px = max(MIN_TYPE_PX, round(height / _LINE * MIN_TYPE_SIZE))
+    text_px = measure_width_px(text, faces, size_px)
+    image_width = max(width, 2 * round(text_px / 2 + size_px))  # with a margin of one type size at each end
+    image = Image.new("RGB", (image_width, height), ground)
+    start = (image_width - text_px) / 2
     draw_line(ImageDraw.Draw(image), (start, height / 2), text, faces=faces, size_px=size_px, colour=colour)
     return np.asarray(image)
 
@@ -413,7 +429,7 @@ RectPx = tuple[float, float, float, float]  # left, top, right, bottom
 
 
 def paste_picture(sheet: Sheet, picture: NDArray[np.uint8], box: RectPx) -> None:
-    """Paste a picture into a box, as large as possible, with a thin line around it."""
+    """Paste a picture into the middle of a box, as large as possible, with a thin line around the picture."""
     left, top, right, bottom = box
     height, width = picture.shape[:2]
     if not height or not width:

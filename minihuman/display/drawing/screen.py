@@ -55,17 +55,17 @@ def compose_screen(screen: Screen, size_px: Size) -> NDArray[np.uint8]:
     match screen:
         case PlayScreen():
             frame = _draw_play_frame(_play_frame(screen), size_px).copy()
-            _paint(frame, screen)
+            _paint_play(frame, screen)
             if screen.mark:
                 _paste_layer(frame, draw_mark(screen, size_px))
             return frame
         case BlankScreen():
             return np.array(_draw_blank(screen, size_px))
         case TextScreen():
-            return np.array(_text(screen, size_px))
+            return np.array(_draw_text_screen(screen, size_px))
         case PageScreen() | QuestionScreen():
             return np.array(_draw_sheet(screen, size_px).page)
-        case ActivityScreen():
+        case ActivityScreen():  # drawn by a function of the activity, "module:function"
             module, _, function = screen.drawing.partition(":")
             return np.array(getattr(import_module(module), function)(screen, size_px).page)
 
@@ -78,15 +78,15 @@ def repaint_screen(frame: NDArray[np.uint8], previous: Screen | None, screen: Sc
         previous: the screen that the frame shows; None if its content is unknown
         screen: the screen that the frame is to show
     """
-    if isinstance(previous, PlayScreen) and isinstance(screen, PlayScreen) and _differ_in_picture(previous, screen):
-        return _paint(frame, screen)
+    if isinstance(previous, PlayScreen) and isinstance(screen, PlayScreen) and _share_surroundings(previous, screen):
+        return _paint_play(frame, screen)
     height, width = frame.shape[:2]
     frame[:] = compose_screen(screen, (width, height))
     return 0, 0, width, height
 
 
-def _differ_in_picture(previous: PlayScreen, screen: PlayScreen) -> bool:
-    """Return whether two play screens differ only in pictures of the same size and in who is in control."""
+def _share_surroundings(previous: PlayScreen, screen: PlayScreen) -> bool:
+    """Return whether two play screens differ at most in their pictures, of the same size, and in who is in control."""
     if previous.mark or screen.mark:
         return False
     if previous.picture.shape != screen.picture.shape or _play_frame(previous) != _play_frame(screen):
@@ -112,7 +112,10 @@ def find_spot(screen: Screen, size_px: Size, x: float, y: float) -> tuple[str, f
 
 
 def locate_in_field(screen: QuestionScreen, size_px: Size, x: float, y: float) -> int:
-    """Return the position in the text of a question's field that is nearest to a point, in shares of the screen."""
+    """Return the position in the text of a question's field that is nearest to a point.
+
+    The coordinates of the point are shares of the screen's width and height.
+    """
     page = _draw_sheet(screen, size_px)
     field = next(spot for spot in page.spots if spot.name == "field")
     assert isinstance(screen.item, TextField)
@@ -121,21 +124,21 @@ def locate_in_field(screen: QuestionScreen, size_px: Size, x: float, y: float) -
 
 
 def locate_in_picture(screen: PlayScreen, size_px: Size, x: float, y: float) -> tuple[float, float] | None:
-    """Return the position of a point in the world's picture; None if the point lies outside the picture.
+    """Return the position of a point within the world's picture; None if the point lies outside the picture.
 
-    Positions are shares of the width and height: (x, y) of the screen, and the result of the picture.
+    The point (x, y) is given in shares of the screen's width and height, and returned in shares of the picture's.
     """
     left, top, width, height = locate_picture(screen.picture, size_px)
-    inside = (x * size_px[0] - left) / width, (y * size_px[1] - top) / height
-    if all(0 <= share < 1 for share in inside):
-        return inside
+    position = (x * size_px[0] - left) / width, (y * size_px[1] - top) / height
+    if all(0 <= share < 1 for share in position):
+        return position
     return None
 
 
 def measure_along_spot(screen: Screen, size_px: Size, name: str, x: float) -> float:
-    """Return the position of x along a named spot, from 0 to 1.
+    """Return how far along a named spot an x lies, from 0 to 1; 0 if the screen has no spot of the name.
 
-    The point can lie outside the spot, if the pointer was pressed in the spot and then moved.
+    The x is a share of the screen's width. It can lie outside the spot if the pointer was moved after it was pressed.
     """
     if not isinstance(screen, PageScreen | QuestionScreen):
         return 0.0
@@ -145,8 +148,11 @@ def measure_along_spot(screen: Screen, size_px: Size, name: str, x: float) -> fl
     return 0.0
 
 
-def _paint(frame: NDArray[np.uint8], screen: PlayScreen) -> Box:
-    """Paint the parts that change during an episode: the world's picture and, in shared control, who is in control."""
+def _paint_play(frame: NDArray[np.uint8], screen: PlayScreen) -> Box:
+    """Paint the parts of a play screen that change during an episode; return the box that may have changed.
+
+    These are the world's picture and, in shared control, the signs of who is in control.
+    """
     box = paint_picture(frame, screen.picture)
     if screen.controller:
         return draw_steering(frame, screen, box)
@@ -172,7 +178,7 @@ def _draw_play_frame(play_frame: PlayFrame, size_px: Size) -> NDArray[np.uint8]:
 
 
 @lru_cache(maxsize=8)
-def _text(screen: TextScreen, size_px: Size) -> Image.Image:
+def _draw_text_screen(screen: TextScreen, size_px: Size) -> Image.Image:
     return draw_text(screen, size_px).page
 
 
@@ -184,7 +190,7 @@ def _draw_sheet(screen: PageScreen | QuestionScreen, size_px: Size) -> Sheet:
 
 
 def _draw_blank(screen: BlankScreen, size_px: Size) -> Image.Image:
-    """Draw an empty screen, with a cross of a thirtieth of the height if the screen has one."""
+    """Draw a screen that is empty or has a fixation cross, whose width is a thirtieth of the window's height."""
     blank = sheet.Sheet(size_px, screen.locale)
     if screen.cross:
         width, height = size_px

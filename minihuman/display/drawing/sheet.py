@@ -45,7 +45,8 @@ MARGIN = 0.03
 LINE_HEIGHT = 1.45  # line height, of the type size
 TIGHT_LINE_HEIGHT = 1.2  # where there is little room
 MIN_TYPE_SIZE = 1 / 40
-OVERFLOW_TYPE_SIZE = 1 / 60  # a text too long even so is set smaller rather than cut off; `check` complains about it
+OVERFLOW_TYPE_SIZE = 1 / 60  # for a text that is too long even so: set smaller, not cut off; `check` reports it
+MIN_TYPE_PX = 8  # smaller glyphs cannot be told apart, whatever the window's size
 _TITLE_TYPE_SIZE = 1 / 18
 _FOOTER_TYPE_SIZE = 1 / 36
 # Middles of a page's lines, from the page's top
@@ -69,9 +70,11 @@ class LightDraw(ImageDraw.ImageDraw):
 def _draw_light(draw: Callable[..., None]) -> Callable[..., None]:
     """Return a drawing method that replaces its fill and outline by the light theme's colours."""
 
-    def draw_in_light(self: LightDraw, *args: Any, **named: Any) -> None:
-        light = {name: find_colour(value, "light") for name, value in named.items() if name in ("fill", "outline")}
-        draw(self, *args, **{**named, **light})
+    def draw_in_light(self: LightDraw, *args: Any, **options: Any) -> None:
+        for name in ("fill", "outline"):
+            if name in options:
+                options[name] = find_colour(options[name], "light")
+        draw(self, *args, **options)
 
     return draw_in_light
 
@@ -96,7 +99,7 @@ class Spot:
         return self.left <= x < self.right and self.top <= y < self.bottom
 
     def along(self, x: float) -> float:
-        """Return the position of an x along the spot, from 0 to 1."""
+        """Return how far along the spot an x in pixels lies, from 0 at its start to 1 at its end in reading order."""
         share = min(1.0, max(0.0, (x - self.left) / max(1.0, self.right - self.left)))
         if self.rtl:
             return 1.0 - share
@@ -128,11 +131,11 @@ class Sheet:
     @property
     def min_type_px(self) -> int:
         """The smallest type size in pixels for text that must be read."""
-        return max(8, round(self.high * MIN_TYPE_SIZE))
+        return max(MIN_TYPE_PX, round(self.high * MIN_TYPE_SIZE))
 
     @property
     def top(self) -> float:
-        """Return the y of the page's upper edge, in pixels; the page is centred in a window taller than itself."""
+        """The y of the page's upper edge, in pixels; the page is centred in a window taller than itself."""
         return (self.size_px[1] - self.high) / 2
 
     # Reading order
@@ -157,7 +160,7 @@ class Sheet:
         return right - offset
 
     def place_from_left(self, index: int, count: int) -> int:
-        """Return the index from the left of the element that has an index in reading order."""
+        """Return the index from the left of the element with ``index`` in reading order, of ``count`` elements."""
         if self.locale.rtl:
             return count - 1 - index
         return index
@@ -174,14 +177,15 @@ class Sheet:
         """Return the pieces of a line, each with its typefaces and whether it is emphasised."""
         pieces = []
         for number, piece in enumerate(words.split(EMPHASIS_MARK)):
-            is_emphasised = number % 2 == 1  # marks begin and end by turns
+            is_emphasised = number % 2 == 1  # each mark begins or ends emphasis, in turn
             pieces.append((piece, self.bold if is_emphasised else self.faces, is_emphasised))
         return pieces
 
     def put(self, place: tuple[float, float], words: str, type_px: int, colour: Colour, anchor: str = "l") -> None:
-        """Draw a line of text.
+        """Draw a line of text, with emphasis where it has marks.
 
-        ``place`` is the middle of the line's height at its left end ("l"), its middle ("m") or its right end ("r").
+        ``place`` is a point (x, y) in pixels at the middle of the line's height, and ``anchor`` says which point of the
+        line is there: its left end ("l"), its middle ("m") or its right end ("r").
         """
         rtl = self.locale.rtl
         if EMPHASIS_MARK not in words:
@@ -198,17 +202,19 @@ class Sheet:
             draw_line(self.draw, (x, place[1]), piece, faces=faces, size_px=type_px, colour=ink, rtl=rtl)
             x += measure_width_px(piece, faces, type_px)
 
-    def put_line(self, place: tuple[float, float], words: str, type_px: int, wide: float, colour: Colour) -> None:
-        """Draw a line of text centred on a place, in smaller type if it is too long.
+    def put_line(
+        self, place: tuple[float, float], words: str, type_px: int, max_width_px: float, colour: Colour
+    ) -> None:
+        """Draw a line of text centred on a point (x, y), in smaller type if it is longer than ``max_width_px`` pixels.
 
-        A line that is too long even in the smallest readable type is broken into several lines around the place.
+        A line that is too long even in the smallest readable type is broken into several lines, centred on the point.
         """
-        while type_px > self.min_type_px and self.width_px(words, type_px) > wide:
+        while type_px > self.min_type_px and self.width_px(words, type_px) > max_width_px:
             type_px -= 1
-        if self.width_px(words, type_px) <= wide:
+        if self.width_px(words, type_px) <= max_width_px:
             lines = [words]
         else:
-            lines = self.wrap(words, type_px, wide)
+            lines = self.wrap(words, type_px, max_width_px)
         x, y = place
         middle_row = (len(lines) - 1) / 2
         for row, line in enumerate(lines):
@@ -228,34 +234,35 @@ class Sheet:
             top += type_px * LINE_HEIGHT
         return top
 
-    def wrap(self, words: str, type_px: int, wide: float) -> list[str]:
-        """Break a text into lines that are at most ``wide`` pixels long."""
-        return wrap_text(words, faces=self.faces, size_px=type_px, wide_px=wide)
+    def wrap(self, words: str, type_px: int, max_width_px: float) -> list[str]:
+        """Break a text into lines that are at most ``max_width_px`` pixels long."""
+        return wrap_text(words, faces=self.faces, size_px=type_px, max_width_px=max_width_px)
 
-    def fitted(self, words: str, type_px: int, wide: float, high: float) -> tuple[list[str], int]:
-        """Return a text's lines in the largest type, up to ``type_px``, at which they fit, and the size of that type.
+    def fitted(self, words: str, type_px: int, max_width_px: float, max_height_px: float) -> tuple[list[str], int]:
+        """Return a text's lines in the largest type that fits, and the size of that type, at most ``type_px``.
 
-        If it fits at no size, the smallest size is used.
+        The lines fit if none is longer than ``max_width_px`` and all together are at most ``max_height_px`` high. If
+        they fit at no size, the smallest size is used.
         """
-        smallest = max(8, round(self.high * OVERFLOW_TYPE_SIZE))
+        smallest = max(MIN_TYPE_PX, round(self.high * OVERFLOW_TYPE_SIZE))
         for size in range(type_px, smallest - 1, -1):
-            lines = self.wrap(words, size, wide)
-            if len(lines) * size * LINE_HEIGHT <= high:
+            lines = self.wrap(words, size, max_width_px)
+            if len(lines) * size * LINE_HEIGHT <= max_height_px:
                 return lines, size
-        return self.wrap(words, smallest, wide), smallest
+        return self.wrap(words, smallest, max_width_px), smallest
 
-    def header(self, title: str, wide: float) -> None:
-        """Draw the title of a page, at most ``wide`` pixels long."""
+    def header(self, title: str, max_width_px: float) -> None:
+        """Draw the title of a page, at most ``max_width_px`` pixels long."""
         place = (self.size_px[0] / 2, self.top + self.high * _TITLE_Y)
-        self.put_line(place, title, round(self.high * _TITLE_TYPE_SIZE), wide, INK)
+        self.put_line(place, title, round(self.high * _TITLE_TYPE_SIZE), max_width_px, INK)
 
-    def footer(self, buttons: tuple[Button, ...], prompt: str, progress: str, wide: float) -> None:
-        """Draw the buttons of a page, and below them the prompt and the progress in at most ``wide`` pixels each."""
+    def footer(self, buttons: tuple[Button, ...], prompt: str, progress: str, max_width_px: float) -> None:
+        """Draw a page's buttons, and below them the prompt and the progress, each at most ``max_width_px`` long."""
         middle = self.size_px[0] / 2
         type_px = round(self.high * _FOOTER_TYPE_SIZE)
         self.buttons(buttons, self.top + self.high * _BUTTONS_Y)
-        self.put_line((middle, self.top + self.high * _PROMPT_Y), prompt, type_px, wide, MUTED_INK)
-        self.put_line((middle, self.top + self.high * _PROGRESS_Y), progress, type_px, wide, MUTED_INK)
+        self.put_line((middle, self.top + self.high * _PROMPT_Y), prompt, type_px, max_width_px, MUTED_INK)
+        self.put_line((middle, self.top + self.high * _PROGRESS_Y), progress, type_px, max_width_px, MUTED_INK)
 
     def buttons(self, buttons: tuple[Button, ...], y: float) -> None:
         """Draw buttons side by side in reading order, centred on the page, and add a spot for each."""
@@ -266,27 +273,28 @@ class Sheet:
         widths = [max(min_width, self.width_px(button.label, type_px) + 2 * pad) for button in buttons]
         row_width = sum(widths) + gap * (len(widths) - 1)
         x = (self.size_px[0] - row_width) / 2
-        tall = type_px * 2.0
+        height = type_px * 2.0
         placed = list(zip(buttons, widths, strict=True))
         if self.locale.rtl:
             placed.reverse()
-        asks_consent = any(button.name == "decline" for button in buttons)  # both answers look alike
-        for button, wide in placed:
-            box = (x, y - tall / 2, x + wide, y + tall / 2)
+        asks_consent = any(button.name == "decline" for button in buttons)  # no answer may be highlighted then
+        for button, width in placed:
+            box = (x, y - height / 2, x + width, y + height / 2)
             outline = EDGE
             ink = INK
             if button.name == "go_on" and not asks_consent:
                 outline = ACCENT
                 ink = ACCENT
             self.draw.rounded_rectangle(
-                box, radius=tall * 0.25, fill=SURFACE, outline=outline, width=max(1, round(self.high / 400))
+                box, radius=height * 0.25, fill=SURFACE, outline=outline, width=max(1, round(self.high / 400))
             )
-            self.put((x + wide / 2, y), button.label, type_px, ink, "m")
+            self.put((x + width / 2, y), button.label, type_px, ink, "m")
             self.spots.append(Spot(button.name, *box))
-            x += wide + gap
+            x += width + gap
 
 
-# Rows of an ISO keyboard: left edge of the first key, then its keys; "name:width" where wider than 1, "_" a gap.
+# Rows of an ISO keyboard: the left edge of the first key in key widths, then the keys. "name:width" is a key that is
+# not 1 wide, and "_" is a gap. The rows of the keypad follow those of the main keys.
 _ROWS: tuple[tuple[float, str], ...] = (
     (0.0, "escape _ f1 f2 f3 f4 _:0.5 f5 f6 f7 f8 _:0.5 f9 f10 f11 f12"),
     (0.0, "grave 1 2 3 4 5 6 7 8 9 0 minus equals backspace:2 _:0.5 insert home page_up"),
@@ -314,7 +322,7 @@ class Keycap:
     width: float
 
 
-def _layout() -> dict[str, Keycap]:
+def _lay_out_keyboard() -> dict[str, Keycap]:
     """Return the keycap of each key of an ISO keyboard, by the key's name."""
     caps: dict[str, Keycap] = {}
     for number, (x, row) in enumerate(_ROWS):
@@ -326,30 +334,34 @@ def _layout() -> dict[str, Keycap]:
     return caps
 
 
-_CAPS: Mapping[str, Keycap] = _layout()
+_CAPS: Mapping[str, Keycap] = _lay_out_keyboard()
 
 
 def arrange_keycaps(keys: Sequence[str]) -> tuple[list[Keycap], float, float]:
-    """Arrange keys as on a keyboard, starting at (0, 0); return the keycaps and their total size in key widths.
+    """Return the keycaps of keys, arranged as on a keyboard from (0, 0), and their total width and height.
 
-    Rows without any of the keys are left out; keys that are not in the layout are placed in a row of their own.
+    All lengths are in key widths. Rows without any of the keys are left out; keys that are not in the layout follow in
+    one more row.
     """
-    known = [_CAPS[key] for key in keys if key in _CAPS]
-    left = min((cap.x for cap in known), default=0.0)
-    rows = sorted({cap.y for cap in known})
-    caps = [Keycap(cap.key, cap.x - left, float(rows.index(cap.y)), cap.width) for cap in known]
-    other_keys = [key for key in keys if key not in _CAPS]
-    caps += [Keycap(key, 2.0 * place, float(len(rows)), 2.0) for place, key in enumerate(other_keys)]
+    keyboard_caps = [_CAPS[key] for key in keys if key in _CAPS]
+    left = min((cap.x for cap in keyboard_caps), default=0.0)
+    rows = sorted({cap.y for cap in keyboard_caps})
+    caps = [Keycap(cap.key, cap.x - left, float(rows.index(cap.y)), cap.width) for cap in keyboard_caps]
+    height = float(len(rows))
+    extra_keys = [key for key in keys if key not in _CAPS]
+    if extra_keys:
+        caps += [Keycap(key, 2.0 * index, height, 2.0) for index, key in enumerate(extra_keys)]
+        height += 1
     width = max((cap.x + cap.width for cap in caps), default=0.0)
-    return caps, width, float(len(rows) + bool(other_keys))
+    return caps, width, height
 
 
-def _fit_type(words: str, faces: TypefaceSet, size_px: int, least_px: int, wide: float) -> int:
-    """Return the largest type size, from ``size_px`` down to ``least_px``, at which a text fits into ``wide`` pixels.
+def _fit_type(words: str, faces: TypefaceSet, size_px: int, least_px: int, max_width_px: float) -> int:
+    """Return the largest type size, from ``size_px`` down, at which a text is at most ``max_width_px`` long.
 
-    If there is none, return ``least_px``.
+    If there is none above ``least_px``, return ``least_px``.
     """
-    while size_px > least_px and measure_width_px(words, faces, size_px) > wide:
+    while size_px > least_px and measure_width_px(words, faces, size_px) > max_width_px:
         size_px -= 1
     return size_px
 
@@ -396,7 +408,7 @@ def draw_keycap(
 
 
 def _draw_tick(draw: ImageDraw.ImageDraw, place: tuple[float, float], height: float, colour: Colour) -> None:
-    """Draw the tick of a pressed key; ``height`` is that of the keycap."""
+    """Draw the tick of a pressed key around a point (x, y); ``height`` is that of the keycap, in pixels."""
     x, y = place
     reach = height * 0.07
     tick = [(x - reach, y), (x - reach * 0.2, y + reach * 0.8), (x + reach * 1.2, y - reach)]

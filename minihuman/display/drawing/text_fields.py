@@ -1,4 +1,4 @@
-"""The field of a question: its text in lines, the caret, the selection, and which position in the text is where."""
+"""The text field of a question: its lines, caret and selection, and the position in the text at a point."""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -37,7 +37,7 @@ class FieldLayout:
     type_px: int
 
     def locate(self, sheet: Sheet, text: str, x: float, y: float) -> int:
-        """Return the position in the text that is nearest to a point."""
+        """Return the position in the text, in characters, that is nearest to a point (x, y) in pixels."""
         row = min(len(self.lines) - 1, max(0, int((y - self.top) // (self.type_px * LINE_HEIGHT))))
         begin, end = self.lines[row]
         if sheet.locale.rtl:
@@ -54,34 +54,34 @@ def lay_out_field(sheet: Sheet, field: TextField, box: FieldBox, type_px: int) -
     left, top, right, bottom = box
     pad = type_px * 0.6
     spans = _break_lines(sheet, field.text, type_px, right - left - 2 * pad)
-    room = max(1, int((bottom - top - pad) / (type_px * LINE_HEIGHT)))
+    n_visible = max(1, int((bottom - top - pad) / (type_px * LINE_HEIGHT)))
     caret_row = max(row for row, (begin, _) in enumerate(spans) if begin <= field.caret)
-    first = max(0, min(caret_row, len(spans) - 1) - room + 1)
-    first_y = top + (bottom - top - room * type_px * LINE_HEIGHT) / 2
-    return FieldLayout(tuple(spans[first : first + room]), first_y, left + pad, right - pad, type_px)
+    first = max(0, min(caret_row, len(spans) - 1) - n_visible + 1)
+    first_y = top + (bottom - top - n_visible * type_px * LINE_HEIGHT) / 2
+    return FieldLayout(tuple(spans[first : first + n_visible]), first_y, left + pad, right - pad, type_px)
 
 
-def _break_lines(sheet: Sheet, text: str, type_px: int, wide: float) -> list[tuple[int, int]]:
+def _break_lines(sheet: Sheet, text: str, type_px: int, max_width_px: float) -> list[tuple[int, int]]:
     """Return where each line of a text begins and ends, breaking it at line feeds and after spaces."""
     spans: list[tuple[int, int]] = []
     begin = 0
     for paragraph in text.split("\n"):
         end = begin + len(paragraph)
-        spans += _break_paragraph(sheet, text, (begin, end), type_px, wide)
+        spans += _break_paragraph(sheet, text, (begin, end), type_px, max_width_px)
         begin = end + 1
     return spans
 
 
 def _break_paragraph(
-    sheet: Sheet, text: str, span: tuple[int, int], type_px: int, wide: float
+    sheet: Sheet, text: str, span: tuple[int, int], type_px: int, max_width_px: float
 ) -> list[tuple[int, int]]:
     """Return where each line of a paragraph begins and ends; lines end after spaces, if possible."""
     begin, end = span
     spans = []
-    while sheet.width_px(text[begin:end].rstrip(" "), type_px) > wide and end - begin > 1:
-        most = _count_fitting(sheet, text[begin:end], type_px, wide)
-        blank = text.rfind(" ", begin, begin + most + 1)
-        cut = begin + most
+    while sheet.width_px(text[begin:end].rstrip(" "), type_px) > max_width_px and end - begin > 1:
+        n_fitting = _count_fitting(sheet, text[begin:end], type_px, max_width_px)
+        blank = text.rfind(" ", begin, begin + n_fitting + 1)
+        cut = begin + n_fitting
         if blank > begin:
             cut = min(blank + 1, end)
         spans.append((begin, cut))
@@ -89,13 +89,13 @@ def _break_paragraph(
     return [*spans, (begin, end)]
 
 
-def _count_fitting(sheet: Sheet, text: str, type_px: int, wide: float) -> int:
-    """Return how many of a text's characters fit into a line, at least one, by bisection."""
+def _count_fitting(sheet: Sheet, text: str, type_px: int, max_width_px: float) -> int:
+    """Return how many of a text's first characters fit into a line, at least one, by bisection."""
     low = 1
     high = len(text)
     while low < high:
         middle = (low + high + 1) // 2
-        if sheet.width_px(text[:middle], type_px) <= wide:
+        if sheet.width_px(text[:middle], type_px) <= max_width_px:
             low = middle
         else:
             high = middle - 1

@@ -12,6 +12,7 @@ from minihuman.display.drawing import sheet as theme
 from minihuman.display.drawing.sheet import (
     LINE_HEIGHT,
     MARGIN,
+    MIN_TYPE_PX,
     MIN_TYPE_SIZE,
     TIGHT_LINE_HEIGHT,
     Sheet,
@@ -23,7 +24,7 @@ from minihuman.experiment.keys import key_caption, key_label
 from minihuman.experiment.machine.screens import PageScreen, PictureLabel, TextScreen
 
 BODY_TYPE_SIZE = 1 / 26  # type size of running text: 3.5 mm tall capitals on a 24-inch display
-_MEASURE = 1.25  # longest line of running text
+_MEASURE = 1.25  # longest line of running text, in heights
 _MOST_CENTRED_LINES = 3  # a longer text is aligned at its start
 # Shares of the height
 _TITLE_Y = 0.115
@@ -35,31 +36,33 @@ _PROGRESS_Y = 0.965
 _GAP_BELOW_PICTURE = 0.03
 _DOT_RADIUS = 0.009
 
-_LABELLED_PICTURE_SHARE = 0.5  # of the width; labels have the rest
+_LABELLED_PICTURE_SHARE = 0.5  # of the width; labels have the other half
+_LEAST_COLUMN = 12  # the narrowest column of running text, in type sizes
+_LONGEST_LINE = 1.03  # of a page, in column widths: hinting makes some lines longer than they were measured
 
 
 def draw_text(screen: TextScreen, size_px: Size) -> Sheet:
     """Draw a text screen, with the keyboard check if it has keys, and return the sheet."""
     width, height = size_px
     sheet = Sheet(size_px, screen.locale)
-    wide = min(width - 4 * height * MARGIN, height * _MEASURE)
+    column_px = min(width - 4 * height * MARGIN, height * _MEASURE)
     middle = width / 2
-    left = middle - wide / 2
-    right = middle + wide / 2
+    left = middle - column_px / 2
+    right = middle + column_px / 2
     top, bottom = measure_text_box(screen, height)
-    sheet.put_line((middle, height * _TITLE_Y), screen.title, round(height / 15), wide, theme.INK)
+    sheet.put_line((middle, height * _TITLE_Y), screen.title, round(height / 15), column_px, theme.INK)
     if screen.keys:
         _draw_keyboard(sheet, screen, (left, height * _KEYBOARD_TOP, right, height * _TEXT_BOTTOM))
     _draw_paragraphs(sheet, screen.body, (left, top, right, bottom))
     if screen.waits:
         _draw_waiting(sheet, (middle, height * _PROMPT_Y))
-    sheet.put_line((middle, height * _PROMPT_Y), screen.prompt, round(height * BODY_TYPE_SIZE), wide, theme.ACCENT)
-    sheet.put_line((middle, height * _PROGRESS_Y), screen.progress, round(height / 36), wide, theme.MUTED_INK)
+    sheet.put_line((middle, height * _PROMPT_Y), screen.prompt, round(height * BODY_TYPE_SIZE), column_px, theme.ACCENT)
+    sheet.put_line((middle, height * _PROGRESS_Y), screen.progress, round(height / 36), column_px, theme.MUTED_INK)
     return sheet
 
 
 def _draw_waiting(sheet: Sheet, place: tuple[float, float]) -> None:
-    """Draw three dots, which stand for something that comes by itself."""
+    """Draw three dots around a point (x, y), as a sign that the session goes on without a key press."""
     x, y = place
     radius = sheet.high * _DOT_RADIUS
     for number in (-1, 0, 1):
@@ -68,7 +71,7 @@ def _draw_waiting(sheet: Sheet, place: tuple[float, float]) -> None:
 
 
 def measure_text_box(screen: TextScreen, height: int) -> tuple[float, float]:
-    """Return the y in pixels at which running text begins and ends."""
+    """Return the y in pixels at which running text begins and ends, in a window of a height in pixels."""
     top = height * 0.08
     bottom = height * _TEXT_BOTTOM
     if screen.title:
@@ -97,9 +100,7 @@ def _draw_paragraphs(sheet: Sheet, body: str, box: tuple[float, float, float, fl
     height_px = bottom - top
     _, window_height = sheet.size_px
     fitted_lines, type_px = sheet.fitted(body, round(window_height * BODY_TYPE_SIZE), width_px, height_px)
-    narrowest_px = _find_narrowest_px(
-        sheet, body, type_px, width_px, len(fitted_lines)
-    )  # with as many lines, so more even
+    narrowest_px = _find_narrowest_px(sheet, body, type_px, width_px, len(fitted_lines))
     lines = text.style_lines(sheet.wrap(body, type_px, narrowest_px))
     middle = (left + right) / 2
     line_px = type_px * LINE_HEIGHT
@@ -115,41 +116,41 @@ def _draw_paragraphs(sheet: Sheet, body: str, box: tuple[float, float, float, fl
         y += line_px
 
 
-def _find_narrowest_px(sheet: Sheet, body: str, type_px: int, wide: float, lines: int) -> float:
-    """Return the width of the narrowest column that needs no additional lines, so that no last word stands alone.
+def _find_narrowest_px(sheet: Sheet, body: str, type_px: int, width_px: float, n_lines: int) -> float:
+    """Return the width of the narrowest column in which a text has ``n_lines`` lines, so that its lines are even.
 
-    A text of more than three lines keeps the full width. The width is exact to about a letter.
+    A text of more than three lines keeps the full width ``width_px``. The width is exact to about a letter.
     """
-    if lines > _MOST_CENTRED_LINES:
-        return wide
-    least_width = 12 * type_px
-    while wide > least_width and len(sheet.wrap(body, type_px, wide - type_px)) <= lines:
-        wide -= type_px
-    return wide
+    if n_lines > _MOST_CENTRED_LINES:
+        return width_px
+    least_width_px = _LEAST_COLUMN * type_px
+    while width_px > least_width_px and len(sheet.wrap(body, type_px, width_px - type_px)) <= n_lines:
+        width_px -= type_px
+    return width_px
 
 
 def _draw_keyboard(sheet: Sheet, screen: TextScreen, box: tuple[float, float, float, float]) -> None:
-    """Draw the keys to check in their places on a keyboard, with pressed keys lit."""
+    """Draw the keys to check as they are arranged on a keyboard, with pressed keys lit."""
     left, top, right, bottom = box
-    pressed = dict(screen.keys)
-    printed = {key: (cap, above) for key, cap, above in screen.labels}
-    caps, wide, high = arrange_keycaps(tuple(pressed))
-    unit = min((right - left) / wide, (bottom - top) / high, (bottom - top) / 2.5)
-    x0 = (left + right - wide * unit) / 2
-    y0 = (top + bottom - high * unit) / 2
-    gap = unit * 0.05
+    is_pressed = dict(screen.keys)
+    printed_labels = {key: (cap, above) for key, cap, above in screen.labels}
+    caps, n_columns, n_rows = arrange_keycaps(tuple(is_pressed))
+    key_px = min((right - left) / n_columns, (bottom - top) / n_rows, (bottom - top) / 2.5)  # or one key would be huge
+    keyboard_left = (left + right - n_columns * key_px) / 2
+    keyboard_top = (top + bottom - n_rows * key_px) / 2
+    gap = key_px * 0.05
     for cap in caps:
-        x = x0 + cap.x * unit
-        y = y0 + cap.y * unit
-        place = (x + gap, y + gap, x + cap.width * unit - gap, y + unit - gap)
-        words, above = printed.get(cap.key, (key_label(cap.key), key_caption(cap.key)))
+        x = keyboard_left + cap.x * key_px
+        y = keyboard_top + cap.y * key_px
+        key_box = (x + gap, y + gap, x + cap.width * key_px - gap, y + key_px - gap)
+        words, above = printed_labels.get(cap.key, (key_label(cap.key), key_caption(cap.key)))
         draw_keycap(
             sheet.draw,
             words,
             above,
-            place,
+            key_box,
             language=screen.locale.language,
-            pressed=pressed[cap.key],
+            pressed=is_pressed[cap.key],
             least_px=sheet.min_type_px,
         )
 
@@ -157,7 +158,7 @@ def _draw_keyboard(sheet: Sheet, screen: TextScreen, box: tuple[float, float, fl
 def draw_page(screen: PageScreen, size_px: Size) -> Sheet:
     """Draw a page and return the sheet.
 
-    Its lines break as the plan says, whatever the window's size; only the size of the type depends on the window.
+    The lines break at the same words in a window of any size; only the size of the type depends on the window.
     """
     sheet = Sheet(size_px, screen.locale)
     column_width = text.PAGE_COLUMN_WIDTH * sheet.high
@@ -182,7 +183,7 @@ def _draw_page_lines(sheet: Sheet, screen: PageScreen, box: tuple[float, float, 
     """Draw a page's text in a box: from its top or, if it is the only page, in the middle; few lines are centred."""
     left, top, right, bottom = box
     lines = text.style_lines(text.break_page_lines(screen.body))
-    type_px = _type_px(sheet, lines, right - left)
+    type_px = _fit_page_type_px(sheet, lines, right - left)
     line_px = type_px * LINE_HEIGHT
     if screen.pages == 1:
         top += max(0.0, (bottom - top - len(lines) * line_px) / 2)
@@ -193,10 +194,11 @@ def _draw_page_lines(sheet: Sheet, screen: PageScreen, box: tuple[float, float, 
         sheet.put(((left + right) / 2, top + (number + 0.5) * line_px), line, type_px, theme.INK, "m")
 
 
-def _type_px(sheet: Sheet, lines: list[str], wide: float) -> int:
-    """Return the page's type size in pixels for the sheet's height; smaller if hinting makes a line too long."""
-    type_px = max(8, round(sheet.high * text.PAGE_TYPE_SIZE))
-    while type_px > 8 and any(sheet.width_px(line, type_px) > wide * 1.03 for line in lines):
+def _fit_page_type_px(sheet: Sheet, lines: list[str], column_px: float) -> int:
+    """Return the size of type in pixels of a page's lines; it is reduced if hinting makes a line too long."""
+    longest_px = column_px * _LONGEST_LINE
+    type_px = max(MIN_TYPE_PX, round(sheet.high * text.PAGE_TYPE_SIZE))
+    while type_px > MIN_TYPE_PX and any(sheet.width_px(line, type_px) > longest_px for line in lines):
         type_px -= 1
     return type_px
 
@@ -232,7 +234,10 @@ def _draw_label(
     size: tuple[int, int],
     sides: tuple[float, float],
 ) -> None:
-    """Draw a label next to a picture, with a line to the point that it describes."""
+    """Draw a label next to a picture, with a line to the point of the picture that it describes.
+
+    ``size`` is the picture's; picture and labels lie between the left and the right of ``sides``. All are in pixels.
+    """
     picture_left, picture_top, picture_right, _ = picture_box
     left, right = sides
     width, height = size

@@ -47,7 +47,7 @@ from minihuman.experiment.machine.inputs import (
 from minihuman.experiment.machine.screens import ActivityScreen, PlayScreen, Screen, TextScreen
 from minihuman.plugins import call_plugin, list_plugin_names
 
-REPEAT_DELAY_NS = 500_000_000  # the usual desktop's: half a second, then 30 a second
+REPEAT_DELAY_NS = 500_000_000  # as on most desktops: after half a second, a key repeats 30 times a second
 REPEAT_PERIOD_NS = 33_000_000
 
 
@@ -85,23 +85,20 @@ class KeyRepeater:
         return [KeyDown(t_ns, key, symbol, cause=cause)]
 
     def release(self, t_ns: int, key: str, symbol: str) -> list[KeyDown | KeyUp]:
-        """Return the release of a key.
-
-        If the press was never seen, the key was down before the window had the focus; a press that says so comes first.
-        """
+        """Return the release of a key, after a press "held_before_focus" if the window never saw the press."""
         if self._repeating and self._repeating.key == key:
             self._repeating = None
-        if self._down.pop(key, None) is None:
+        if self._down.pop(key, None) is None:  # 1 ns apart, since no two key events have the same time
             return [KeyDown(t_ns, key, symbol, cause="held_before_focus"), KeyUp(t_ns + 1, key, symbol)]
         return [KeyUp(t_ns, key, symbol)]
 
     def release_all(self, t_ns: int) -> list[KeyUp]:
-        """Return the release of every key as the window loses the focus; real releases go to another window."""
+        """Return a release of every key, 1 ns apart, as the window loses the focus and will not see the real ones."""
         self._repeating = None
         keys = self._down
         self._down = {}
         return [
-            KeyUp(t_ns + place, key, symbol, cause="focus_loss") for place, (key, symbol) in enumerate(keys.items())
+            KeyUp(t_ns + index, key, symbol, cause="focus_loss") for index, (key, symbol) in enumerate(keys.items())
         ]
 
     @property
@@ -127,6 +124,7 @@ DEFAULT_SIZE_PX: Size = (1280, 720)
 TITLE = "minihuman"
 _FLIPS = 9  # the latest flips, from which the duration of the next one is estimated
 _FRAME_NS = 16_666_667  # at 60 Hz: a view that moves is drawn for the next frame
+_LONG_AGO_NS = -(1 << 62)  # before every event
 
 
 class BlockingWindow(Window):
@@ -141,7 +139,7 @@ class BlockingWindow(Window):
         self._focused = False
         self._screen: Screen | None = None
         self._frame = np.zeros((0, 0, 3), np.uint8)  # what the display shows
-        self._last_key_ns = -(1 << 62)
+        self._last_key_ns = _LONG_AGO_NS
         self._accepts = (False, False)  # text, pointer
         self._mouse_axes: tuple[str, ...] = ()  # for which the mouse is captured
         self._mouse_motion = MouseMotion()
@@ -175,10 +173,10 @@ class BlockingWindow(Window):
 
     @abc.abstractmethod
     def _want(self, *, text: bool, pointer: bool) -> None:
-        """Turn text input and the pointer on or off; while off, they are not reported."""
+        """Turn text input and the pointer on or off; while one is off, the toolkit does not report its events."""
 
     def _capture_mouse(self, captured: bool) -> None:
-        """Hide the pointer and keep it in the window, so that the mouse reports motion alone; or give it back.
+        """Hide the pointer and keep it in the window, so that only the mouse's motion counts; or release it again.
 
         Raises:
             WindowError: if the window's toolkit cannot do so.
@@ -216,11 +214,11 @@ class BlockingWindow(Window):
             self._moving = None
         self._moves_from_ns = self._clock()
         if self._moving is not None:
-            return self._put(self._on_its_way(self._moving), await_log)
-        return self._put(self._field.open(screen), await_log)
+            return self._draw_and_flip(self._draw_motion(self._moving), await_log)
+        return self._draw_and_flip(self._field.open(screen), await_log)
 
-    def _on_its_way(self, moving: PlayScreen) -> PlayScreen:
-        """Return how a moving screen will look one frame from now; after the motion, return the screen itself."""
+    def _draw_motion(self, moving: PlayScreen) -> PlayScreen:
+        """Return a moving screen as it looks one frame from now; if the motion is over then, end it."""
         assert moving.motion is not None
         share = (self._clock() + _FRAME_NS - self._moves_from_ns) / moving.motion.lasts_ns
         if share < 1:
@@ -228,7 +226,7 @@ class BlockingWindow(Window):
         self._moving = None
         return moving
 
-    def _put(self, screen: Screen, await_log: Callable[[], None]) -> ScreenShown:
+    def _draw_and_flip(self, screen: Screen, await_log: Callable[[], None]) -> ScreenShown:
         """Draw a screen, wait until its events are in the log, and display it; return its times.
 
         Before that, accept the kinds of input that the screen takes, and capture the mouse or give it back.
@@ -265,18 +263,18 @@ class BlockingWindow(Window):
         return ScreenShown(t_ns=flip_ns, submit_ns=submit_ns, flip_ns=flip_ns)
 
     def _await_flip(self, due_ns: int) -> None:
-        """Wait until a frame has to be handed over to be on the display at a time; inputs are received meanwhile.
+        """Wait until a frame must be handed to the display to appear there at ``due_ns``; keep inputs for `wait`.
 
-        A display that waits for its refresh shows the frame at the next one, so that half a period before the time
-        leads to the refresh that is nearest to it. On another display a flip takes as long as the latest ones.
+        A flip that waits for the display's refresh shows the frame at the next one, so handing it over half a period
+        early leads to the refresh nearest to ``due_ns``. Other flips are taken to last as long as the latest ones.
         """
         lead_ns = self.refresh_period_ns // 2
         if not lead_ns and self._flip_times_ns:
             lead_ns = sorted(self._flip_times_ns)[len(self._flip_times_ns) // 2]
         hand_over_ns = due_ns - lead_ns
-        while (left_ns := hand_over_ns - self._clock()) > 0:
+        while (remaining_ns := hand_over_ns - self._clock()) > 0:
             self._awaits_flip = True
-            self._early_inputs += self._arrived(left_ns)
+            self._early_inputs += self._arrived(remaining_ns)
         self._awaits_flip = False
 
     @cached_property
@@ -293,7 +291,7 @@ class BlockingWindow(Window):
 
     def _repaint(self) -> None:
         """Display the whole current screen again, after it was covered or the window's size changed."""
-        if self._screen is None or self._awaits_flip:  # what is not due yet is not to be seen
+        if self._screen is None or self._awaits_flip:  # a screen that is not due yet must not be seen
             return
         width, height = self.size_px
         self._frame = compose_screen(self._screen, (width, height))
@@ -319,7 +317,7 @@ class BlockingWindow(Window):
             if arrived:
                 return arrived
             if self._moving is not None:
-                self._put(self._on_its_way(self._moving), lambda: None)
+                self._draw_and_flip(self._draw_motion(self._moving), lambda: None)
             now_ns = self._clock()
             is_over = until_ns is not None and now_ns >= until_ns
             if due_inputs := self._list_due(now_ns, is_over=is_over):
@@ -328,32 +326,35 @@ class BlockingWindow(Window):
                 return []
 
     def _list_due(self, now_ns: int, *, is_over: bool) -> list[Input]:
-        """Return what time alone leads to: a repeated key, a settled field, or motion that waited or a step needs."""
+        """Return the inputs that are due at a time: a key's repeat, a field's text, or the mouse's motion.
+
+        If the wait for inputs ends (``is_over``), motion is returned even if it is not due yet.
+        """
         if repeats := self._edit_field(self._repeater.repeats(now_ns)):
             return repeats
         if self._field.due_ns is not None and now_ns >= self._field.due_ns:
-            return self._field.settle(now_ns)
+            return self._field.report_text(now_ns)
         return self._mouse_motion.report(now_ns, is_needed=is_over)
 
     def _edit_field(self, arrived: Sequence[Input]) -> list[Input]:
         """Apply inputs to the field on the screen, and show the field; return the inputs that are for the session."""
-        remaining = self._field.take(arrived, self.size_px)
+        remaining = self._field.apply_inputs(arrived, self.size_px)
         if not self._field.is_active:
             return remaining
         view = self._field.show_current()
         if view != self._screen:
-            self._put(view, lambda: None)
+            self._draw_and_flip(view, lambda: None)
         return remaining
 
     def _key(self, down: bool, key: str, symbol: str, t_ns: int, cause: PressCause = "finger") -> list[Input]:
         """Convert a key event to inputs, at least a nanosecond later than the previous key event."""
         t_ns = max(t_ns, self._last_key_ns + 1)
         if down:
-            return self._ordered(self._repeater.press(t_ns, key, symbol, cause))
-        return self._ordered(self._repeater.release(t_ns, key, symbol))
+            return self._note_key_times(self._repeater.press(t_ns, key, symbol, cause))
+        return self._note_key_times(self._repeater.release(t_ns, key, symbol))
 
-    def _ordered(self, inputs: Sequence[KeyDown | KeyUp]) -> list[Input]:
-        """Record the time of the last key input, and return the inputs unchanged."""
+    def _note_key_times(self, inputs: Sequence[KeyDown | KeyUp]) -> list[Input]:
+        """Record the time of the last of some key inputs, and return them as a list of inputs."""
         if inputs:
             self._last_key_ns = inputs[-1].t_ns
         return [*inputs]
@@ -363,7 +364,7 @@ class BlockingWindow(Window):
         return ()
 
     def _typed(self, text: str) -> list[Input]:
-        """Convert typed text to inputs; control characters are left out, since they arrive as keys.
+        """Convert typed text to inputs, without control characters, which arrive as keys.
 
         A field that the window edits keeps joiners and no-break spaces, which are text, too.
         """
@@ -383,13 +384,16 @@ class BlockingWindow(Window):
         t_ns: int,
         cause: PointerCause = "finger",
     ) -> list[Input]:
-        """Convert an event of the main mouse button to inputs; x and y are shares of the picture from its top left."""
+        """Convert an event of the main mouse button to inputs; [] if the screen has no use for it.
+
+        The point (x, y) is in shares of the screen's width and height, from its top left corner.
+        """
         _, accepts_pointer = self._accepts
         if not accepts_pointer or self._screen is None:
             return []
         is_press = kind is PointerPressed
         is_button_down = self._pressed_in is not None
-        if is_press == is_button_down:  # a second press, or what follows a press that was not seen
+        if is_press == is_button_down:  # a second press, or a move or release whose press was not seen
             return []
         if isinstance(self._screen, PlayScreen):
             return self._convert_press_in_world(self._screen, kind, x, y, t_ns, cause)
@@ -411,16 +415,16 @@ class BlockingWindow(Window):
         t_ns: int,
         cause: PointerCause,
     ) -> list[Input]:
-        """Convert a press in a world's picture; nothing else counts there, and a press that led here is over."""
-        if kind is not PointerMoved:
+        """Convert an event of the main mouse button while a world is shown: only presses in its picture are inputs."""
+        if kind is not PointerMoved:  # a release ends a press that began on an earlier screen
             self._pressed_in = None
-        place = locate_in_picture(screen, self.size_px, x, y)
-        if kind is not PointerPressed or place is None:
+        position = locate_in_picture(screen, self.size_px, x, y)
+        if kind is not PointerPressed or position is None:
             return []
-        return [kind(t_ns, *place, "picture", cause=cause)]
+        return [kind(t_ns, *position, "picture", cause=cause)]
 
     def _move_mouse(self, right_px: int, down_px: int, t_ns: int) -> list[Input]:
-        """Convert a motion of the captured mouse to inputs of the axes that the screen asks for."""
+        """Convert a motion of the captured mouse, in pixels, to inputs of the axes that the screen uses."""
         if not self._focused:
             return []
         motion_px = {"mouse_x": right_px, "mouse_y": down_px}
@@ -435,7 +439,7 @@ class BlockingWindow(Window):
         if focused:
             presses = [self._key(True, key, "", t_ns, "held_before_focus") for key in self._find_held_keys()]
             return [FocusChanged(t_ns, True), *chain.from_iterable(presses)]
-        released = self._ordered(self._repeater.release_all(max(t_ns, self._last_key_ns + 1)))
+        released = self._note_key_times(self._repeater.release_all(max(t_ns, self._last_key_ns + 1)))
         if self._pressed_in is not None:
             released += self._convert_button(PointerReleased, *self._pointer_at, t_ns, "cancelled")
         return [*released, FocusChanged(t_ns, False)]
@@ -443,8 +447,8 @@ class BlockingWindow(Window):
 
 WINDOW_GROUP = "minihuman.windows"
 AUTO_WINDOW = "auto"
-_OPENING = TextScreen("", "One moment, please.", "")  # worlds and log take a second or two to get ready
-_FIRST_CHOICE = ("pygame", "pyglet")  # pygame knows every key by position, on every system
+_OPENING = TextScreen("", "One moment, please.", "")  # shown while worlds and the log are prepared, for 1 or 2 s
+_FIRST_CHOICE = ("pygame", "pyglet")  # pygame identifies keys by position on every system
 
 
 def list_windows() -> tuple[str, ...]:

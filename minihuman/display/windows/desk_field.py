@@ -1,7 +1,7 @@
-"""A window's field: it edits by the window's inputs, and reports whole texts to the session.
+"""A text field that a window edits by its inputs, and whose whole text it reports to the session.
 
-Caret, selection, clipboard and undo are the window's alone, as a browser's field is the browser's. Keys that go into
-the field reach the session neither as keys nor as letters, so the log has none of them.
+The window handles caret, selection, clipboard and undo by itself, as a browser does for its fields. Keys that go into
+the field reach the session neither as keys nor as letters, so the log contains none of them.
 """
 
 import abc
@@ -27,7 +27,7 @@ from minihuman.experiment.machine.inputs import (
 )
 from minihuman.experiment.machine.screens import QuestionScreen, Screen, TextField
 
-SETTLE_NS = 500_000_000  # from the last change to the report
+SETTLE_NS = 500_000_000  # from the last change of a text to its report
 _DOUBLE_CLICK_NS = 400_000_000
 _SESSION_KEYS = ("tab", "escape", "f8", "f9", "f12")  # keys that never go into a field
 _SESSION_KEYS_OF_A_LINE = ("enter", "kp_enter", "page_up")  # nor do these into a field of one line
@@ -106,13 +106,16 @@ class DeskField:
 
     @property
     def due_ns(self) -> int | None:
-        """The time at which the text settles; None if nothing changed."""
+        """The time at which the text is to be reported; None if it has not changed since the last report."""
         if self._began_ns is None or self._screen is None:
             return None
         return self._due_ns
 
     def open(self, screen: Screen) -> Screen:
-        """Begin to edit the field of a screen, if it has one; return the screen with the field's present text."""
+        """Begin to edit the field of a screen, and return the screen with the field's present text.
+
+        A screen without a field that the window edits is returned unchanged, and ends the editing of an earlier one.
+        """
         self._screen = None
         if not isinstance(screen, QuestionScreen) or not isinstance(screen.item, TextField) or not screen.item.native:
             return screen
@@ -127,7 +130,7 @@ class DeskField:
         return self.view(screen)
 
     def view(self, screen: QuestionScreen) -> QuestionScreen:
-        """Return a screen with the field as it is now."""
+        """Return a screen with its field as it is now, and with a note if the text is too long."""
         assert isinstance(screen.item, TextField)
         edited = self._editor.edited
         composition = self._editor.composition
@@ -158,23 +161,24 @@ class DeskField:
         self._editor.composition = text
         self._was_composed = self._was_composed or bool(text)
 
-    def take(self, inputs: Iterable[Input], size_px: Size) -> list[Input]:
-        """Apply inputs to the field; return those that are for the session, each after any text that settled before it.
+    def apply_inputs(self, inputs: Iterable[Input], size_px: Size) -> list[Input]:
+        """Apply inputs to the field, and return the inputs that are for the session.
 
-        What comes after a press that may lead to another screen waits for that screen.
+        The text of the field is reported before the next input that is for the session. A press can lead to another
+        screen, so the inputs after it wait for the next call.
         """
         remaining: list[Input] = []
         coming = [*self._waiting, *inputs]
         self._waiting = []
-        for place, happened in enumerate(coming):
+        for index, happened in enumerate(coming):
             self._follow_modifiers(happened)
             if self._apply_input(happened, size_px):
                 continue
             if self.is_active and not isinstance(happened, KeyUp | ScreenShown | PointerReleased):
-                remaining += self.settle(happened.t_ns)
+                remaining += self.report_text(happened.t_ns)
             remaining.append(happened)
             if self.is_active and isinstance(happened, KeyDown | PointerPressed):
-                self._waiting = coming[place + 1 :]
+                self._waiting = coming[index + 1 :]
                 break
         return remaining
 
@@ -267,6 +271,7 @@ class DeskField:
         self._is_dragging = True
 
     def _locate(self, x: float, y: float, size_px: Size) -> int:
+        """Return the position in the text that is nearest to a point, given in shares of the screen."""
         return min(len(self._editor.text), locate_in_field(self.show_current(), size_px, x, y))
 
     def _apply_edit(self, t_ns: int, edit: Callable[[], None]) -> None:
@@ -278,8 +283,8 @@ class DeskField:
                 self._began_ns = t_ns
             self._due_ns = t_ns + SETTLE_NS
 
-    def settle(self, t_ns: int) -> list[Input]:
-        """Return the input that reports the text, if it differs from the session's; otherwise none."""
+    def report_text(self, t_ns: int) -> list[Input]:
+        """Return an input that reports the text, in a list; [] if the session has the same text already."""
         began_ns = self._began_ns
         if began_ns is None or self._editor.text == self._reported:
             self._began_ns = None

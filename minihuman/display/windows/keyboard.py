@@ -1,9 +1,9 @@
 """The names of keys by their positions on the keyboard, from what each toolkit reports.
 
-SDL reports USB positions (scancodes), X11 the names of positions through XKB, and pyglet on other systems only symbols.
-A key without a name of ours is named by its number, so that it still reaches the log. An X keycode is a private number
-of the server, while the name of a position ("AE01": row E, first key) is the same everywhere. Structures and masks
-follow X11/extensions/XKBstr.h and XKB.h.
+SDL reports USB positions (scancodes), X11 reports the names of positions through XKB, and pyglet on other systems
+reports only symbols. A key that has no name here is named by its number, so that it still reaches the log. The meaning
+of an X keycode depends on the server, while the name of a position ("AE01": row E, first key) is the same everywhere.
+Structures and masks follow X11/extensions/XKBstr.h and XKB.h.
 """
 
 import ctypes
@@ -13,38 +13,40 @@ from typing import Any
 from minihuman.experiment.keys import DIGITS, FUNCTION, KEY_NAMES, LETTERS
 
 
-def _numbered(first: int, names: tuple[str, ...]) -> dict[int, str]:
+def _number_names(first: int, names: tuple[str, ...]) -> dict[int, str]:
+    """Return names by consecutive numbers, of which ``first`` is the first."""
     return {first + offset: name for offset, name in enumerate(names)}
 
 
 # USB HID Usage Tables 1.5, page 0x07: what SDL calls a scancode.
 _BY_SCANCODE: Mapping[int, str] = (
-    _numbered(4, LETTERS)
-    | _numbered(30, DIGITS)
-    | _numbered(40, ("enter", "escape", "backspace", "tab", "space"))
-    | _numbered(45, ("minus", "equals", "left_bracket", "right_bracket", "backslash"))
-    | _numbered(51, ("semicolon", "quote", "grave", "comma", "period", "slash", "caps_lock"))
-    | _numbered(58, FUNCTION)
-    | _numbered(73, ("insert", "home", "page_up", "delete", "end", "page_down"))
-    | _numbered(79, ("right", "left", "down", "up", "num_lock"))
-    | _numbered(84, ("kp_divide", "kp_multiply", "kp_minus", "kp_plus", "kp_enter"))
-    | _numbered(89, tuple(f"kp_{digit}" for digit in DIGITS))
+    _number_names(4, LETTERS)
+    | _number_names(30, DIGITS)
+    | _number_names(40, ("enter", "escape", "backspace", "tab", "space"))
+    | _number_names(45, ("minus", "equals", "left_bracket", "right_bracket", "backslash"))
+    | _number_names(51, ("semicolon", "quote", "grave", "comma", "period", "slash", "caps_lock"))
+    | _number_names(58, FUNCTION)
+    | _number_names(73, ("insert", "home", "page_up", "delete", "end", "page_down"))
+    | _number_names(79, ("right", "left", "down", "up", "num_lock"))
+    | _number_names(84, ("kp_divide", "kp_multiply", "kp_minus", "kp_plus", "kp_enter"))
+    | _number_names(89, tuple(f"kp_{digit}" for digit in DIGITS))
     | {99: "kp_period"}
-    | _numbered(224, ("left_ctrl", "left_shift", "left_alt"))
-    | _numbered(228, ("right_ctrl", "right_shift", "right_alt"))
+    | _number_names(224, ("left_ctrl", "left_shift", "left_alt"))
+    | _number_names(228, ("right_ctrl", "right_shift", "right_alt"))
 )
 
 
-def _row(letter: str, names: str) -> dict[str, str]:
+def _name_positions_of_row(letter: str, names: str) -> dict[str, str]:
+    """Return the names of a row's keys by XKB's names of their positions, such as "AE01" for row E's first key."""
     return {f"A{letter}{number:02}": name for number, name in enumerate(names.split(), start=1)}
 
 
 # XKB's names of positions (xkeyboard-config, keycodes/evdev): row A is the space bar's, E the digits'.
 _BY_XKB: Mapping[str, str] = (
-    _row("E", "1 2 3 4 5 6 7 8 9 0 minus equals")
-    | _row("D", "q w e r t y u i o p left_bracket right_bracket")
-    | _row("C", "a s d f g h j k l semicolon quote")
-    | _row("B", "z x c v b n m comma period slash")
+    _name_positions_of_row("E", "1 2 3 4 5 6 7 8 9 0 minus equals")
+    | _name_positions_of_row("D", "q w e r t y u i o p left_bracket right_bracket")
+    | _name_positions_of_row("C", "a s d f g h j k l semicolon quote")
+    | _name_positions_of_row("B", "z x c v b n m comma period slash")
     | {f"FK{number:02}": f"f{number}" for number in range(1, 13)}
     | {f"KP{digit}": f"kp_{digit}" for digit in DIGITS}
     | {"KPEN": "kp_enter", "KPAD": "kp_plus", "KPSU": "kp_minus", "KPMU": "kp_multiply", "KPDV": "kp_divide"}
@@ -78,7 +80,11 @@ def key_from_scancode(scancode: int) -> str:
 
 
 def key_to_scancode(key: str) -> int:
-    """Return the SDL scancode of a key name."""
+    """Return the SDL scancode of a key name.
+
+    Raises:
+        StopIteration: if no scancode has that name.
+    """
     return next(scancode for scancode, name in _BY_SCANCODE.items() if name == key)
 
 
@@ -89,9 +95,9 @@ def key_from_xkb(position: str, keycode: int) -> str:
 
 def key_from_symbol(name: str) -> str:
     """Return the key name of a pyglet symbol by its place on a US keyboard; "symbol_plus" for a key without a name."""
-    known = _BY_SYMBOL.get(name, name.lower())
-    if known in KEY_NAMES:
-        return known
+    key = _BY_SYMBOL.get(name, name.lower())
+    if key in KEY_NAMES:
+        return key
     return f"symbol_{name.lower()}"
 
 
@@ -141,18 +147,18 @@ def read_key_positions(xlib: Any, display: Any) -> dict[int, str]:
     get_map = _declare_types(xlib.XkbGetMap, description, ctypes.c_void_p, ctypes.c_uint, ctypes.c_uint)
     get_names = _declare_types(xlib.XkbGetNames, ctypes.c_int, ctypes.c_void_p, ctypes.c_uint, description)
     free = _declare_types(xlib.XkbFreeKeyboard, None, description, ctypes.c_uint, ctypes.c_int)
-    described = get_map(opaque, 0, _USE_CORE_KEYBOARD)
-    if not described:
+    keyboard_pointer = get_map(opaque, 0, _USE_CORE_KEYBOARD)
+    if not keyboard_pointer:
         return {}
     try:
-        if get_names(opaque, _KEY_NAMES_MASK, described) != 0:
+        if get_names(opaque, _KEY_NAMES_MASK, keyboard_pointer) != 0:
             return {}
-        keyboard = described.contents
+        keyboard = keyboard_pointer.contents
         names = keyboard.names.contents.keys
         codes = range(keyboard.min_key_code, keyboard.max_key_code + 1)
         return {code: names[code].raw.rstrip(b"\0").decode("ascii") for code in codes if names[code].raw.strip(b"\0")}
     finally:
-        free(described, 0, 1)
+        free(keyboard_pointer, 0, 1)  # 1: all of it, whatever the mask of components
 
 
 def _declare_types(function: Any, returns: Any, *takes: Any) -> Any:

@@ -1,8 +1,11 @@
-"""The motion of a captured mouse, added up so that a quick mouse does not fill the log. No toolkit and no clock."""
+"""The motion of a captured mouse, added up so that a mouse with a high report rate does not fill the log.
+
+The module depends on no toolkit and no clock.
+"""
 
 from minihuman.experiment.machine.inputs import AxisChanged, Input
 
-PERIOD_NS = 15_000_000  # between inputs of an axis, as in the page: a mouse may report a thousand motions a second
+PERIOD_NS = 15_000_000  # the shortest time between inputs of an axis, as in the page; mice report up to 1000 times a s
 
 
 class MouseMotion:
@@ -14,7 +17,7 @@ class MouseMotion:
         self._reported_ns: int | None = None  # when motion was reported last
 
     def add(self, motion_px: dict[str, int], t_ns: int) -> list[Input]:
-        """Add a motion by axis; return the inputs that are due with it."""
+        """Add a motion in pixels by axis; return the inputs of all motion so far, or [] if they are not due yet."""
         if not any(motion_px.values()):
             return []
         for axis, pixels in motion_px.items():
@@ -24,17 +27,17 @@ class MouseMotion:
 
     @property
     def due_ns(self) -> int | None:
-        """The time at which motion that was not reported yet is due; None if there is none."""
+        """The time at which the motion that was not reported yet is due; None if there is no such motion."""
         if self._reported_ns is None or not any(self._moved_px.values()):
             return None
         return self._reported_ns + PERIOD_NS
 
     def report(self, now_ns: int, *, is_needed: bool = False) -> list[Input]:
-        """Return the inputs of the motion so far, with the latest motion's time; [] if some was reported just before.
+        """Return an input for each axis that moved since the last report, with the time of the latest motion.
 
         Args:
             now_ns: the present time.
-            is_needed: whether motion is reported in any case, since a step is made now.
+            is_needed: whether to report motion even if less than `PERIOD_NS` has passed since the last report.
         """
         has_waited = self._reported_ns is None or now_ns - self._reported_ns >= PERIOD_NS
         moved_px = {axis: pixels for axis, pixels in self._moved_px.items() if pixels}

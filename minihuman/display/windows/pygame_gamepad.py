@@ -1,21 +1,21 @@
-"""A gamepad in a pygame window: its buttons and axes by name. It knows no session."""
+"""A gamepad in a pygame window: its buttons and axes by name. The module depends on no session."""
 
 from collections.abc import Iterator
 
 import pygame
 
-# Experimental in pygame-ce, but the one way to SDL's table of gamepads, by which "south" is south on every one; if it
-# goes, so do gamepads in a window.
+# Experimental in pygame-ce, but the only access to SDL's table of gamepads, in which "south" is the same button on each
+# gamepad. Gamepads in a window depend on it.
 from pygame._sdl2 import controller
 
 from minihuman.errors import WindowError
 from minihuman.experiment.keys import PAD_AXES, PAD_DEAD_ZONE, PAD_LEVELS, PadAxes
 
-_BUTTONS = (  # in SDL's order; two of them do what the session asks keys for
+_BUTTONS = (  # the names of SDL's buttons, by number; two act as keys of the session, and the guide button does nothing
     *("pad_south", "pad_east", "pad_west", "pad_north", "escape", "", "enter", "pad_left_stick", "pad_right_stick"),
     *("pad_left_shoulder", "pad_right_shoulder", "pad_up", "pad_down", "pad_left", "pad_right"),
 )
-_FULL = 32767
+_FULL = 32767  # SDL's number for an axis at its end
 GAMEPAD_EVENTS = (
     *(
         pygame.JOYAXISMOTION,
@@ -47,10 +47,11 @@ class Gamepad:
 
     @staticmethod
     def _open() -> "controller.Controller | None":
-        numbers = [number for number in range(controller.get_count()) if controller.is_controller(number)]
-        if not numbers:
-            return None
-        return controller.Controller(numbers[0])
+        """Open the first connected gamepad that SDL knows; return None if there is none."""
+        for number in range(controller.get_count()):
+            if controller.is_controller(number):
+                return controller.Controller(number)
+        return None
 
     def facts(self) -> dict[str, str]:
         """Return the gamepad's name, axes, dead zone and polling rate."""
@@ -63,7 +64,7 @@ class Gamepad:
         }
 
     def read(self, event: pygame.event.Event) -> Iterator[tuple[str, bool | float]]:
-        """Yield by name the buttons that an event presses (True) or releases (False), and the new value of an axis.
+        """Yield the buttons that an event presses (name, True) or releases (name, False), and axes (name, position).
 
         If the event says that a gamepad was connected or disconnected, open the first one that is connected now.
         """
@@ -72,11 +73,12 @@ class Gamepad:
                 if event.button < len(_BUTTONS) and _BUTTONS[event.button]:
                     yield _BUTTONS[event.button], event.type == pygame.CONTROLLERBUTTONDOWN
             case pygame.CONTROLLERAXISMOTION if event.axis < len(PAD_AXES):
-                value, buttons = self._axes.move(PAD_AXES[event.axis], event.value / _FULL)
-                if value is not None and PAD_AXES[event.axis] not in self._held_axes:
-                    yield PAD_AXES[event.axis], value
-                elif value == 0:
-                    self._held_axes.discard(PAD_AXES[event.axis])
+                axis = PAD_AXES[event.axis]
+                position, buttons = self._axes.move(axis, event.value / _FULL)
+                if position is not None and axis not in self._held_axes:
+                    yield axis, position
+                elif position == 0:
+                    self._held_axes.discard(axis)
                 yield from buttons
             case pygame.CONTROLLERDEVICEADDED if self._pad is None:
                 self._pad = self._open()

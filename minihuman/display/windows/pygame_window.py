@@ -38,9 +38,9 @@ from minihuman.experiment.machine.inputs import (
 )
 
 _NS_PER_MS = 1_000_000
-_SAY_WHERE = ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER")
-_NO_DISPLAY = ("offscreen", "dummy")  # what SDL falls back to by itself
-_TO_REPAINT = (  # after these SDL's surface may be another, and black
+_DISPLAY_VARIABLES = ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER")  # variables that name a display
+_NO_DISPLAY = ("offscreen", "dummy")  # drivers without a display, to which SDL falls back
+_TO_REPAINT = (  # after these events, SDL may have replaced its surface by a black one
     pygame.WINDOWEXPOSED,
     pygame.WINDOWSHOWN,
     pygame.WINDOWRESTORED,
@@ -103,7 +103,7 @@ class PygameWindow(BlockingWindow):
         # SDL swallows the click that brings the focus; where the X server says which one that is, it is logged.
         os.environ.setdefault("SDL_MOUSE_FOCUS_CLICKTHROUGH", str(int(has_shared_clock())))
         try:
-            if sys.platform == "linux" and not any(map(os.environ.get, _SAY_WHERE)):
+            if sys.platform == "linux" and not any(map(os.environ.get, _DISPLAY_VARIABLES)):
                 raise pygame.error("none of DISPLAY, WAYLAND_DISPLAY and SDL_VIDEODRIVER is set")
             pygame.display.init()  # never pygame.init(): it opens the sound device
             driver = pygame.display.get_driver()
@@ -156,13 +156,14 @@ class PygameWindow(BlockingWindow):
     @property
     def size_px(self) -> Size:
         """The width and height of the drawn picture."""
-        return _surface().get_size()
+        return _get_surface().get_size()
 
     def _flip(self, frame: NDArray[np.uint8], changed: Box) -> None:
-        _surface().blit(pygame.image.frombuffer(frame.data, self.size_px, "RGB"), changed, changed)
+        _get_surface().blit(pygame.image.frombuffer(frame.data, self.size_px, "RGB"), changed, changed)
         pygame.display.update(changed)
 
     def _arrived(self, timeout_ns: int | None) -> list[Input]:
+        """Wait for events of SDL until the time is up (None: no limit), and return the inputs that they mean."""
         events = []
         if timeout_ns is None:
             events.append(pygame.event.wait())
@@ -175,8 +176,8 @@ class PygameWindow(BlockingWindow):
         if any(event.type in _TO_REPAINT for event in events):
             self._repaint()
         inputs = []
-        for event, move in _drop_invented_releases(list(self._timed(events))):
-            inputs += self._inputs(event, move, t_ns)
+        for event, move in _drop_invented_releases(list(self._match_moves(events))):
+            inputs += self._convert_event(event, move, t_ns)
         return [*inputs, *self._release_unseen(t_ns)]
 
     def _release_unseen(self, t_ns: int) -> list[Input]:
@@ -188,16 +189,20 @@ class PygameWindow(BlockingWindow):
             return []
         unseen = [key for key in self._down_at_focus if key not in self._down_in_sdl]
         up = [key for key in unseen if not self._record.is_down(key)]
-        return [released for key in up for released in self._release_unseen_key(key, t_ns)]
+        return [released for key in up for released in self._release_key(key, t_ns)]
 
-    def _release_unseen_key(self, key: str, t_ns: int) -> list[Input]:
-        self._down_at_focus = [other for other in self._down_at_focus if other != key]
+    def _release_key(self, key: str, t_ns: int) -> list[Input]:
+        """Return the release of a key that was down when the window got the focus; [] if it is up already."""
+        self._down_at_focus = [held_key for held_key in self._down_at_focus if held_key != key]
         if self._repeater.is_down(key):
             return self._key(False, key, "", t_ns)
         return []
 
-    def _timed(self, events: list[pygame.event.Event]) -> Iterator[tuple[pygame.event.Event, KeyMove]]:
-        """Yield each event with the X server's record of it, since SDL reports no times and invents some events."""
+    def _match_moves(self, events: list[pygame.event.Event]) -> Iterator[tuple[pygame.event.Event, KeyMove]]:
+        """Yield each event with the X server's record of it, because SDL reports no times and invents some events.
+
+        The record of an event that the server does not report has no time.
+        """
         names = [name for name in map(_name_move, events) if name is not None]
         moves: Iterator[KeyMove] = iter(())
         if self._record and names:
@@ -208,7 +213,7 @@ class PygameWindow(BlockingWindow):
                 move = next(moves, _UNKNOWN)
             yield event, move
 
-    def _inputs(self, event: pygame.event.Event, move: KeyMove, now_ns: int) -> list[Input]:
+    def _convert_event(self, event: pygame.event.Event, move: KeyMove, now_ns: int) -> list[Input]:
         """Convert an event to inputs; events without a time of the X server get the time ``now_ns``."""
         t_ns = move.t_ns
         if t_ns is None:
@@ -219,7 +224,7 @@ class PygameWindow(BlockingWindow):
             case pygame.KEYUP:
                 key = key_from_scancode(event.scancode)
                 self._down_in_sdl.discard(key)
-                return self._key(False, key, _symbol(event), t_ns)
+                return self._key(False, key, _name_symbol(event), t_ns)
             case pygame.WINDOWFOCUSGAINED:
                 return self._focus(now_ns, True)
             case pygame.WINDOWFOCUSLOST:
@@ -248,9 +253,9 @@ class PygameWindow(BlockingWindow):
         if cause != "held_before_focus" and move.t_ns is not None:
             pressed_ns = move.t_ns
             if key not in self._down_in_sdl and key in self._down_at_focus:
-                released = self._release_unseen_key(key, pressed_ns)
+                released = self._release_key(key, pressed_ns)
         self._down_in_sdl.add(key)
-        return [*released, *self._key(True, key, _symbol(event), pressed_ns, cause)]
+        return [*released, *self._key(True, key, _name_symbol(event), pressed_ns, cause)]
 
     def _lose_focus(self, now_ns: int) -> list[Input]:
         """Return inputs that bring the gamepad's axes to rest and release every key."""
@@ -261,19 +266,20 @@ class PygameWindow(BlockingWindow):
         return [*(AxisChanged(now_ns, axis, 0.0) for axis in axes), *self._focus(now_ns, False)]
 
     def _read_mouse(self, event: pygame.event.Event, move: KeyMove, t_ns: int) -> list[Input]:
+        """Convert an event of the mouse to inputs: a captured mouse's motion, or what the main button does."""
         if event.type == pygame.MOUSEMOTION and self._mouse_axes:
             right_px, down_px = event.rel
             return self._move_mouse(right_px, down_px, t_ns)
         if event.type == pygame.MOUSEMOTION:
-            return self._convert_button(PointerMoved, *self._along(event.pos), t_ns)
+            return self._convert_button(PointerMoved, *self._convert_to_shares(event.pos), t_ns)
         if event.button != pygame.BUTTON_LEFT:
             return []
         if event.type == pygame.MOUSEBUTTONUP:
-            return self._convert_button(PointerReleased, *self._along(event.pos), t_ns)
+            return self._convert_button(PointerReleased, *self._convert_to_shares(event.pos), t_ns)
         cause: PointerCause = "held_before_focus"
         if move.is_in_window:
             cause = "finger"
-        return self._convert_button(PointerPressed, *self._along(event.pos), t_ns, cause)
+        return self._convert_button(PointerPressed, *self._convert_to_shares(event.pos), t_ns, cause)
 
     def _find_cause(self, event: pygame.event.Event, move: KeyMove) -> PressCause:
         """Return the cause of a key press: a finger, a press before the focus, or a shortcut with Ctrl, Alt or Meta.
@@ -292,15 +298,17 @@ class PygameWindow(BlockingWindow):
         return "finger"
 
     def _read_gamepad(self, gamepad: Gamepad, event: pygame.event.Event, t_ns: int) -> list[Input]:
+        """Convert an event of the gamepad to inputs: its buttons are keys, and its sticks and triggers are axes."""
         inputs: list[Input] = []
-        for name, value in gamepad.read(event):
-            if isinstance(value, bool):
-                inputs += self._key(value, name, "gamepad", t_ns)
+        for name, state in gamepad.read(event):
+            if isinstance(state, bool):
+                inputs += self._key(state, name, "gamepad", t_ns)
             else:
-                inputs.append(AxisChanged(t_ns, name, value))
+                inputs.append(AxisChanged(t_ns, name, state))
         return inputs
 
     def _find_held_keys(self) -> Sequence[str]:
+        """Return, and remember, the keys that were down when the window got the focus."""
         self._down_at_focus = []
         if self._record is not None:
             self._down_at_focus = self._record.find_held_keys()
@@ -315,11 +323,13 @@ class PygameWindow(BlockingWindow):
         self._gamepad = Gamepad()
         return self._gamepad.facts()
 
-    def _along(self, place_px: tuple[int, int]) -> tuple[float, float]:
+    def _convert_to_shares(self, pixel: tuple[int, int]) -> tuple[float, float]:
+        """Return the position of a pixel's middle as shares of the window's width and height."""
         width, height = self.size_px
-        return (place_px[0] + 0.5) / width, (place_px[1] + 0.5) / height
+        return (pixel[0] + 0.5) / width, (pixel[1] + 0.5) / height
 
     def _want(self, *, text: bool, pointer: bool) -> None:
+        """Turn SDL's events of typed text and of the pointer on or off."""
         if text:
             pygame.key.start_text_input()
             pygame.event.set_allowed(_TEXT)
@@ -333,6 +343,7 @@ class PygameWindow(BlockingWindow):
             pygame.event.set_blocked(_POINTER)
 
     def _capture_mouse(self, captured: bool) -> None:
+        """Hide the pointer and receive the mouse's motion alone; or, if not ``captured``, release the mouse."""
         pygame.mouse.set_relative_mode(captured)
         if captured:
             pygame.event.get(pygame.MOUSEMOTION)  # discard earlier motion
@@ -342,8 +353,8 @@ class PygameWindow(BlockingWindow):
 
     def post_key(self, key: str) -> None:
         """Put a press and a release of a key into SDL's queue; any thread can call this."""
-        for kind in (pygame.KEYDOWN, pygame.KEYUP):
-            pygame.event.post(pygame.event.Event(kind, scancode=key_to_scancode(key), key=pygame.K_UNKNOWN))
+        for event_type in (pygame.KEYDOWN, pygame.KEYUP):
+            pygame.event.post(pygame.event.Event(event_type, scancode=key_to_scancode(key), key=pygame.K_UNKNOWN))
 
     def facts(self) -> dict[str, str]:
         """Return the toolkit, its version, the display's size and refresh rate, and how keys are identified."""
@@ -380,15 +391,15 @@ def _open_record(clock: Clock) -> X11InputRecord | None:
         return None
 
 
-def _surface() -> pygame.Surface:
-    """Return the surface to draw on, which can be replaced whenever the size changes."""
+def _get_surface() -> pygame.Surface:
+    """Return the surface to draw on; ask for it each time, since SDL replaces it when the size changes."""
     surface = pygame.display.get_surface()
     assert surface is not None, "the window is open"
     return surface
 
 
 def _name_move(event: pygame.event.Event) -> tuple[str, bool] | None:
-    """Return which key or mouse button an event is about, and whether it went down; None for other events."""
+    """Return the key or "main_button" of an event and whether it went down; None for other kinds of events."""
     if event.type in _KEYS:
         return key_from_scancode(event.scancode), event.type == pygame.KEYDOWN
     is_click = event.type in (pygame.MOUSEBUTTONDOWN, pygame.MOUSEBUTTONUP) and event.button == pygame.BUTTON_LEFT
@@ -400,9 +411,9 @@ def _name_move(event: pygame.event.Event) -> tuple[str, bool] | None:
 def _drop_invented_releases(
     timed: list[tuple[pygame.event.Event, KeyMove]],
 ) -> list[tuple[pygame.event.Event, KeyMove]]:
-    """Drop the key releases that SDL invents just before it reports that the window loses the focus.
+    """Return events without the key releases that SDL invents just before it reports that the window loses the focus.
 
-    The window adds releases of its own, which are marked as such.
+    `_focus` adds such releases itself, with their cause.
     """
     real_moves: list[tuple[pygame.event.Event, KeyMove]] = []
     for event, move in timed:
@@ -417,6 +428,6 @@ def _drop_invented_releases(
     return real_moves
 
 
-def _symbol(event: pygame.event.Event) -> str:
+def _name_symbol(event: pygame.event.Event) -> str:
     """Return the key's name on the current layout, without modifiers."""
     return pygame.key.name(event.key, use_compat=False)

@@ -36,7 +36,7 @@ _SHORTCUT_MODIFIERS = (
     | pyglet.window.key.MOD_COMMAND
     | pyglet.window.key.MOD_WINDOWS
 )
-_GRABS = (1, 2)  # a window manager takes the keyboard for a shortcut of its own, and gives it back
+_GRABS = (1, 2)  # focus modes NotifyGrab and NotifyUngrab: a window manager takes the keyboard, and gives it back
 
 EVENT_HANDLED = pyglet.event.EVENT_HANDLED
 
@@ -74,14 +74,14 @@ class PygletNativeWindow(pyglet.window.Window):  # type: ignore[misc]  # pyglet 
         self._positions: dict[int, str] = {}
         self._tracker: MouseTracker | None = None  # None where pyglet's own events report motion
         self.accepts_text = False
-        self._key_reported = False  # of the key event that pyglet looks at now
+        self._is_key_reported = False  # of the key event that pyglet looks at now
         self.button_ms: int | None = None  # the server's time of the last event of a mouse button
         screen = find_screen()
         settings: dict[str, Any] = {"fullscreen": True, "screen": screen}
         if size_px is not None:
-            wide = min(size_px[0], screen.width)
-            high = min(size_px[1], screen.height)
-            settings = {"width": wide, "height": high, "resizable": True}
+            width = min(size_px[0], screen.width)
+            height = min(size_px[1], screen.height)
+            settings = {"width": width, "height": height, "resizable": True}
         super().__init__(caption=title, vsync=True, **settings)
         if ON_X11:
             self._positions = read_key_positions(xlib._lib, self.display._display)
@@ -96,22 +96,25 @@ class PygletNativeWindow(pyglet.window.Window):  # type: ignore[misc]  # pyglet 
         """Handle key events of the window; pyglet handles other events and the text that keys produce."""
         if _is_grab(event) or self._follow_mouse(event, is_reported=False):
             return
-        self._key_reported = self._key_of_x11(event)
-        if not self._key_reported or self.accepts_text:
+        self._is_key_reported = self._report_x11_key(event)
+        if not self._is_key_reported or self.accepts_text:
             super().dispatch_platform_event(event)
-        self._key_reported = False
+        self._is_key_reported = False
 
     def dispatch_platform_event_view(self, event: Any) -> None:
         """Handle key events of the window's inner area; pyglet handles other events and the text that keys produce."""
         if self._follow_mouse(event, is_reported=True):
             return
-        self._key_reported = self._key_of_x11(event)
-        if not self._key_reported or self.accepts_text:
+        self._is_key_reported = self._report_x11_key(event)
+        if not self._is_key_reported or self.accepts_text:
             super().dispatch_platform_event_view(event)
-        self._key_reported = False
+        self._is_key_reported = False
 
-    def _key_of_x11(self, event: Any) -> bool:
-        """Report the key of an X event by its position; return False for other events."""
+    def _report_x11_key(self, event: Any) -> bool:
+        """Dispatch the key of an X event by its position; return False if the event is not about a key.
+
+        For an event of a mouse button, record its time.
+        """
         if ON_X11 and event.type in (xlib.ButtonPress, xlib.ButtonRelease):
             self.button_ms = event.xbutton.time
         if not ON_X11 or event.type not in (xlib.KeyPress, xlib.KeyRelease):
@@ -131,12 +134,12 @@ class PygletNativeWindow(pyglet.window.Window):  # type: ignore[misc]  # pyglet 
     # A captured mouse
 
     def capture_mouse(self, captured: bool) -> None:
-        """Hide the pointer, keep it in the window and dispatch its motion, or give it back."""
+        """Hide the pointer, keep it in the window and dispatch its motion; or, if not ``captured``, release it."""
         self.set_exclusive_mouse(captured)
         self.track_mouse(captured)
 
     def track_mouse(self, tracked: bool) -> None:
-        """Follow a mouse that is captured, or leave it to another window, which has the focus."""
+        """Start or stop following a captured mouse; it is not followed while another window has the focus."""
         if self._tracker is not None and tracked:
             self._tracker.begin()
         elif self._tracker is not None:
@@ -147,7 +150,8 @@ class PygletNativeWindow(pyglet.window.Window):  # type: ignore[misc]  # pyglet 
 
         Args:
             event: the X server's event.
-            is_reported: whether it is of the inner area; the outer window repeats what happens while a button is down.
+            is_reported: whether to dispatch the motion: only for events of the inner area, which the outer window
+                repeats while a button is down.
         """
         if self._tracker is None or not self._tracker.is_tracking or event.type != xlib.MotionNotify:
             return False
@@ -170,15 +174,15 @@ class PygletNativeWindow(pyglet.window.Window):  # type: ignore[misc]  # pyglet 
 
     def on_key_press(self, symbol: int, modifiers: int) -> bool:
         """Report the pressed key; pyglet's own handler would close the window at Escape."""
-        return self._key_of_symbol(True, symbol, modifiers)
+        return self._report_symbol(True, symbol, modifiers)
 
     def on_key_release(self, symbol: int, modifiers: int) -> bool:
         """Report the released key."""
-        return self._key_of_symbol(False, symbol, modifiers)
+        return self._report_symbol(False, symbol, modifiers)
 
-    def _key_of_symbol(self, down: bool, symbol: int, modifiers: int) -> bool:
-        """Report a key by pyglet's symbol, unless it was reported by its position."""
-        if self._key_reported:  # by position, just now
+    def _report_symbol(self, down: bool, symbol: int, modifiers: int) -> bool:
+        """Dispatch a key by pyglet's symbol, unless it was dispatched by its position; return ``EVENT_HANDLED``."""
+        if self._is_key_reported:
             return bool(EVENT_HANDLED)
         name = pyglet.window.key.symbol_string(symbol)
         key = key_from_symbol(name)
@@ -204,16 +208,19 @@ class PygletNativeWindow(pyglet.window.Window):  # type: ignore[misc]  # pyglet 
         height, width = frame.shape[:2]
         self.switch_to()
         if self._frame_size != (width, height):
-            self._make_frame(width, height)
-        left, top, wide, high = changed
-        pixels = np.ascontiguousarray(frame[top : top + high, left : left + wide]).ctypes.data_as(ctypes.c_void_p)
-        gl.glTexSubImage2D(gl.GL_TEXTURE_2D, 0, left, top, wide, high, gl.GL_RGB, gl.GL_UNSIGNED_BYTE, pixels)
+            self._make_texture(width, height)
+        left, top, box_width, box_height = changed
+        box = np.ascontiguousarray(frame[top : top + box_height, left : left + box_width])
+        pixels = box.ctypes.data_as(ctypes.c_void_p)
+        gl.glTexSubImage2D(
+            gl.GL_TEXTURE_2D, 0, left, top, box_width, box_height, gl.GL_RGB, gl.GL_UNSIGNED_BYTE, pixels
+        )
         gl.glBlitFramebuffer(0, 0, width, height, 0, height, width, 0, gl.GL_COLOR_BUFFER_BIT, gl.GL_NEAREST)
         self.flip()
         gl.glFinish()  # a flip only queues the frame
 
-    def _make_frame(self, width: int, height: int) -> None:
-        """Make a texture for frames of a size, and bind it for reading."""
+    def _make_texture(self, width: int, height: int) -> None:
+        """Replace the texture by one for frames of a width and height in pixels, and bind it for reading."""
         for delete, name in ((gl.glDeleteFramebuffers, self._framebuffer), (gl.glDeleteTextures, self._texture)):
             delete(1, ctypes.byref(name))  # OpenGL ignores the name 0, which both have at first
         texture, framebuffer = self._texture, self._framebuffer = gl.GLuint(), gl.GLuint()

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from minihuman.display.windows.pyglet_native import PygletNativeWindow
 
 
-_LEFT = 1  # pyglet's name for the main button
+_MAIN_BUTTON_BIT = 1  # of the main mouse button, in pyglet's number of the buttons that are down
 
 
 class PygletWindow(BlockingWindow):
@@ -53,7 +53,7 @@ class PygletWindow(BlockingWindow):
         self._to_repaint = False
         self._native: PygletNativeWindow | None = _open_native_window(fullscreen=fullscreen, size_px=size_px)
         self._record = _open_record(clock, self._native.x11_window)
-        self._server_time = self._record is not None
+        self._has_server_time = self._record is not None
         self._native.push_handlers(
             on_key=self._on_key,
             on_activate=lambda: self._on_focus(True),
@@ -87,6 +87,7 @@ class PygletWindow(BlockingWindow):
         self._window.present(frame, changed)
 
     def _arrived(self, timeout_ns: int | None) -> list[Input]:
+        """Wait for events of pyglet until the time is up (None: no limit), and return the inputs that they meant."""
         import pyglet
 
         if not self._inputs:
@@ -102,7 +103,8 @@ class PygletWindow(BlockingWindow):
         return arrived
 
     def _on_key(self, down: bool, key: str, symbol: str, server_ms: int | None, is_shortcut: bool) -> None:
-        t_ns = self._time(server_ms)
+        """Add the inputs of a key event; the last cause that applies to a press is its cause."""
+        t_ns = self._convert_time(server_ms)
         if not down:
             self._inputs += self._key(False, key, symbol, t_ns)
         elif not self._repeater.is_down(key):  # else it is the system's auto-repeat
@@ -124,8 +126,9 @@ class PygletWindow(BlockingWindow):
             return self._record.find_held_keys()
         return ()
 
-    def _time(self, server_ms: int | None) -> int:
-        if server_ms is None or not self._server_time:
+    def _convert_time(self, server_ms: int | None) -> int:
+        """Return the session time of an event that the X server stamped; the present time if there is no stamp."""
+        if server_ms is None or not self._has_server_time:
             return self._clock()
         return convert_server_time(server_ms, self._clock)
 
@@ -135,8 +138,9 @@ class PygletWindow(BlockingWindow):
     def _on_pointer(
         self, kind: type[PointerPressed | PointerMoved | PointerReleased], x: int, y: int, buttons: int
     ) -> None:
-        if buttons & _LEFT:
-            width, height = self._window.get_size()  # pyglet counts from the bottom
+        """Add the inputs of an event of the main mouse button; x and y are in pixels from the lower left corner."""
+        if buttons & _MAIN_BUTTON_BIT:
+            width, height = self._window.get_size()
             button_ms = self._window.button_ms
             if kind is PointerMoved:
                 button_ms = None
@@ -144,14 +148,15 @@ class PygletWindow(BlockingWindow):
             if kind is PointerPressed and not self._is_press_in_window(MAIN_BUTTON, button_ms):
                 cause = "held_before_focus"
             share_x = (x + 0.5) / width
-            share_y = 1 - (y + 0.5) / height
-            self._inputs += self._convert_button(kind, share_x, share_y, self._time(button_ms), cause)
+            share_y = 1 - (y + 0.5) / height  # pyglet counts y from the bottom
+            self._inputs += self._convert_button(kind, share_x, share_y, self._convert_time(button_ms), cause)
 
     def _on_motion(self, right_px: int, down_px: int, server_ms: int | None) -> None:
         if self._mouse_axes:
-            self._inputs += self._move_mouse(right_px, down_px, self._time(server_ms))
+            self._inputs += self._move_mouse(right_px, down_px, self._convert_time(server_ms))
 
     def _want(self, *, text: bool, pointer: bool) -> None:
+        """Turn pyglet's events of typed text on or off, and show or hide the pointer."""
         self._window.accepts_text = text
         self._window.set_mouse_visible(pointer)
 
@@ -193,7 +198,7 @@ class PygletWindow(BlockingWindow):
             "fullscreen": str(bool(window.fullscreen)).lower(),
             "vsync": "on" if window.vsync else "off",
             "refresh_hz_reported": window.refresh_hz(),
-            "key_times": SERVER_TIME if self._server_time else ON_RECEIPT,
+            "key_times": SERVER_TIME if self._has_server_time else ON_RECEIPT,
             "key_identity": "position (X11 keycode)" if ON_X11 else "symbol (US layout assumed)",
         }
 

@@ -1,6 +1,6 @@
-"""A text while it is edited: caret, selection, composition and undo, as fields of desktop systems have them.
+"""A text while it is edited: caret, selection, composition and undo, as in text fields of desktop systems.
 
-It knows text and positions in it, counted in code points, and nothing of windows, type or the clipboard.
+Positions in the text are counted in code points. The module depends on no window, type or clipboard.
 """
 
 import unicodedata
@@ -9,7 +9,7 @@ from typing import get_args
 
 from minihuman.experiment.machine.inputs import TextChange
 
-_ORDER: tuple[TextChange, ...] = get_args(TextChange)
+_ORDER: tuple[TextChange, ...] = get_args(TextChange)  # in which changes are returned
 _MAX_UNDO = 200
 _JOINER = "\N{ZERO WIDTH JOINER}"
 _LINE_FEED = "\n"
@@ -60,13 +60,18 @@ class TextEditor:
         return self.edited.text
 
     def take_changes(self) -> tuple[TextChange, ...]:
-        """Return how the text was changed since the last call."""
+        """Return the kinds of changes to the text since the last call, and forget them."""
         changes = tuple(change for change in _ORDER if change in self.changes)
         self.changes.clear()
         return changes
 
     def insert(self, text: str, change: TextChange) -> None:
-        """Replace the selection with a text without control characters and, in a field of one line, line breaks."""
+        """Replace the selection with a text, without its control characters and, in a field of one line, line breaks.
+
+        Args:
+            text: the text to insert.
+            change: the kind of change, for `take_changes`.
+        """
         kept = "".join(letter for letter in text.replace("\r\n", _LINE_FEED) if self._can_hold(letter))
         if not kept and not self.edited.selected_text:
             return
@@ -75,6 +80,10 @@ class TextEditor:
         self._apply_change(EditedText(whole, begin + len(kept), begin + len(kept)), change)
 
     def _can_hold(self, letter: str) -> bool:
+        """Return whether a character can be in the text.
+
+        Control characters (except tabs and, in a long text, line feeds) and lone surrogates cannot.
+        """
         if letter == _LINE_FEED:
             return self.is_long
         return letter == "\t" or unicodedata.category(letter) not in ("Cc", "Cs")
@@ -83,9 +92,9 @@ class TextEditor:
         """Move the caret or delete; return False for a key that does neither.
 
         Args:
-            key: our name of the key.
-            is_shift: whether the selection grows.
-            is_word: whether the key reaches over a word, as with Ctrl.
+            key: the key's name.
+            is_shift: whether the selection's other end stays, as with Shift.
+            is_word: whether the key moves or deletes by words, as with Ctrl.
         """
         match key:
             case "backspace" | "delete":
@@ -93,9 +102,9 @@ class TextEditor:
             case "left" | "right":
                 self._move_step((key == "right") != self._rtl, is_shift=is_shift, is_word=is_word)
             case "home":
-                self.move_to(0 if is_word else self._line_begin(), is_shift=is_shift)
+                self.move_to(0 if is_word else self._find_line_begin(), is_shift=is_shift)
             case "end":
-                self.move_to(len(self.text) if is_word else self._line_end(), is_shift=is_shift)
+                self.move_to(len(self.text) if is_word else self._find_line_end(), is_shift=is_shift)
             case "enter" | "kp_enter" if self.is_long:
                 self.insert(_LINE_FEED, "typed")
             case _:
@@ -103,6 +112,7 @@ class TextEditor:
         return True
 
     def _move_step(self, is_onward: bool, *, is_shift: bool, is_word: bool) -> None:
+        """Move the caret by a letter or a word; without Shift, a selection is left at its end in that direction."""
         begin, end = self.edited.selection
         if begin != end and not is_shift:
             self.move_to(end if is_onward else begin)
@@ -113,27 +123,28 @@ class TextEditor:
         """Return the position one letter or, with ``is_word``, one word away from the caret."""
         if is_onward:
             find = _find_next
-            ahead = 0
+            letter_offset = 0  # the letter that a step crosses is at the caret
         else:
             find = _find_previous
-            ahead = -1
-        at = find(self.text, self.edited.caret)
+            letter_offset = -1  # or just before it
+        position = find(self.text, self.edited.caret)
         if is_word:
-            while 0 < at < len(self.text) and _is_of_word(self.text[at + ahead]):
-                at = find(self.text, at)
-        return at
+            while 0 < position < len(self.text) and _belongs_to_word(self.text[position + letter_offset]):
+                position = find(self.text, position)
+        return position
 
-    def _delete(self, to: int) -> None:
+    def _delete(self, step_end: int) -> None:
+        """Delete the selection or, if there is none, the text between the caret and ``step_end``."""
         begin, end = self.edited.selection
         if begin == end:
-            begin, end = sorted((self.edited.caret, to))
+            begin, end = sorted((self.edited.caret, step_end))
         if begin != end:
             self._apply_change(EditedText(self.text[:begin] + self.text[end:], begin, begin), "typed")
 
-    def _line_begin(self) -> int:
+    def _find_line_begin(self) -> int:
         return self.text.rfind(_LINE_FEED, 0, self.edited.caret) + 1
 
-    def _line_end(self) -> int:
+    def _find_line_end(self) -> int:
         end = self.text.find(_LINE_FEED, self.edited.caret)
         return len(self.text) if end < 0 else end
 
@@ -151,15 +162,15 @@ class TextEditor:
     def select_word(self, position: int) -> None:
         """Select the word at a position, as a double click does."""
         begin = end = position
-        while begin > 0 and _is_of_word(self.text[begin - 1]):
+        while begin > 0 and _belongs_to_word(self.text[begin - 1]):
             begin -= 1
-        while end < len(self.text) and _is_of_word(self.text[end]):
+        while end < len(self.text) and _belongs_to_word(self.text[end]):
             end += 1
         self._is_typing = False
         self.edited = replace(self.edited, caret=end, anchor=begin)
 
     def cut(self) -> str:
-        """Remove the selected text and return it."""
+        """Remove the selected text and return it; "" if nothing is selected."""
         text = self.edited.selected_text
         if text:
             self._delete(self.edited.caret)
@@ -173,15 +184,16 @@ class TextEditor:
         """Redo the change that was undone last."""
         self._restore(self._redo, self._undo)
 
-    def _restore(self, source: list[EditedText], other: list[EditedText]) -> None:
-        if source:
-            other.append(self.edited)
-            self.edited = source.pop()
+    def _restore(self, history: list[EditedText], opposite_history: list[EditedText]) -> None:
+        """Return to the latest text of a history, and keep the present text in the opposite history."""
+        if history:
+            opposite_history.append(self.edited)
+            self.edited = history.pop()
             self.changes.add("undone")
             self._is_typing = False
 
     def _apply_change(self, edited: EditedText, change: TextChange) -> None:
-        """Replace the text, after keeping the old one for undo unless typing goes on."""
+        """Replace the text, and keep the old one for undo, except between letters typed one after the other."""
         is_letter = change == "typed" and len(edited.text) == len(self.text) + 1
         if not (is_letter and self._is_typing):
             self._undo = [*self._undo[1 - _MAX_UNDO :], self.edited]
@@ -191,28 +203,29 @@ class TextEditor:
         self.edited = edited
 
 
-def _is_of_word(letter: str) -> bool:
+def _belongs_to_word(letter: str) -> bool:
+    """Return whether a character is part of a word: a letter, a digit, a combining mark or an underscore."""
     return letter.isalnum() or letter == "_" or unicodedata.category(letter).startswith("M")
 
 
-def _extends_letter(text: str, at: int) -> bool:
+def _extends_letter(text: str, position: int) -> bool:
     """Return whether the code point at a position is a mark on the letter before it, or is joined to that letter."""
-    letter = text[at]
+    letter = text[position]
     is_mark = unicodedata.category(letter).startswith("M") or letter in (_JOINER, "\N{VARIATION SELECTOR-16}")
-    return is_mark or text[at - 1] == _JOINER
+    return is_mark or text[position - 1] == _JOINER
 
 
-def _find_next(text: str, at: int) -> int:
+def _find_next(text: str, position: int) -> int:
     """Return the position after the letter at a position and its combining marks."""
-    at = min(len(text), at + 1)
-    while at < len(text) and _extends_letter(text, at):
-        at += 1
-    return at
+    position = min(len(text), position + 1)
+    while position < len(text) and _extends_letter(text, position):
+        position += 1
+    return position
 
 
-def _find_previous(text: str, at: int) -> int:
-    """Return the position before the letter that ends at a position."""
-    at = max(0, at - 1)
-    while at > 0 and _extends_letter(text, at):
-        at -= 1
-    return at
+def _find_previous(text: str, position: int) -> int:
+    """Return the position before the letter, with its combining marks, that ends at a position."""
+    position = max(0, position - 1)
+    while position > 0 and _extends_letter(text, position):
+        position -= 1
+    return position

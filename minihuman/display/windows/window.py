@@ -42,7 +42,10 @@ class Window(abc.ABC):
 
     @abc.abstractmethod
     def facts(self) -> dict[str, str]:
-        """Return toolkit, version, display size, refresh rate and how keys are identified, but no personal names."""
+        """Return facts for the log: toolkit, version, display size, refresh rate, and how keys are identified.
+
+        The facts must not contain names of persons.
+        """
 
     def open_gamepad(self) -> dict[str, str]:
         """Receive inputs of a gamepad from now on; return its name, axes, dead zone and polling rate for the log.

@@ -20,7 +20,7 @@ SERVER_TIME = "X server's event time, to 1 ms"
 ON_RECEIPT = "on receipt: late by as long as a picture takes to draw"
 
 _NS_PER_MS = 1_000_000
-_TICKS = 1 << 32  # the server's milliseconds start again there, every 50 days
+_TICKS = 1 << 32  # the server's milliseconds start again at 0 after so many, every 50 days
 _OLDEST_MS = 60_000  # an older stamp cannot be correct
 _EVENT_TIMEOUT_S = 0.002  # the server tells us and the toolkit at once
 _MAX_KEY_TIMES = 4096
@@ -108,17 +108,19 @@ class _Event(ctypes.Union):
 
 
 def convert_server_time(server_ms: int, clock: Clock) -> int:
-    """Return the session time of an event that the server stamped: never early, and at most a millisecond late.
+    """Return the session time in nanoseconds of an event that the X server stamped with a time in milliseconds.
 
-    For a stamp that cannot be correct (in the future, or over a minute old), return the present time.
+    It is never early, and at most a millisecond late. For a stamp that cannot be correct (in the future, or over a
+    minute old), return the present time.
     """
     now_ns = clock()
     monotonic_ns = time.monotonic_ns()
     age_ms = (monotonic_ns // _NS_PER_MS - server_ms) % _TICKS
     if age_ms > _OLDEST_MS:
         return now_ns
-    begun_ns = monotonic_ns - monotonic_ns % _NS_PER_MS - age_ms * _NS_PER_MS
-    return now_ns - max(0, monotonic_ns - begun_ns - _NS_PER_MS)
+    # The event happened within the millisecond that the stamp names; the end of that millisecond is never early.
+    stamped_ns = monotonic_ns - monotonic_ns % _NS_PER_MS - age_ms * _NS_PER_MS
+    return now_ns - max(0, monotonic_ns - stamped_ns - _NS_PER_MS)
 
 
 class _Server:
@@ -135,7 +137,7 @@ class _Server:
         if not self._display:
             raise OSError("no X server is available")
         self._root = self._x.XDefaultRootWindow(self._display)
-        if not self._same_clock():
+        if not self._has_session_clock():
             self.close()
             raise OSError(
                 "the X server's clock is not this machine's, so it cannot time key presses; "
@@ -175,12 +177,12 @@ class _Server:
             ("XGetInputFocus", ctypes.c_int, display, ctypes.POINTER(window), ctypes.POINTER(ctypes.c_int)),
         )  # fmt: skip
         for name, returns, *takes in functions:
-            function = self._x[name]  # a function object of our own: others in this process declare theirs
+            function = self._x[name]  # a new object, so that declarations elsewhere in this process stay as they are
             function.restype = returns
             function.argtypes = takes
             setattr(self._x, name, function)
 
-    def _same_clock(self) -> bool:
+    def _has_session_clock(self) -> bool:
         """Return whether the server's stamp of an event lies between the session's times before and after it."""
         window = self._x.XCreateSimpleWindow(self._display, self._root, 0, 0, 1, 1, 0, 0, 0)
         self._x.XSelectInput(self._display, window, _PROPERTY_CHANGE_MASK)
@@ -229,20 +231,21 @@ def _match_moves(keys: Sequence[tuple[str, bool]], recorded: Sequence[_Move]) ->
 
     Each is the latest matching event before that of the following key event.
     """
-    places: list[int | None] = []
+    newest_first: list[int | None] = []
     end = len(recorded)
     for key_move in reversed(keys):
-        place = _find_last_move(key_move, recorded[:end])
-        if place is not None:
-            end = place
-        places.append(place)
-    return places[::-1]
+        index = _find_last_move(key_move, recorded[:end])
+        if index is not None:
+            end = index
+        newest_first.append(index)
+    return newest_first[::-1]
 
 
 def _find_last_move(key_move: tuple[str, bool], recorded: Sequence[_Move]) -> int | None:
-    for place in range(len(recorded) - 1, -1, -1):
-        if (recorded[place].key, recorded[place].down) == key_move:
-            return place
+    """Return the index of the latest recorded press or release that matches a key event; None if there is none."""
+    for index in range(len(recorded) - 1, -1, -1):
+        if (recorded[index].key, recorded[index].down) == key_move:
+            return index
     return None
 
 
@@ -287,14 +290,14 @@ class X11InputRecord(_Server):
             self._wait_for_events()
         recorded = list(self._moves)
         matches = _match_moves(keys, recorded)
-        last = max((place for place in matches if place is not None), default=-1)
+        last = max((index for index in matches if index is not None), default=-1)
         self._moves = deque(recorded[last + 1 :], maxlen=_MAX_KEY_TIMES)
         moves: list[KeyMove] = []
-        for (key, down), place in zip(keys, matches, strict=True):
-            if place is None:
+        for (key, down), index in zip(keys, matches, strict=True):
+            if index is None:
                 moves.append(self._describe_unrecorded(key, down))
             else:
-                moves.append(self._describe_recorded(recorded[place]))
+                moves.append(self._describe_recorded(recorded[index]))
         return moves
 
     def _describe_recorded(self, move: _Move) -> KeyMove:
@@ -308,7 +311,10 @@ class X11InputRecord(_Server):
         return KeyMove(None, True)
 
     def is_press_in_window(self, key: str, server_ms: int) -> bool:
-        """Return whether a press that a window received was made in it; a repeat counts like its first press."""
+        """Return whether a press that a window received at a time of the server was made while it had the focus.
+
+        A repeat counts like the first press. A press that the server did not report counts as made in the window.
+        """
         self._read_events()
         if not any(move.server_ms == server_ms for move in self._presses[key]):
             self._wait_for_events()
@@ -331,7 +337,7 @@ class X11InputRecord(_Server):
         self._read_events()
         codes = {name: code for code, name in self._positions.items()}
         keycode = 0
-        for name in ("LVL3", "ALGR", "RALT"):  # LVL3 is no key of a keyboard's: it says AltGr on every layout
+        for name in ("LVL3", "ALGR", "RALT"):  # the last that exists; "LVL3" is no real key and types AltGr everywhere
             keycode = codes.get(name, keycode)
         return self._x.XkbKeycodeToKeysym(self._display, keycode, 0, 0) in _ALT_GRAPH_KEYSYMS
 
@@ -371,7 +377,7 @@ class X11InputRecord(_Server):
         self._x.XFlush(self._display)
 
     def _watch_focus(self, window: int) -> None:
-        """Record focus changes of a window from now on; keys that are down now count as pressed before."""
+        """Record focus changes of a window from now on; keys that are down now count as pressed before the focus."""
         self._x.XSelectInput(self._display, window, _FOCUS_CHANGE_MASK)
         keys_down = (ctypes.c_ubyte * (_KEYCODES // 8))()
         self._x.XQueryKeymap(self._display, keys_down)
@@ -423,7 +429,10 @@ class X11InputRecord(_Server):
         return None
 
     def _change_focus(self, event: "_Focus") -> None:
-        """Record a focus change; while a window manager grabs the keyboard, typed keys belong to the manager."""
+        """Record whether the window got or lost the focus; keys that are down when it gets it were pressed elsewhere.
+
+        A window manager that grabs the keyboard takes the focus, too, and the keys typed then are its own.
+        """
         if event.detail in _FOCUS_DETAILS_OF_OTHERS:
             return
         self._focused = self._focus_is_new = event.type == _FOCUS_IN

@@ -1,9 +1,9 @@
-"""How a policy's outputs become actions: one of several by number, or a vector from a diagonal Gaussian.
+"""Distributions of actions given a policy's outputs: of numbered actions, or of vectors (a diagonal Gaussian).
 
-The outputs for numbered actions are their log-probabilities. Those for vectors are the means of the components,
+The outputs for numbered actions are their log-probabilities. The outputs for vectors are the means of the components,
 followed by the logarithms of their standard deviations, which do not depend on the observation. A drawn vector is not
-squashed: worlds take it clipped to the bounds of their action space, and its log-probability is that of the vector
-before it was clipped, as in Stable-Baselines3.
+squashed: it is clipped to the bounds of a world's action space, and its log-probability is that of the vector before
+clipping, as in Stable-Baselines3.
 """
 
 import abc
@@ -19,7 +19,7 @@ _LOG_SQRT_TAU = 0.5 * math.log(math.tau)
 
 
 class ActionDistribution(abc.ABC):
-    """The distribution of actions that a policy's outputs, float32[batch, outputs], stand for."""
+    """A kind of distribution of actions, whose parameters are a policy's outputs, float32[batch, outputs]."""
 
     @abc.abstractmethod
     def draw(self, outputs: torch.Tensor, generator: torch.Generator | None = None) -> torch.Tensor:
@@ -72,12 +72,12 @@ class GaussianActions(ActionDistribution):
 
 
 def is_vector_space(space: spaces.Space[Any]) -> bool:
-    """Return whether actions are vectors that a Gaussian policy can draw: a Box of one dimension with fractions."""
+    """Return whether a space has vectors that a Gaussian policy can draw: a Box of one dimension, of floats."""
     return isinstance(space, spaces.Box) and len(space.shape) == 1 and space.dtype.kind == "f"
 
 
 def clip_actions(space: spaces.Space[Any], actions: NDArray[Any]) -> NDArray[Any]:
-    """Return actions, one a row, within the bounds of a world's action space; numbered ones as they are."""
+    """Return actions, one per row, clipped to the bounds of a world's action space; numbered actions are unchanged."""
     if isinstance(space, spaces.Box):
         clipped: NDArray[Any] = np.clip(actions, space.low, space.high).astype(space.dtype)
         return clipped

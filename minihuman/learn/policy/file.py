@@ -71,8 +71,8 @@ class PolicyCard:
 def get_versions() -> dict[str, str]:
     """Return the versions of the packages on which a policy's results depend."""
     packages = ("torch", "stable-baselines3", "gymnasium", "numpy")
-    ours = {"python": platform.python_version(), "minihuman": __version__}  # a checkout need not be installed
-    return ours | {name: version(name) for name in packages}
+    versions = {"python": platform.python_version(), "minihuman": __version__}  # a checkout need not be installed
+    return versions | {name: version(name) for name in packages}
 
 
 def save_policy(policy: BasePolicy, card: PolicyCard, path: Path) -> None:
@@ -86,7 +86,7 @@ def load_policy(path: Path) -> tuple[Policy, PolicyCard]:
     """Read a policy file; return the policy, ready to act on the CPU, and its card.
 
     Raises:
-        LearnError: if the file is missing or is not a policy file of minihuman.
+        LearnError: if the file is missing or is not a policy file of minihuman, or its weights do not fit its card.
     """
     content = read_policy_file(path)
     card = _read_card(content, path)
@@ -99,12 +99,12 @@ def load_policy(path: Path) -> tuple[Policy, PolicyCard]:
                 card.eyes,
                 memory=card.memory,
                 hidden=card.hidden,
-                initial_std=1.0 if card.is_continuous else None,  # the file has its own
+                initial_std=1.0 if card.is_continuous else None,  # replaced by the weights of the file
             )
             policy.load_state_dict(weights)
             policy.set_training_mode(False)
             return policy, card
-    except (ArithmeticError, AssertionError, RuntimeError, TypeError, ValueError) as error:  # of shapes of any size
+    except (ArithmeticError, AssertionError, RuntimeError, TypeError, ValueError) as error:  # for impossible shapes
         problem = (str(error).splitlines() or [type(error).__name__])[0]
     raise LearnError(
         f"{path}: the weights do not fit the network that its model card describes ({problem}); train it again"
@@ -114,14 +114,14 @@ def load_policy(path: Path) -> tuple[Policy, PolicyCard]:
 def _find_misfit(card: PolicyCard, weights: Any) -> str | None:
     """Return the reason why weights do not fit the network that a card describes; None if they fit.
 
-    No network is built, since a card can name one of any size.
+    The network is not built in memory, since a card from elsewhere can describe one of any size.
     """
     if not isinstance(weights, dict) or not weights:
         return f"weights is a {type(weights).__name__}"
-    for name, value in weights.items():
-        if not isinstance(name, str) or not _is_plain_tensor(value):
+    for name, tensor in weights.items():
+        if not isinstance(name, str) or not _is_plain_tensor(tensor):
             return f"{name!r} is not a tensor of finite 32-bit floats"
-    if sum(value.numel() for value in weights.values()) > MAX_VALUES:
+    if sum(tensor.numel() for tensor in weights.values()) > MAX_VALUES:
         return f"more than {MAX_VALUES} weights"
     if not card.hidden or len(card.hidden) > MAX_LAYERS or not all(1 <= size <= MAX_UNITS for size in card.hidden):
         return f"layers of {card.hidden} units"
@@ -129,7 +129,7 @@ def _find_misfit(card: PolicyCard, weights: Any) -> str | None:
         return f"an image of {' x '.join(map(str, card.image_shape))}"
     with torch.device("meta"):
         extractor = MissionImageExtractor(card.observation_space, card.eyes).state_dict()
-    shapes = {f"features_extractor.{name}": tuple(value.shape) for name, value in extractor.items()}
+    shapes = {f"features_extractor.{name}": tuple(tensor.shape) for name, tensor in extractor.items()}
     shapes[f"{ACTOR_HEAD}bias"] = (len(card.action_names),)
     if card.is_continuous:
         shapes["log_std"] = (len(card.action_names),)
@@ -142,12 +142,13 @@ def _find_misfit(card: PolicyCard, weights: Any) -> str | None:
     return None
 
 
-def _is_plain_tensor(value: Any) -> bool:
+def _is_plain_tensor(candidate: Any) -> bool:
+    """Return whether an object is a dense tensor of finite float32 on the CPU, of limited size."""
     return (
-        isinstance(value, torch.Tensor)
-        and (value.dtype, value.layout, value.device.type) == (torch.float32, torch.strided, "cpu")
-        and value.numel() <= MAX_VALUES
-        and bool(torch.isfinite(value).all())
+        isinstance(candidate, torch.Tensor)
+        and (candidate.dtype, candidate.layout, candidate.device.type) == (torch.float32, torch.strided, "cpu")
+        and candidate.numel() <= MAX_VALUES
+        and bool(torch.isfinite(candidate).all())
     )
 
 
@@ -191,6 +192,11 @@ def _require_small_archive(path: Path) -> None:
 
 
 def _read_card(content: dict[str, Any], path: Path) -> PolicyCard:
+    """Return the card in a policy file's content; the path is for the error.
+
+    Raises:
+        LearnError: if the card is missing or not valid.
+    """
     try:
         return msgspec.convert(content.get("card"), PolicyCard)
     except (msgspec.ValidationError, RecursionError) as error:
@@ -199,28 +205,28 @@ def _read_card(content: dict[str, Any], path: Path) -> PolicyCard:
         ) from None
 
 
-def save_atomically(value: Any, path: Path) -> None:
+def save_atomically(content: Any, path: Path) -> None:
     """Write a file with ``torch.save`` so that a crash leaves either the old file or the complete new one.
 
     Raises:
         OSError: if the file cannot be written; the error names ``path``.
     """
-    content = io.BytesIO()  # a disk that is full is a RuntimeError to torch
-    torch.save(value, content)
+    buffer = io.BytesIO()  # not the file itself: torch reports a full disk as a RuntimeError
+    torch.save(content, buffer)
     with replace_durably(path, path.with_name(path.name + UNFINISHED_SUFFIX)) as file:
-        file.write(content.getbuffer())
+        file.write(buffer.getbuffer())
 
 
 def read_checkpoint(checkpoint: Path) -> dict[str, Any]:
     """Return the content of a checkpoint: tensors and plain values.
 
     Raises:
-        LearnError: if another version wrote the checkpoint; the file is left as it is.
+        LearnError: if the file cannot be read, such as one that another version wrote; the file is left as it is.
     """
     try:
         # weights_only: a study's folder from elsewhere must not be able to run code
         saved: dict[str, Any] = torch.load(checkpoint, map_location="cpu", weights_only=True)
-    except Exception as error:  # unpickling raises whatever it likes
+    except Exception as error:  # unpickling can raise any exception
         raise LearnError(
             f"checkpoint {checkpoint} cannot be read ({type(error).__name__}); "
             "resume with the version that wrote it, or move the file away to start again"

@@ -23,10 +23,7 @@ EncoderName = Literal["grid", "atari", "map", "codes", "near", "planes", "cells"
 
 MISSION_FEATURES = 32
 IMAGE_FEATURES = 64
-
-# Kinds, colours and states of a grid's cell that are told apart.
-CODES = (11, 6, 3)
-
+CODES = (11, 6, 3)  # the numbers of kinds, colours and states that a grid's cell can have
 ACTOR_HEAD = "action_net."
 
 
@@ -98,9 +95,9 @@ class PlaneEncoder(nn.Sequential):
 class CodeEncoder(nn.Module):
     """An image encoder for spread grid codes: the kind, colour and state of each cell, and two linear layers.
 
-    The layers have 128 and 64 units. The first adds up its rows of weights for the codes that a cell has, as a linear
-    layer of their one-hot numbers would. On grids of some ten cells on a side, this encoder takes a tenth of the time
-    of convolutions and learns more from few steps.
+    The layers have 128 and 64 units. The first layer adds up the weights of the codes that the cells have, which is a
+    linear layer of one-hot codes. On grids of about ten cells on a side, this encoder takes a tenth of the time of
+    convolutions and learns more from few steps.
     """
 
     sizes: ClassVar[tuple[int, int, int]] = CODES  # the numbers of kinds, colours and states
@@ -115,9 +112,9 @@ class CodeEncoder(nn.Module):
         self.layers = self._layers(space)
 
     def _number_inputs(self, space: spaces.Box) -> torch.Tensor:
-        """Return the number of the input of each channel's and cell's code 0, int64[3, rows, columns].
+        """Return the number of the first layer's input for code 0 of each channel and cell, int64[3, rows, columns].
 
-        Inputs are in the order of the flattened one-hot kinds of all cells, then colours, then states.
+        The inputs for the kinds of all cells come first, then those for their colours, then those for their states.
         """
         _, height, width = space.shape
         cells = torch.arange(height * width).view(height, width)
@@ -131,25 +128,25 @@ class CodeEncoder(nn.Module):
 
     def forward(self, image: torch.Tensor) -> torch.Tensor:
         """Return features float32[batch, 64] of spread codes: uint8, or floats in 0 to 1."""
-        first, *rest = self.layers
+        first, *later_layers = self.layers
         assert isinstance(first, nn.Linear)
         inputs = (self._read_codes(image).long() + self.offsets).flatten(1)
         features: torch.Tensor = InputLookup.apply(inputs, first.weight, first.bias)  # type: ignore[no-untyped-call]
-        for layer in rest:
+        for layer in later_layers:
             features = layer(features)
         return features
 
     def _read_codes(self, image: torch.Tensor) -> torch.Tensor:
-        """Return the codes of an image, uint8[batch, 3, rows, columns]."""
+        """Return the codes uint8[batch, 3, rows, columns] of an image of spread codes: uint8, or floats in 0 to 1."""
         if image.dtype != torch.uint8:
             image = (image * 255).round_().to(torch.uint8)
         return torch.div(image, self.spread, rounding_mode="floor")
 
 
 class InputLookup(torch.autograd.Function):
-    """A linear layer of inputs that are 0 or 1, given by the numbers of those that are 1.
+    """A linear layer whose inputs are 0 or 1 and are given by the numbers of the inputs that are 1.
 
-    Forward and backward, it computes with the inputs that are 1 anywhere in the batch, a quarter of a grid view's.
+    Both passes skip the inputs that are 0 in the whole batch, which are three quarters of a grid view's.
     """
 
     @staticmethod
@@ -173,9 +170,9 @@ class InputLookup(torch.autograd.Function):
 
 
 class CellEncoder(CodeEncoder):
-    """`CodeEncoder` for codes as they are, not spread: all 16 kinds, 8 colours and 4 states that a cell can have.
+    """`CodeEncoder` for codes that are not spread: all 16 kinds, 8 colours and 4 states that a cell can have.
 
-    For worlds with kinds of their own, and for teams, whose bodies have directions.
+    It serves worlds that define their own kinds, and team worlds, whose bodies have directions.
     """
 
     sizes = (16, 8, 4)
@@ -202,7 +199,7 @@ class LocalCodeEncoder(CodeEncoder):
 
 
 class LocalCellEncoder(LocalCodeEncoder):
-    """`LocalCodeEncoder` for codes as they are, like `CellEncoder`."""
+    """`LocalCodeEncoder` for codes that are not spread, like `CellEncoder`."""
 
     sizes = (16, 8, 4)
     factors = (1, 1, 1)
@@ -256,7 +253,7 @@ class MissionImageExtractor(BaseFeaturesExtractor):
         """Return features float32[batch, 64 or 96]."""
         image = observation["image"]
         if not isinstance(self.image, CodeEncoder):
-            # a third faster on the CPU, the same numbers
+            # the same results, in a third less time on the CPU
             image = image.contiguous(memory_format=torch.channels_last)
         features: torch.Tensor = self.image(image)
         if self.mission is None:
@@ -275,7 +272,7 @@ class Policy(MultiInputActorCriticPolicy):
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
         self.memory: nn.GRUCell | None = None
-        self._hidden = torch.zeros(1, self.features_dim)  # what is remembered of the episode that is played
+        self._hidden = torch.zeros(1, self.features_dim)  # the memory of the current episode
 
     def forward(
         self,
@@ -283,7 +280,7 @@ class Policy(MultiInputActorCriticPolicy):
         deterministic: bool = False,
     ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         """Draw actions; return actions int64[batch], values float32[batch, 1] and log-probabilities float32[batch]."""
-        log_probs, values = self.think(obs)
+        log_probs, values = self.compute_outputs(obs)
         if deterministic:
             actions = log_probs.argmax(dim=1, keepdim=True)
         else:
@@ -295,78 +292,80 @@ class Policy(MultiInputActorCriticPolicy):
         obs: dict[str, torch.Tensor],  # type: ignore[override]
         actions: torch.Tensor,
     ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        """Return the values of states, the log-probabilities of actions, and the entropy of each distribution."""
-        log_probs, values = self.think(obs)
+        """Return the values of states, the log-probabilities of actions, and each distribution's entropy in nats."""
+        log_probs, values = self.compute_outputs(obs)
         chosen = log_probs.gather(1, actions.long().unsqueeze(1)).squeeze(1)
         return values, chosen, -(log_probs.exp() * log_probs).sum(dim=1)
 
     def probabilities(self, observation: Observation) -> torch.Tensor:
         """Return the probability float32[actions] of each action for one observation."""
-        return self.think_of(observation)[0].exp()
+        return self.compute_single_outputs(observation)[0].exp()
 
     def log_probabilities(self, obs: dict[str, torch.Tensor]) -> torch.Tensor:
         """Return the log-probability float32[batch, actions] of each action, with gradients."""
-        return self.think(obs)[0]
+        return self.compute_outputs(obs)[0]
 
-    def think(self, obs: dict[str, torch.Tensor]) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return log-probabilities float32[batch, actions] and values float32[batch, 1], with gradients."""
-        return self._judge(self._extract_features(obs))
+    def compute_outputs(self, obs: dict[str, torch.Tensor]) -> tuple[torch.Tensor, torch.Tensor]:
+        """Return log-probabilities float32[batch, actions] and values float32[batch, 1] of states, with gradients."""
+        return self._compute_heads(self._extract_features(obs))
 
-    def think_of(self, observation: Observation) -> tuple[torch.Tensor, torch.Tensor]:
+    def compute_single_outputs(self, observation: Observation) -> tuple[torch.Tensor, torch.Tensor]:
         """Return log-probabilities float32[actions] and the value float32[1] for one observation, without gradients.
 
-        A policy with a memory remembers the observation: call this once per step, and call `forget` when an episode
-        begins.
+        A policy with a memory remembers the observation: call this method once per step, and call `forget` when an
+        episode begins.
         """
         with torch.no_grad():
             obs = {name: torch.as_tensor(part)[None] for name, part in observation.items()}
-            log_probs, values, self._hidden = self.think_on(obs, self._hidden, torch.zeros(1))
+            log_probs, values, self._hidden = self.compute_step_outputs(obs, self._hidden, torch.zeros(1))
         return log_probs[0], values[0]
 
     def forget(self) -> None:
         """Clear the memory at the beginning of an episode."""
         self._hidden = torch.zeros(1, self.features_dim)
 
-    def think_on(
+    def compute_step_outputs(
         self, obs: dict[str, torch.Tensor], hidden: torch.Tensor, starts: torch.Tensor
     ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        """Return log-probabilities, values and the new memory for one step of several episodes.
+        """Return the distribution's outputs, the values and the new memory for one step of several episodes.
 
         Args:
-            obs: the observations of the step
+            obs: the observations of the step, one row per episode
             hidden: the memory float32[batch, features]; returned unchanged by a policy without a memory
-            starts: 1.0 where an episode begins, float32[batch]
+            starts: float32[batch], 1.0 where an episode begins, so that its memory is cleared
         """
         features = self._extract_features(obs)
         if self.memory is not None:
             features = hidden = self.memory(features, hidden * (1 - starts)[:, None])
-        return *self._judge(features), hidden
+        return *self._compute_heads(features), hidden
 
-    def think_through(
+    def compute_sequence_outputs(
         self, obs: dict[str, torch.Tensor], hidden: torch.Tensor, starts: torch.Tensor
     ) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return log-probabilities and values for consecutive steps, with steps and batch flattened into one dimension.
+        """Return the distribution's outputs and the values for consecutive steps of several episodes.
 
-        Observations are float32 or uint8[steps, batch, ...]. Gradients flow through the memory.
+        Observations are [steps, batch, ...], ``starts`` is [steps, batch], and the results have steps * batch rows.
+        Gradients flow through the memory.
         """
         features = self._extract_features({name: part.flatten(0, 1) for name, part in obs.items()})
         if self.memory is not None:
             hidden_states = []
-            for now, start in zip(features.view(*starts.shape, -1), starts, strict=True):
-                hidden = self.memory(now, hidden * (1 - start)[:, None])
+            for step_features, step_starts in zip(features.view(*starts.shape, -1), starts, strict=True):
+                hidden = self.memory(step_features, hidden * (1 - step_starts)[:, None])
                 hidden_states.append(hidden)
             features = torch.cat(hidden_states)
-        return self._judge(features)
+        return self._compute_heads(features)
 
     def _extract_features(self, obs: dict[str, torch.Tensor]) -> torch.Tensor:
-        """Return the features of observations; pictures are scaled to 0 to 1, codes of cells are read as they are."""
+        """Return the features float32[batch, features] of observations, after scaling pictures in uint8 to 0 to 1."""
         image = obs["image"]
         if image.dtype == torch.uint8 and not isinstance(self.features_extractor.image, CodeEncoder):
             image = image.float().div_(255)
         features: torch.Tensor = self.features_extractor({**obs, "image": image})
         return features
 
-    def _judge(self, features: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    def _compute_heads(self, features: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Return the distribution's outputs float32[batch, outputs] and the values float32[batch, 1] for features."""
         logits = self.action_net(self.mlp_extractor.policy_net(features))
         return torch.log_softmax(logits, dim=1), self.value_net(self.mlp_extractor.value_net(features))
 
@@ -376,14 +375,14 @@ class GaussianPolicy(Policy):
 
     distribution = GaussianActions()
 
-    def _judge(self, features: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    def _compute_heads(self, features: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         means = self.action_net(self.mlp_extractor.policy_net(features))
         outputs = torch.cat((means, self.log_std.expand_as(means)), dim=1)
         return outputs, self.value_net(self.mlp_extractor.value_net(features))
 
 
 def get_policy_settings(eyes: EncoderName, hidden: tuple[int, ...] = (64, 64)) -> dict[str, object]:
-    """Return keyword arguments for Stable-Baselines3: the layers of actor and critic have tanh units."""
+    """Return Stable-Baselines3's keyword arguments for a `Policy`; ``hidden`` are the sizes of its tanh layers."""
     return {
         "features_extractor_class": MissionImageExtractor,
         "features_extractor_kwargs": {"eyes": eyes},
@@ -403,7 +402,7 @@ def build_policy(
     hidden: tuple[int, ...] = (64, 64),
     initial_std: float | None = None,
 ) -> Policy:
-    """Build a policy on the CPU; with an ``initial_std``, ``actions`` is the number of components of a vector."""
+    """Build a policy with fresh weights on the CPU; with ``initial_std``, an action is a vector of size ``actions``."""
     settings: dict[str, Any] = get_policy_settings(eyes, hidden)
     if initial_std is None:
         policy = Policy(observation_space, spaces.Discrete(actions), lambda _: 3e-4, **settings)
@@ -411,7 +410,7 @@ def build_policy(
         settings["log_std_init"] = math.log(initial_std)
         policy = GaussianPolicy(observation_space, spaces.Box(-1.0, 1.0, (actions,)), lambda _: 3e-4, **settings)
     if memory:
-        policy.memory = nn.GRUCell(policy.features_dim, policy.features_dim)  # of the steps of an episode
+        policy.memory = nn.GRUCell(policy.features_dim, policy.features_dim)
     return policy
 
 
@@ -419,14 +418,14 @@ ForwardPass = tuple[torch.Tensor, torch.Tensor]  # logits float32[actions], valu
 
 
 def make_forward(policy: Policy) -> Callable[[Observation], ForwardPass]:
-    """Return a function that computes a policy's forward pass for one observation, on the CPU.
+    """Return a function that computes the logits and the value for one observation, fast and on the CPU.
 
     The function uses the policy's present weights, so make it again after an update. Encoders with padded convolutions,
     or without convolutions, are computed layer by layer.
     """
     features = policy.features_extractor
     assert isinstance(features, MissionImageExtractor)
-    see = _image_features(features.image)
+    compute_image_features = _make_image_encoder(features.image)
     mission = features.mission
     assert mission is None or isinstance(mission, nn.Linear)
     actor = policy.mlp_extractor.policy_net
@@ -436,36 +435,35 @@ def make_forward(policy: Policy) -> Callable[[Observation], ForwardPass]:
     assert isinstance(action_net, nn.Linear)
     assert isinstance(value_net, nn.Linear)
 
-    def think(observation: Observation) -> ForwardPass:
+    def compute_forward_pass(observation: Observation) -> ForwardPass:
         with torch.no_grad():
-            image_mission = see(torch.as_tensor(observation["image"]))
+            inputs = compute_image_features(torch.as_tensor(observation["image"]))
             if mission is not None:
-                image_mission = torch.cat((image_mission, _linear(mission, torch.as_tensor(observation["mission"]))))
-            return _linear(action_net, _tanh_layers(actor, image_mission)), _linear(
-                value_net, _tanh_layers(critic, image_mission)
-            )
+                inputs = torch.cat((inputs, _apply_linear(mission, torch.as_tensor(observation["mission"]))))
+            logits = _apply_linear(action_net, _apply_tanh_layers(actor, inputs))
+            return logits, _apply_linear(value_net, _apply_tanh_layers(critic, inputs))
 
-    return think
+    return compute_forward_pass
 
 
-def _image_features(eyes: nn.Module) -> Callable[[torch.Tensor], torch.Tensor]:
-    """Return a function that computes the features of an image uint8[channels, height, width]."""
+def _make_image_encoder(eyes: nn.Module) -> Callable[[torch.Tensor], torch.Tensor]:
+    """Return a function that encodes an image uint8[channels, height, width]; a convolution is one matrix product."""
     convolutions = [layer for layer in eyes.modules() if isinstance(layer, nn.Conv2d)]
     if not convolutions or any(layer.padding != (0, 0) for layer in convolutions):
         return lambda image: eyes(image[None].float() / 255)[0]
     (last,) = (layer for layer in eyes.modules() if isinstance(layer, nn.Linear))
-    # (rows x columns x channels, out), as patches lie in a picture of channels last; then side, stride and bias
+    # kernel [rows * columns * channels, outputs] in the order of a patch with channels last, side, stride and bias
     kernels = [
         (
             layer.weight.detach().permute(0, 2, 3, 1).reshape(layer.out_channels, -1).t(),
             int(layer.kernel_size[0]),
             int(layer.stride[0]),
-            _bias(layer),
+            _get_bias(layer),
         )
         for layer in convolutions
     ]
 
-    def see(image: torch.Tensor) -> torch.Tensor:
+    def encode(image: torch.Tensor) -> torch.Tensor:
         x = image.permute(1, 2, 0).to(torch.float32, memory_format=torch.contiguous_format).div_(255)
         height, width, channels = x.shape
         for kernel, side, stride, bias in kernels:
@@ -477,24 +475,24 @@ def _image_features(eyes: nn.Module) -> Callable[[torch.Tensor], torch.Tensor]:
             height = rows
             width = columns
             channels = len(bias)
-        return _linear(last, x.t().reshape(-1)).relu_()
+        return _apply_linear(last, x.t().reshape(-1)).relu_()
 
-    return see
+    return encode
 
 
-def _tanh_layers(layers: nn.Module, x: torch.Tensor) -> torch.Tensor:
+def _apply_tanh_layers(layers: nn.Module, x: torch.Tensor) -> torch.Tensor:
     for layer in layers.children():
         if isinstance(layer, nn.Linear):
-            x = _linear(layer, x)
+            x = _apply_linear(layer, x)
         else:
             x = x.tanh_()
     return x
 
 
-def _linear(layer: nn.Linear, x: torch.Tensor) -> torch.Tensor:
+def _apply_linear(layer: nn.Linear, x: torch.Tensor) -> torch.Tensor:
     return torch.addmv(layer.bias, layer.weight, x)
 
 
-def _bias(layer: nn.Conv2d) -> torch.Tensor:
+def _get_bias(layer: nn.Conv2d) -> torch.Tensor:
     assert layer.bias is not None
     return layer.bias.detach()

@@ -23,11 +23,11 @@ Scaling = Literal["spread", "raw"]
 ViewMode = Literal["view", "whole", "remembered"]
 REACH = 6  # cells that are remembered on each side of the agent
 
-# The largest object, colour and state codes of a grid cell are 10, 5 and 2: spread over 0 to 255 they are as far apart
-# as a picture's colours. "raw" leaves them in the darkest 4 %, where the published agent saw them.
+# Factors that spread the object, colour and state codes of a grid cell, at most 10, 5 and 2, over 0 to 255, so that
+# they differ as much as a picture's colours. "raw" leaves codes in the darkest 4 %, as in the published agent.
 SPREAD = (25, 51, 127)
 _CHANNELS = 3  # red, green and blue, or a cell's object, colour and state
-_QUARTER_TURNS = (3, 2, 1, 0)  # that bring what is ahead to the top, by direction
+_QUARTER_TURNS = (3, 2, 1, 0)  # by the agent's direction: the turns that bring the cells ahead of it to the top
 
 
 def encode_mission(mission: str) -> NDArray[np.float32]:
@@ -38,14 +38,14 @@ def encode_mission(mission: str) -> NDArray[np.float32]:
     """
     words = mission.lower().split()
     numbers = np.zeros(len(COLOURS) + len(KINDS), dtype=np.float32)
-    for offset, known in ((0, COLOURS), (len(COLOURS), KINDS)):
-        named = [known.index(word) for word in words if word in known]
-        if len(named) != 1:
+    for offset, vocabulary in ((0, COLOURS), (len(COLOURS), KINDS)):
+        indices = [vocabulary.index(word) for word in words if word in vocabulary]
+        if len(indices) != 1:
             raise LearnError(
-                f"mission {mission!r} contains {len(named)} of the words {', '.join(known)}; it must contain exactly "
-                "one"
+                f"mission {mission!r} contains {len(indices)} of the words {', '.join(vocabulary)}; it must contain "
+                "exactly one"
             )
-        numbers[offset + named[0]] = 1
+        numbers[offset + indices[0]] = 1
     return numbers
 
 
@@ -80,8 +80,8 @@ class ObservationEncoder:
         Args:
             world: the world that is observed
             raw: the world's own observation
-            remembered: a flag for each cell that was in view before, indexed by x * height + y; only for the sight
-                "remembered"
+            remembered: for each cell whether it was in view before, indexed by x * height + y; needed only for the
+                sight "remembered"
         """
         if self.sight == "remembered":
             assert remembered is not None, "an EpisodeEncoder passes the remembered cells"
@@ -102,12 +102,16 @@ class ObservationEncoder:
         return observation
 
     def spreads(self, world: Any, raw: Any) -> bool:
-        """Return whether a world's observation ``raw`` is a grid's codes, not a picture, and they are spread."""
+        """Return whether a world's observation ``raw`` has a grid's codes, and these settings spread them."""
         has_codes = isinstance(raw, dict) or isinstance(getattr(world, "team", None), TeamGrid)
         return has_codes and self.scaling == "spread"
 
     def _image_shape(self, world: Any) -> tuple[int, int, int]:
-        """Return the shape of the encoded image in a world as channels, height and width."""
+        """Return the shape of the encoded image in a world as channels, height and width.
+
+        Raises:
+            LearnError: if the world has no image, or is not a grid although the sight is the whole grid.
+        """
         if self.sight != "view":
             if not isinstance(world, GridEngine):
                 raise LearnError(
@@ -117,20 +121,20 @@ class ObservationEncoder:
             if self.sight == "remembered":
                 side = min(side, 2 * REACH + 1)
             return _CHANNELS, side, side
-        inner = world.observation_space
-        if isinstance(inner, spaces.Dict) and "image" in inner.spaces:
-            picture = inner["image"]
+        world_space = world.observation_space
+        if isinstance(world_space, spaces.Dict) and "image" in world_space.spaces:
+            picture = world_space["image"]
         else:
-            picture = inner
+            picture = world_space
         shape = picture.shape if isinstance(picture, spaces.Box) else ()
         if isinstance(picture, spaces.Box) and len(shape) == 1 and picture.dtype == np.float32:
             return shape[0], 1, 1
-        has_planes = hasattr(world, "team")  # a kitchen's, of any number
+        has_planes = hasattr(world, "team")  # such as a kitchen's, with any number of channels
         has_channels = len(shape) == 3 and (shape[-1] == _CHANNELS or has_planes)
         if not has_channels:
             raise LearnError(
-                f"{world} has the observation space {inner}; choose a world whose observations contain an image with "
-                "three channels, or are one vector of float32"
+                f"{world} has the observation space {world_space}; choose a world whose observations contain an image "
+                "with three channels, or are one vector of float32"
             )
         height, width, channels = shape
         return channels, height, width
@@ -184,7 +188,7 @@ class EpisodeEncoder:
         return cells
 
     def restore(self, saved: NDArray[np.bool_] | None) -> None:
-        """Restore remembered cells that were saved in the same episode."""
+        """Restore the remembered cells that `save` returned in the same episode."""
         if saved is not None:
             self._memory.seen[:] = saved
 
@@ -215,7 +219,10 @@ def _codes(cells: Any) -> NDArray[np.uint8]:
 
 
 def _cut_surroundings(world: GridEngine, reach: int, codes: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return the cells of a grid within reach of the agent, turned so that the agent faces up; 0 outside the grid."""
+    """Return the codes of the cells up to ``reach`` cells from the agent on each side, turned so that it faces up.
+
+    Cells outside the grid are 0.
+    """
     state = world.state
     canvas = np.zeros((state.width + 2 * reach, state.height + 2 * reach, 3), np.uint8)
     canvas[reach : reach + state.width, reach : reach + state.height] = codes

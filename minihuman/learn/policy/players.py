@@ -17,7 +17,7 @@ from minihuman.learn.policy.network import Policy
 from minihuman.simulation.participant import KeyPress, SimulatedParticipant
 from minihuman.worlds.adapters.world import World
 
-DELAY_MS = 250.0
+DELAY_MS = 250.0  # from a picture to the press of a simulated participant
 
 
 class PolicyPlayer(SimulatedParticipant):
@@ -47,7 +47,7 @@ class PolicyPlayer(SimulatedParticipant):
         _require_world(path, card, plan, world)
         self._encoder = card.eyesight.episode_encoder()
         self._policy.forget()
-        key_of = {action: key for key, action in reversed(plan.key_map.keys.items())}
+        key_of = {action: key for key, action in reversed(plan.key_map.keys.items())}  # the first key of each action
         self._keys = [(n, key_of[name]) for n, name in enumerate(card.action_names) if name in key_of]
         if not self._keys:
             raise LearnError(
@@ -81,7 +81,7 @@ class PolicyAgent(BaseAgent):
         self._path = Path(argument)
         torch.set_num_threads(1)  # one observation at a time: more threads only wait for each other
         self._policy, self._card = load_policy(self._path)
-        self._places: list[int] = []  # the world's action for each of the policy's
+        self._world_actions: list[int] = []  # the world's number of each action of the policy
         self._encoder = self._card.eyesight.episode_encoder()
 
     def begin(self, plan: EpisodePlan, world: World) -> None:
@@ -99,18 +99,22 @@ class PolicyAgent(BaseAgent):
             )
         self._encoder = card.eyesight.episode_encoder()
         self._policy.forget()
-        self._places = [world.action_names.index(name) for name in card.action_names]
+        self._world_actions = [world.action_names.index(name) for name in card.action_names]
 
     def action_probabilities(self, world: World) -> NDArray[np.float32]:
         """Return the policy's probability of each of the world's actions; 0 for actions that the policy lacks."""
-        chances = np.zeros(len(world.action_names), np.float32)
+        probabilities = np.zeros(len(world.action_names), np.float32)
         observation = self._encoder.encode(world.unwrapped, world.observation)
-        chances[self._places] = self._policy.probabilities(observation).numpy()[: len(self._places)]
-        return chances
+        probabilities[self._world_actions] = self._policy.probabilities(observation).numpy()[: len(self._world_actions)]
+        return probabilities
 
 
 def _require_world(path: Path, card: PolicyCard, plan: EpisodePlan, world: World) -> None:
-    """Raise LearnError for a policy of another world, of continuous actions or of other observations."""
+    """Check that a policy can play the world of an episode.
+
+    Raises:
+        LearnError: if the policy was trained in another world, or with continuous actions or other observations.
+    """
     if card.is_continuous:
         raise LearnError(
             f"{path} has continuous actions; agents and simulated participants of a study choose numbered actions: "

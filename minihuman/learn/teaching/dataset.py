@@ -1,12 +1,11 @@
 """A teaching dataset: the observations and actions of agents and people, with people's ratings and comparisons.
 
-The module holds plain arrays and knows nothing of logs: `log_dataset` reads a dataset from a study, and a simulation
-makes one as it runs.
+A dataset is plain arrays, independent of logs: `log_dataset` reads it from a study, or a simulation makes it.
 """
 
 import hashlib
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal, get_args
 
@@ -18,7 +17,7 @@ from minihuman.errors import LearnError
 from minihuman.learn.policy.observation import Observation, ObservationEncoder
 
 Answer = Literal["left", "right", "equal", "cannot tell"]
-NO_QUERY = -1  # as a policy's action: none was there to be asked
+NO_QUERY = -1  # in place of a policy's action, at a step for which no policy was asked
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -30,9 +29,9 @@ class Lesson:
     seed: int  # of the world's reset
     observations: Observation  # image uint8[n, C, H, W], and mission float32[n, 9] where there is one
     actions: NDArray[np.int64]  # (n,) what was done
-    by_person: NDArray[np.bool_]  # (n,) who steered
+    by_person: NDArray[np.bool_]  # (n,) whether a person steered, not the agent
     policy_actions: NDArray[np.int64]  # (n,) what the policy would have done, or NO_QUERY
-    shown_ns: NDArray[np.int64]  # (n,) session time at which the picture was seen that the step answers
+    shown_ns: NDArray[np.int64]  # (n,) session time at which the picture before the step was displayed
     rewards: NDArray[np.float64]  # (n,) the world's own
     policy_probabilities: NDArray[np.float32] | None = None  # (n, actions); None where no policy was asked
     policy: str = ""  # SHA-256 of the policy's file; "" where there was none
@@ -84,7 +83,7 @@ class LessonRating:
 
     t_ns: int  # session time of the press
     value: float  # 1 for good, -1 for bad
-    lesson: str  # the lesson in progress at the press
+    lesson: str  # the name of the lesson in progress at the press
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,7 +121,7 @@ class Source:
 
     name: str  # "sub-01_ses-01"
     sha256: str  # of the finished file; "" while it is still being written, or where there is none
-    lessons: int  # how many of its episodes were taken: the first ones
+    lessons: int  # the number of its episodes in the dataset
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -132,14 +131,14 @@ class Dataset:
     world: str
     options: dict[str, Any]
     action_names: tuple[str, ...]  # by the policy's action number
-    most_steps: int  # that an episode is given
+    most_steps: int  # the largest step limit of an episode
     eyesight: ObservationEncoder
     space: spaces.Dict  # of one step's observation
     lessons: tuple[Lesson, ...] = ()
     ratings: tuple[LessonRating, ...] = ()
     comparisons: tuple[Comparison, ...] = ()
     sources: tuple[Source, ...] = ()
-    selection: tuple[str, ...] = field(default=())  # lines that say what counts and what was left out
+    selection: tuple[str, ...] = field(default=())  # lines that say which episodes are included, and which are not
 
     def __post_init__(self) -> None:
         """Check that ratings and comparisons refer to existing lessons and steps, and that every action has a name.
@@ -147,20 +146,15 @@ class Dataset:
         Raises:
             LearnError: if a reference or an action is invalid.
         """
-        steps = {lesson.name: len(lesson.actions) for lesson in self.lessons}
+        n_steps = {lesson.name: len(lesson.actions) for lesson in self.lessons}
         for rating in self.ratings:
-            if rating.lesson not in steps:
-                raise LearnError(
-                    f"a rating refers to lesson {rating.lesson!r}, which is not in the dataset; add that lesson"
-                )
+            _require_lesson(rating, n_steps)
         for comparison in self.comparisons:
-            for side in (comparison.left, comparison.right):
-                if not 0 <= side.first <= side.last < steps.get(side.lesson, 0):
-                    has = steps.get(side.lesson, 0)
-                    raise LearnError(
-                        f"a comparison refers to {side}, but lesson {side.lesson!r} has {has} steps; give steps that "
-                        "it has"
-                    )
+            _require_steps(comparison.left, n_steps)
+            _require_steps(comparison.right, n_steps)
+        self._require_named_actions()
+
+    def _require_named_actions(self) -> None:
         for lesson in self.lessons:
             if len(lesson.actions) and lesson.actions.max() >= len(self.action_names):
                 raise LearnError(
@@ -200,8 +194,8 @@ class Dataset:
         """Return a SHA-256 digest of all data that a learner can use; equal data have equal digests."""
         digest = hashlib.sha256()
         # These texts are the digest's format, which policy files rely on; they have the classes' earlier names.
-        sees = self.eyesight
-        eyesight = f"Eyesight(missions={sees.missions!r}, scaling={sees.scaling!r}, sight={sees.sight!r})"
+        settings = self.eyesight
+        eyesight = f"Eyesight(missions={settings.missions!r}, scaling={settings.scaling!r}, sight={settings.sight!r})"
         head = (self.world, self.options, self.action_names, self.most_steps, eyesight, repr(self.space))
         digest.update(json.dumps(head, sort_keys=True).encode())
         for lesson in self.lessons:
@@ -223,12 +217,28 @@ class Dataset:
         ratings = (
             f"Rating(t_ns={rating.t_ns!r}, value={rating.value!r}, lesson={rating.lesson!r})" for rating in self.ratings
         )
-        comparisons = map(_comparison_words, self.comparisons)
-        digest.update(f"({_tuple_words(ratings)}, {_tuple_words(comparisons)})".encode())
+        comparisons = map(_format_comparison, self.comparisons)
+        digest.update(f"({_format_tuple(ratings)}, {_format_tuple(comparisons)})".encode())
         return digest.hexdigest()
 
 
-def _comparison_words(comparison: Comparison) -> str:
+def _require_lesson(rating: LessonRating, n_steps: Mapping[str, int]) -> None:
+    """Raise LearnError if a rating refers to none of the lessons, whose numbers of steps are given by name."""
+    if rating.lesson not in n_steps:
+        raise LearnError(f"a rating refers to lesson {rating.lesson!r}, which is not in the dataset; add that lesson")
+
+
+def _require_steps(fragment: LessonFragment, n_steps: Mapping[str, int]) -> None:
+    """Raise LearnError if a fragment has steps that its lesson lacks; the numbers of steps are given by lesson."""
+    n_lesson_steps = n_steps.get(fragment.lesson, 0)
+    if not 0 <= fragment.first <= fragment.last < n_lesson_steps:
+        raise LearnError(
+            f"a comparison refers to {fragment}, but lesson {fragment.lesson!r} has {n_lesson_steps} steps; give steps "
+            "that it has"
+        )
+
+
+def _format_comparison(comparison: Comparison) -> str:
     """Return a comparison as text for the dataset's digest."""
     left, right = (
         f"Stretch(lesson={side.lesson!r}, first={side.first!r}, last={side.last!r})"
@@ -237,9 +247,9 @@ def _comparison_words(comparison: Comparison) -> str:
     return f"Comparison(left={left}, right={right}, answer={comparison.answer!r})"
 
 
-def _tuple_words(elements: Iterable[str]) -> str:
+def _format_tuple(elements: Iterable[str]) -> str:
     """Return texts in the notation of a Python tuple, in which a comma follows a single element."""
-    words = list(elements)
-    if len(words) == 1:
-        return f"({words[0]},)"
-    return f"({', '.join(words)})"
+    texts = list(elements)
+    if len(texts) == 1:
+        return f"({texts[0]},)"
+    return f"({', '.join(texts)})"

@@ -1,4 +1,4 @@
-"""The interface of learners, with what they share: resumable gradient updates and supervised fitting of steps.
+"""The interface of learners, and their common functions: resumable gradient updates and supervised fitting of steps.
 
 A learner takes a dataset and the previous policy and returns a better policy. Other packages register learners in the
 entry-point group `minihuman.learners`.
@@ -24,9 +24,10 @@ from minihuman.learn.policy.observation import get_image_shape
 from minihuman.learn.teaching.dataset import Dataset, Lesson
 from minihuman.plugins import make_plugin, read_settings
 
-SAVE_EVERY = 200  # updates
+SAVE_EVERY = 200  # updates between checkpoints
+_LOSS_WINDOW = 50  # the latest updates, over which the returned loss is a mean
 
-Loss = Callable[[torch.Generator], torch.Tensor]  # of one minibatch, which it draws
+Loss = Callable[[torch.Generator], torch.Tensor]  # returns the loss of a minibatch that it draws with the generator
 
 
 @contextlib.contextmanager
@@ -38,7 +39,7 @@ def seed_torch(rng: np.random.Generator) -> Iterator[None]:
 
 
 def minimise_loss(
-    parameters: nn.Module,
+    network: nn.Module,
     loss_of: Loss,
     rng: np.random.Generator,
     *,
@@ -54,7 +55,7 @@ def minimise_loss(
     """Minimise a loss with Adam until all updates are made or the time is up; make at least one update.
 
     Args:
-        parameters: the network to fit, in place
+        network: the network to fit, in place
         loss_of: a function that draws a minibatch with a given generator and returns its loss
         rng: the source of that generator's seed
         updates: the number of updates to make
@@ -71,7 +72,7 @@ def minimise_loss(
     Returns:
         The number of updates, including those before the checkpoint, and the mean loss of the last fifty updates.
     """
-    minimiser = _Minimiser(parameters, rng, learning_rate, weight_decay, averaged)
+    minimiser = _Minimiser(network, rng, learning_rate, weight_decay, averaged)
     if checkpoint is not None and checkpoint.exists():
         minimiser.resume(checkpoint)
     ends = time.monotonic() + budget_s
@@ -89,7 +90,7 @@ class _Minimiser:
     """A sequence of Adam updates of a network, which a checkpoint can save and resume.
 
     Args:
-        parameters: the network to fit, in place
+        network: the network to fit, in place
         rng: the source of the seed of the minibatches' generator
         learning_rate: the learning rate of Adam
         weight_decay: the weight decay of Adam
@@ -98,24 +99,24 @@ class _Minimiser:
 
     def __init__(
         self,
-        parameters: nn.Module,
+        network: nn.Module,
         rng: np.random.Generator,
         learning_rate: float,
         weight_decay: float,
         averaged: float,
     ) -> None:
         self.updates = 0
-        self._parameters = parameters
+        self._network = network
         self._learning_rate = learning_rate
         self._averaged = averaged
         self._optimiser = torch.optim.Adam(
-            parameters.parameters(), lr=learning_rate, weight_decay=weight_decay, fused=True
+            network.parameters(), lr=learning_rate, weight_decay=weight_decay, fused=True
         )
         self._generator = torch.Generator().manual_seed(int(rng.integers(2**63)))
-        self._losses: list[float] = []  # of the last fifty updates
+        self._losses: list[float] = []  # of the latest updates
         self._average: dict[str, torch.Tensor] = {}  # of the weights, by name; empty where they are not averaged
         if averaged:
-            self._average = {name: torch.zeros_like(values) for name, values in parameters.named_parameters()}
+            self._average = {name: torch.zeros_like(values) for name, values in network.named_parameters()}
 
     @property
     def mean_loss(self) -> float:
@@ -125,12 +126,12 @@ class _Minimiser:
         return float(np.mean(self._losses))
 
     def update(self, loss_of: Loss, *, most_norm: float, warm_up: int) -> None:
-        """Make one update."""
+        """Make one update with a loss; ``most_norm`` and ``warm_up`` are as in ``minimise_loss``."""
         loss = loss_of(self._generator)
         self._optimiser.zero_grad()
         loss.backward()  # type: ignore[no-untyped-call]
         if most_norm:
-            nn.utils.clip_grad_norm_(self._parameters.parameters(), most_norm)
+            nn.utils.clip_grad_norm_(self._network.parameters(), most_norm)
         if self.updates < warm_up:
             for group in self._optimiser.param_groups:
                 group["lr"] = self._learning_rate * (self.updates + 1) / warm_up
@@ -138,14 +139,15 @@ class _Minimiser:
         self.updates += 1
         with torch.no_grad():
             for name, average in self._average.items():
-                average.lerp_(self._parameters.get_parameter(name), 1 - self._averaged)
-        self._losses = [*self._losses[-49:], loss.item()]
+                average.lerp_(self._network.get_parameter(name), 1 - self._averaged)
+        self._losses = [*self._losses[1 - _LOSS_WINDOW :], loss.item()]
 
     def finish(self) -> None:
         """Replace the weights by their running average, if they are averaged."""
         with torch.no_grad():
             for name, average in self._average.items():
-                self._parameters.get_parameter(name).copy_(average / (1 - self._averaged**self.updates))
+                bias_correction = 1 - self._averaged**self.updates  # as in Adam, since the average starts at 0
+                self._network.get_parameter(name).copy_(average / bias_correction)
 
     def save(self, checkpoint: Path) -> None:
         """Write a checkpoint.
@@ -155,7 +157,7 @@ class _Minimiser:
         """
         save_atomically(
             {
-                "weights": self._parameters.state_dict(),
+                "weights": self._network.state_dict(),
                 "optimiser": self._optimiser.state_dict(),
                 "generator": self._generator.get_state(),
                 "updates": self.updates,
@@ -169,10 +171,10 @@ class _Minimiser:
         """Resume from a checkpoint.
 
         Raises:
-            LearnError: if another version wrote the checkpoint.
+            LearnError: if the checkpoint cannot be read, such as one that another version wrote.
         """
         saved = read_checkpoint(checkpoint)
-        self._parameters.load_state_dict(saved["weights"])
+        self._network.load_state_dict(saved["weights"])
         self._optimiser.load_state_dict(saved["optimiser"])
         self._generator.set_state(saved["generator"])
         self.updates = saved["updates"]
@@ -256,7 +258,7 @@ def fit_policy(
 
 
 GROUP = "minihuman.learners"
-SMALLEST_PICTURE = 36  # rows that the network for pictures needs
+SMALLEST_PICTURE = 36  # the fewest rows of an image that the convolutions of "atari" can process
 
 
 @dataclass(frozen=True, slots=True)
@@ -265,8 +267,8 @@ class LearningRequest:
 
     dataset: Dataset
     rng: np.random.Generator  # the only source of randomness
-    policy: Policy | None = None  # the one that played last, not to be changed; None before the first
-    budget_s: float = float("inf")  # stop after so many seconds; the settings returned say where that was
+    policy: Policy | None = None  # the previous policy, which must not be changed; None if there is none yet
+    budget_s: float = float("inf")  # the time limit in seconds; the returned settings say how many updates fitted in
     checkpoint: Path | None = None  # a file from which an interrupted learner resumes, to the same weights
 
 
@@ -276,7 +278,7 @@ class LearningResult:
 
     policy: Policy
     settings: dict[str, Any]
-    notes: dict[str, Any]  # losses, counts, a delay: values that JSON can hold
+    notes: dict[str, Any]  # losses, counts and the like, which JSON can hold
 
 
 @dataclass(frozen=True, slots=True)

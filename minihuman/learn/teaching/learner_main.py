@@ -1,8 +1,7 @@
 """The main program of the learner process, which answers requests for policies.
 
-The session host starts the process. Each request and each answer is one line of JSON. The process has the lowest
-priority, is the first that the system ends when memory is short, and has a memory limit of its own, so that no frame of
-the session waits for it.
+The session host starts the process. Each request and each answer is one line of JSON. So that no frame of the session
+waits for the process, it has a low priority and a memory limit, and the system ends it first if memory is short.
 """
 
 import json
@@ -17,16 +16,16 @@ from minihuman.activities.episode_clips import EpisodeClip
 from minihuman.operating_system import limit_memory, lower_process_priority
 from minihuman.plugins import describe_failure
 
-SHARE = 0.5  # of the machine's memory that it may have
+MEMORY_SHARE = 0.5  # the share of the machine's memory that the process may use
 
 
 def main() -> None:
     """Answer requests from standard input until it is closed."""
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8", newline="\n")
-    os.dup2(2, 1)  # whatever prints must not be taken for an answer
+    os.dup2(2, 1)  # what libraries print goes to standard error, so that it is not taken for an answer
     lower_process_priority()
-    limit_memory(SHARE)
-    import minihuman.learn.teaching.provenance  # noqa: F401 - the slow part, before the first question
+    limit_memory(MEMORY_SHARE)
+    import minihuman.learn.teaching.provenance  # noqa: F401 - slow, so done before the first request
 
     with TemporaryDirectory() as folder:
         for line in sys.stdin:

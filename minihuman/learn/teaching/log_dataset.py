@@ -3,6 +3,7 @@
 Episodes are replayed and checked against the logs; steering, ratings and comparisons are read with them.
 """
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,7 @@ from minihuman.errors import LearnError
 from minihuman.experiment.plan.session_plan import EpisodePlan
 from minihuman.learn.demonstrations import (
     LoggedEpisode,
-    check_equal_options,
+    get_shared_plan,
     list_used_actions,
     replay_observations,
     select_episodes,
@@ -53,13 +54,13 @@ def read_session_dataset(
 ) -> Dataset:
     """Return the dataset of one block of a session, which can still be running, up to a given episode.
 
-    Corrections of these episodes are included. So are comparisons of episodes of the same world, with the episodes that
-    they compare.
+    It includes the corrections of these episodes. It also includes the session's comparisons of episodes of the same
+    world, and the compared episodes.
 
     Args:
         logs: the session's logs, finished or live, all in one folder
         block: the block's name
-        episodes: the number of episodes from the session's start that can be included
+        episodes: only episodes among this many from the start of the session are included
         eyesight: the settings of the policy's observations
 
     Raises:
@@ -67,24 +68,24 @@ def read_session_dataset(
     """
     log = read_log(logs[0].parent)
     played = [episode for episode in log.episodes if episode.plan.episode < episodes and len(episode.actions)]
-    own = [episode for episode in played if episode.plan.block_name == block]
-    if not own:
+    block_episodes = [episode for episode in played if episode.plan.block_name == block]
+    if not block_episodes:
         raise LearnError(
             f"{logs[0].parent} has no step of block {block!r} before episode {episodes + 1}; play an episode of that "
             "block first"
         )
-    compared = _list_compared(log, played, own[0].plan)
-    selected = [(log, episode) for episode in played if episode in own or episode in compared]
-    finished = [path for path in sorted(logs) if path.suffix == ".mcap"]
-    running = [path for path in sorted(logs) if path.suffix != ".mcap"]
-    sources = [Source(path.name, hash_file(path), len(selected)) for path in finished]
-    sources += [Source(path.name, "", len(selected)) for path in running]
+    compared = _list_compared(log, played, block_episodes[0].plan)
+    selected = [(log, episode) for episode in played if episode in block_episodes or episode in compared]
+    finished_logs = [path for path in sorted(logs) if path.suffix == ".mcap"]
+    live_logs = [path for path in sorted(logs) if path.suffix != ".mcap"]
+    sources = [Source(path.name, hash_file(path), len(selected)) for path in finished_logs]
+    sources += [Source(path.name, "", len(selected)) for path in live_logs]
     return _build_dataset(selected, eyesight, tuple(sources), (f"block {block!r}, episodes before {episodes + 1}",))
 
 
 def _list_compared(log: SessionLog, episodes: Sequence[EpisodeLog], plan: EpisodePlan) -> list[EpisodeLog]:
-    """Return the episodes that a comparison shows and that have the world and the options of a plan."""
-    compared = set[tuple[int, int]]()
+    """Return the episodes that were compared in a session and have the world and the options of a plan."""
+    compared = set[tuple[int, int]]()  # episode and attempt
     for comparison in log.comparisons:
         compared.add((comparison.left.episode, comparison.left.attempt))
         compared.add((comparison.right.episode, comparison.right.attempt))
@@ -106,13 +107,13 @@ def read_study_dataset(
         LearnError: if there is no such episode, episodes have different options, or an episode does not replay.
     """
     selected, summary = select_episodes(source, world, selection or Selection())
-    logs = {log.path: sum(other.path == log.path for other, _ in selected) for log, _ in selected}
-    sources = tuple(_describe_source(path, lessons) for path, lessons in logs.items())
+    n_lessons = Counter(log.path for log, _ in selected)
+    sources = tuple(_describe_source(path, lessons) for path, lessons in n_lessons.items())
     return _build_dataset(selected, eyesight, sources, tuple(summary.lines()))
 
 
 def _describe_source(path: Path, lessons: int) -> Source:
-    """Return a log's name and digest; the digest is "" while the log is still being written."""
+    """Return a log as a source of lessons; its digest is "" while the log is a folder, which is still being written."""
     sha256 = ""
     if path.is_file():
         sha256 = hash_file(path)
@@ -126,11 +127,10 @@ def _build_dataset(
     selection: tuple[str, ...],
 ) -> Dataset:
     """Replay episodes and return them as a dataset, with their corrections, ratings and comparisons."""
-    plan = check_equal_options(episodes)
-    corrected = (
-        int(correction.actions.max()) for _, correction in _select_corrections(episodes) if len(correction.actions)
-    )
-    names = list_used_actions(episodes, least=max(corrected, default=0))
+    plan = get_shared_plan(episodes)
+    corrections = [correction for _, correction in _select_corrections(episodes)]
+    corrected_actions = [int(correction.actions.max()) for correction in corrections if len(correction.actions)]
+    names = list_used_actions(episodes, least=max(corrected_actions, default=0))
     world = World(plan.world, plan.options)
     world.reset(plan.seed)
     lessons = tuple(_list_lessons(episodes, world, eyesight.episode_encoder(), len(names)))
@@ -153,7 +153,10 @@ def _build_dataset(
 def _list_lessons(
     episodes: Sequence[LoggedEpisode], world: World, encoder: EpisodeEncoder, actions: int
 ) -> Iterator[Lesson]:
-    """Replay episodes, and yield each as a lesson with the probabilities of the world's first ``actions`` actions."""
+    """Replay episodes, and yield each as a lesson.
+
+    A lesson has the policy's probabilities of the world's first ``actions`` actions, if the log has them.
+    """
     for log, episode in episodes:
         observations = list(replay_observations(log, episode, world, encoder))
         n = len(episode.actions)
@@ -176,7 +179,7 @@ def _list_lessons(
             actions=np.asarray(episode.actions, np.int64),
             by_person=by_person,
             policy_actions=policy_actions,
-            shown_ns=_shown_ns(episode),
+            shown_ns=_get_display_times_ns(episode),
             rewards=np.asarray(episode.rewards, np.float64),
             policy_probabilities=probabilities,
             policy=policy,
@@ -216,7 +219,7 @@ def _list_corrections(episodes: Sequence[LoggedEpisode], world: World, encoder: 
                 observations.append(observation)
                 hashes.append(world.state_hash())
             world.step(int(action))
-        name = make_lesson_name(_session(log), correction.episode, correction.attempt)
+        name = make_lesson_name(_name_session(log), correction.episode, correction.attempt)
         hashes.append(world.state_hash())
         if not np.array_equal(np.array(hashes, np.uint64), correction.state_hashes):
             raise LearnError(
@@ -237,21 +240,22 @@ def _list_corrections(episodes: Sequence[LoggedEpisode], world: World, encoder: 
         )
 
 
-def _shown_ns(episode: EpisodeLog) -> NDArray[np.int64]:
-    """Return the session time at which the frame before each step was displayed, in nanoseconds.
+def _get_display_times_ns(episode: EpisodeLog) -> NDArray[np.int64]:
+    """Return the session time at which the frame before each step was displayed, in nanoseconds, int64[steps].
 
     If a frame was never displayed, its time is that of the previous step.
     """
     display_times_ns = np.array(episode.t_ns[:-1], np.int64)
     steps = episode.frames.column("step")
     flips = episode.frames.column("flip_ns")
-    for step, flip_ns in zip(reversed(steps), reversed(flips), strict=True):  # the first flip of a step stays
+    for step, flip_ns in zip(reversed(steps), reversed(flips), strict=True):  # so that a step's first flip counts
         if step < len(display_times_ns):
             display_times_ns[step] = flip_ns
     return display_times_ns
 
 
 def _list_ratings(episodes: Sequence[LoggedEpisode]) -> Iterator[LessonRating]:
+    """Yield the ratings that people gave during episodes."""
     for log, episode in episodes:
         if episode.taught is not None:
             for rated in episode.taught.ratings:
@@ -263,25 +267,25 @@ def _list_comparisons(episodes: Sequence[LoggedEpisode]) -> Iterator[Comparison]
     names = {(log.path, episode.plan.episode, episode.attempt): _name_lesson(log, episode) for log, episode in episodes}
     for log in {log.path: log for log, _ in episodes}.values():
         for comparison in log.comparisons:
-            places = [(log.path, side.episode, side.attempt) for side in (comparison.left, comparison.right)]
-            if all(place in names for place in places):
-                left, right = (
-                    make_fragment(side, names[place])
-                    for side, place in zip((comparison.left, comparison.right), places, strict=True)
-                )
+            left_name = names.get((log.path, comparison.left.episode, comparison.left.attempt))
+            right_name = names.get((log.path, comparison.right.episode, comparison.right.attempt))
+            if left_name is not None and right_name is not None:
+                left = make_fragment(comparison.left, left_name)
+                right = make_fragment(comparison.right, right_name)
                 yield Comparison(left, right, ANSWERS[comparison.preference.answer])
 
 
-def make_fragment(side: EpisodeClip, lesson: str) -> LessonFragment:
-    """Return a clip as a fragment of its episode's lesson."""
-    return LessonFragment(lesson, side.first, len(side.actions) - 1)
+def make_fragment(clip: EpisodeClip, lesson: str) -> LessonFragment:
+    """Return the fragment of an episode's lesson that a clip shows; ``lesson`` is the lesson's name."""
+    return LessonFragment(lesson, clip.first, len(clip.actions) - 1)
 
 
 def _name_lesson(log: SessionLog, episode: EpisodeLog) -> str:
-    return make_lesson_name(_session(log), episode.plan.episode, episode.attempt)
+    return make_lesson_name(_name_session(log), episode.plan.episode, episode.attempt)
 
 
-def _session(log: SessionLog) -> str:
+def _name_session(log: SessionLog) -> str:
+    """Return the name of a session, such as "sub-01_ses-01"."""
     return f"{log.plan.participant.id}_ses-{log.plan.session:02}"
 
 

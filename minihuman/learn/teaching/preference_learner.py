@@ -32,17 +32,18 @@ from minihuman.learn.teaching.log_dataset import make_fragment, make_lesson_name
 from minihuman.learn.teaching.rating_learners import ActionValues
 
 SHARES = {"left": 0.0, "right": 1.0, "equal": 0.5}  # the share of an answer that prefers the right fragment
-LAPSES = 0.1  # of answers that are taken to be pressed without looking: Christiano and others' share
-SPREAD = 0.1  # standard deviation of a step's reward
-MAX_CACHED = 4096  # rewards of single steps that are kept, for small worlds show the same again and again
+LAPSES = 0.1  # the share of answers that are assumed to be random, as in Christiano and others
+SPREAD = 0.1  # the standard deviation of a step's reward
+_LEAST_STD = 1e-6  # by which rewards are divided even if all are equal
+MAX_CACHED = 4096  # rewards of single steps that are kept, since small worlds often show the same observation again
 
 
 @dataclass(frozen=True, slots=True)
 class RewardFitting:
     """The settings for fitting a reward model."""
 
-    members: int = 3  # networks that disagree where they know little: Christiano and others' number
-    updates: int = 600  # of each
+    members: int = 3  # networks of the ensemble, as in Christiano and others
+    updates: int = 600  # of each network
     batch_size: int = 32  # comparisons
     learning_rate: float = 1e-3
     weight_decay: float = 1e-3
@@ -54,23 +55,29 @@ class RewardModel:
     The reward is the networks' mean. Comparisons of fragments of equal length do not determine a constant that is added
     to every step. As published, the rewards of each network are therefore standardised over the given steps, and their
     mean is scaled to a fixed standard deviation.
+
+    Args:
+        members: the networks, each of which returns a reward for each action.
+        steps: the steps over which rewards are standardised.
     """
 
     def __init__(self, members: Sequence[nn.Module], steps: LabelledSteps) -> None:
         self._members = members
         raw = self._predict_raw_rewards(steps.observations, steps.actions)
-        self._shifts = raw.mean(axis=1, keepdims=True)
-        self._scales = np.maximum(raw.std(axis=1, keepdims=True), 1e-6)
-        self._scale = SPREAD / max(1e-6, float(((raw - self._shifts) / self._scales).mean(axis=0).std()))
+        self._member_means = raw.mean(axis=1, keepdims=True)
+        self._member_stds = np.maximum(raw.std(axis=1, keepdims=True), _LEAST_STD)
+        standardised = (raw - self._member_means) / self._member_stds
+        self._scale = SPREAD / max(_LEAST_STD, float(standardised.mean(axis=0).std()))
         self._reward_cache: dict[tuple[bytes, ...], float] = {}
 
     def rewards(self, observations: dict[str, torch.Tensor], actions: torch.Tensor) -> NDArray[np.float64]:
         """Return the rewards of many steps, of shape (n,)."""
-        standardised = (self._predict_raw_rewards(observations, actions) - self._shifts) / self._scales
+        raw = self._predict_raw_rewards(observations, actions)
+        standardised = (raw - self._member_means) / self._member_stds
         return np.asarray(self._scale * standardised.mean(axis=0))
 
     def reward(self, observation: Observation, action: int) -> float:
-        """Return the reward of one step."""
+        """Return the reward of one step; the latest rewards are cached."""
         key = (bytes([action]), *(part.tobytes() for part in observation.values()))
         if key not in self._reward_cache:
             if len(self._reward_cache) >= MAX_CACHED:
@@ -79,12 +86,14 @@ class RewardModel:
             self._reward_cache[key] = float(self.rewards(batch, torch.tensor([action]))[0])
         return self._reward_cache[key]
 
-    def chances(self, dataset: Dataset, pairs: Sequence[tuple[LessonFragment, LessonFragment]]) -> NDArray[np.float64]:
-        """Return each member's probability that a pair's right fragment is better, of shape (members, pairs)."""
+    def predict_answers(
+        self, dataset: Dataset, pairs: Sequence[tuple[LessonFragment, LessonFragment]]
+    ) -> NDArray[np.float64]:
+        """Return each network's probability that a pair's right fragment is better, of shape (members, pairs)."""
         steps = collect_steps(dataset.lessons)
         first = get_first_rows(dataset)
         raw = torch.as_tensor(self._predict_raw_rewards(steps.observations, steps.actions))
-        longest = _longest([side for pair in pairs for side in pair])
+        longest = _count_longest([side for pair in pairs for side in pair])
         left_rows, left_is_inside = _index_rows([left for left, _ in pairs], first, longest)
         right_rows, right_is_inside = _index_rows([right for _, right in pairs], first, longest)
         gains = []
@@ -118,14 +127,14 @@ def fit_reward(
     bootstrap sample would leave out a third of few answers. Weight decay is fixed, not chosen by held-out comparisons.
     Fragments of unequal length are compared by their mean rewards, so that a constant reward per step has no effect.
 
-    The first member has its share of the time, and the others make as many updates as it did, so that one number
-    reproduces the model.
+    The time limit is divided by the number of members. The first member stops at its part of the time, and the others
+    make as many updates as it did, so that one number of updates reproduces the model.
 
     Returns:
         The model, and the number of updates of each member.
 
     Raises:
-        LearnError: if no comparison prefers a fragment or rates two as equal.
+        LearnError: if there is no comparison whose answer is not "cannot tell".
     """
     comparisons = [comparison for comparison in dataset.comparisons if comparison.answer in SHARES]
     if not comparisons:
@@ -172,10 +181,11 @@ class _EncodedAnswers:
 
 
 def _encode_answers(dataset: Dataset, comparisons: Sequence[Comparison]) -> _EncodedAnswers:
+    """Return comparisons, with an answer other than "cannot tell", as tensors."""
     first = get_first_rows(dataset)
     left_sides = [comparison.left for comparison in comparisons]
     right_sides = [comparison.right for comparison in comparisons]
-    longest = _longest([*left_sides, *right_sides])
+    longest = _count_longest([*left_sides, *right_sides])
     sides = [_index_rows(left_sides, first, longest), _index_rows(right_sides, first, longest)]
     rows, inside = (torch.stack(parts) for parts in zip(*sides, strict=True))
     return _EncodedAnswers(rows, inside, torch.tensor([SHARES[comparison.answer] for comparison in comparisons]))
@@ -189,17 +199,28 @@ def _preference_loss(
     batch_size: int,
     generator: torch.Generator,
 ) -> torch.Tensor:
-    """Return the cross-entropy of a minibatch of answers that is drawn with the generator."""
+    """Return a network's mean cross-entropy over a minibatch of answers that is drawn with the generator.
+
+    Args:
+        member: the network.
+        steps: the steps of all lessons.
+        equal_steps: for each step, the row of the first step with the same observation.
+        answers: the answers to draw from.
+        batch_size: the number of answers in the minibatch.
+        generator: the source of randomness.
+    """
     minibatch = torch.randint(len(answers.shares), (batch_size,), generator=generator)
-    rows = answers.rows[:, minibatch].flatten(0, 1)
-    left, right = _mean_rewards(member, steps, equal_steps, rows, answers.inside[:, minibatch].flatten(0, 1)).chunk(2)
-    right_better = (1 - LAPSES) * torch.sigmoid(answers.longest * (right - left)) + LAPSES / 2
+    rows = answers.rows[:, minibatch].flatten(0, 1)  # those of all left fragments, then those of all right ones
+    inside = answers.inside[:, minibatch].flatten(0, 1)
+    left, right = _mean_rewards(member, steps, equal_steps, rows, inside).chunk(2)
+    p_right = (1 - LAPSES) * torch.sigmoid(answers.longest * (right - left)) + LAPSES / 2
     share = answers.shares[minibatch]
-    return -(share * right_better.log() + (1 - share) * (1 - right_better).log()).mean()
+    return -(share * p_right.log() + (1 - share) * (1 - p_right).log()).mean()
 
 
-def _longest(sides: Sequence[LessonFragment]) -> int:
-    return max(side.last - side.first + 1 for side in sides)
+def _count_longest(fragments: Sequence[LessonFragment]) -> int:
+    """Return the number of steps of the longest fragment."""
+    return max(fragment.last - fragment.first + 1 for fragment in fragments)
 
 
 def get_first_rows(dataset: Dataset) -> dict[str, int]:
@@ -209,33 +230,37 @@ def get_first_rows(dataset: Dataset) -> dict[str, int]:
 
 
 def _index_rows(
-    fragments: Sequence[LessonFragment], first: dict[str, int], longest: int
+    fragments: Sequence[LessonFragment], first_rows: dict[str, int], longest: int
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """Return the rows of each fragment's steps int64[n, longest], and a mask float32[n, longest] of the rows in use."""
+    """Return the rows of each fragment's steps int64[n, longest], and a mask float32[n, longest] of the rows in use.
+
+    ``first_rows`` are those of `get_first_rows`, and ``longest`` is the number of steps of the longest fragment.
+    """
     rows = torch.zeros(len(fragments), longest, dtype=torch.int64)
     inside = torch.zeros(len(fragments), longest)
-    for place, fragment in enumerate(fragments):
+    for index, fragment in enumerate(fragments):
         length = fragment.last - fragment.first + 1
-        start = first[fragment.lesson] + fragment.first
-        rows[place, :length] = torch.arange(start, start + length)
-        inside[place, :length] = 1
+        start = first_rows[fragment.lesson] + fragment.first
+        rows[index, :length] = torch.arange(start, start + length)
+        inside[index, :length] = 1
     return rows, inside
 
 
 def _mean_rewards(
     member: nn.Module, steps: LabelledSteps, equal_steps: torch.Tensor, rows: torch.Tensor, inside: torch.Tensor
 ) -> torch.Tensor:
-    """Return one network's mean reward over the steps of each fragment."""
-    different, place = equal_steps[rows.flatten()].unique(return_inverse=True)  # type: ignore[no-untyped-call]
-    step_rewards = member(steps.pick(different))[place, steps.actions[rows.flatten()]]
+    """Return a network's mean reward over the steps of each fragment, float32[n].
+
+    The network evaluates each different observation once. The rows and the mask ``inside`` are those of `_index_rows`.
+    """
+    flat_rows = rows.flatten()
+    distinct_rows, indices = equal_steps[flat_rows].unique(return_inverse=True)  # type: ignore[no-untyped-call]
+    step_rewards = member(steps.pick(distinct_rows))[indices, steps.actions[flat_rows]]
     return _mean_inside(step_rewards.view(rows.shape), inside)
 
 
 def _find_equal_steps(steps: LabelledSteps) -> torch.Tensor:
-    """Return for each step the row of the first step with the same observation, int64[n].
-
-    Observations recur often in small worlds, so the network evaluates each of them once.
-    """
+    """Return for each step the row of the first step with the same observation, int64[n]."""
     flat_observations = [
         np.ascontiguousarray(part.numpy()).reshape(len(part), -1) for part in steps.observations.values()
     ]
@@ -254,12 +279,12 @@ def _mean_inside(step_rewards: torch.Tensor, inside: torch.Tensor) -> torch.Tens
 
 
 Pair = tuple[LessonFragment, LessonFragment]
-EVERY_EPISODE = 2**31
+EVERY_EPISODE = 2**31  # more episodes than a session can have
 
 
 def compute_disagreement(model: RewardModel, dataset: Dataset, pairs: Sequence[Pair]) -> NDArray[np.float64]:
     """Return the ensemble's disagreement on each pair: the variance of the probability of its right side."""
-    return np.asarray(model.chances(dataset, pairs).var(axis=0))
+    return np.asarray(model.predict_answers(dataset, pairs).var(axis=0))
 
 
 def choose_disputed_pair(
@@ -269,7 +294,7 @@ def choose_disputed_pair(
     *,
     seed: int,
 ) -> int:
-    """Return the index of the pair on which the ensemble disagrees most; 0 before the first answer.
+    """Return the index of the pair of clips on which a reward model's networks disagree most; 0 before any answer.
 
     Args:
         logs: the session's logs, finished or live, all in one folder
@@ -293,16 +318,16 @@ def choose_disputed_pair(
     return int(compute_disagreement(model, dataset, fragments).argmax())
 
 
-RewardFunction = Callable[[Observation, int, Any], float]  # of a step: what was seen, what was done, the world after it
+RewardFunction = Callable[[Observation, int, Any], float]  # of a step's observation and action, and the world after it
 
 
 class RewardModelEnv(TrainingEnv):
     """A world for training that takes rewards from a reward function and never terminates.
 
-    When an episode terminates, the next one begins without the learner being told, as Christiano and others did with
-    Atari games. Comparisons do not determine a constant reward per step. If episodes terminated, a policy would
-    postpone the goal where the constant is positive and hurry to an end where it is negative; without termination, the
-    constant has no effect. An episode that takes too long is truncated, which has no effect either.
+    When an episode terminates, the next one begins without a sign to the learner, as Christiano and others did with
+    Atari games. The reason is that comparisons do not determine a constant reward per step. If episodes terminated, a
+    policy would postpone the goal if the constant is positive, and hurry to an end if it is negative. Without
+    termination, the constant has no effect. Nor has it if an episode that takes too long is truncated.
     """
 
     def __init__(self, dataset: Dataset, reward_function: RewardFunction, *, seed: int) -> None:
@@ -320,7 +345,7 @@ class RewardModelEnv(TrainingEnv):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Begin the next episode."""
+        """Begin the next episode; both arguments are ignored."""
         self._before, info = super().reset()
         return self._before, info
 
@@ -332,8 +357,8 @@ class RewardModelEnv(TrainingEnv):
         if terminated:
             observation, _ = super().reset()
         self._before = observation
-        too_long = not terminated and (truncated or self._steps >= self._most_steps)
-        return observation, reward, False, too_long, {}
+        is_too_long = not terminated and (truncated or self._steps >= self._most_steps)
+        return observation, reward, False, is_too_long, {}
 
 
 @dataclass(frozen=True, slots=True)
@@ -344,9 +369,9 @@ class PreferenceSettings:
     steps: int = 4096  # of PPO
     n_steps: int = 512
     n_epochs: int = 10
-    learning_rate: float = 1e-3  # at a round's start; it falls to 0 by its end, so that a round ends where it is good
+    learning_rate: float = 1e-3  # at the start of a round; it falls linearly to 0 at the end of the round
     gamma: float = 0.95  # discount
-    entropy: float = 0.01  # weight of the policy's entropy: Christiano and others' for Atari
+    entropy: float = 0.01  # weight of the policy's entropy, as in Christiano and others for Atari games
 
 
 class PreferenceLearner(Learner):
@@ -367,7 +392,7 @@ class PreferenceLearner(Learner):
         The time limit applies to the reward model alone.
 
         Raises:
-            LearnError: if no comparison prefers a fragment or rates two as equal.
+            LearnError: if there is no comparison whose answer is not "cannot tell".
         """
         settings: PreferenceSettings = self.settings
         model, updates = fit_reward(
@@ -396,7 +421,10 @@ def optimise_policy(
     seed: int,
     start: Policy | None = None,
 ) -> Policy:
-    """Return a policy trained with PPO on a function's rewards, from ``start`` or else from fresh weights."""
+    """Return a policy trained with PPO on a function's rewards, from ``start`` or, if it is None, from fresh weights.
+
+    The global generators of NumPy and torch are left in their present state.
+    """
     world = RewardModelEnv(dataset, reward_function, seed=seed)
     ppo = PpoSettings(n_steps=settings.n_steps, n_epochs=settings.n_epochs, learning_rate=settings.learning_rate)
     numpy_state = np.random.get_state()
@@ -405,12 +433,12 @@ def optimise_policy(
         agent = make_ppo(world, settings=ppo, eyes=choose_encoder(dataset), seed=seed, device="cpu")
         agent.gamma = settings.gamma
         agent.ent_coef = settings.entropy
-        agent.lr_schedule = lambda left: settings.learning_rate * left
+        agent.lr_schedule = lambda remaining: settings.learning_rate * remaining
         if start is not None:
             agent.policy.load_state_dict(copy_policy(start, dataset).state_dict())
         agent.learn(settings.steps, log_interval=None)  # type: ignore[arg-type]
     finally:
-        np.random.set_state(numpy_state)  # Stable-Baselines3 seeds the global streams
+        np.random.set_state(numpy_state)  # since Stable-Baselines3 seeds the global generators
         torch.set_rng_state(torch_state)
     assert isinstance(agent.policy, Policy)
     agent.policy.set_training_mode(False)

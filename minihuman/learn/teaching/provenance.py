@@ -21,7 +21,7 @@ from minihuman.storage.durable_files import hash_file
 
 UNLIMITED_S = float("inf")
 PACKAGE = Path(minihuman.__file__).parent
-HASHED_FOLDERS = ("learn", "worlds")  # on which weights depend, beside the data
+HASHED_FOLDERS = ("learn", "worlds")  # the folders of the package with the code on which weights depend
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,9 +57,9 @@ def make_policy(
     Raises:
         LearnError: if there is nothing to learn from, or ``start`` was trained in another world.
     """
-    torch.set_num_threads(1)  # such small networks are faster so, and sums come in one order
-    before = _load_start(start, dataset)
-    request = LearningRequest(dataset, np.random.default_rng(seed), before, budget_s, checkpoint)
+    torch.set_num_threads(1)  # small networks are faster on one thread, and their sums have a fixed order
+    start_policy = _load_start(start, dataset)
+    request = LearningRequest(dataset, np.random.default_rng(seed), start_policy, budget_s, checkpoint)
     learned = make_learner(learner).learn(request)
     card = _build_card(dataset, learner.partition(":")[0], learned, seed, _hash_start(start))
     save_policy(learned.policy, card, out)
@@ -67,9 +67,11 @@ def make_policy(
 
 
 def reproduce_policy(path: Path, dataset: Dataset, *, start: Path | None = None) -> list[str]:
-    """Learn a policy again from its training data; return the differences in words, none if the weights are equal.
+    """Learn a policy again from its training data, and describe the differences, one per line.
 
-    If the weights differ and other code made the policy, the first lines name that code.
+    Returns:
+        [] if the weights are equal. If the dataset or the starting policy has another digest, only the lines about
+        these. Otherwise the weights that differ, after the versions of code that differ.
 
     Raises:
         LearnError: if the file has no record of its training data, or nothing can be learned.
@@ -82,40 +84,43 @@ def reproduce_policy(path: Path, dataset: Dataset, *, start: Path | None = None)
             "learn teach`"
         )
     digests = {"data_sha256": dataset.sha256(), "start_sha256": _hash_start(start)}
-    differs = [f"{name} is {value}, not {training[name]}" for name, value in digests.items() if value != training[name]]
-    if differs:
-        return differs
-    settings = ",".join(f"{name}={value}" for name, value in training["settings"].items())
+    data_differences = [
+        f"{name} is {digest}, not {training[name]}" for name, digest in digests.items() if digest != training[name]
+    ]
+    if data_differences:
+        return data_differences
+    settings = ",".join(f"{name}={setting}" for name, setting in training["settings"].items())
     torch.set_num_threads(1)
-    before = _load_start(start, dataset)
-    request = LearningRequest(dataset, np.random.default_rng(training["seed"]), before)
-    again = make_learner(f"{training['learner']}:{settings}").learn(request)
-    differs = _find_differences(policy, again.policy)
+    start_policy = _load_start(start, dataset)
+    request = LearningRequest(dataset, np.random.default_rng(training["seed"]), start_policy)
+    relearned = make_learner(f"{training['learner']}:{settings}").learn(request)
+    weight_differences = _find_differences(policy, relearned.policy)
     current_code = get_code_versions()
-    other = [
+    code_differences = [
         f"it was made by {name} {recorded}; here is {current_code[name]}"
         for name, recorded in training.get("code", {}).items()
         if recorded != current_code[name]
     ]
-    if not differs:
+    if not weight_differences:
         return []
-    return [*other, *differs]
+    return [*code_differences, *weight_differences]
 
 
 @cache
 def get_code_versions() -> dict[str, str]:
-    """Return what identifies the code on which weights depend: package versions and a digest of the sources."""
+    """Return the versions of the packages on which weights depend, and the digest "sources_sha256" of source files."""
     digest = hashlib.sha256()
     for folder in HASHED_FOLDERS:
         sources = sorted((PACKAGE / folder).rglob("*.py"))
         assert sources, f"{folder} holds no source"
         for path in sources:
             digest.update(str(path.relative_to(PACKAGE)).encode() + b"\0" + path.read_bytes() + b"\0")
-    made_by = {"minihuman": minihuman.__version__, **{name: version(name) for name in ("torch", "numpy")}}
-    return made_by | {"sources_sha256": digest.hexdigest()}
+    versions = {"minihuman": minihuman.__version__, **{name: version(name) for name in ("torch", "numpy")}}
+    return versions | {"sources_sha256": digest.hexdigest()}
 
 
 def _hash_start(start: Path | None) -> str:
+    """Return the SHA-256 digest of the starting policy's file; "" if there is none."""
     if start is None:
         return ""
     return hash_file(start)
@@ -169,12 +174,12 @@ def _build_card(dataset: Dataset, learner: str, learned: LearningResult, seed: i
     )
 
 
-def _find_differences(policy: Policy, again: Policy) -> list[str]:
-    """Describe the weights in which two policies differ, and by how much at most."""
-    other = again.state_dict()
+def _find_differences(policy: Policy, relearned: Policy) -> list[str]:
+    """Return a line about each array of weights in which two policies differ, with the largest difference."""
+    relearned_weights = relearned.state_dict()
     differences = []
     for name, weights in policy.state_dict().items():
-        if not torch.equal(weights, other[name]):
-            largest = float((weights - other[name]).abs().max())
+        if not torch.equal(weights, relearned_weights[name]):
+            largest = float((weights - relearned_weights[name]).abs().max())
             differences.append(f"{name} differs by up to {largest:.3g}")
     return differences

@@ -73,7 +73,7 @@ def test_chinese_signs_begin_no_line():
     faces = select_typefaces("zh")
     text = "感谢您考虑参加本项研究。在您决定之前，请您仔细阅读以下内容！" * 9
     for wide_px in range(300, 360, 7):
-        lines = wrap_text(text, faces=faces, size_px=30, wide_px=wide_px)
+        lines = wrap_text(text, faces=faces, size_px=30, max_width_px=wide_px)
         assert "".join(lines) == text
         assert all(line[0] not in "。，！" for line in lines)
 
