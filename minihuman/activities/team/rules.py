@@ -30,11 +30,16 @@ class TeamBlock(Protocol):
         """Return the design that resolves each episode."""
 
 
-_FIELDS_OF_ONE_SEAT = ("max_episode_s", "max_block_s", "stop_criterion", "noop_action")
+_FIELDS_OF_ONE_SEAT = ("max_episode_s", "max_block_s", "stop_criterion", "noop_action")  # not for joint play
 
 
 def check_block(block: TeamBlock, pool: tuple[str, ...]) -> RuleErrors:
-    """Yield the errors of a team block in a protocol; ``pool`` holds the keys that may have an action."""
+    """Yield the errors of a team block in a protocol, each as a field's name and what is wrong with it.
+
+    Args:
+        block: the block, as the protocol has it.
+        pool: the keys that may have an action.
+    """
     for field, error in check_team(block.team, pool):
         yield f"team.{field}", error
     seat_keys = () if block.team is None else block.team.seat_keys or ()
@@ -50,7 +55,12 @@ def check_block(block: TeamBlock, pool: tuple[str, ...]) -> RuleErrors:
 
 
 def check_team(team: TeamPlan | None, pool: tuple[str, ...]) -> RuleErrors:
-    """Yield the errors of a team's settings; ``pool`` holds the keys that may have an action."""
+    """Yield the errors of a team's settings, each as a field's name and what is wrong with it.
+
+    Args:
+        team: the settings; None if the protocol has none.
+        pool: the keys that may have an action.
+    """
     n_seats = len(team.seats) if team else 0
     if team is None or n_seats < 2:
         yield "seats", f"has {n_seats} seats; give one for each body, {SEAT_GRAMMAR}"
@@ -104,11 +114,13 @@ def _check_limits(team: TeamPlan) -> RuleErrors:
 
 
 def _check_messages(team: TeamPlan, pool: tuple[str, ...]) -> RuleErrors:
-    keys = {"chat": REPORT_KEY} if team.chat else {}
+    keys: dict[str, str] = {}  # by field, the key that it uses
+    if team.chat:
+        keys["chat"] = REPORT_KEY
     if team.ping:
         keys["ping"] = team.ping
-    may_meet = len(team.persons) > 1 and not team.seat_keys
-    if not may_meet:
+    has_remote_partners = len(team.persons) > 1 and not team.seat_keys
+    if not has_remote_partners:
         for name in keys:
             yield name, "is for two or more people in browsers of their own, without seat_keys"
     for name, key in keys.items():
