@@ -9,6 +9,7 @@ from minihuman.log.model.session_log import SessionLog
 
 
 def _build_preference_row(event: Preferred, log: SessionLog) -> TableRow | None:
+    """Build the row of an answer with its pair's clips; None if the log lacks a clip of the pair."""
     for comparison in log.comparisons:
         if comparison.preference is event:
             return {
