@@ -19,7 +19,12 @@ class AgentBlock(Protocol):
 
 
 def check_block(block: AgentBlock, pool: tuple[str, ...]) -> RuleErrors:
-    """Yield the errors of an agent block in a protocol; ``pool`` holds the keys that may have an action."""
+    """Yield the errors of an agent block in a protocol, each as a field's name and what is wrong with it.
+
+    Args:
+        block: the block, as the protocol has it.
+        pool: the keys that may have an action.
+    """
     if block.pace != "on_key":
         yield "pace", f"is {block.pace!r}, but the agent of a {block.kind} block has its own pace; leave it out"
     for field, error in check_agent(block.agent or AgentPlan(), pool):
@@ -27,7 +32,12 @@ def check_block(block: AgentBlock, pool: tuple[str, ...]) -> RuleErrors:
 
 
 def check_agent(agent: AgentPlan, pool: tuple[str, ...]) -> RuleErrors:
-    """Yield the errors of an agent's settings; ``pool`` holds the keys that may have an action."""
+    """Yield the errors of an agent's settings, each as a field's name and what is wrong with it.
+
+    Args:
+        agent: the settings, as the protocol has them.
+        pool: the keys that may have an action.
+    """
     yield from _check_times(agent)
     for name in _KEY_FIELDS:
         yield from _check_key(name, getattr(agent, name), pool)

@@ -22,7 +22,7 @@ class PageReader:
         return self.page == self.pages - 1
 
     def turn(self, by: int) -> bool:
-        """Open the next or the previous page; return False if there is none."""
+        """Open the page ``by`` pages further, 1 for the next and -1 for the previous; return False if there is none."""
         page = self.page + by
         if not 0 <= page < self.pages:
             return False

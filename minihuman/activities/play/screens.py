@@ -114,8 +114,8 @@ class BlockScreens:
                     body=self._plan.instruction[reader.page],
                     page=reader.page,
                     pages=reader.pages,
-                    last=words["go_on"],
-                    button=words["button.go_on"],
+                    last_prompt=words["go_on"],
+                    last_button=words["button.go_on"],
                 )
             case Phase.LEARNING:
                 return screen_texts.build_notice_screen(words, words["learning.title"], words["learning.body"])

@@ -14,7 +14,16 @@ def build_question_screen(
     count: int,
     note: str,
 ) -> QuestionScreen:
-    """Build the screen of a question with its answer so far."""
+    """Build the screen of a question with its answer so far.
+
+    Args:
+        words: the interface's texts.
+        title: the questionnaire's title.
+        draft: the answer so far.
+        number: the question's index among those that are asked.
+        count: how many questions are asked.
+        note: why the answer cannot be given; "" for no note.
+    """
     buttons: tuple[Button, ...] = (Button("back", words["button.back"]),) if number else ()
     buttons += (Button("go_on", words["button.go_on"]),)
     if count > 1:
@@ -28,5 +37,5 @@ def build_question_screen(
 
 
 def build_wrong_answer_screen(words: InterfaceWords, text: str) -> TextScreen:
-    """Build the screen that announces another attempt after wrong answers."""
+    """Build the screen that announces another attempt after wrong answers; an empty text shows the standard one."""
     return TextScreen(words["wrong.title"], text.strip() or words["wrong.body"], words["go_on"], locale=words.locale)
