@@ -68,7 +68,7 @@ def autonomy_gain_per_min(episodes: Sequence[TaughtEpisode]) -> float:
     return float("nan")
 
 
-def _draw_figures(logs: Mapping[str, SessionLog], out: Path) -> Iterator[ReportFigure]:
+def teaching_figures(logs: Mapping[str, SessionLog], out: Path) -> Iterator[ReportFigure]:
     """Draw and yield a figure of who was in control, and one of any ratings, for each session and block."""
     for name, log in logs.items():
         for block, episodes in group_taught_by_block(log).items():
@@ -98,7 +98,7 @@ def build_section(source: SectionSource) -> ReportSection:
     return ReportSection(
         "Teaching",
         [CaptionedTable(Table(heads, rows, words=2), _CAPTION)] if logs else [],
-        figures=_draw_figures(logs, source.figures),
+        figures=teaching_figures(logs, source.figures),
         measure_tables={"teaching": tabulate_teaching(logs)},
     )
 

@@ -154,10 +154,10 @@ class PreferencesActivity(Activity):
 
     def _find_next_side(self) -> Side:
         """Return the side of the next clip, by the order that was drawn for the pairs."""
-        is_right = self._first_is_right[self._pair]
+        is_on_right = self._first_is_right[self._pair]
         if self._offered:  # the second clip takes the opposite side
-            is_right = not is_right
-        return "right" if is_right else "left"
+            is_on_right = not is_on_right
+        return "right" if is_on_right else "left"
 
     def _make_film(self, clip: EpisodeClip) -> EpisodeFilm:
         """Make the film of a clip's pictures, in a world with the clip's options."""

@@ -163,8 +163,8 @@ class QuestionsActivity(Activity):
             key, fields = draft.error
             self._note = self.context.words.with_kind(draft.question.kind).fill(key, **fields)
             return
-        is_right = is_correct(draft.question, draft.value)
-        self._right[self._number] = is_right
+        is_answer_correct = is_correct(draft.question, draft.value)
+        self._right[self._number] = is_answer_correct
         for name, answer, display_text in draft.answers:
             self.context.emit(
                 Answered(
@@ -179,7 +179,7 @@ class QuestionsActivity(Activity):
                     shown_ns=self._shown_ns,
                     first_ns=self._first_ns,
                     changes=self._changes,
-                    right=is_right,
+                    right=is_answer_correct,
                 )
             )
         later_numbers = [number for number in self._asked_numbers if number > self._number]

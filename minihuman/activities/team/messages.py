@@ -163,10 +163,10 @@ class TeamMessages:
 
         A message that was shown before is only restored with its words, without a log entry.
         """
-        shown = replace(message, t_ns=self.context.now_ns, episode=play.plan.episode, step=play.steps)
+        shown_message = replace(message, t_ns=self.context.now_ns, episode=play.plan.episode, step=play.steps)
         if message.digest not in self.messages:
-            self.context.emit(shown if message.seat == self.seat else replace(shown, text=""))
-        self.messages[message.digest] = shown
+            self.context.emit(shown_message if message.seat == self.seat else replace(shown_message, text=""))
+        self.messages[message.digest] = shown_message
 
     def look(self, play: RunningEpisode | None) -> PlayMessages | None:
         """Return the messages as the page displays them; None if the block has neither chat nor marks."""

@@ -13,6 +13,7 @@ from minihuman.experiment.machine.activity import SessionContext
 from minihuman.experiment.machine.running_episode import RunningEpisode
 from minihuman.experiment.machine.screens import FilmsScreen, PageView
 from minihuman.experiment.sounds import SoundContent
+from minihuman.experiment.words import InterfaceWords
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,13 +77,6 @@ def build_trial_screen(context: SessionContext, play: RunningEpisode, run: Trial
             tuple(stimulus.content for stimulus in run.find_visible(frame, has_response=has_response))
             for frame in frames
         ]
-    legend = ""
-    if play.plan.show_keys:
-        actions = sorted(play.plan.key_map.keys.items())
-        labels = words.labels(tuple(key for key, _ in actions))
-        legend = "     ".join(
-            f"{label}: {words.action(action)}" for (_, action), (_, label, _) in zip(actions, labels, strict=True)
-        )
     target_step = 1
     if schedule.target_ns in run.changes_ns:
         target_step += run.changes_ns.index(schedule.target_ns)
@@ -90,7 +84,7 @@ def build_trial_screen(context: SessionContext, play: RunningEpisode, run: Trial
         contents=tuple(stimulus.content for stimulus in run.visible),
         body=", ".join(stimulus.name for stimulus in run.visible),
         files=context.plan.files,
-        legend=legend,
+        legend=_format_legend(words, play.plan.key_map.keys) if play.plan.show_keys else "",
         flip_ns=None if run.is_seen else run.find_due_ns(run.frame),
         pictures=tuple(pictures),
         dues_ns=(0, *run.changes_ns),
@@ -108,3 +102,11 @@ def build_trial_screen(context: SessionContext, play: RunningEpisode, run: Trial
         response_keys=tuple(play.plan.key_map.keys),
         locale=words.locale,
     )
+
+
+def _format_legend(words: InterfaceWords, actions_by_key: Mapping[str, str]) -> str:
+    """Return a line of the keys' labels and what each key does, in the order of the keys."""
+    actions = sorted(actions_by_key.items())
+    labels = words.labels(tuple(key for key, _ in actions))
+    entries = [f"{label}: {words.action(action)}" for (_, action), (_, label, _) in zip(actions, labels, strict=True)]
+    return "     ".join(entries)

@@ -60,8 +60,7 @@ def estimate_stop_signal(
     ssrt_ms = math.nan
     if not remark:
         sorted_go_ms = np.sort(np.where(is_omission, np.nanmax(go_ms), go_ms))  # the slowest replaces omissions
-        n_go = len(sorted_go_ms)
-        rank = min(n_go, max(1, math.ceil(response_rate * n_go)))  # of the go response at the quantile p(respond)
+        rank = min(len(go_ms), max(1, math.ceil(response_rate * len(go_ms))))  # of the quantile p(respond)
         ssrt_ms = float(sorted_go_ms[rank - 1]) - float(delays_ms.mean())
         if not RESPONSE_RATES[0] <= response_rate <= RESPONSE_RATES[1]:
             remark = f"p(respond | signal) is outside {RESPONSE_RATES[0]} to {RESPONSE_RATES[1]}: unreliable"
