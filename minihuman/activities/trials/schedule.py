@@ -230,15 +230,15 @@ class _Spans:
         self.ends_ns[spec.name] = self._last_end_ns = end_ns
         if sound := self._read_sound(spec, 0 if end_ns is None else end_ns - onset_ns):
             self.sounds.append(ScheduledSound(spec.name, sound, onset_ns, end_ns, spec.until == "response"))
-        for index, shown_content in enumerate(contents):
+        for index, word_content in enumerate(contents):
             name = spec.name
-            shown_end_ns = end_ns
+            word_end_ns = end_ns
             if spec.each_ms is not None:
                 name = f"{spec.name}-{index + 1}"
-                shown_end_ns = onset_ns + each_ns * (index + 1)
+                word_end_ns = onset_ns + each_ns * (index + 1)
             begin_ns = onset_ns + each_ns * index
-            if shown_end_ns is None or shown_end_ns > begin_ns:
-                yield ScheduledStimulus(name, shown_content, spec.layer, begin_ns, shown_end_ns, spec.until == "response")
+            if word_end_ns is None or word_end_ns > begin_ns:
+                yield ScheduledStimulus(name, word_content, spec.layer, begin_ns, word_end_ns, spec.until == "response")
 
     def _find_begin_ns(self, spec: TimelineStimulus) -> int:
         """Return the time from which a stimulus's onset counts; raise `WorldError` if it is an end that is unknown."""
