@@ -345,13 +345,13 @@ def _mark_affected(pool: ReportPool, comparison: str, compared_rows: pd.DataFram
     A change is that of the first group in all sessions after the first.
     """
     is_first_condition = compared_rows["block"].isin(_list_first_blocks(pool))
-    is_first_group = compared_rows["group"] == next(iter(pool.groups))
+    is_first_group: pd.Series[bool] = compared_rows["group"].eq(next(iter(pool.groups)))
     if comparison == "conditions":
         return is_first_condition
     if comparison == "interaction":
         return is_first_condition & is_first_group
     if comparison == "change":
-        return is_first_group & (compared_rows["session"] > pool.rows["session"].min())
+        return is_first_group & compared_rows["session"].gt(pool.rows["session"].min())
     return is_first_group
 
 

@@ -301,10 +301,10 @@ def _tabulate_group_differences(people: pd.DataFrame) -> list[CaptionedTable]:
         measures = [name for name in (*COMPARED, "d_prime", "criterion") if part[name].notna().any()]
         rows += _format_group_comparisons(str(block), "all trials", part, measures)
     effects = pd.concat([compute_effects(people, measure).assign(measure=measure) for measure in COMPARED])
-    for (block, label, levels), part in effects.groupby(["block", "label", "levels"], sort=False):
+    for (block_name, label, levels), part in effects.groupby(["block", "label", "levels"], sort=False):
         person_effects = part.pivot_table("effect", ["participant", "group"], "measure").reset_index()
         measures = [measure for measure in COMPARED if measure in person_effects]
-        rows += _format_group_comparisons(str(block), f"{label}: {levels}", person_effects, measures)
+        rows += _format_group_comparisons(str(block_name), f"{label}: {levels}", person_effects, measures)
     heads = ("block", "trials", "measure", "groups", "n", "difference (95 %)", "p", "p (Holm)")
     caption = (
         "Groups compared, on all trials and on the differences between levels (the interaction of group and label): "

@@ -220,8 +220,8 @@ class _Spans:
         end_ns: int | None = None
         each_ns = 0
         if spec.each_ms is not None:
-            words = content.text.split() if content is not None else []
-            contents = [msgspec.structs.replace(content, text=word) for word in words]
+            if content is not None:
+                contents = [msgspec.structs.replace(content, text=word) for word in content.text.split()]
             each_ns = round(self._read_time(spec, "each_ms") * NS_PER_MS)
             end_ns = onset_ns + each_ns * len(contents)
         elif spec.duration_ms is not None:
