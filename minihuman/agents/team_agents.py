@@ -149,25 +149,26 @@ class KitchenView:
     def _list_tasks(self) -> list[list[Cell]]:
         """Return for each task, the most urgent first, the cells of the stations at which it can be done."""
         pots = self._find_cells(fields.POT)
-        kind = kind_of(self.held_thing)
-        active = [cell for cell in pots if self.things[cell] and clock_of(self.things[cell]) >= 0]
-        if kind == fields.SOUP:
+        held_kind = kind_of(self.held_thing)
+        cooking_pots = [cell for cell in pots if self.things[cell] and clock_of(self.things[cell]) >= 0]
+        if held_kind == fields.SOUP:
             return [self._find_cells(fields.HATCH), self._find_shared_counters()]
-        if kind == fields.DISH:
-            ready = [cell for cell in active if self._is_ready(cell)]
-            return [ready, active, [cell for cell in pots if self.things[cell]], self._find_shared_counters()]
-        if kind != fields.NOTHING:
+        if held_kind == fields.DISH:
+            ready_pots = [cell for cell in cooking_pots if self._is_ready(cell)]
+            filled_pots = [cell for cell in pots if self.things[cell]]
+            return [ready_pots, cooking_pots, filled_pots, self._find_shared_counters()]
+        if held_kind != fields.NOTHING:
             return [
-                [cell for cell in pots if self._needs_ingredient(cell, kind)],
+                [cell for cell in pots if self._needs_ingredient(cell, held_kind)],
                 self._find_shared_counters(),
                 self._find_counters(fields.NOTHING),
             ]
         dishes = self._find_counters(fields.DISH)
         n_dishes_in_use = self.held_by_others.count(fields.DISH)
-        if not self._can_reach(active):
+        if not self._can_reach(cooking_pots):
             n_dishes_in_use += len(dishes)  # those on counters are for another cook, who reaches the pots
         tasks = [[cell for cell in pots if self._is_complete(cell)], self._find_counters(fields.SOUP)]
-        if len(active) > n_dishes_in_use:
+        if len(cooking_pots) > n_dishes_in_use:
             tasks.append(dishes + self._find_cells(fields.DISHES))
         for kind, source in ((fields.ONION, fields.ONIONS), (fields.TOMATO, fields.TOMATOES)):
             if any(self._needs_ingredient(cell, kind) for cell in pots):
@@ -289,21 +290,21 @@ class CorridorAgent(BaseAgent):
         seat = world.unwrapped.seat
         state = team.state
         pose = team.pose(seat)
-        place = int(pose.x), int(pose.z)
+        cell = int(pose.x), int(pose.z)
         free_cells = {(x, y) for x, y in np.argwhere(state.kinds != WALL).tolist()}
         body_poses = [team.pose(body) for body in range(team.bodies)]
-        other_cells = {(int(body_pose.x), int(body_pose.z)) for body_pose in body_poses} - {place}
+        other_cells = {(int(body_pose.x), int(body_pose.z)) for body_pose in body_poses} - {cell}
         is_own_goal = (state.kinds == GOAL) & (state.colours == BODY_COLOURS[seat])
         own_goals = {(x, y) for x, y in np.argwhere(is_own_goal).tolist()}
-        bay = {cell for cell in free_cells if cell[1] == _BAY_ROW}
-        path = find_path(place, own_goals.__contains__, free_cells - other_cells)
+        bay = {(x, y) for x, y in free_cells if y == _BAY_ROW}
+        path = find_path(cell, own_goals.__contains__, free_cells - other_cells)
         if path is None and self.argument == "insist":
-            path = find_path(place, own_goals.__contains__, free_cells)
+            path = find_path(cell, own_goals.__contains__, free_cells)
         elif path is None:
-            path = find_path(place, bay.__contains__, free_cells - other_cells)
+            path = find_path(cell, bay.__contains__, free_cells - other_cells)
         action = "stay"
         if path:
             facing_turns = round(-pose.yaw_rad / _QUARTER_TURN_RAD)  # quarter turns to the right from east
-            right_turns = (_QUARTER_TURNS_OF_STEPS[find_step(place, path[0])] - facing_turns) % 4
+            right_turns = (_QUARTER_TURNS_OF_STEPS[find_step(cell, path[0])] - facing_turns) % 4
             action = {0: "forward", 3: "left"}.get(right_turns, "right")
         return np.array([name == action for name in world.action_names], np.float32)

@@ -207,10 +207,10 @@ def _count_complete_sessions(study: Path) -> int:
     with select(study) as tables:
         tables.require(("participants",))
         participants = tables.frame("participants", ["participant", "session", "end_reason"])
-        complete = participants[participants["end_reason"] == "complete"]
-        names = set(zip(complete["participant"], complete["session"], strict=True))
+        complete_rows = participants[participants["end_reason"] == "complete"]
+        complete_sessions = set(zip(complete_rows["participant"], complete_rows["session"], strict=True))
         return sum(
-            (session.outline.participant, session.outline.session) in names
+            (session.outline.participant, session.outline.session) in complete_sessions
             for session in tables.sessions
             if session.outline is not None and _is_finished(Path(session.path))
         )

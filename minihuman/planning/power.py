@@ -79,12 +79,12 @@ def play_headless(
         player: the simulated participant.
         worlds: one world per block, which later plans use again; missing ones are added.
     """
-    played = []
+    played_episodes = []
     for episode in plan.episodes:
         if episode.block not in worlds:
             worlds[episode.block] = World(episode.world, episode.options)
-        played.append(_play_episode(episode, plan.key_pool, player, worlds[episode.block]))
-    return tuple(played)
+        played_episodes.append(_play_episode(episode, plan.key_pool, player, worlds[episode.block]))
+    return tuple(played_episodes)
 
 
 def _play_episode(

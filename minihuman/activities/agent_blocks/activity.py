@@ -77,7 +77,7 @@ class AgentPlayActivity(PlayActivity):
         return None
 
     @property
-    def _names_failures(self) -> bool:
+    def _logs_agent_failures(self) -> bool:
         """Return whether an agent's failure is logged as ``agent_failed``, as in sessions of the present rules."""
         return self.context.facts.get("agent_rules", "1") == AGENT_RULES
 
@@ -122,29 +122,29 @@ class AgentPlayActivity(PlayActivity):
                 return Advice(event.t_ns, event.step, event.probabilities)
         return None
 
-    def _take_policy(self, new: NewPolicy) -> None:
+    def _take_policy(self, received_policy: NewPolicy) -> None:
         """Accept and log a new policy, or the failure of a learner or agent.
 
         Then leave the screen that waits for a learner; or, if the playing agent failed, end the episode or give control
         to the person.
         """
-        if not new.failure:
-            self._next_policy = new.policy
+        if not received_policy.failure:
+            self._next_policy = received_policy.policy
         if self.playing:  # the agent that plays has failed
             self.policy = ""
         else:
             self._has_first_policy = True
             self._learning = False
-            self._failed = bool(new.failure) and not self._next_policy
+            self._failed = bool(received_policy.failure) and not self._next_policy
         now_ns = self.context.now_ns
         episode = self.context.next_episode
-        self.context.emit(PolicyGiven(now_ns, self.number, episode, self._next_policy, new.failure))
+        self.context.emit(PolicyGiven(now_ns, self.number, episode, self._next_policy, received_policy.failure))
         if self.phase is Phase.LEARNING:
             self._move(TransitionCause.DONE)
-        elif self.playing and self.acts_without_policy and self._names_failures:
+        elif self.playing and self.acts_without_policy and self._logs_agent_failures:
             self._episode_ended("agent_failed")
         elif self.playing and self.controller == "agent" and not self.acts_without_policy:
-            self._steer("person", "agent_failed" if self._names_failures else "no_policy")
+            self._steer("person", "agent_failed" if self._logs_agent_failures else "no_policy")
 
     def _take_advice(self, advice: Advice) -> None:
         """Choose the agent's next action by a policy's advice and log it; ignore advice on an earlier state.

@@ -44,6 +44,7 @@ def check_agent(agent: AgentPlan, pool: tuple[str, ...]) -> RuleErrors:
 
 
 def _check_times(agent: AgentPlan) -> RuleErrors:
+    """Yield an error for each period or time limit that is outside its limits."""
     if not 20 <= agent.step_ms <= 60_000:
         yield "step_ms", f"is {agent.step_ms:g}; an agent steps every 20 to 60000 ms"
     if not 1 <= agent.update_every <= 10_000:
@@ -55,6 +56,7 @@ def _check_times(agent: AgentPlan) -> RuleErrors:
 
 
 def _check_key(name: str, key: str, pool: tuple[str, ...]) -> RuleErrors:
+    """Yield the errors of the key in a field: no key, a key of the session, or a key that may have an action."""
     if key not in BUTTON_NAMES:
         yield name, f"is {key!r}, which is not a key"
     if key in RESERVED_KEYS:

@@ -37,6 +37,7 @@ _PROMPTS: dict[StrEnum, str] = {  # of the last page
 
 
 def _find_phase(plan: PagePlan) -> Phase:
+    """Return the phase of a text: consent, the session's closing, or a plain page."""
     if plan.agree:
         return Phase.CONSENT
     if plan.closing:
@@ -89,16 +90,16 @@ class PagesActivity(Activity):
             case PointerPressed(target="decline") if self.part.plan.agree:
                 self.ended = PartEnding("failed", reason="declined", detail="the participant did not agree")
 
-    def _turn(self, by: int, *, by_enter: bool) -> bool:
+    def _turn(self, direction: int, *, by_enter: bool) -> bool:
         """Turn one page forward (1) or back (-1), and return whether that had an effect; 0 turns no page.
 
         On the last page, Enter or its button ends the part; any other key has no effect.
         """
-        if not by:
+        if not direction:
             return False
-        if self._reader.turn(by):
+        if self._reader.turn(direction):
             return True
-        if by > 0 and by_enter:
+        if direction > 0 and by_enter:
             self.ended = PartEnding()
             return True
         return False

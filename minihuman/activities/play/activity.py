@@ -308,9 +308,9 @@ class PlayActivity(Activity):
         elif effect.goes_on:
             self._move(TransitionCause.DONE)
 
-    def _turn(self, by: int, *, by_enter: bool) -> None:
-        """Turn the instruction by a number of pages; Enter on the last page ends the instruction."""
-        if not self._reader.turn(by) and by > 0 and by_enter:
+    def _turn(self, n_pages: int, *, by_enter: bool) -> None:
+        """Turn the instruction by a number of pages, back below 0; Enter on the last page ends the instruction."""
+        if not self._reader.turn(n_pages) and n_pages > 0 and by_enter:
             self._move(TransitionCause.DONE)
 
     # Moving on
@@ -350,6 +350,7 @@ class PlayActivity(Activity):
         self.next_play = self._play
 
     def _make_episode(self, plan: EpisodePlan) -> RunningEpisode:
+        """Make the running episode of a plan, in a world of the session; a hook for subclasses."""
         world = self.context.world(plan.world, plan.options)
         context = self.context
         return RunningEpisode(

@@ -24,16 +24,16 @@ def build_question_screen(
         count: how many questions are asked.
         note: why the answer cannot be given; "" for no note.
     """
-    buttons: tuple[Button, ...] = (Button("back", words["button.back"]),) if number else ()
-    buttons += (Button("go_on", words["button.go_on"]),)
+    buttons = [Button("go_on", words["button.go_on"])]
+    if number > 0:
+        buttons.insert(0, Button("back", words["button.back"]))
+    progress = ""
     if count > 1:
         progress = words.fill("question.progress", number=number + 1, count=count)
-    else:
-        progress = ""
     question = draft.question
     kind_words = words.with_kind(question.kind)
     prompt = kind_words.find(f"prompt.{question.kind}", find_question_kind(question.kind).prompt)
-    return QuestionScreen(title, question.ask, draft.widget(), prompt, buttons, progress, note, words.locale)
+    return QuestionScreen(title, question.ask, draft.widget(), prompt, tuple(buttons), progress, note, words.locale)
 
 
 def build_wrong_answer_screen(words: InterfaceWords, text: str) -> TextScreen:

@@ -80,7 +80,7 @@ class RatingActivity(AgentPlayActivity):
         super()._shown(screen_shown)
         if not self.playing or self.policy or self.advised is not None:
             return
-        if self._failed and self._names_failures:
+        if self._failed and self._logs_agent_failures:
             self._episode_ended("agent_failed")
         else:
             self._take_advice(Advice(self.context.now_ns, self._current.steps, self._compute_equal_chances()))

@@ -114,6 +114,7 @@ class TeamPlayActivity(PlayActivity):
         return seeds[-1]
 
     def _make_episode(self, plan: EpisodePlan) -> RunningEpisode:
+        """Make a team's running episode of a plan, seen from this seat."""
         assert self.formed is not None
         return TeamEpisode(
             plan,

@@ -203,16 +203,16 @@ class JointPlay:
             self._open_step.submit(seat, want.action, is_key=want.is_key)
         return self._judge_open_step(want, now_s, is_real_time=is_real_time)
 
-    def close(self, due: StepDue, seat: int, chosen: Mapping[int, int], idle_action: int) -> JointTaken:
+    def close(self, due: StepDue, seat: int, agent_actions: Mapping[int, int], idle_action: int) -> JointTaken:
         """Close a step for good and return its joint action.
 
         Args:
             due: the step to close.
             seat: the seat whose request closes the step; it is answered at once.
-            chosen: the agents' actions, by seat.
+            agent_actions: the agents' actions, by seat.
             idle_action: the action of a seat whose input is late.
         """
-        joint_action = due.close(chosen, idle_action)
+        joint_action = due.close(agent_actions, idle_action)
         self._steps[due.episode].append(joint_action)
         self._concern_others(seat)
         return _build_joint_taken(due.episode, due.step, joint_action)

@@ -29,17 +29,17 @@ class StepDue:
     agents: tuple[int, ...]  # seats in which an agent acts
     silent_ms: tuple[int, ...] = ()  # by seat, as it is due
 
-    def close(self, chosen: Mapping[int, int], idle_action: int) -> JointAction:
+    def close(self, agent_actions: Mapping[int, int], idle_action: int) -> JointAction:
         """Return the joint action of people, agents and late seats.
 
         Args:
-            chosen: the agents' actions, by seat.
+            agent_actions: the agents' actions, by seat.
             idle_action: the action of a seat whose input is late.
         """
         decisions: dict[int, tuple[int, ActionSource]] = {
             **{seat: (action, "person") for seat, action in self.inputs.items()},
             **dict.fromkeys(self.late, (idle_action, "late")),
-            **{seat: (chosen[seat], "agent") for seat in self.agents},
+            **{seat: (agent_actions[seat], "agent") for seat in self.agents},
         }
         seats = sorted(decisions)
         actions_by_seat = tuple(decisions[seat][0] for seat in seats)

@@ -170,7 +170,7 @@ class Lobby(Generic[Member]):
             index = 1 + max((team.index for team in teams), default=-1)
         persons = rules.persons
         order = draw_permutation(len(persons), seed=self._seed, purpose=f"seats-{self._block}", index=index)
-        entries = {persons[order[place]]: partner for place, partner in enumerate(partners)}
+        entries = {persons[order[position]]: partner for position, partner in enumerate(partners)}
         kinds = list(rules.seats)
         for seat in persons:
             if seat not in entries:

@@ -233,6 +233,6 @@ class TeamPresence:
         return True
 
     def restore(self, absent: Iterable[int]) -> None:
-        """Give the seats that the stand-in held before this process began to it again."""
+        """Give the stand-in again the seats that it held when an earlier process ended."""
         for seat in absent:
             self._seats[seat].holder = "agent"

@@ -105,7 +105,7 @@ class TrialsActivity(PlayActivity):
             content = self._feedback_sound
             return () if content is None else (SoundCue(self._feedback_cue, content, self._finished_ns),)
         due_sounds = self.run.list_due_sounds().items()
-        return tuple(SoundCue(self._first_cue + place, sound.content, due_ns) for place, (sound, due_ns) in due_sounds)
+        return tuple(SoundCue(self._first_cue + index, sound.content, due_ns) for index, (sound, due_ns) in due_sounds)
 
     @property
     def _first_cue(self) -> int:
@@ -200,26 +200,26 @@ class TrialsActivity(PlayActivity):
             )
         )
 
-    def _record_flip(self, run: TrialRun, shown: ScreenShown) -> None:
+    def _record_flip(self, run: TrialRun, screen_shown: ScreenShown) -> None:
         """Record and log a picture's flip; the empty picture is logged only if early sounds wait for it."""
-        due_ns = run.record_flip(shown.flip_ns, shown.step)
+        due_ns = run.record_flip(screen_shown.flip_ns, screen_shown.step)
         if run.frame < 0 and not run.has_lead:
             return
         episode = self._current.plan
         if self._rhythm_start is None and run.frame >= 0:
-            self._rhythm_start = (episode.episode_in_block, shown.flip_ns)
+            self._rhythm_start = (episode.episode_in_block, screen_shown.flip_ns)
         if run.target_onset_ns is not None:
             self._current.note_onset(run.target_onset_ns)
         self.context.emit(
             StimuliShown(
-                t_ns=shown.t_ns,
+                t_ns=screen_shown.t_ns,
                 part=self.number,
                 episode=episode.episode,
                 frame=run.frame,
                 stimuli=tuple(stimulus.name for stimulus in run.visible),
                 due_ns=due_ns or 0,
-                submit_ns=shown.submit_ns,
-                flip_ns=shown.flip_ns,
+                submit_ns=screen_shown.submit_ns,
+                flip_ns=screen_shown.flip_ns,
             )
         )
 
@@ -230,12 +230,12 @@ class TrialsActivity(PlayActivity):
             return
         run = self.run
         sound_index = started.cue - self._first_cue
-        played = None if run is None else run.record_sound(sound_index, started.onset_ns)
-        if run is None or played is None:
+        started_sound = None if run is None else run.record_sound(sound_index, started.onset_ns)
+        if run is None or started_sound is None:
             return
         if run.target_onset_ns is not None:
             self._current.note_onset(run.target_onset_ns)
-        sound, due_ns = played
+        sound, due_ns = started_sound
         self._emit_sound(started, sound.name, due_ns)
 
     def _emit_sound(self, started: SoundStarted, name: str, due_ns: int) -> None:

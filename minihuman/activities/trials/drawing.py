@@ -143,7 +143,7 @@ def _find_ring_points(centre: tuple[float, float], count: int, radius: float) ->
 def _draw_shape(
     draw: ImageDraw.ImageDraw, content: StimulusContent, centre: tuple[float, float], reach: float, ink: Any
 ) -> None:
-    """Draw a stimulus's shape, whose edges are at a distance of ``reach`` pixels from its centre."""
+    """Draw a stimulus's shape; ``reach`` is half its size in pixels."""
     x, y = centre
     box = (x - reach, y - reach, x + reach, y + reach)
     match content.shape:
@@ -170,6 +170,7 @@ def _paste_image(picture: Image.Image, content: StimulusContent, files: _Files) 
 
 @lru_cache(maxsize=_MOST_IMAGES)
 def _read_image(name: str, files: _Files) -> Image.Image:
+    """Decode an image file of the protocol; raise `WorldError` if it is missing or of another format."""
     content = files.files.get(name)
     if content is None:
         raise WorldError(f"image {name!r} is not in the protocol's folder; copy it there")

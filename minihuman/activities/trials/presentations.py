@@ -34,12 +34,12 @@ class TrialRecord:
 
     def list_missing_sounds(self) -> Iterator[tuple[str, int]]:
         """Yield the name and the intended onset of each sound that was due and did not begin before the trial's end."""
-        played = {sound.sound for sound in self.sounds}
+        started_names = {sound.sound for sound in self.sounds}
         for sound in self.schedule.sound_list:
             due_ns = self._find_due_ns(sound)
-            if due_ns is not None and sound.name not in played:
+            if due_ns is not None and sound.name not in started_names:
                 yield sound.name, due_ns
-        if self.feedback is not None and FEEDBACK not in played:
+        if self.feedback is not None and FEEDBACK not in started_names:
             yield FEEDBACK, self.end_ns
 
     def _find_due_ns(self, sound: ScheduledSound) -> int | None:

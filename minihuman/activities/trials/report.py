@@ -139,6 +139,7 @@ def _tabulate(people: pd.DataFrame, measures: Sequence[str], caption: str) -> li
 
 
 def _tabulate_conditions(people: pd.DataFrame) -> list[CaptionedTable]:
+    """Build the table of accuracy, response times and omissions by level; no table if nobody has any of them."""
     caption = (
         "Trials by block, group and level of each label: mean (standard deviation) over the n participants. RT: from "
         "the onset of the stimulus to the key press, of correct responses alone. Median: of all of these. Mean: "
@@ -150,6 +151,7 @@ def _tabulate_conditions(people: pd.DataFrame) -> list[CaptionedTable]:
 
 
 def _tabulate_detection(people: pd.DataFrame) -> list[CaptionedTable]:
+    """Build the table of signal detection by level; no table if no trial asks to withhold the response."""
     measured = people[people["d_prime"].notna()]
     caption = (
         "Signal detection, where to withhold the response is correct in some trials: hits, responses where one is "
@@ -206,6 +208,7 @@ def _compare_stop_signals(
 
 
 def _format_stop_estimate(estimate: StopSignalEstimate) -> tuple[str, ...]:
+    """Format the cells of a participant's stop-signal estimate, in the order of `_STOP_HEADS` from the go trials on."""
     return (
         str(estimate.go_trials),
         _format_or_na(estimate.go_accuracy, 3),
@@ -348,6 +351,7 @@ def _format_comparison(comparison: GroupComparison | PairedComparison, count: st
 
 
 def _tabulate_quarters(people: pd.DataFrame) -> list[CaptionedTable]:
+    """Build the table of measures in each quarter of a block; no table if nobody has any measure."""
     caption = (
         "Learning over trials: each quarter of a block, mean (standard deviation) over participants, measured as above."
     )

@@ -202,7 +202,7 @@ class _Spans:
         self.sounds: list[ScheduledSound] = []
         self.feedback: dict[str, SoundContent] = {}
         self._last_end_ns: int | None = 0
-        self._places = {stimulus.name: place for place, stimulus in enumerate(timeline.stimuli)}
+        self._indices = {stimulus.name: index for index, stimulus in enumerate(timeline.stimuli)}
         self._cells = cells
         self._draw = draw
 
@@ -262,7 +262,7 @@ class _Spans:
         if written is None:
             return 0.0
         if isinstance(written, tuple):
-            share = self._draw(DRAWS_PER_STIMULUS * self._places[spec.name] + _TIME_DRAWS[field])
+            share = self._draw(DRAWS_PER_STIMULUS * self._indices[spec.name] + _TIME_DRAWS[field])
             return float(round(written[0] + share * (written[1] - written[0])))
         return self._read_number(spec, field, written, low=0.0, high=LONGEST_MS)
 

@@ -156,7 +156,7 @@ def _find_separator(text: str, name: str) -> str:
     """Return the cell separator that occurs most in the header outside quotes; a comma if none occurs.
 
     Raises:
-        ProtocolError: if two separators occur equally often.
+        ProtocolError: if two separators occur most, and equally often.
     """
     header = re.sub(r'"[^"]*"', "", text.partition("\n")[0])
     counts = {separator: header.count(separator) for separator in _SEPARATORS}

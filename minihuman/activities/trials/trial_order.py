@@ -115,16 +115,17 @@ def _break_runs(
         if not too_long:
             return
         first = too_long[next(words) % len(too_long)]
-        begin = first - first % n_rows
-        second = begin + next(words) % (min(begin + n_rows, len(order)) - begin)
-        near = runs.find_near(first) | runs.find_near(second)
-        n_before = len(runs.list_too_long(near))
+        table_begin = first - first % n_rows
+        table_end = min(table_begin + n_rows, len(order))
+        second = table_begin + next(words) % (table_end - table_begin)
+        affected = runs.find_near(first) | runs.find_near(second)
+        n_too_long = len(runs.list_too_long(affected))
         order[first], order[second] = order[second], order[first]
-        if len(runs.list_too_long(near)) > n_before:
+        if len(runs.list_too_long(affected)) > n_too_long:
             order[first], order[second] = order[second], order[first]
         else:
-            too_long = [position for position in too_long if position not in near] + runs.list_too_long(near)
-    limits = ", ".join(f"{name} = {most}" for name, most in max_run.items())
+            too_long = [position for position in too_long if position not in affected] + runs.list_too_long(affected)
+    limits = ", ".join(f"{name} = {longest}" for name, longest in max_run.items())
     name = next(name for name in max_run if find_longest_run([columns[name][row] for row in order]) > max_run[name])
     level, count = Counter(columns[name][row] for row in order).most_common(1)[0]
     raise ProtocolError(

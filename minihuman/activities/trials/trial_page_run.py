@@ -40,12 +40,12 @@ def build_trial_page_run(activity: Activity) -> PageRun | None:
         "cues_per_trial": CUES_PER_TRIAL,
     }
     ends: dict[str, Callable[[Activity], Iterator[Input]]] = {
-        str(action): partial(_respond, key=key) for key, action in actions.items()
+        str(action): partial(_generate_inputs, key=key) for key, action in actions.items()
     }
     if schedule.end_ns is not None:
-        ends[NO_RESPONSE_END] = partial(_respond, key="")
-    looks = ((episode.block, episode.episode), START_MARK)
-    return PageRun("minihuman.activities.trials:trial_run.js", values, looks, ends)
+        ends[NO_RESPONSE_END] = partial(_generate_inputs, key="")
+    screen_identity = ((episode.block, episode.episode), START_MARK)
+    return PageRun("minihuman.activities.trials:trial_run.js", values, screen_identity, ends)
 
 
 def _describe_schedule(schedule: TrialSchedule, run: TrialRun) -> dict[str, Any]:
@@ -70,7 +70,7 @@ def _describe_schedule(schedule: TrialSchedule, run: TrialRun) -> dict[str, Any]
     }
 
 
-def _respond(activity: Activity, *, key: str) -> Iterator[Input]:
+def _generate_inputs(activity: Activity, *, key: str) -> Iterator[Input]:
     """Yield inputs that lead a running trial to its end, with a key as every response; "" for no response.
 
     Each input must be handled before the next one is requested.
