@@ -18,7 +18,7 @@ class ClipRequest(ActivityRequest):
     pair: int  # 0 for the first
     place: int  # 0 for the pair's first clip, 1 for its second
     steps: int
-    again: EpisodeClip | None  # the pair's first clip; None if it is the one that is requested
+    again: EpisodeClip | None  # the pair's first clip; None if that clip is requested
     pairing: PairingPolicy = "random"
     wait_s: float = 0.0  # the longest wait for a pair by disagreement; then any pair is taken
 

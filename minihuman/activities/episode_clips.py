@@ -79,9 +79,9 @@ class EpisodeFilm(Sequence[ImageArray]):
         self._palette: Palette = palette
         self._picture_px = picture_px
         self._first = first
-        self._saved: list[Any] = []  # the world at each picture; none where it cannot be saved
+        self._saved: list[Any] = []  # the world's state at each picture; empty if it cannot be saved
         with catch_world_errors():
-            self._lead_to(first)
+            self._replay_to(first)
             self.first_hash = world.state_hash()
             self._save_world()
             for action in self._actions[first:]:
@@ -100,7 +100,7 @@ class EpisodeFilm(Sequence[ImageArray]):
     def __getitem__(self, step: int | slice) -> ImageArray | Sequence[ImageArray]:
         """Draw and return the picture at an index, or the pictures of a slice."""
         if isinstance(step, slice):
-            return [self[number] for number in range(*step.indices(len(self)))]
+            return [self[index] for index in range(*step.indices(len(self)))]
         if not -len(self) <= step < len(self):
             raise IndexError(step)
         if self._picture_px is None:
@@ -110,21 +110,26 @@ class EpisodeFilm(Sequence[ImageArray]):
             return self._world.frame(self._view, self._picture_px, self._palette).copy()
 
     def _go_to(self, step: int) -> None:
+        """Bring the world to the state of the picture at an index, from the saved states if there are any."""
         if len(self._saved) == len(self):
             self._world.restore(self._saved[step])
         else:
-            self._lead_to(self._first + step)
+            self._replay_to(self._first + step)
 
-    def _lead_to(self, step: int) -> None:
+    def _replay_to(self, step: int) -> None:
+        """Reset the world and repeat the episode's actions up to a step, counted from the reset."""
         self._world.reset(self._seed)
         for action in self._actions[:step]:
             self._world.advance(action)
 
     def _save_world(self) -> None:
-        """Save the world's present state, if pictures are drawn, so that earlier steps can be drawn again."""
+        """Save the world's present state, if pictures are drawn, so that its picture can be drawn later.
+
+        If the world cannot be saved, drop all saved states; `_go_to` then replays the episode for each picture.
+        """
         if self._picture_px is None:
             return
         try:
             self._saved.append(self._world.save())
-        except MinihumanError:  # a world that cannot be saved is reset and stepped there each time
+        except MinihumanError:
             self._saved = []

@@ -17,7 +17,7 @@ from minihuman.plugins import list_plugin_names, load_plugin, make_plugin
 from minihuman.worlds.adapters.world import World
 
 AGENT_GROUP = "minihuman.agents"
-POLICY_AGENT = "policy"  # the agent that a policy file is
+POLICY_AGENT = "policy"  # the name of the agent that loads a policy file
 
 
 class BaseAgent(abc.ABC):
@@ -46,9 +46,9 @@ class RandomAgent(BaseAgent):
     """An agent that gives every action with a key the same probability."""
 
     def begin(self, plan: EpisodePlan, world: World) -> None:
-        """Set the probabilities from the actions that have a key."""
-        keyed = set(plan.key_map.keys.values())
-        chances = np.array([name in keyed for name in world.action_names], np.float32)
+        """Set the probabilities: equal for all actions that have a key, and 0 for the others."""
+        actions_with_key = set(plan.key_map.keys.values())
+        chances = np.array([name in actions_with_key for name in world.action_names], np.float32)
         self._chances: NDArray[np.float32] = chances / chances.sum(dtype=np.float32)
 
     def action_probabilities(self, world: World) -> NDArray[np.float32]:
@@ -60,7 +60,7 @@ class OptimalAgent(BaseAgent):
     """An agent that follows a shortest path; ``optimal:0.2`` takes a random action with probability 0.2."""
 
     def begin(self, plan: EpisodePlan, world: World) -> None:
-        """Read the probability of a random action from the agent's argument.
+        """Read the probability of a random action from the agent's argument; without an argument, it is 0.
 
         Raises:
             SimulationError: if the probability is not from 0 to 1.
@@ -77,7 +77,7 @@ class OptimalAgent(BaseAgent):
         self._random.begin(plan, world)
 
     def action_probabilities(self, world: World) -> NDArray[np.float32]:
-        """Return the mixture of the shortest path's first action and a random action.
+        """Return the probabilities of a mixture of the shortest path's first action and a random action.
 
         Raises:
             SimulationError: if no path leads to the goal.

@@ -41,7 +41,7 @@ class GoalSearch(abc.ABC):
 
     @abc.abstractmethod
     def plan(self) -> list[str]:
-        """Return the next actions, as far as they are decided; empty if nothing is left to try.
+        """Return the names of the next actions, as far as they are decided; empty if there is nothing else to try.
 
         Raises:
             WorldError: if planning would take too long.
@@ -64,7 +64,7 @@ class FullViewSearch(GoalSearch):
         self._path: list[str] = []
 
     def plan(self) -> list[str]:
-        """Return the rest of the last path, or a new path if the last one was left."""
+        """Return the remaining actions of the current path, or a new shortest path if there are none."""
         if not self._path:
             self._path = find_shortest_path(self._world)
         return self._path
@@ -73,7 +73,10 @@ class FullViewSearch(GoalSearch):
         """Do nothing, because everything is in sight."""
 
     def observe_action(self, action: str, *, no_effect: bool) -> None:
-        """Shorten the path by the action, extend it by the way back, or discard it."""
+        """Update the path: remove an action that it began with, or prepend the inverse of a turn off the path.
+
+        After any other action that had an effect, discard the path.
+        """
         if no_effect:
             return
         if self._path[:1] == [action]:
@@ -95,8 +98,10 @@ class GridSearch(GoalSearch):
         grid = env.grid if isinstance(env, GridFromInside) else env
         self._env = grid
         self._rng = rng
-        inside = grid is not env
-        self._explorer = Explorer(grid.state, grid.image_shape[0], judgement=PEOPLE_WEIGHTS, noise=noise, inside=inside)
+        is_inside = grid is not env
+        self._explorer = Explorer(
+            grid.state, grid.image_shape[0], judgement=PEOPLE_WEIGHTS, noise=noise, inside=is_inside
+        )
 
     def plan(self) -> list[str]:
         """Return the plan of the exploring expert; if nothing is left to try, forget everything and explore again."""
@@ -126,12 +131,16 @@ class RoomSearch(GoalSearch):
         self._known_path = FullViewSearch(world)  # once all targets have been seen
 
     def plan(self) -> list[str]:
-        """Return a path to the targets once all have been seen, and before that to where more can be seen."""
+        """Return actions towards the targets once all have been seen, and before that to where more can be seen.
+
+        If nothing more can be seen, forget the floor and explore it again.
+        """
         memory = self._memory
         memory.look()
         targets = self._env.targets()
-        if all(any(thing is known for known in memory.things) for thing in targets):
-            if type(self._env).shortest_path is not GoalEnv.shortest_path:
+        if all(any(target is thing for thing in memory.things) for target in targets):
+            needs_whole_path = type(self._env).shortest_path is not GoalEnv.shortest_path  # not one target to reach
+            if needs_whole_path:
                 return self._known_path.plan()
             move = memory.step_to(targets[0])
             if move is not None:

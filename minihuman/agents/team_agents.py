@@ -27,36 +27,41 @@ STEPS = ((0, -1), (0, 1), (1, 0), (-1, 0))  # of a kitchen's actions: up, down, 
 _QUARTER_TURNS_OF_STEPS = (3, 1, 0, 2)  # to the right from east, by the index of the step
 _QUARTER_TURN_RAD = np.pi / 2
 _FIELDS_PER_COOK = 4  # x, y, direction and what is held
-SIDESTEP = 0.3  # probability that a cook whose way another one blocks or may enter waits or moves at random
+_TOMATO_STRIDE = 4  # of the number of a recipe, which is onions + 4 * tomatoes
+SIDESTEP = 0.3  # probability that a cook whose path another cook blocks or may enter waits or moves at random
+_BAY_ROW = 1  # the row above a swap corridor, whose only free cell is the bay
 
 
-def beside(cell: Cell) -> set[Cell]:
+def find_neighbours(cell: Cell) -> set[Cell]:
     """Return the four neighbours of a cell."""
     return {(cell[0] + step_x, cell[1] + step_y) for step_x, step_y in STEPS}
 
 
-def towards(place: Cell, cell: Cell) -> int:
-    """Return the index in `STEPS` of the step from a place to a neighbouring cell."""
-    return STEPS.index((cell[0] - place[0], cell[1] - place[1]))
+def find_step(start: Cell, neighbour: Cell) -> int:
+    """Return the index in `STEPS` of the step from a cell to a neighbouring cell."""
+    return STEPS.index((neighbour[0] - start[0], neighbour[1] - start[1]))
 
 
-def find_way(start: Cell, is_goal: Callable[[Cell], bool], floor: Collection[Cell]) -> list[Cell] | None:
-    """Return the shortest path over a floor, from the cell after the start to the goal; None if there is none."""
-    came: dict[Cell, Cell] = {start: start}
-    waiting = deque([start])
-    while waiting:
-        cell = waiting.popleft()
+def find_path(start: Cell, is_goal: Callable[[Cell], bool], floor: Collection[Cell]) -> list[Cell] | None:
+    """Return the cells of the shortest path over a floor to a goal, without the start; None if there is no path.
+
+    The path is empty if the start is a goal. It is found by breadth-first search.
+    """
+    previous_cells: dict[Cell, Cell] = {start: start}
+    queue = deque([start])
+    while queue:
+        cell = queue.popleft()
         if is_goal(cell):
-            way = []
+            path = []
             while cell != start:
-                way.append(cell)
-                cell = came[cell]
-            return way[::-1]
-        for step_x, step_y in STEPS:  # in their order, so that equally short ways are always the same
-            after = cell[0] + step_x, cell[1] + step_y
-            if after in floor and after not in came:
-                came[after] = cell
-                waiting.append(after)
+                path.append(cell)
+                cell = previous_cells[cell]
+            return path[::-1]
+        for step_x, step_y in STEPS:  # in their order, so that of equally short paths always the same is returned
+            neighbour = cell[0] + step_x, cell[1] + step_y
+            if neighbour in floor and neighbour not in previous_cells:
+                previous_cells[neighbour] = cell
+                queue.append(neighbour)
     return None
 
 
@@ -98,100 +103,112 @@ class KitchenSearch(FullViewSearch):
     def plan(self) -> list[str]:
         """Return a list that contains only the next action."""
         env = self._world.unwrapped
-        return [self._world.action_names[KitchenView(env.team, env.seat).choose()[0]]]
+        action, _ = KitchenView(env.team, env.seat).choose()
+        return [self._world.action_names[action]]
 
 
 class KitchenView:
     """One state of a kitchen, as one cook sees it."""
 
     def __init__(self, kitchen: Kitchen, seat: int) -> None:
-        row = self.row = kitchen.row
-        width, height, cooks = row[:3].tolist()
-        cooks_end = fields.COOK + _FIELDS_PER_COOK * cooks
-        others = row[fields.COOK : cooks_end].reshape(cooks, _FIELDS_PER_COOK).tolist()
-        x, y, self.facing, self.held_thing = others.pop(seat)
+        row = kitchen.row
+        self.row = row
+        width, height, n_cooks = row[:3].tolist()
+        cooks_end = fields.COOK + _FIELDS_PER_COOK * n_cooks
+        cooks = row[fields.COOK : cooks_end].reshape(n_cooks, _FIELDS_PER_COOK).tolist()
+        x, y, self.facing, self.held_thing = cooks.pop(seat)  # the other cooks remain
         self.place = (x, y)
-        self.other_places = {(other_x, other_y) for other_x, other_y, _, _ in others}
-        self.held_by_others = [held_thing for _, _, _, held_thing in others]
-        cells = [divmod(cell, height) for cell in range(width * height)]
+        self.other_places = {(other_x, other_y) for other_x, other_y, _, _ in cooks}
+        self.held_by_others = [held_thing for _, _, _, held_thing in cooks]
+        cells = [divmod(index, height) for index in range(width * height)]
         terrain, things = row[cooks_end:].reshape(2, -1).tolist()
         self.terrain = dict(zip(cells, terrain, strict=True))
         self.things = dict(zip(cells, things, strict=True))
         self.floor = set(self._find_cells(fields.FLOOR))
         self.region = self._find_region(self.place)
         prices = {recipe: self._read_price(recipe) for recipe in RECIPES}
-        wanted_recipes = [recipe for recipe in RECIPES if prices[recipe]]
-        self.orders = sorted(wanted_recipes, key=lambda recipe: -prices[recipe])
+        orders = [recipe for recipe in RECIPES if prices[recipe]]
+        self.orders = sorted(orders, key=lambda recipe: -prices[recipe])  # the most valuable first
 
     def _read_price(self, recipe: str) -> int:
-        """Return the reward for delivering a soup, by its numbers of onions ("o") and tomatoes ("t")."""
+        """Return the reward for delivering a soup of a recipe, a text with an "o" per onion and a "t" per tomato."""
         n_onions = recipe.count("o")
         n_tomatoes = recipe.count("t")
-        return int(self.row[fields.VALUES + n_onions + 4 * n_tomatoes])
+        return int(self.row[fields.VALUES + n_onions + _TOMATO_STRIDE * n_tomatoes])
 
     def choose(self) -> tuple[int, bool]:
-        """Return the next action, and whether another cook blocks it."""
+        """Return the next action of the most urgent possible task, and whether another cook blocks it.
+
+        Without a possible task the cook stays; it counts as blocked if there is another cook.
+        """
         for stations in self._list_tasks():
-            if self._reaches(stations):
+            if self._can_reach(stations):
                 return self._approach(stations)
         return fields.STAY, bool(self.other_places)
 
     def _list_tasks(self) -> list[list[Cell]]:
-        """Return a list of stations for each task, the most urgent task first."""
+        """Return for each task, the most urgent first, the cells of the stations at which it can be done."""
         pots = self._find_cells(fields.POT)
-        kind = kind_of(self.held_thing)
-        active = [cell for cell in pots if self.things[cell] and clock_of(self.things[cell]) >= 0]
-        if kind == fields.SOUP:
-            return [self._find_cells(fields.HATCH), self._shared_counters()]
-        if kind == fields.DISH:
-            ready = [cell for cell in active if self._is_ready(cell)]
-            return [ready, active, [cell for cell in pots if self.things[cell]], self._shared_counters()]
-        if kind != fields.NOTHING:
+        held_kind = kind_of(self.held_thing)
+        cooking_pots = [cell for cell in pots if self.things[cell] and clock_of(self.things[cell]) >= 0]
+        if held_kind == fields.SOUP:
+            return [self._find_cells(fields.HATCH), self._find_shared_counters()]
+        if held_kind == fields.DISH:
+            ready_pots = [cell for cell in cooking_pots if self._is_ready(cell)]
+            filled_pots = [cell for cell in pots if self.things[cell]]
+            return [ready_pots, cooking_pots, filled_pots, self._find_shared_counters()]
+        if held_kind != fields.NOTHING:
             return [
-                [cell for cell in pots if self._needs_ingredient(cell, kind)],
-                self._shared_counters(),
-                self._counters(0),
+                [cell for cell in pots if self._needs_ingredient(cell, held_kind)],
+                self._find_shared_counters(),
+                self._find_counters(fields.NOTHING),
             ]
-        dishes = self._counters(fields.DISH)
-        brought = self.held_by_others.count(fields.DISH)
-        if not self._reaches(active):
-            brought += len(dishes)
-        tasks = [[cell for cell in pots if self._is_complete(cell)], self._counters(fields.SOUP)]
-        if len(active) > brought:
+        dishes = self._find_counters(fields.DISH)
+        n_dishes_in_use = self.held_by_others.count(fields.DISH)
+        if not self._can_reach(cooking_pots):
+            n_dishes_in_use += len(dishes)  # those on counters are for another cook, who reaches the pots
+        tasks = [[cell for cell in pots if self._is_complete(cell)], self._find_counters(fields.SOUP)]
+        if len(cooking_pots) > n_dishes_in_use:
             tasks.append(dishes + self._find_cells(fields.DISHES))
         for kind, source in ((fields.ONION, fields.ONIONS), (fields.TOMATO, fields.TOMATOES)):
             if any(self._needs_ingredient(cell, kind) for cell in pots):
-                if self._reaches(pots):
-                    tasks.append(self._counters(kind))
+                if self._can_reach(pots):
+                    tasks.append(self._find_counters(kind))
                 tasks.append(self._find_cells(source))
         return tasks
 
     def _find_cells(self, terrain: int) -> list[Cell]:
         return [cell for cell, cell_terrain in self.terrain.items() if cell_terrain == terrain]
 
-    def _counters(self, kind: int) -> list[Cell]:
-        """Return the counters that hold an object of a kind; 0 stands for empty counters."""
+    def _find_counters(self, kind: int) -> list[Cell]:
+        """Return the counters that hold an object of a kind; ``NOTHING`` is the kind of empty counters."""
         return [cell for cell in self._find_cells(fields.COUNTER) if kind_of(self.things[cell]) == kind]
 
-    def _shared_counters(self) -> list[Cell]:
-        """Return the free counters that can be reached by a cook whose part of the floor this cook cannot reach."""
-        apart = [self._find_region(other) for other in self.other_places if other not in self.region]
-        return [cell for cell in self._counters(0) if any(not region.isdisjoint(beside(cell)) for region in apart)]
+    def _find_shared_counters(self) -> list[Cell]:
+        """Return the empty counters that can be reached by a cook whose part of the floor this cook cannot reach."""
+        other_regions = [self._find_region(place) for place in self.other_places if place not in self.region]
+        return [
+            cell
+            for cell in self._find_counters(fields.NOTHING)
+            if any(not region.isdisjoint(find_neighbours(cell)) for region in other_regions)
+        ]
 
     def _find_region(self, place: Cell) -> set[Cell]:
         """Return the floor cells that can be reached from a place if other cooks make way."""
         region = {place}
-        waiting = [place]
-        while waiting:
-            new = beside(waiting.pop()) & self.floor - region
-            region |= new
-            waiting += new
+        frontier = [place]
+        while frontier:
+            new_cells = find_neighbours(frontier.pop()) & self.floor - region
+            region |= new_cells
+            frontier += new_cells
         return region
 
-    def _reaches(self, cells: list[Cell]) -> bool:
-        return any(not self.region.isdisjoint(beside(cell)) for cell in cells)
+    def _can_reach(self, cells: list[Cell]) -> bool:
+        """Return whether this cook can get next to any of the cells if other cooks make way."""
+        return any(not self.region.isdisjoint(find_neighbours(cell)) for cell in cells)
 
     def _is_ready(self, cell: Cell) -> bool:
+        """Return whether the soup in a pot has cooked for the time of its recipe."""
         thing = self.things[cell]
         return clock_of(thing) >= int(self.row[fields.TIMES + recipe_of(thing)])
 
@@ -213,30 +230,32 @@ class KitchenView:
         return False
 
     def _is_complete(self, cell: Cell) -> bool:
-        """Return whether a pot can be started, because more ingredients would not make a more valuable order."""
-        waits = self.things[cell] and clock_of(self.things[cell]) < 0 and not self.row[fields.AUTOMATIC]
-        return bool(waits) and not (
-            self._needs_ingredient(cell, fields.ONION) or self._needs_ingredient(cell, fields.TOMATO)
-        )
+        """Return whether a cook has to start a pot, because no further ingredient would make a more valuable order."""
+        thing = self.things[cell]
+        if thing == fields.NOTHING or clock_of(thing) >= 0 or self.row[fields.AUTOMATIC]:
+            return False
+        return not (self._needs_ingredient(cell, fields.ONION) or self._needs_ingredient(cell, fields.TOMATO))
 
     def _approach(self, stations: list[Cell]) -> tuple[int, bool]:
-        """Return the action that walks to the nearest station and uses it, and whether another cook blocks the way.
+        """Return the action that walks to the nearest station or uses it, and whether another cook blocks the path.
 
-        At a pot that is still cooking, the action is to wait.
+        A path also counts as blocked if another cook may enter its next cell. At a pot that is still cooking, the
+        action is to wait.
         """
 
         def is_there(cell: Cell) -> bool:
-            return not beside(cell).isdisjoint(stations)
+            return not find_neighbours(cell).isdisjoint(stations)
 
-        way = find_way(self.place, is_there, self.floor - self.other_places)
-        blocked = way is None
-        if way is None:
-            way = find_way(self.place, is_there, self.floor)
-        if way:
-            return towards(self.place, way[0]), blocked or not beside(way[0]).isdisjoint(self.other_places)
-        station = next(cell for cell in stations if cell in beside(self.place))
-        if self.facing != towards(self.place, station):
-            return towards(self.place, station), False
+        path = find_path(self.place, is_there, self.floor - self.other_places)
+        is_blocked = path is None
+        if path is None:
+            path = find_path(self.place, is_there, self.floor)
+        if path:
+            can_be_entered = not find_neighbours(path[0]).isdisjoint(self.other_places)
+            return find_step(self.place, path[0]), is_blocked or can_be_entered
+        station = next(cell for cell in stations if cell in find_neighbours(self.place))
+        if self.facing != find_step(self.place, station):
+            return find_step(self.place, station), False
         is_fetching_soup = self.terrain[station] == fields.POT and kind_of(self.held_thing) == fields.DISH
         if is_fetching_soup and not self._is_ready(station):
             return fields.STAY, False
@@ -266,25 +285,26 @@ class CorridorAgent(BaseAgent):
             )
 
     def action_probabilities(self, world: World) -> NDArray[np.float32]:
-        """Return probability 1 for the next turn or step towards the goal, or towards the bay."""
+        """Return probability 1 for the next turn or step towards the goal, or towards the bay; or to stay."""
         team = world.unwrapped.team
         seat = world.unwrapped.seat
         state = team.state
         pose = team.pose(seat)
-        place = int(pose.x), int(pose.z)
-        free = {(x, y) for x, y in np.argwhere(state.kinds != WALL).tolist()}
-        other_cells = {(int(other.x), int(other.z)) for other in map(team.pose, range(team.bodies))} - {place}
-        is_own = (state.kinds == GOAL) & (state.colours == BODY_COLOURS[seat])
-        own = {(x, y) for x, y in np.argwhere(is_own).tolist()}
-        bay = {cell for cell in free if cell[1] == 1}  # the only free cell of the row above the corridor
-        way = find_way(place, own.__contains__, free - other_cells)
-        if way is None and self.argument == "insist":
-            way = find_way(place, own.__contains__, free)
-        elif way is None:
-            way = find_way(place, bay.__contains__, free - other_cells) or []
+        cell = int(pose.x), int(pose.z)
+        free_cells = {(x, y) for x, y in np.argwhere(state.kinds != WALL).tolist()}
+        body_poses = [team.pose(body) for body in range(team.bodies)]
+        other_cells = {(int(body_pose.x), int(body_pose.z)) for body_pose in body_poses} - {cell}
+        is_own_goal = (state.kinds == GOAL) & (state.colours == BODY_COLOURS[seat])
+        own_goals = {(x, y) for x, y in np.argwhere(is_own_goal).tolist()}
+        bay = {(x, y) for x, y in free_cells if y == _BAY_ROW}
+        path = find_path(cell, own_goals.__contains__, free_cells - other_cells)
+        if path is None and self.argument == "insist":
+            path = find_path(cell, own_goals.__contains__, free_cells)
+        elif path is None:
+            path = find_path(cell, bay.__contains__, free_cells - other_cells)
         action = "stay"
-        if way:
-            quarter_turns = round(-pose.yaw_rad / _QUARTER_TURN_RAD)
-            right_turns = (_QUARTER_TURNS_OF_STEPS[towards(place, way[0])] - quarter_turns) % 4
+        if path:
+            facing_turns = round(-pose.yaw_rad / _QUARTER_TURN_RAD)  # quarter turns to the right from east
+            right_turns = (_QUARTER_TURNS_OF_STEPS[find_step(cell, path[0])] - facing_turns) % 4
             action = {0: "forward", 3: "left"}.get(right_turns, "right")
         return np.array([name == action for name in world.action_names], np.float32)

@@ -21,7 +21,7 @@ from minihuman.worlds.grid.engine import GridEngine
 from minihuman.worlds.registration import register_with_gymnasium as _register
 
 _PAGE = Path(__file__).parents[1] / "web" / "page"
-# each imports earlier ones
+# in the order of their imports
 _MODULES = ("row.js", "world.js", "layouts.js", "packed_world.js", "episode_record.js", "episode_view.js")
 _PACKED_NAME = "world"
 _USUAL_KEYS: Mapping[str, str] = {
@@ -68,7 +68,7 @@ def pack_cell_world(
     keys: Mapping[str, str] | None = None,
     options: Mapping[str, Any] | None = None,
 ) -> CellWorld:
-    """Pack a world for a cell.
+    """Pack a world for a cell: its rules, first states and pictures, with the keys that play it.
 
     Args:
         world: a Gymnasium id; the prefix ``minihuman/`` is optional.
@@ -78,30 +78,32 @@ def pack_cell_world(
         options: the keyword arguments of ``gymnasium.make``.
 
     Raises:
-        WorldError: if there is no such world or action, or no page can compute the world.
+        WorldError: if there is no such world, another argument is not valid, or no page can compute the world.
     """
     world_id = world
     if "/" not in world and ":" not in world:
         world_id = f"minihuman/{world}"
-    chosen = dict(options or {})
-    env = _make_world(world_id, chosen)
+    world_options = dict(options or {})
+    env = _make_world(world_id, world_options)
     if isinstance(env, FirstPersonEnv) and not env.trig:
-        chosen |= PAGE_SINE
-        env = _make_world(world_id, chosen)
+        world_options |= PAGE_SINE
+        env = _make_world(world_id, world_options)
     _require_computable(env, world_id, view)
     if not seeds or min(seeds) < 0:
         raise WorldError(f"seeds are {list(seeds)}; give one or more, each 0 or more")
     if keys is None:
         keys = choose_keys(env.action_names)
-    key_map = _check_keys(dict(keys), env, world_id)
+    key_map = dict(keys)
+    _check_keys(key_map, env, world_id)
     with tempfile.TemporaryDirectory() as folder:
         pack_world(Path(folder), env, seeds, name=_PACKED_NAME, summary=world_id.rpartition("/")[2])
         pack = _join_files(Path(folder))
     env.close()
-    return CellWorld(world_id, chosen, tuple(seeds), view, key_map, pack)
+    return CellWorld(world_id, world_options, tuple(seeds), view, key_map, pack)
 
 
 def _make_world(world_id: str, options: dict[str, Any]) -> Any:
+    """Make a world without Gymnasium's wrappers; raise `WorldError` if Gymnasium cannot make it."""
     _register()
     try:
         return gymnasium.make(world_id, disable_env_checker=True, **options).unwrapped
@@ -110,6 +112,7 @@ def _make_world(world_id: str, options: dict[str, Any]) -> Any:
 
 
 def _require_computable(env: Any, world_id: str, view: str) -> None:
+    """Raise `WorldError` unless a page can compute a world's steps and pictures in a view."""
     if not isinstance(env, GridEngine | FirstPersonEnv) or not env.is_compiled:
         raise WorldError(
             f"{world_id}: its rules or pictures are not compiled, so no page computes it; play it with: minihuman play"
@@ -121,7 +124,7 @@ def _require_computable(env: Any, world_id: str, view: str) -> None:
 
 
 def choose_keys(actions: Sequence[str]) -> dict[str, str]:
-    """Return a key for each action: the usual one if the action has one that is free, or else the next of a list."""
+    """Return the action of each key: an action's usual key if it has one that is free, or else the next spare key."""
     keys: dict[str, str] = {}
     spare_keys = iter(_OTHER_KEYS)
     for action in actions:
@@ -132,7 +135,8 @@ def choose_keys(actions: Sequence[str]) -> dict[str, str]:
     return keys
 
 
-def _check_keys(keys: dict[str, str], env: Any, world_id: str) -> dict[str, str]:
+def _check_keys(keys: dict[str, str], env: Any, world_id: str) -> None:
+    """Raise `WorldError` unless every key can be logged and has an action of the world."""
     for key, action in keys.items():
         if action not in env.action_names:
             raise WorldError(f"key {key!r} has action {action!r}; {world_id} has {', '.join(env.action_names)}")
@@ -140,20 +144,23 @@ def _check_keys(keys: dict[str, str], env: Any, world_id: str) -> dict[str, str]
             raise WorldError(
                 f"key {key!r} is none that a log can hold; use a letter, a digit or one of {', '.join(KEY_CODES)}"
             )
-    return keys
 
 
 def _join_files(folder: Path) -> bytes:
-    """Join a folder's files: the length of the header, the header with each file's path and size, the files."""
-    files = [path for path in sorted(folder.rglob("*")) if path.is_file()]
-    contents = [path.read_bytes() for path in files]
+    """Join a folder's files into one block of bytes.
+
+    It begins with the header's length (4 bytes, little-endian) and the header, a JSON list with each file's path and
+    size; the files follow in this order.
+    """
+    paths = [path for path in sorted(folder.rglob("*")) if path.is_file()]
+    contents = [path.read_bytes() for path in paths]
     extents = [
-        (path.relative_to(folder).as_posix(), len(content)) for path, content in zip(files, contents, strict=True)
+        (path.relative_to(folder).as_posix(), len(content)) for path, content in zip(paths, contents, strict=True)
     ]
     header = json.dumps(extents).encode()
     return len(header).to_bytes(4, "little") + header + b"".join(contents)
 
 
 def read_modules() -> list[tuple[str, str]]:
-    """Return the name and text of each of the page's modules that a cell plays by, in the order of their imports."""
+    """Return the name and text of each of the page's modules that a cell runs, in the order of their imports."""
     return [(name, (_PAGE / name).read_text(encoding="utf-8")) for name in _MODULES]

@@ -17,10 +17,14 @@ from minihuman.web.page_data.page_episodes import PageDataError, PageEpisode, re
 
 
 def convert_columns(world: CellWorld, sent: Sequence[Mapping[str, Any]]) -> list[PageEpisode]:
-    """Convert what a cell sent, and replay it; the world, its options and seeds are those of this process.
+    """Convert the episodes that a cell sent, and replay them to check them.
+
+    Args:
+        world: the cell's world, whose id, options and seeds are used instead of any that the cell sends.
+        sent: the columns of each episode.
 
     Raises:
-        PageDataError: if something is malformed, or an episode replays differently.
+        PageDataError: if an episode is malformed, or replays differently.
     """
     episodes = [_convert(world, columns, number) for number, columns in enumerate(sent, 1)]
     require_consistent(episodes, "the cell", checks_world=False)
@@ -28,6 +32,11 @@ def convert_columns(world: CellWorld, sent: Sequence[Mapping[str, Any]]) -> list
 
 
 def _convert(world: CellWorld, columns: Mapping[str, Any], number: int) -> PageEpisode:
+    """Convert the columns of an episode, whose ``seed`` is the index of a seed of the world; count it from 1.
+
+    Raises:
+        PageDataError: if the columns are malformed, or the world has no such seed.
+    """
     try:
         episode = msgspec.convert(dict(columns), PageEpisode, strict=True)
     except msgspec.ValidationError as error:
@@ -40,7 +49,10 @@ def _convert(world: CellWorld, columns: Mapping[str, Any], number: int) -> PageE
 
 
 def write_played(episodes: Sequence[PageEpisode], study: Path) -> Path | None:
-    """Write replayed episodes as the log of a study's next participant; return None if the study has them already.
+    """Write replayed episodes as the log of a study's next participant.
+
+    Returns:
+        The log's path; None if the study has the episodes already.
 
     Raises:
         PageDataError: if the study has sessions that were not imported.
@@ -53,7 +65,7 @@ def write_played(episodes: Sequence[PageEpisode], study: Path) -> Path | None:
 
 
 class PlayedEpisodes:
-    """The episodes of a cell as they come in, opened as those of a study's session are.
+    """The episodes that a cell has sent so far, which are opened like those of a study's session.
 
     Args:
         world: the cell's world.
@@ -65,17 +77,17 @@ class PlayedEpisodes:
         self._session: Session | None = None
 
     def receive(self, sent: Sequence[Mapping[str, Any]]) -> None:
-        """Replay what the cell sent, which is all that it has of the session.
+        """Replay the episodes that the cell sent, and keep them instead of those before: the cell sends all again.
 
         Raises:
-            PageDataError: if an episode replays differently.
+            PageDataError: if an episode is malformed, or replays differently.
         """
         self._played = convert_columns(self._world, sent)
         self._session = None
 
     @property
     def episodes(self) -> tuple[Episode, ...]:
-        """The episodes in the order in which they were played; their evidence is "consistent"."""
+        """Return the episodes in the order in which they were played; their evidence is "consistent"."""
         if not self._played:
             return ()
         if self._session is None:
@@ -83,7 +95,7 @@ class PlayedEpisodes:
         return self._session.all_episodes
 
     def _open(self) -> Session:
-        """Open the episodes from a log that is deleted again, as an opened session needs its log no more."""
+        """Write the episodes to a temporary log and open it; an opened session does not need the log any more."""
         folder = Path(tempfile.mkdtemp(prefix="minihuman-cell-"))
         try:
             log = write_played(self._played, folder / "notebook")
@@ -93,7 +105,7 @@ class PlayedEpisodes:
             shutil.rmtree(folder, ignore_errors=True)
 
     def save(self, study: Path) -> Path | None:
-        """Write the episodes into a study's folder; return None if it has them already.
+        """Write the episodes into a study's folder, and return the log's path; None if the study has them already.
 
         Raises:
             PageDataError: if nothing was played, or the study has sessions that were not imported.

@@ -39,10 +39,10 @@ class WorldWidget(anywidget.AnyWidget):
         settings = {"name": world.id, "seeds": list(map(str, world.seeds)), "view": world.view, "keys": world.keys}
         super().__init__(modules=read_modules(), pack=world.pack, settings=settings, played=[])
         self._received = PlayedEpisodes(world)
-        self._count = 0
+        self._count = 0  # the episodes that were replayed
 
     def _receive(self) -> PlayedEpisodes:
-        """Replay what has come from the cell since the last time."""
+        """Return the played episodes, after replaying them if more have come from the cell since the last call."""
         if len(self.played) != self._count:
             self._received.receive(self.played)
             self._count = len(self.played)
@@ -96,7 +96,7 @@ def widget(
     """Play a compiled world in a notebook's cell; ``.episode`` is the last episode, ``.save(STUDY)`` keeps all.
 
     Args:
-        world: a Gymnasium id, of ours or one's own; the prefix ``minihuman/`` is optional.
+        world: a Gymnasium id, of this package or of your own; the prefix ``minihuman/`` is optional.
         seed: the seed of the layout, or several seeds for episodes in this order.
         view: "partial" for what the agent sees, or "full" for all of a grid.
         keys: the action of each key, by `KeyboardEvent.key`, such as ``{"f": "left"}``; None for the usual keys.

@@ -112,7 +112,7 @@ def compose_baseline(kind: str, seed: int, *, levels: int = LEVELS_PER_FAMILY) -
     flat_seeds = np.random.SeedSequence([seed, list(FAMILIES).index(kind)]).generate_state(len(families) * levels)
     seeds = flat_seeds.reshape(len(families), levels).tolist()
     n_families = "1 family" if len(families) == 1 else f"{len(families)} families"
-    head = _PROTOCOL_START.format(
+    protocol_start = _PROTOCOL_START.format(
         count=len(families) * levels,
         families=n_families,
         seed=seed,
@@ -133,7 +133,7 @@ def compose_baseline(kind: str, seed: int, *, levels: int = LEVELS_PER_FAMILY) -
         )
         for family, family_seeds in zip(families, seeds, strict=True)
     )
-    return head + "".join(blocks)
+    return protocol_start + "".join(blocks)
 
 
 def _quote_names(names: Iterable[str]) -> str:
@@ -166,7 +166,7 @@ def run_baseline(
     seed: int = 1,
     on_progress: Callable[[str], None] = lambda _: None,
 ) -> Scorecard:
-    """Simulate players on sets of levels and score them. Runs that are already complete are not repeated.
+    """Simulate players on sets of levels, without repeating complete runs, and score all who played in ``data``.
 
     Args:
         protocols: the protocols of the sets.
@@ -176,7 +176,7 @@ def run_baseline(
         on_progress: a function that is called with a message before each player begins.
 
     Raises:
-        MinihumanError: if a set is not a valid protocol, or a player cannot play it.
+        MinihumanError: if a set is not a valid protocol, or a player fails while it plays.
     """
     studies: list[Path] = []
     notes: list[str] = []
@@ -185,12 +185,12 @@ def run_baseline(
         for player, runs in players.items():
             folder = data / player.replace(":", "-").replace("/", "-")
             studies.append(folder / protocol.study.name)
-            left = runs - _count_complete_sessions(studies[-1])
+            n_missing = runs - _count_complete_sessions(studies[-1])
             on_progress(f"{player} plays {protocol.study.name}")
-            if left <= 0:
+            if n_missing <= 0:
                 continue
             try:
-                list(simulate(protocol, folder, participants=left, seed=seed, player=player))
+                list(simulate(protocol, folder, participants=n_missing, seed=seed, player=player))
             except PlayerFailedError:
                 raise
             except (SimulationError, LearnError) as error:
@@ -207,18 +207,18 @@ def _count_complete_sessions(study: Path) -> int:
     with select(study) as tables:
         tables.require(("participants",))
         participants = tables.frame("participants", ["participant", "session", "end_reason"])
-        complete = participants[participants["end_reason"] == "complete"]
-        names = set(zip(complete["participant"], complete["session"], strict=True))
+        complete_rows = participants[participants["end_reason"] == "complete"]
+        complete_sessions = set(zip(complete_rows["participant"], complete_rows["session"], strict=True))
         return sum(
-            (session.outline.participant, session.outline.session) in names
+            (session.outline.participant, session.outline.session) in complete_sessions
             for session in tables.sessions
             if session.outline is not None and _is_finished(Path(session.path))
         )
 
 
 def _is_finished(log: Path) -> bool:
-    """Return whether a log was written to its end; if it is a folder, all segments must be."""
-    files = [log]
+    """Return whether a log was written to its end; for a folder of segments, whether all of them were."""
+    paths = [log]
     if log.is_dir():
-        files = list(log.iterdir())
-    return not any(file.name.endswith(PART_SUFFIX) for file in files)
+        paths = list(log.iterdir())
+    return not any(path.name.endswith(PART_SUFFIX) for path in paths)

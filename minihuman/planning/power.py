@@ -57,7 +57,10 @@ _PRESSES_PER_STEP = 20  # key presses per step of the limit, after which an epis
 
 
 def can_run_headless(protocol: Protocol) -> bool:
-    """Return whether a study can be played headless: one session, self-paced, without an agent."""
+    """Return whether a study can be played headless, without sessions and logs.
+
+    It must have one session and blocks of plain play that only key presses advance and only the world ends.
+    """
     return len(protocol.sessions) <= 1 and all(
         find_kind(block.kind).is_plain_play
         and block.pace == "on_key"
@@ -76,16 +79,20 @@ def play_headless(
         player: the simulated participant.
         worlds: one world per block, which later plans use again; missing ones are added.
     """
-    played = []
+    played_episodes = []
     for episode in plan.episodes:
         if episode.block not in worlds:
             worlds[episode.block] = World(episode.world, episode.options)
-        played.append(_play(episode, plan.key_pool, player, worlds[episode.block]))
-    return tuple(played)
+        played_episodes.append(_play_episode(episode, plan.key_pool, player, worlds[episode.block]))
+    return tuple(played_episodes)
 
 
-def _play(plan: EpisodePlan, pool: tuple[str, ...], player: SimulatedParticipant, world: World) -> HeadlessEpisode:
+def _play_episode(
+    plan: EpisodePlan, pool: tuple[str, ...], player: SimulatedParticipant, world: World
+) -> HeadlessEpisode:
     """Play one episode until it ends, or until so many keys are pressed that the player will never find the right ones.
+
+    ``pool`` has the keys that may have an action.
 
     Raises:
         PlayerFailedError: if the participant gives no answer.
@@ -95,10 +102,10 @@ def _play(plan: EpisodePlan, pool: tuple[str, ...], player: SimulatedParticipant
     player.begin(plan, pool, world)
     judge = OutcomeJudge(plan.outcome_rule)
     outcome: str | None = None
-    presses = 0
+    n_presses = 0
     steps = 0
     reward = 0.0
-    while outcome is None and presses < _PRESSES_PER_STEP * plan.max_steps:
+    while outcome is None and n_presses < _PRESSES_PER_STEP * plan.max_steps:
         press = player.press(world)
         if press is None:
             raise PlayerFailedError(f"the simulated participant gave no answer in {plan.world}", "no answer")
@@ -106,7 +113,7 @@ def _play(plan: EpisodePlan, pool: tuple[str, ...], player: SimulatedParticipant
             action = plan.noop or ""
         else:
             action = plan.key_map.keys.get(press.key, "")
-        presses += 1
+        n_presses += 1
         if action:
             transition = world.step(world.action_names.index(action))
             steps += 1
@@ -120,6 +127,9 @@ _COLUMNS = [
     *("participant", "group", "block", "episode", "outcome", "reward", "steps"),
     *("max_steps", "feasible_steps"),
 ]
+
+
+_MOST_JOBS = 1_000  # each seed has so many seeds of jobs, which no other seed has
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -139,7 +149,7 @@ class ParticipantPool:
 def simulate_pool(
     toml: bytes, *, people: int, player: str, seed: int, block: str | None = None, processes: int | None = None
 ) -> ParticipantPool:
-    """Simulate participants of the protocol's last group on all processor cores, without leaving files on disk.
+    """Simulate participants of the protocol's last group on several processor cores, without leaving files on disk.
 
     Args:
         toml: the protocol.
@@ -156,34 +166,38 @@ def simulate_pool(
     """
     group = decode_protocol(toml, "protocol").groups[-1].name
     workers = min(processes or count_processes(), people)
-    shares = [(len(part), seed * 1_000 + number) for number, part in enumerate(np.array_split(range(people), workers))]
-    work = partial(_play_job, toml, group, player)
+    shares = np.array_split(range(people), workers)
+    jobs = [(len(share), seed * _MOST_JOBS + index) for index, share in enumerate(shares)]
+    simulate_job = partial(_simulate_job, toml, group, player)
     if workers == 1:
-        tables = [work(shares[0])]
+        tables = [simulate_job(jobs[0])]
     else:
         with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as pool:
-            tables = list(pool.map(work, shares))
+            tables = list(pool.map(simulate_job, jobs))
     rows = pd.concat(tables, keys=range(len(tables)), names=["share"]).reset_index(level="share")
     rows["participant"] = rows["share"].astype(str) + "/" + rows["participant"]
-    played = list(dict.fromkeys(rows["block"]))
-    if block is not None and block not in played:
+    played_blocks = list(dict.fromkeys(rows["block"]))
+    if block is not None and block not in played_blocks:
         raise ReportError(
             f"group {group} does not play block {block!r}; choose one that it plays with --block: "
-            f"{', '.join(played) or 'none'}"
+            f"{', '.join(played_blocks) or 'none'}"
         )
-    chosen = block or played[-1]
-    return ParticipantPool(chosen, group, rows.loc[rows["block"] == chosen, _COLUMNS].reset_index(drop=True))
+    target = block or played_blocks[-1]
+    return ParticipantPool(target, group, rows.loc[rows["block"] == target, _COLUMNS].reset_index(drop=True))
 
 
-def _play_job(toml: bytes, group: str, player: str, job: tuple[int, int]) -> pd.DataFrame:
-    """Simulate some participants of one group, given their number and a seed; return their episodes."""
+def _simulate_job(toml: bytes, group: str, player: str, job: tuple[int, int]) -> pd.DataFrame:
+    """Simulate participants of one group of a protocol, and return their episodes, a row of `_COLUMNS` each.
+
+    ``job`` has the number of participants and the seed.
+    """
     people, seed = job
     protocol = decode_protocol(toml, "protocol")
     groups = tuple(group_spec for group_spec in protocol.groups if group_spec.name == group)
     study = msgspec.structs.replace(protocol.study, participants=people, seed=seed)
     group_protocol = msgspec.structs.replace(protocol, study=study, groups=groups)
     if can_run_headless(group_protocol):
-        return _play_job_headless(group_protocol, player, seed)
+        return _simulate_headless(group_protocol, player, seed)
     with TemporaryDirectory(prefix="minihuman-power-") as folder:
         for _ in simulate(group_protocol, Path(folder), participants=people, seed=seed, player=player):
             pass
@@ -192,8 +206,8 @@ def _play_job(toml: bytes, group: str, player: str, job: tuple[int, int]) -> pd.
             return tables.frame("episodes", _COLUMNS)
 
 
-def _play_job_headless(protocol: Protocol, player: str, seed: int) -> pd.DataFrame:
-    """Play the episodes of a protocol's participants without sessions or logs; return their episodes."""
+def _simulate_headless(protocol: Protocol, player: str, seed: int) -> pd.DataFrame:
+    """Simulate a protocol's participants without sessions or logs, and return their episodes, a row each."""
     rows = list[dict[str, object]]()
     worlds = dict[int, World]()
     for index in range(protocol.study.participants):
@@ -233,8 +247,8 @@ def parse_group_sizes(text: str) -> tuple[int, ...]:
 
 
 ALPHA = 0.05
-_POOLS = 20
-_Z = 1.96
+_POOLS = 20  # resamples of the pool
+_Z = 1.96  # of a 95 % interval of a normal distribution
 TWO_PARTS = "reward_two_parts"  # the share of episodes with a reward, and its amount in these
 
 
@@ -253,9 +267,9 @@ class Effect:
         """
         if text == "none":
             return cls()
-        name, _, value = text.partition("=")
+        name, _, number = text.partition("=")
         try:
-            excess = float(value)
+            excess = float(number)
         except ValueError:
             excess = math.nan
         if name != "excess" or not 0 < excess < math.inf:
@@ -263,7 +277,7 @@ class Effect:
         return cls(excess)
 
     def of(self, rows: pd.DataFrame) -> pd.DataFrame:
-        """Return the episodes as they would have been played with the effect.
+        """Return the rows of a pool's episodes as they would have been played with the effect.
 
         An episode that timed out is not changed, because its remaining steps are unknown; power is therefore slightly
         underestimated. Reward is assumed to fall linearly from that of the shortest path, as Minigrid's and Miniworld's
@@ -271,16 +285,20 @@ class Effect:
         """
         if self.excess == 1.0:
             return rows
-        goal = (rows["outcome"] == "goal") & rows["feasible_steps"].notna()
-        fewer = rows["feasible_steps"] + self.excess * (rows["steps"] - rows["feasible_steps"])
-        slope = (1 - rows["reward"]) / rows["steps"].clip(lower=1)
+        is_changed = (rows["outcome"] == "goal") & rows["feasible_steps"].notna()
+        new_steps = rows["feasible_steps"] + self.excess * (rows["steps"] - rows["feasible_steps"])
+        reward_per_step = (1 - rows["reward"]) / rows["steps"].clip(lower=1)
         return rows.assign(
-            steps=rows["steps"].where(~goal, fewer), reward=rows["reward"].where(~goal, 1 - slope * fewer)
+            steps=rows["steps"].where(~is_changed, new_steps),
+            reward=rows["reward"].where(~is_changed, 1 - reward_per_step * new_steps),
         )
 
 
 def _measure_episodes(rows: pd.DataFrame, measure: Callable[..., float | None]) -> list[float]:
-    """Return a measure of each episode, NaN where the episode has none."""
+    """Return a measure of each episode, NaN for an episode without it.
+
+    ``measure`` takes an episode's steps, fewest steps, limit of steps and outcome, and returns None for no measure.
+    """
     episodes = rows[["steps", "feasible_steps", "max_steps", "outcome"]].itertuples(index=False)
     measured = (measure(*episode) for episode in episodes)
     return [math.nan if number is None else number for number in measured]
@@ -293,10 +311,10 @@ def _to_whole(steps: float) -> int | None:
     return int(steps)
 
 
-def _known(rows: pd.DataFrame, values: "pd.Series[float]") -> list[float]:
-    """Return the values, NaN for episodes whose outcome is unknown."""
-    known: list[float] = values.where(rows["outcome"] != "ended").tolist()
-    return known
+def _mask_ended(rows: pd.DataFrame, numbers: "pd.Series[float]") -> list[float]:
+    """Return a number for each episode, but NaN for an episode that ended without a known outcome."""
+    masked: list[float] = numbers.where(rows["outcome"] != "ended").tolist()
+    return masked
 
 
 MEASURES: Mapping[str, Callable[[pd.DataFrame], Sequence[float]]] = {
@@ -307,9 +325,9 @@ MEASURES: Mapping[str, Callable[[pd.DataFrame], Sequence[float]]] = {
         rows, lambda steps, best, limit, outcome: log_steps_ratio(steps, _to_whole(best), int(limit), outcome)
     ),
     "spl": lambda rows: _measure_episodes(rows, lambda steps, best, _, outcome: spl(steps, _to_whole(best), outcome)),
-    "steps_at_limit": lambda rows: _known(rows, rows["steps"].where(rows["outcome"] == "goal", rows["max_steps"])),
+    "steps_at_limit": lambda rows: _mask_ended(rows, rows["steps"].where(rows["outcome"] == "goal", rows["max_steps"])),
     "reward": lambda rows: rows["reward"].tolist(),
-    "success": lambda rows: _known(rows, (rows["outcome"] == "goal").astype(float)),
+    "success": lambda rows: _mask_ended(rows, (rows["outcome"] == "goal").astype(float)),
 }
 
 
@@ -326,7 +344,7 @@ class PowerEstimate:
 
 
 def compute_values(rows: pd.DataFrame, measure: str) -> Values:
-    """Return the mean over episodes of each participant, (n,); for the reward in two parts, two values each, (n, 2).
+    """Return each participant's mean of a measure over episodes, (n,); for the reward in two parts, two values, (n, 2).
 
     Raises:
         ReportError: if the measure is unknown, or too few participants have a value.
@@ -354,8 +372,8 @@ def power_curve(
 ) -> tuple[PowerEstimate, ...]:
     """Return the power at each group size: the share of simulated studies in which the report's test finds the effect.
 
-    Each study draws participants with replacement into two groups. The pool itself is resampled up to twenty times on
-    the way; the variation of power between the resamples shows how much it depends on who happens to be in the pool.
+    Each study draws participants with replacement into two groups. The pool itself is resampled up to twenty times; the
+    variation of power between the resamples shows how much it depends on the participants who happen to be in the pool.
 
     Args:
         measure: the name of the measure.
@@ -365,45 +383,51 @@ def power_curve(
         studies: the number of studies per size.
         seed: the seed of the draws.
     """
-    return tuple(_power_at(measure, treated, untreated, size, studies=studies, seed=seed) for size in sizes)
+    return tuple(_estimate_power(measure, treated, untreated, size, studies=studies, seed=seed) for size in sizes)
 
 
-def _power_at(measure: str, treated: Values, untreated: Values, size: int, *, studies: int, seed: int) -> PowerEstimate:
-    """Estimate the power at one group size; see ``power_curve``."""
-    test = _group_p if untreated.ndim == 1 else two_parts_p
+def _estimate_power(
+    measure: str, treated: Values, untreated: Values, size: int, *, studies: int, seed: int
+) -> PowerEstimate:
+    """Estimate the power at one group size; the arguments are those of ``power_curve``.
+
+    The interval combines that of the share of studies (Wilson) with the variation of power between resamples of the
+    pool, beyond the variation that is due to the number of studies.
+    """
+    test = _compute_group_p if untreated.ndim == 1 else two_parts_p
     rng = np.random.default_rng([seed, size])
-    hits = list[int]()
+    hits = list[int]()  # of each resampled pool, the studies that find the effect
     counts = [len(part) for part in np.array_split(range(studies), min(_POOLS, studies))]
     for count in counts:
         pool = rng.integers(len(untreated), size=len(untreated))
-        rejections = 0
+        n_hits = 0
         for _ in range(count):
-            rejections += test(treated[rng.choice(pool, size)], untreated[rng.choice(pool, size)]) < ALPHA
-        hits.append(rejections)
+            n_hits += test(treated[rng.choice(pool, size)], untreated[rng.choice(pool, size)]) < ALPHA
+        hits.append(n_hits)
     power = sum(hits) / studies
     shares = np.array(hits) / np.array(counts)
-    by_chance = power * (1 - power) * float(np.mean(1 / np.array(counts)))  # between pools that do not differ
+    chance_variance = power * (1 - power) * float(np.mean(1 / np.array(counts)))  # between pools that do not differ
+    pool_variance = 0.0
     if len(shares) > 1:
-        between = max(float(shares.var(ddof=1)) - by_chance, 0.0)
-    else:
-        between = 0.0
+        pool_variance = max(float(shares.var(ddof=1)) - chance_variance, 0.0)
     low, high = wilson_interval(sum(hits), studies)
-    further = _Z * math.sqrt(between)
-    low = power - math.hypot(power - low, further)
-    high = power + math.hypot(high - power, further)
+    pool_margin = _Z * math.sqrt(pool_variance)
+    low = power - math.hypot(power - low, pool_margin)
+    high = power + math.hypot(high - power, pool_margin)
     return PowerEstimate(measure, size, power, max(low, 0.0), min(high, 1.0), studies)
 
 
-def _group_p(a: Values, b: Values) -> float:
+def _compute_group_p(first: Values, second: Values) -> float:
     """Return the p of the report's test of two groups; NaN if one has fewer than two participants."""
-    (test,) = permutation_tests([(a, b)])
+    (test,) = permutation_tests([(first, second)])
     if test is None:
         return math.nan
     return test.p()
 
 
-_LIKELY = 0.8
-_CM = 1 / 2.54
+_USUAL_POWER = 0.8  # that studies are planned for, drawn as a line
+_INCHES_PER_CM = 1 / 2.54
+_FIGURE_HEIGHT_CM = 7.2
 _MARKERS = "os^DvPX"
 _CELL_WIDTH = 22  # characters of a column of the table of power
 
@@ -443,7 +467,7 @@ def _format_table_row(label: str, width: int, cells: Sequence[str]) -> str:
 
 
 def write_power(estimates: Sequence[PowerEstimate], out: Path) -> tuple[Path, ...]:
-    """Write ``power.csv`` and the figure ``power``; return the paths of the files."""
+    """Write ``power.csv`` and the figure ``power`` into a folder, and return the paths of the files."""
     out.mkdir(parents=True, exist_ok=True)
     table = pd.DataFrame(estimates).rename(columns={"participants": "participants_a_group"})
     table.to_csv(out / "power.csv", index=False)
@@ -453,20 +477,21 @@ def write_power(estimates: Sequence[PowerEstimate], out: Path) -> tuple[Path, ..
 def power_figure(estimates: Sequence[PowerEstimate]) -> Figure:
     """Draw power against the number of participants per group, one line per measure, with Monte Carlo intervals."""
     with figure_style():
-        figure = Figure(figsize=(COLUMN_CM * _CM, 7.2 * _CM), layout="constrained")
+        size_in = (COLUMN_CM * _INCHES_PER_CM, _FIGURE_HEIGHT_CM * _INCHES_PER_CM)
+        figure = Figure(figsize=size_in, layout="constrained")
         axes = figure.subplots()
-        by_size = sorted(estimates, key=lambda estimate: estimate.participants)
-        for place, measure in enumerate(dict.fromkeys(estimate.measure for estimate in estimates)):
-            rows = [estimate for estimate in by_size if estimate.measure == measure]
-            sizes = [estimate.participants for estimate in rows]
-            low = [estimate.low for estimate in rows]
-            high = [estimate.high for estimate in rows]
-            powers = [estimate.power for estimate in rows]
-            colour = SERIES[place % len(SERIES)]
-            marker = _MARKERS[place % len(_MARKERS)]
+        sorted_estimates = sorted(estimates, key=lambda estimate: estimate.participants)
+        for index, measure in enumerate(dict.fromkeys(estimate.measure for estimate in estimates)):
+            measure_estimates = [estimate for estimate in sorted_estimates if estimate.measure == measure]
+            sizes = [estimate.participants for estimate in measure_estimates]
+            low = [estimate.low for estimate in measure_estimates]
+            high = [estimate.high for estimate in measure_estimates]
+            powers = [estimate.power for estimate in measure_estimates]
+            colour = SERIES[index % len(SERIES)]
+            marker = _MARKERS[index % len(_MARKERS)]
             axes.fill_between(sizes, low, high, color=colour, alpha=0.2)
             axes.plot(sizes, powers, f"{marker}-", color=colour, markersize=3, label=measure.replace("_", " "))
-        axes.axhline(_LIKELY, color=MUTED, linewidth=0.6, linestyle=":")
+        axes.axhline(_USUAL_POWER, color=MUTED, linewidth=0.6, linestyle=":")
         axes.set(xlabel="participants per group", ylabel="power", ylim=(0, 1.02))
         figure.legend(loc="outside upper center", ncols=3)
     return figure

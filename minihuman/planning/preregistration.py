@@ -42,7 +42,7 @@ def build_preregistration(protocol: Protocol, plan: SessionPlan, power: str = ""
         power: the text of the power analysis; "" for none.
     """
     slots = build_allocation_list(protocol)
-    named = protocol.analysis
+    analysis = protocol.analysis
     environment = Environment(
         loader=PackageLoader("minihuman.planning", "templates"), undefined=StrictUndefined, trim_blocks=True,
         lstrip_blocks=True, keep_trailing_newline=True,
@@ -60,9 +60,9 @@ def build_preregistration(protocol: Protocol, plan: SessionPlan, power: str = ""
         allocation_sha256=plan.allocation_sha256 or allocation_sha256(slots),
         target=_find_target_block(protocol),
         direction=_describe_direction(protocol),
-        named=named,
+        named=analysis,
         design=derive_design(protocol),
-        named_measures=[name for name in (named.primary_measure, *named.secondary_measures) if name],
+        named_measures=[name for name in (analysis.primary_measure, *analysis.secondary_measures) if name],
         default_measures=[name for name in MEANINGS if name not in ONLY_IF_NAMED],
         formulas=FORMULAS,
         power=power,
@@ -71,7 +71,7 @@ def build_preregistration(protocol: Protocol, plan: SessionPlan, power: str = ""
 
 
 def write_preregistration(protocol: Protocol, plan: SessionPlan, path: Path, power: str = "") -> Path:
-    """Write the preregistration to a new file; return its path.
+    """Write the preregistration of a study to a new file; return its path. The arguments are as in the text's builder.
 
     Raises:
         ReportError: if the file exists.
@@ -85,6 +85,14 @@ def write_preregistration(protocol: Protocol, plan: SessionPlan, path: Path, pow
 
 def describe_planned_power(toml: bytes, effect: str, *, people: int = 60, studies: int = 500) -> str:
     """Return the text of a power analysis at the planned number of participants per group, and at half and twice that.
+
+    For a primary measure whose power cannot be simulated, return a sentence that says so.
+
+    Args:
+        toml: the protocol.
+        effect: the effect, as the command line has it: "none", or such as "excess=0.7".
+        people: the number of simulated participants.
+        studies: the number of simulated studies per group size.
 
     Raises:
         ReportError: if the effect is not valid.
@@ -104,25 +112,31 @@ def describe_planned_power(toml: bytes, effect: str, *, people: int = 60, studie
 
 
 def _find_target_block(protocol: Protocol) -> str:
-    """Return the block in which groups are compared: the named one, or the last one that all groups play."""
+    """Return the block in which groups are compared: the one that the analysis names, or the last that all groups play.
+
+    "" means that no block is played by all groups.
+    """
     if protocol.analysis.block:
         return protocol.analysis.block
-    common = [
+    shared_blocks = [
         block.name
         for block in protocol.blocks
         if all(block.name in (group.blocks or group.parts) for group in protocol.groups)
     ]
-    if not common:
+    if not shared_blocks:
         return ""
-    return common[-1]
+    return shared_blocks[-1]
 
 
 def _describe_direction(protocol: Protocol) -> str:
-    """Return a sentence that says which group is subtracted from which, in the order of the report."""
+    """Return a sentence that says which group is subtracted from which in the report's differences.
+
+    Groups that play more blocks come first, and otherwise groups are in the order of their names.
+    """
     if len(protocol.groups) < 2:
         return "There is one group, so nothing is compared."
     blocks = {block.name for block in protocol.blocks}
-    played = {group.name: len(blocks & set(group.blocks or group.parts)) for group in protocol.groups}
-    most_first = sorted(protocol.groups, key=lambda group: (-played[group.name], group.name))
-    pairs = (f"{group.name} minus {other.name}" for group, other in combinations(most_first, 2))
+    n_blocks = {group.name: len(blocks & set(group.blocks or group.parts)) for group in protocol.groups}
+    most_first = sorted(protocol.groups, key=lambda group: (-n_blocks[group.name], group.name))
+    pairs = (f"{first.name} minus {second.name}" for first, second in combinations(most_first, 2))
     return f"Differences are {', '.join(pairs)}."

@@ -39,6 +39,9 @@ _PAUSE_MS = 3000.0  # mean of the pauses' exponential
 _CHANCES = ("practice", "pause")  # their unbounded scale is log odds; that of the others is the logarithm
 _FATIGUE = 0.04  # slower by this share in 1,000 presses: too little to be told from practice, so it is taken as given
 _MAX_LAG = 0.9  # of the lag-1 correlation by which intervals are widened
+_MAX_EXPONENT = 30.0  # keeps exponentials finite
+_ROUNDING_MS = 0.5  # a time within it of the floor counts as a time at the floor
+_LEAST_LOG_DENSITY = -50.0  # so that no single time decides the fit
 _STEP = 2e-2  # of a parameter on the unbounded scale, for the curvature
 
 
@@ -51,6 +54,7 @@ class ReactionTimes:
     presses: NDArray[np.int64]  # made before
 
     def __getitem__(self, which: NDArray[np.bool_]) -> "ReactionTimes":
+        """Return the times that a mask selects, with their predictors."""
         return ReactionTimes(self.ms[which], self.again[which], self.presses[which])
 
 
@@ -68,38 +72,47 @@ class ReactionTimeFit:
 
 
 def log_density(times: ReactionTimes, values: Mapping[str, float], *, floor_ms: float) -> NDArray[np.float64]:
-    """Return the log density of each time per millisecond.
+    """Return the log density of each reaction time, per millisecond.
 
-    For a time at the floor, the value is the log probability of a time at or below the floor.
+    For a time at the floor, it is the log probability of a time at or below the floor.
+
+    Args:
+        times: the reaction times with their predictors.
+        values: the parameters of ``PARAMETER_NAMES``, by name.
+        floor_ms: the shortest possible time in milliseconds.
     """
     practice_effect = values["practice"] * -np.expm1(-times.presses / values["practice_presses"])
     repeat_factor = np.where(times.again, values["repeat_factor"], 1.0)
     time_factor = repeat_factor * (1 - practice_effect) * (1 + _FATIGUE * times.presses / 1000)
-    at_floor = times.ms <= floor_ms + 0.5
+    at_floor = times.ms <= floor_ms + _ROUNDING_MS
     z = (np.where(at_floor, floor_ms, times.ms) / time_factor - values["mu_ms"]) / values["sigma_ms"]
     ratio = values["sigma_ms"] / values["tau_ms"]
     tail = ratio**2 / 2 - ratio * z + scipy.special.log_ndtr(z - ratio)  # SciPy's exponnorm, ten times as fast
-    below = np.log(np.maximum(scipy.special.ndtr(z) - np.exp(tail), 0.0) + 1e-12)
-    log_response = np.where(at_floor, below, tail - np.log(values["tau_ms"] * time_factor))
+    # 1e-12 and 1e-300 only keep the logarithms finite
+    log_below = np.log(np.maximum(scipy.special.ndtr(z) - np.exp(tail), 0.0) + 1e-12)
+    log_response = np.where(at_floor, log_below, tail - np.log(values["tau_ms"] * time_factor))
     pauses = np.where(at_floor, 0.0, values["pause"] * np.exp(-times.ms / _PAUSE_MS) / _PAUSE_MS)
-    return np.maximum(np.log((1 - values["pause"]) * np.exp(log_response) + pauses + 1e-300), -50.0)
+    log_densities = np.log((1 - values["pause"]) * np.exp(log_response) + pauses + 1e-300)
+    return np.maximum(log_densities, _LEAST_LOG_DENSITY)
 
 
 def fit_reaction_times(times: ReactionTimes, *, floor_ms: float) -> ReactionTimeFit | None:
-    """Return the maximum-a-posteriori fit of the parameters, or None if there are too few times."""
+    """Return the maximum-a-posteriori fit of the parameters, or None if there are fewer than ``MIN_TIMES`` times.
+
+    ``floor_ms`` is the shortest possible time in milliseconds.
+    """
     if len(times.ms) < MIN_TIMES:
         return None
 
-    def cost(point: NDArray[np.float64]) -> float:  # the negative log posterior density
-        prior = float((((point - start) / _PRIOR_SDS) ** 2).sum()) / 2
-        return prior - float(log_density(times, _read_parameters(point), floor_ms=floor_ms).sum())
+    def compute_cost(candidate: NDArray[np.float64]) -> float:  # the negative log posterior density
+        log_prior = -float((((candidate - start) / _PRIOR_SDS) ** 2).sum()) / 2
+        return -log_prior - float(log_density(times, _read_parameters(candidate), floor_ms=floor_ms).sum())
 
-    named = zip(PARAMETER_NAMES, _START, strict=True)
-    start = np.array([_to_unbounded(name, start_value) for name, start_value in named])
+    start = np.array([_to_unbounded(*named) for named in zip(PARAMETER_NAMES, _START, strict=True)])
     options: Any = {"maxiter": 4000, "maxfev": 4000, "xatol": 1e-3, "fatol": 1e-2, "adaptive": True}
-    optimum = scipy.optimize.minimize(cost, start, method="Nelder-Mead", options=options)
+    optimum = scipy.optimize.minimize(compute_cost, start, method="Nelder-Mead", options=options)
     point = optimum.x
-    curvature = _measure_curvature(cost, point)
+    curvature = _measure_curvature(compute_cost, point)
     unrepeated_ms = times.ms / np.where(times.again, _read_parameters(point)["repeat_factor"], 1.0)
     ranks = scipy.stats.rankdata(unrepeated_ms)
     lag_1_correlation = float(np.corrcoef(ranks[:-1], ranks[1:])[0, 1])
@@ -108,15 +121,17 @@ def fit_reaction_times(times: ReactionTimes, *, floor_ms: float) -> ReactionTime
     errors = np.where(variances > 0, np.sqrt(np.maximum(variances, 0)), math.inf)
     z = float(scipy.special.ndtri(0.975))
     intervals = {
-        name: (_from_unbounded(name, at - z * error), _from_unbounded(name, at + z * error))
-        for name, at, error in zip(PARAMETER_NAMES, point, errors, strict=True)
+        name: (_from_unbounded(name, estimate - z * error), _from_unbounded(name, estimate + z * error))
+        for name, estimate, error in zip(PARAMETER_NAMES, point, errors, strict=True)
         if len(times.ms) >= _MIN_TIMES_OF.get(name, MIN_TIMES) and math.isfinite(error)
     }
     return ReactionTimeFit(_read_parameters(point), intervals, len(times.ms))
 
 
 def _read_parameters(point: NDArray[np.float64]) -> dict[str, float]:
-    return {name: _from_unbounded(name, float(at)) for name, at in zip(PARAMETER_NAMES, point, strict=True)}
+    """Return the parameters by name, from their values on the unbounded scale."""
+    named_coordinates = zip(PARAMETER_NAMES, point, strict=True)
+    return {name: _from_unbounded(name, float(coordinate)) for name, coordinate in named_coordinates}
 
 
 def _measure_curvature(cost: Callable[[NDArray[np.float64]], float], point: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -125,8 +140,9 @@ def _measure_curvature(cost: Callable[[NDArray[np.float64]], float], point: NDAr
     curvature = np.empty((len(point), len(point)))
     for row, a in enumerate(steps):
         for column, b in enumerate(steps):
-            ahead = cost(point + a + b) - cost(point + a - b)
-            curvature[row, column] = (ahead - cost(point - a + b) + cost(point - a - b)) / (4 * _STEP**2)
+            slope_ahead = cost(point + a + b) - cost(point + a - b)
+            slope_behind = cost(point - a + b) - cost(point - a - b)
+            curvature[row, column] = (slope_ahead - slope_behind) / (4 * _STEP**2)
     return curvature
 
 
@@ -137,12 +153,12 @@ def _to_unbounded(name: str, parameter: float) -> float:
     return math.log(parameter)
 
 
-def _from_unbounded(name: str, at: float) -> float:
-    """Return a parameter from its log odds or logarithm."""
-    at = min(max(at, -30.0), 30.0)
+def _from_unbounded(name: str, unbounded: float) -> float:
+    """Return a parameter from its log odds, for a probability, or from its logarithm; both are limited to 30."""
+    exponent = min(max(unbounded, -_MAX_EXPONENT), _MAX_EXPONENT)
     if name in _CHANCES:
-        return 1 / (1 + math.exp(-at))
-    return math.exp(at)
+        return 1 / (1 + math.exp(-exponent))
+    return math.exp(exponent)
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,7 +172,7 @@ class FittedParticipant:
 
 
 def fit_participants(tables: Tables) -> Iterator[FittedParticipant]:
-    """Fit every participant with enough presses in included episodes, session by session; yield the fits.
+    """Yield a fit for each session of a participant that has enough presses in included episodes.
 
     Raises:
         LogError: if the folder does not exist.
@@ -179,7 +195,10 @@ def fit_participants(tables: Tables) -> Iterator[FittedParticipant]:
 
 
 def _fit_participant(steps: pd.DataFrame) -> FittedParticipant | None:
-    """Fit the participant of one session; return None if there are too few presses."""
+    """Fit the participant of one session to all its presses, and to those of odd episodes for the gain on the others.
+
+    Return None if there are too few presses for either fit.
+    """
     times, episodes = select_reaction_times(steps)
     is_odd = episodes % 2 == 1
     floor_ms = ParticipantParameters().floor_ms
@@ -192,17 +211,17 @@ def _fit_participant(steps: pd.DataFrame) -> FittedParticipant | None:
 
 
 def select_reaction_times(steps: pd.DataFrame) -> tuple[ReactionTimes, NDArray[np.int64]]:
-    """Return the reaction times to fit, with the number of each one's episode.
+    """Return the reaction times to fit, and the episode number of each time.
 
-    An episode's first press and a press after an ineffective one are excluded.
+    An episode's first press and a press after a press without a visible effect are excluded.
     """
-    before = steps.shift(1)
-    is_usable = (steps["episode"] == before["episode"]) & (steps["attempt"] == before["attempt"])
-    is_usable &= before["visible_effect"].astype("boolean").fillna(False).astype(bool) & steps["response_ms"].notna()
+    previous = steps.shift(1)
+    is_usable = (steps["episode"] == previous["episode"]) & (steps["attempt"] == previous["attempt"])
+    is_usable &= previous["visible_effect"].astype("boolean").fillna(False).astype(bool) & steps["response_ms"].notna()
     usable_steps = steps[is_usable]
     times = ReactionTimes(
         usable_steps["response_ms"].to_numpy(float),
-        (steps["key"].astype(str) == before["key"].astype(str))[is_usable].to_numpy(bool),
+        (steps["key"].astype(str) == previous["key"].astype(str))[is_usable].to_numpy(bool),
         np.flatnonzero(is_usable.to_numpy(bool)).astype(np.int64),
     )
     return times, usable_steps["episode"].to_numpy(np.int64)
@@ -212,22 +231,29 @@ def measure_gain(fitted: ReactionTimeFit, training: ReactionTimes, held_out: Rea
     """Return how many bits per held-out press a fit predicts better than a log-normal with the same predictors.
 
     Both distributions are conditional on times above the floor, because the probability at the floor cannot be compared
-    with a density.
+    with a density. NaN if no held-out time is above the floor.
+
+    Args:
+        fitted: the fit to the training times.
+        training: the times to which the log-normal is fitted.
+        held_out: the times to predict.
     """
     floor_ms = ParticipantParameters().floor_ms
-    above = held_out[held_out.ms > floor_ms + 0.5]
+    above = held_out[held_out.ms > floor_ms + _ROUNDING_MS]
     if not len(above.ms):
         return math.nan
-    predictors, new = (
+    training_predictors, new_predictors = (
         np.column_stack([np.ones(len(times.ms)), times.again, np.log1p(times.presses)]) for times in (training, above)
     )
-    slopes = np.linalg.lstsq(predictors, np.log(training.ms), rcond=None)[0]
-    plain = scipy.stats.norm(new @ slopes, (np.log(training.ms) - predictors @ slopes).std())
-    base = plain.logpdf(np.log(above.ms)) - np.log(above.ms) - plain.logsf(math.log(floor_ms))
+    slopes = np.linalg.lstsq(training_predictors, np.log(training.ms), rcond=None)[0]
+    residual_sd = (np.log(training.ms) - training_predictors @ slopes).std()
+    log_normal = scipy.stats.norm(new_predictors @ slopes, residual_sd)
+    baseline = log_normal.logpdf(np.log(above.ms)) - np.log(above.ms) - log_normal.logsf(math.log(floor_ms))
     at_floor = ReactionTimes(np.full(len(above.ms), floor_ms), above.again, above.presses)
-    below = np.exp(log_density(at_floor, fitted.values, floor_ms=floor_ms))
-    log_densities = log_density(above, fitted.values, floor_ms=floor_ms) - np.log1p(-np.minimum(below, 1 - 1e-9))
-    return float((log_densities - base).mean() / np.log(2))
+    p_below = np.exp(log_density(at_floor, fitted.values, floor_ms=floor_ms))
+    log_p_above = np.log1p(-np.minimum(p_below, 1 - 1e-9))  # the limit keeps the logarithm finite
+    log_densities = log_density(above, fitted.values, floor_ms=floor_ms) - log_p_above
+    return float((log_densities - baseline).mean() / np.log(2))
 
 
 def describe_fits(participants: list[FittedParticipant]) -> Iterator[str]:
@@ -246,12 +272,15 @@ def describe_fits(participants: list[FittedParticipant]) -> Iterator[str]:
 
 
 def write_fits(participants: list[FittedParticipant], path: Path) -> Path:
-    """Write all parameters and intervals as a CSV file; return its path."""
+    """Write a row per participant and parameter, with its interval, as a CSV file; return the file's path."""
     with path.open("w", newline="", encoding="utf-8") as file:
         table = csv.writer(file)
         table.writerow(("participant", "parameter", "value", "low", "high", "presses", "held_out_bits"))
         for participant in participants:
             for name in PARAMETER_NAMES:
-                values = participant.fitted.values[name], *participant.fitted.intervals.get(name, (math.nan, math.nan))
-                table.writerow((participant.participant, name, *values, participant.fitted.n, participant.gain))
+                fitted = participant.fitted
+                low, high = fitted.intervals.get(name, (math.nan, math.nan))
+                table.writerow(
+                    (participant.participant, name, fitted.values[name], low, high, fitted.n, participant.gain)
+                )
     return path

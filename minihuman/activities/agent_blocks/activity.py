@@ -68,7 +68,7 @@ class AgentPlayActivity(PlayActivity):
 
     @property
     def rating_keys(self) -> tuple[str, str]:
-        """Return the keys that rate a step as good and as bad; "" where steps are not rated."""
+        """Return the two keys that rate a step as good and as bad; both are "" if steps are not rated."""
         return "", ""
 
     @property
@@ -77,7 +77,7 @@ class AgentPlayActivity(PlayActivity):
         return None
 
     @property
-    def _names_failures(self) -> bool:
+    def _logs_agent_failures(self) -> bool:
         """Return whether an agent's failure is logged as ``agent_failed``, as in sessions of the present rules."""
         return self.context.facts.get("agent_rules", "1") == AGENT_RULES
 
@@ -122,32 +122,35 @@ class AgentPlayActivity(PlayActivity):
                 return Advice(event.t_ns, event.step, event.probabilities)
         return None
 
-    def _take_policy(self, new: NewPolicy) -> None:
+    def _take_policy(self, received_policy: NewPolicy) -> None:
         """Accept and log a new policy, or the failure of a learner or agent.
 
         Then leave the screen that waits for a learner; or, if the playing agent failed, end the episode or give control
         to the person.
         """
-        if not new.failure:
-            self._next_policy = new.policy
+        if not received_policy.failure:
+            self._next_policy = received_policy.policy
         if self.playing:  # the agent that plays has failed
             self.policy = ""
         else:
             self._has_first_policy = True
             self._learning = False
-            self._failed = bool(new.failure) and not self._next_policy
+            self._failed = bool(received_policy.failure) and not self._next_policy
         now_ns = self.context.now_ns
         episode = self.context.next_episode
-        self.context.emit(PolicyGiven(now_ns, self.number, episode, self._next_policy, new.failure))
+        self.context.emit(PolicyGiven(now_ns, self.number, episode, self._next_policy, received_policy.failure))
         if self.phase is Phase.LEARNING:
             self._move(TransitionCause.DONE)
-        elif self.playing and self.acts_without_policy and self._names_failures:
+        elif self.playing and self.acts_without_policy and self._logs_agent_failures:
             self._episode_ended("agent_failed")
         elif self.playing and self.controller == "agent" and not self.acts_without_policy:
-            self._steer("person", "agent_failed" if self._names_failures else "no_policy")
+            self._steer("person", "agent_failed" if self._logs_agent_failures else "no_policy")
 
     def _take_advice(self, advice: Advice) -> None:
-        """Draw the agent's next action from a policy's advice; ignore advice on an earlier state."""
+        """Choose the agent's next action by a policy's advice and log it; ignore advice on an earlier state.
+
+        Advice without a usable probability counts as a failure of the policy.
+        """
         play = self._current
         now_ns = self.context.now_ns
         if advice.step != play.steps:
@@ -161,26 +164,27 @@ class AgentPlayActivity(PlayActivity):
         self.context.emit(self.advised)
 
     def _draw_action(self, advice: Advice) -> int | None:
-        """Draw an action that has a key by the policy's probabilities, or return None if they are not usable."""
+        """Return an action that has a key, drawn by the policy's probabilities or the likeliest, as the protocol says.
+
+        None means that the probabilities are not usable: not one for each action, not finite, negative, or all 0.
+        """
         if len(advice.probabilities) != len(self._current.world.action_names):
             return None
         play = self._current
         playable = self._playable
         chances = np.array([advice.probabilities[action] for action in playable], np.float64)
-        are_valid = np.isfinite(chances).all() and (chances >= 0).all() and chances.sum() > 0
-        if not are_valid:
+        is_usable = np.isfinite(chances).all() and (chances >= 0).all() and chances.sum() > 0
+        if not is_usable:
             return None
         if self.agent.acts == "likeliest":
             return playable[int(chances.argmax())]
         plan = self.context.plan
-        session = self.context.plan.session
-        purpose = f"advice-session-{session}-episode-{play.plan.episode}-step-{advice.step}"
+        purpose = f"advice-session-{plan.session}-episode-{play.plan.episode}-step-{advice.step}"
         (word,) = draw_words(1, seed=plan.study_seed, purpose=purpose, index=plan.participant.index)
         share = (int(word) >> 11) / 2**53  # the upper 53 bits, as many as a float has
         sums = np.cumsum(chances)
-        place = int(np.searchsorted(sums, share * sums[-1], side="right"))
-        last_place = len(playable) - 1
-        return playable[min(place, last_place)]
+        index = int(np.searchsorted(sums, share * sums[-1], side="right"))
+        return playable[min(index, len(playable) - 1)]  # by rounding, the index can be one too high
 
     @property
     def _playable(self) -> list[int]:
@@ -191,6 +195,7 @@ class AgentPlayActivity(PlayActivity):
 
     @property
     def _first_policy(self) -> str:
+        """Return the policy that plays first, as the protocol names it; "" if there is none yet."""
         return self.agent.policy
 
     # Time
@@ -202,16 +207,21 @@ class AgentPlayActivity(PlayActivity):
 
     @property
     def next_tick_ns(self) -> int | None:  # type: ignore[override]
-        """Return the time in nanoseconds of the agent's next step or of the block's next tick, whichever is first."""
+        """Return the time in nanoseconds of the agent's next step or of the block's next tick, whichever is first.
+
+        None means that neither is due.
+        """
         block_due_ns = super().next_tick_ns
         agent_due_ns = self._due_ns if self._agent_can_step else None
-        return min((t for t in (block_due_ns, agent_due_ns) if t is not None), default=None)
+        return min((t_ns for t_ns in (block_due_ns, agent_due_ns) if t_ns is not None), default=None)
 
     @property
     def _agent_can_step(self) -> bool:
+        """Return whether the agent is in control and its next action is known."""
         return self.playing and self.controller == "agent" and self.advised is not None
 
     def _let_time_pass(self) -> None:
+        """Process what is due by now in the block, and then the agent's next step if that is due."""
         super()._let_time_pass()
         if self._agent_can_step and self._due_ns is not None and self.context.now_ns >= self._due_ns:
             assert self.advised is not None
@@ -220,9 +230,10 @@ class AgentPlayActivity(PlayActivity):
             self._step(action, key="", key_t_ns=now_ns)
 
     def _step(self, action: int, *, key: str, key_t_ns: int) -> None:
-        """Make a step and discard the agent's planned action."""
+        """Make a step and discard the agent's planned action; ``key`` is "" for a step of the agent."""
         stepped = self._current.step(self.context.now_ns, action, key=key, key_t_ns=key_t_ns)
-        self._due_ns = self.advised = None
+        self._due_ns = None
+        self.advised = None
         self._stepped(stepped)
 
     def _shown(self, screen_shown: ScreenShown) -> None:
@@ -242,9 +253,13 @@ class AgentPlayActivity(PlayActivity):
     # Episodes
 
     def _episode_started(self) -> None:
-        """Put the newest policy into force, and give control to the agent or, without a policy, to the person."""
+        """Begin to use the newest policy, and give control to the agent.
+
+        Without a policy, the person gets control, unless the agent acts without a policy in this kind of block.
+        """
         self.policy = self._next_policy
-        self._due_ns = self.advised = None
+        self._due_ns = None
+        self.advised = None
         if self.policy:
             self._steer("agent", "start")
         elif self.acts_without_policy:
@@ -263,10 +278,11 @@ class AgentPlayActivity(PlayActivity):
         self.context.emit(ControlChanged(now_ns, play.plan.episode, play.steps, controller, reason, pressed_ns))
 
     def _between_episodes(self) -> None:
-        """Ask the learner for a new policy if its turn has come."""
+        """Request a new policy from the learner after every ``update_every`` episodes, unless it is still learning."""
         agent = self.agent
-        played = self.context.next_episode - self.plan.first
-        if agent.learner and not self._learning and self.has_next_episode and played % agent.update_every == 0:
+        n_played = self.context.next_episode - self.plan.first
+        is_due = n_played % agent.update_every == 0 and self.has_next_episode
+        if agent.learner and is_due and not self._learning:
             self._learning = True
             self._asked_at = self.context.next_episode
             self.context.emit(LearnerAsked(self.context.now_ns, self.number, self.context.next_episode))
@@ -307,8 +323,10 @@ class AgentPlayActivity(PlayActivity):
 
     @property
     def _look(self) -> object:
+        """Return further state on which the screen depends: who is in control."""
         return self.controller
 
     def _play_screen(self) -> PlayScreen:
+        """Build the screen of a running episode, with the text that says who is in control."""
         text = self.control_text(self.controller)
         return replace(super()._play_screen(), controller=self.controller, controller_text=text)

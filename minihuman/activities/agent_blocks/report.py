@@ -20,7 +20,7 @@ _MS_PER_MIN = 60_000.0
 
 
 def group_taught_by_block(log: SessionLog) -> dict[str, list[TaughtEpisode]]:
-    """Group the episodes that an agent played by block."""
+    """Return, by block, the episodes that an agent played, with their records of teaching; without empty episodes."""
     episodes_by_block: dict[str, list[TaughtEpisode]] = defaultdict(list)
     for episode in log.episodes:
         if episode.taught is not None and len(episode.actions):
@@ -29,7 +29,7 @@ def group_taught_by_block(log: SessionLog) -> dict[str, list[TaughtEpisode]]:
 
 
 def steering_minutes(episode: EpisodeLog, taught: TeachingRecord) -> float:
-    """Return the minutes in which the person was in control, without pauses."""
+    """Return the minutes of an episode in which the person was in control, without pauses."""
     begins_ns = episode.t_ns[:-1]
     ends_ns = episode.t_ns[1:]
     durations_ns = ends_ns - begins_ns
@@ -40,14 +40,17 @@ def steering_minutes(episode: EpisodeLog, taught: TeachingRecord) -> float:
 
 
 def policy_agreement(episodes: Sequence[TaughtEpisode]) -> float:
-    """Return the share of the person's steps at which the policy would have acted the same; NaN if there are none."""
+    """Return the share of the person's steps at which the policy would have acted the same.
+
+    Steps without the policy's advice do not count; NaN if no step counts.
+    """
     agreements = [np.zeros(0, np.bool_)]
     for episode, taught in episodes:
-        advised_steps = taught.by_person & (taught.policy_actions != NO_ADVICE)
-        agreements.append(taught.policy_actions[advised_steps] == episode.actions[advised_steps])
-    steps = np.concatenate(agreements)
-    if len(steps):
-        return float(steps.mean())
+        is_advised = taught.by_person & (taught.policy_actions != NO_ADVICE)
+        agreements.append(taught.policy_actions[is_advised] == episode.actions[is_advised])
+    all_agreements = np.concatenate(agreements)
+    if len(all_agreements):
+        return float(all_agreements.mean())
     return float("nan")
 
 
@@ -58,15 +61,15 @@ def autonomy_gain_per_min(episodes: Sequence[TaughtEpisode]) -> float:
     """
     minutes = np.cumsum([0.0, *(steering_minutes(episode, taught) for episode, taught in episodes)])[:-1]
     shares = np.array([float((~taught.by_person).mean()) for _, taught in episodes])
-    spread = minutes - minutes.mean()
-    total = float((spread**2).sum())
-    if total > 0:
-        return float((spread * shares).sum() / total)
+    deviations = minutes - minutes.mean()
+    sum_of_squares = float((deviations**2).sum())
+    if sum_of_squares > 0:
+        return float((deviations * shares).sum() / sum_of_squares)
     return float("nan")
 
 
 def teaching_figures(logs: Mapping[str, SessionLog], out: Path) -> Iterator[ReportFigure]:
-    """Draw who was in control, and the ratings, for each session and block."""
+    """Draw and yield a figure of who was in control, and one of any ratings, for each session and block."""
     for name, log in logs.items():
         for block, episodes in group_taught_by_block(log).items():
             stem = out / f"{block}_steering_{name.replace(' ', '_')}"
@@ -91,7 +94,7 @@ def build_section(source: SectionSource) -> ReportSection:
     )  # fmt: skip
     rows = []
     for name, log in logs.items():
-        rows += [_format_row(name, block, episodes) for block, episodes in group_taught_by_block(log).items()]
+        rows += [_build_row(name, block, episodes) for block, episodes in group_taught_by_block(log).items()]
     return ReportSection(
         "Teaching",
         [CaptionedTable(Table(heads, rows, words=2), _CAPTION)] if logs else [],
@@ -109,10 +112,10 @@ grew per minute of the person's earlier control (slope of a line). Good, bad: ra
 
 def measure_teaching(episodes: Sequence[TaughtEpisode]) -> dict[str, float]:
     """Compute the measures that a protocol can name as ``teaching:NAME``, for one block of one session."""
-    steps = np.concatenate([taught.by_person for _, taught in episodes])
+    is_by_person = np.concatenate([taught.by_person for _, taught in episodes])
     return {
         "takeovers": sum(taught.interventions for _, taught in episodes) / len(episodes),
-        "person": float(steps.mean()),
+        "person": float(is_by_person.mean()),
         "minutes": sum(steering_minutes(episode, taught) for episode, taught in episodes),
         "agreement": policy_agreement(episodes),
         "gain": autonomy_gain_per_min(episodes),
@@ -137,8 +140,8 @@ def tabulate_teaching(logs: Mapping[str, SessionLog]) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=["participant", "session", "block", *TeachingMeasure.LABELS])
 
 
-def _format_row(name: str, block: str, episodes: Sequence[TaughtEpisode]) -> tuple[str, ...]:
-    """Format the row of a session's block in the table on teaching."""
+def _build_row(name: str, block: str, episodes: Sequence[TaughtEpisode]) -> tuple[str, ...]:
+    """Build the row of a session's block in the report's table on teaching."""
     ratings = [rating.value for _, taught in episodes for rating in taught.ratings]
     policies = {taught.policy for _, taught in episodes if taught.policy}
     measured = measure_teaching(episodes)

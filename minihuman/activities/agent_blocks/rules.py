@@ -19,7 +19,12 @@ class AgentBlock(Protocol):
 
 
 def check_block(block: AgentBlock, pool: tuple[str, ...]) -> RuleErrors:
-    """Yield the errors of an agent block in a protocol; ``pool`` holds the keys that may have an action."""
+    """Yield the errors of an agent block in a protocol, each as a field's name and what is wrong with it.
+
+    Args:
+        block: the block, as the protocol has it.
+        pool: the keys that may have an action.
+    """
     if block.pace != "on_key":
         yield "pace", f"is {block.pace!r}, but the agent of a {block.kind} block has its own pace; leave it out"
     for field, error in check_agent(block.agent or AgentPlan(), pool):
@@ -27,13 +32,19 @@ def check_block(block: AgentBlock, pool: tuple[str, ...]) -> RuleErrors:
 
 
 def check_agent(agent: AgentPlan, pool: tuple[str, ...]) -> RuleErrors:
-    """Yield the errors of an agent's settings; ``pool`` holds the keys that may have an action."""
+    """Yield the errors of an agent's settings, each as a field's name and what is wrong with it.
+
+    Args:
+        agent: the settings, as the protocol has them.
+        pool: the keys that may have an action.
+    """
     yield from _check_times(agent)
     for name in _KEY_FIELDS:
         yield from _check_key(name, getattr(agent, name), pool)
 
 
 def _check_times(agent: AgentPlan) -> RuleErrors:
+    """Yield an error for each period or time limit that is outside its limits."""
     if not 20 <= agent.step_ms <= 60_000:
         yield "step_ms", f"is {agent.step_ms:g}; an agent steps every 20 to 60000 ms"
     if not 1 <= agent.update_every <= 10_000:
@@ -45,6 +56,7 @@ def _check_times(agent: AgentPlan) -> RuleErrors:
 
 
 def _check_key(name: str, key: str, pool: tuple[str, ...]) -> RuleErrors:
+    """Yield the errors of the key in a field: no key, a key of the session, or a key that may have an action."""
     if key not in BUTTON_NAMES:
         yield name, f"is {key!r}, which is not a key"
     if key in RESERVED_KEYS:

@@ -15,7 +15,7 @@ from minihuman.simulation.participant import KeyPress, SimulatedTeacher, Watched
 
 
 def build_watched_step(part: AgentPlayActivity, play: RunningEpisode, t_ns: int) -> WatchedStep:
-    """Build the description of a state that a simulated teacher receives."""
+    """Build the description of an episode's present state that a simulated teacher receives."""
     advised = part.advised
     action = "" if advised is None else play.world.action_names[advised.action]
     has_reached_goal = play.outcome == "goal"
@@ -33,21 +33,21 @@ class AgentBlockSimulator(PartSimulator):
     def __init__(self, person: SimulatedPerson) -> None:
         super().__init__(person)
         self._last_play: RunningEpisode | None = None
-        self._last_look = ("", -1)  # who steered, and which step it was
+        self._last_state = ("", -1)  # who was in control, and the step
 
     def act(self, part: Activity, screen: Screen) -> bool:
-        """Respond to the state on the screen."""
+        """Respond once to each new state of the episode on the screen; return False for any other screen."""
         if not isinstance(screen, PlayScreen) or not isinstance(part, AgentPlayActivity):
             return False
         play = part.play if part.playing else part.rated_episode
         if play is None:
             return True
         self.person.begin_episode(play)
-        look = (part.controller, play.steps)
-        if self._last_play is play and self._last_look == look:
+        state = (part.controller, play.steps)
+        if self._last_play is play and self._last_state == state:
             return True
         self._last_play = play
-        self._last_look = look
+        self._last_state = state
         press = self._decide(part, play)
         if press is not None:
             self.person.press_key(press.key, press.delay_ms, press.hold_ms)

@@ -76,14 +76,14 @@ class CorrectionActivity(Activity):
         return None
 
     def receive(self, happened: Input) -> None:
-        """Handle an input."""
+        """Handle an input: an offered episode, a key press, or a picture that reached the display."""
         match happened:
             case ClipOffered() if self.request is not None:
-                self._begin_look(happened.stretch)
+                self._begin_review(happened.stretch)
             case KeyDown() if self.phase is Phase.SHOWING:
-                self._press_while_showing(happened)
+                self._press_during_correction(happened)
             case KeyDown():
-                self._press_while_looking(happened)
+                self._press_during_review(happened)
             case ScreenShown() if self._episode is not None:
                 self._log_picture(happened)
 
@@ -116,7 +116,7 @@ class CorrectionActivity(Activity):
 
     # Looking
 
-    def _begin_look(self, episode: EpisodeClip | None) -> None:
+    def _begin_review(self, episode: EpisodeClip | None) -> None:
         """Show an episode for review and log it; end the part if there is none."""
         now_ns = self.context.now_ns
         if episode is None or not 0 <= episode.episode < len(self.context.plan.episodes):
@@ -124,7 +124,7 @@ class CorrectionActivity(Activity):
             self.ended = PartEnding()
             return
         plan = self.context.plan.episodes[episode.episode]
-        world = self._world_of(episode)
+        world = self._make_world(episode)
         self._film = EpisodeFilm(
             world,
             episode.seed,
@@ -151,13 +151,13 @@ class CorrectionActivity(Activity):
         )
         self._move(Phase.LOOKING)
 
-    def _world_of(self, episode: EpisodeClip) -> "World":
-        """Return a world with the id and the options of an episode's."""
+    def _make_world(self, episode: EpisodeClip) -> "World":
+        """Return a world of the same id and options as the world in which an episode was played."""
         with catch_world_errors():
             options = json.loads(episode.options)
         return self.context.world(episode.world, options)
 
-    def _press_while_looking(self, press: KeyDown) -> None:
+    def _press_during_review(self, press: KeyDown) -> None:
         """Handle a key press during the review: step through the episode, correct it or go to the next one."""
         plan = self._plan
         emit_key = self.context.emit_key
@@ -165,8 +165,8 @@ class CorrectionActivity(Activity):
             emit_key(press, "not_playing" if press.key in ENTER_KEYS else "unmapped", self.phase)
         elif press.key in (plan.back, plan.forward):
             emit_key(press, "accepted", self.phase)
-            by = 1 if press.key == plan.forward else -1
-            self._step = min(max(0, self._step + by), len(self._film) - 1)
+            direction = 1 if press.key == plan.forward else -1
+            self._step = min(max(0, self._step + direction), len(self._film) - 1)
         elif press.repeat:
             emit_key(press, "repeat", self.phase)
         elif press.key in ENTER_KEYS:
@@ -198,7 +198,10 @@ class CorrectionActivity(Activity):
     # Showing
 
     def _begin_correction(self, press: KeyDown) -> None:
-        """Recreate the episode up to the step that is shown, and let the participant continue from there."""
+        """Recreate the episode up to the step that is shown, and let the participant continue from there.
+
+        Nothing happens at the episode's end, where no further step is possible.
+        """
         assert self._episode is not None
         episode = self._episode
         context = self.context
@@ -209,12 +212,12 @@ class CorrectionActivity(Activity):
             pace="on_key",
             record_observations=False,
         )
-        world = self._world_of(episode)
+        world = self._make_world(episode)
         play = RunningEpisode(plan, world, picture_px=context.picture_px)
         play.start(context.now_ns)
         for action in episode.actions[: self._step]:
             play.step(context.now_ns, action, key="", key_t_ns=context.now_ns)
-        if play.outcome is not None:  # nothing can be done after its end
+        if play.outcome is not None:
             return
         self.play = play
         context.emit(
@@ -231,7 +234,7 @@ class CorrectionActivity(Activity):
         )
         self._move(Phase.SHOWING)
 
-    def _press_while_showing(self, press: KeyDown) -> None:
+    def _press_during_correction(self, press: KeyDown) -> None:
         """Handle a key press during a correction: make a step or stop."""
         assert self.play is not None
         play = self.play
@@ -307,15 +310,16 @@ class CorrectionActivity(Activity):
         return self._play_screen(self.play)
 
     def _film_screen(self, film: EpisodeFilm) -> FilmScreen:
+        """Build the screen of the episode under review, with the keys that step through it and correct it."""
         words = self.context.words
         plan = self._plan
-        names = {"back": plan.back, "forward": plan.forward, "begin": plan.begin, "go_on": ENTER_KEYS[0]}
-        caps = words.labels(tuple(names.values()))
-        prompt = {name: cap or key for name, (key, cap, _) in zip(names, caps, strict=True)}
+        keys = {"back": plan.back, "forward": plan.forward, "begin": plan.begin, "go_on": ENTER_KEYS[0]}
+        labels = words.labels(tuple(keys.values()))
+        key_labels = {field: label or key for field, (key, label, _) in zip(keys, labels, strict=True)}
         return FilmScreen(
             pictures=film,
             step=self._step,
-            prompt=words.fill("correction.look", **prompt),
+            prompt=words.fill("correction.look", **key_labels),
             progress=words.fill("progress.of_one", episode=self._number + 1, episodes=plan.episodes),
             back=plan.back,
             forward=plan.forward,
@@ -324,12 +328,13 @@ class CorrectionActivity(Activity):
         )
 
     def _play_screen(self, play: RunningEpisode) -> PlayScreen:
+        """Build the screen of the running correction, with the key that ends it."""
         words = self.context.words
         legend = sorted(play.plan.key_map.keys.items()) if play.plan.show_keys else []
-        end = words.labels((self._plan.begin,))[0][1] or self._plan.begin
+        end_key_label = words.labels((self._plan.begin,))[0][1] or self._plan.begin
         return PlayScreen(
             picture=play.picture() if self.context.renders_steps else EMPTY_IMAGE,
-            mission=words.fill("correction.show", end=end),
+            mission=words.fill("correction.show", end=end_key_label),
             progress=words.fill("progress.of_one", episode=self._number + 1, episodes=self._plan.episodes),
             legend=tuple((key, words.action(action)) for key, action in legend),
             episode=play.plan.episode,

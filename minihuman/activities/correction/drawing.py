@@ -22,22 +22,22 @@ _LEAST_BAR_PX = 3
 
 
 def draw_film(screen: FilmScreen, size_px: Size) -> Sheet:
-    """Draw the episode's present picture and the keys."""
+    """Draw the screen of an episode under review: the present picture, a bar of the position, and the texts."""
     sheet = Sheet(size_px, screen.locale)
     width, height = size_px
     margin = height * MARGIN
-    wide = width - 2 * margin
+    text_width = width - 2 * margin
     middle = width / 2
     film_box = (margin, height * _FILM_TOP, width - margin, height * _FILM_BOTTOM)
     paste_picture(sheet, screen.pictures[screen.step], film_box)
-    y = height * _BAR_AT
-    left = width * _BAR_LEFT
-    right = width * _BAR_RIGHT
-    along = left + (right - left) * screen.step / max(1, len(screen.pictures) - 1)
+    bar_top = height * _BAR_AT
+    bar_left = width * _BAR_LEFT
+    bar_right = width * _BAR_RIGHT
+    bar_position = bar_left + (bar_right - bar_left) * screen.step / max(1, len(screen.pictures) - 1)
     thickness = max(_LEAST_BAR_PX, round(height / _BARS_HIGH))
-    sheet.draw.rectangle((left, y, right, y + thickness), fill=theme.SURFACE)
-    sheet.draw.rectangle((left, y, along, y + thickness), fill=theme.HIGHLIGHT)
-    sheet.put_line((middle, height * _PROMPT_AT), screen.prompt, round(height / _PROMPTS_HIGH), wide, theme.INK)
+    sheet.draw.rectangle((bar_left, bar_top, bar_right, bar_top + thickness), fill=theme.SURFACE)
+    sheet.draw.rectangle((bar_left, bar_top, bar_position, bar_top + thickness), fill=theme.HIGHLIGHT)
+    sheet.put_line((middle, height * _PROMPT_AT), screen.prompt, round(height / _PROMPTS_HIGH), text_width, theme.INK)
     progress_px = round(height / _PROGRESS_LINES_HIGH)
-    sheet.put_line((middle, height * _PROGRESS_AT), screen.progress, progress_px, wide, theme.MUTED_INK)
+    sheet.put_line((middle, height * _PROGRESS_AT), screen.progress, progress_px, text_width, theme.MUTED_INK)
     return sheet

@@ -7,5 +7,5 @@ from minihuman.web.screen_values import NumberPicture, select_values
 
 
 def build_page_values(screen: FilmScreen, number: NumberPicture) -> dict[str, Any]:
-    """Return the texts and keys of the screen; the page itself steps through the episode."""
+    """Return the texts and keys of a review's screen; the page draws the episode itself, without ``number``."""
     return select_values(screen, "prompt progress step back forward film")

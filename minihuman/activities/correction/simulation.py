@@ -22,7 +22,10 @@ class CorrectionSimulator(PartSimulator):
         self._last_review: tuple[int, int] | None = None  # part and episode
 
     def act(self, part: Activity, screen: Screen) -> bool:
-        """Respond to the episode on the screen."""
+        """Step to the episode's next correction and begin it, or go to the next episode.
+
+        Return False for any screen but that of an episode under review.
+        """
         if not isinstance(screen, FilmScreen) or not isinstance(part, CorrectionActivity):
             return False
         if part.reviewed_episode is None:
@@ -30,17 +33,17 @@ class CorrectionSimulator(PartSimulator):
         plan: CorrectionPlan = part.part.plan
         episode, current_step = part.reviewed_episode
         teacher = self.person.participant
-        step = None
+        correction_step = None
         if isinstance(teacher, SimulatedTeacher) and part.review_id != self._last_review:
             with name_failures():
-                step = teacher.correct(episode)
+                correction_step = teacher.correct(episode)
         self._last_review = part.review_id
-        if step is None:
+        if correction_step is None:
             self.person.press_key("enter")
             return True
-        key = plan.forward if step > current_step else plan.back
-        n_presses = abs(step - current_step)
-        for number in range(n_presses):
-            self.person.press_key(key, READING_MS + number * STEPPING_MS)
+        key = plan.forward if correction_step > current_step else plan.back
+        n_presses = abs(correction_step - current_step)
+        for press_index in range(n_presses):
+            self.person.press_key(key, READING_MS + press_index * STEPPING_MS)
         self.person.press_key(plan.begin, 2 * READING_MS + n_presses * STEPPING_MS)
         return True

@@ -10,6 +10,7 @@ from minihuman.log.model.session_log import SessionLog
 
 
 def _build_correction_row(event: CorrectionBegun, log: SessionLog) -> TableRow | None:
+    """Build the row of a correction, found by its part and the time at which it began; None if the log lacks it."""
     for record in log.corrections:
         if record.part == event.part and record.t_ns[0] == event.t_ns:
             return {

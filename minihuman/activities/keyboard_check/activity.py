@@ -17,12 +17,12 @@ class KeyboardCheckActivity(Activity):
     can_copy = True
 
     def begin(self) -> None:
-        """Ask for every key of the pool."""
+        """Begin the check with no key pressed yet, and log the phase."""
         self._arrived: dict[str, str] = {}  # key -> symbol
         self.context.emit(Noted(self.context.now_ns, "phase", self.phase))
 
     def receive(self, happened: Input) -> None:
-        """Handle a key press."""
+        """Handle an input: log a key press, and end the part once every key of the pool has been pressed."""
         if not isinstance(happened, KeyDown):
             return
         plan: KeyboardCheckPlan = self.part.plan
@@ -32,8 +32,8 @@ class KeyboardCheckActivity(Activity):
         self.context.emit_key(happened, "accepted", self.phase)
         self._arrived.setdefault(happened.key, happened.symbol)
         if len(self._arrived) == len(set(plan.keys)):
-            typed = ", ".join(f"{key} types {self._arrived[key]!r}" for key in plan.keys)
-            self.context.emit(Noted(self.context.now_ns, "keyboard_check", f"every key arrived: {typed}"))
+            symbols = ", ".join(f"{key} types {self._arrived[key]!r}" for key in plan.keys)
+            self.context.emit(Noted(self.context.now_ns, "keyboard_check", f"every key arrived: {symbols}"))
             self.ended = PartEnding()
 
     def screen(self) -> TextScreen:

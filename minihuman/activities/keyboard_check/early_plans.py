@@ -5,8 +5,10 @@ from collections.abc import Iterator
 from minihuman.activities.keyboard_check.plan import KeyboardCheckPlan
 from minihuman.experiment.plan.session_plan import PlannedPart, SessionPlan
 
+_POSITION = 1  # of the check in an early session: after the first pages, before the blocks
+
 
 def find_early_check(plan: SessionPlan) -> Iterator[tuple[int, PlannedPart]]:
-    """Yield the keyboard check of an early plan, with its position in the session."""
+    """Yield the keyboard check of a plan from before plans had parts, with its position; nothing if it has none."""
     if plan.keyboard_check:
-        yield 1, PlannedPart("keyboard_check", "keyboard_check", KeyboardCheckPlan(plan.key_pool))
+        yield _POSITION, PlannedPart("keyboard_check", "keyboard_check", KeyboardCheckPlan(plan.key_pool))

@@ -8,11 +8,11 @@ from minihuman.experiment.words import InterfaceWords
 
 def build_keyboard_check_screen(words: InterfaceWords, keys: Sequence[str], pressed: frozenset[str]) -> TextScreen:
     """Build the screen that shows, for every key of the pool, whether it has been pressed yet."""
-    n_left = len(set(keys)) - len(pressed)
-    if n_left == 1:
+    n_missing = len(set(keys)) - len(pressed)
+    if n_missing == 1:
         prompt = words["keyboard_check.one_left"]
     else:
-        prompt = words.fill("keyboard_check.left", count=n_left)
+        prompt = words.fill("keyboard_check.left", count=n_missing)
     return TextScreen(
         words["keyboard_check.title"],
         words["keyboard_check.body"],

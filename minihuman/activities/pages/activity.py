@@ -26,7 +26,7 @@ from minihuman.experiment.machine.running_episode import catch_world_errors
 from minihuman.experiment.machine.screens import PageScreen, PictureLabel
 from minihuman.experiment.machine.transitions import Phase
 
-EXAMPLE_SIZE_PX = (960, 720)
+EXAMPLE_SIZE_PX = (960, 720)  # of an example's picture in a session without a picture size
 
 
 _PROMPTS: dict[StrEnum, str] = {  # of the last page
@@ -37,6 +37,7 @@ _PROMPTS: dict[StrEnum, str] = {  # of the last page
 
 
 def _find_phase(plan: PagePlan) -> Phase:
+    """Return the phase of a text: consent, the session's closing, or a plain page."""
     if plan.agree:
         return Phase.CONSENT
     if plan.closing:
@@ -59,12 +60,12 @@ class PagesActivity(Activity):
     can_copy = True
 
     def begin(self) -> None:
-        """Open the first page."""
+        """Open the first page, prepare the pages' pictures, and log the phase."""
         plan: PagePlan = self.part.plan
         self.phase = _find_phase(plan)
         self._reader = PageReader(len(plan.pages))
         self._pictures = {
-            number: np.asarray(Image.open(io.BytesIO(png)).convert("RGB")) for number, png in enumerate(plan.pictures)
+            page: np.asarray(Image.open(io.BytesIO(png)).convert("RGB")) for page, png in enumerate(plan.pictures)
         }
         self._marks: tuple[PictureLabel, ...] = ()
         self._open: PageScreen | None = None
@@ -89,28 +90,29 @@ class PagesActivity(Activity):
             case PointerPressed(target="decline") if self.part.plan.agree:
                 self.ended = PartEnding("failed", reason="declined", detail="the participant did not agree")
 
-    def _turn(self, by: int, *, by_enter: bool) -> bool:
-        """Turn pages; return False if there was no page to turn to.
+    def _turn(self, direction: int, *, by_enter: bool) -> bool:
+        """Turn one page forward (1) or back (-1), and return whether that had an effect; 0 turns no page.
 
-        Only Enter or its button leaves the last page; an arrow key does not.
+        On the last page, Enter or its button ends the part; any other key has no effect.
         """
-        if not by:
+        if not direction:
             return False
-        if self._reader.turn(by):
+        if self._reader.turn(direction):
             return True
-        if by > 0 and by_enter:
+        if direction > 0 and by_enter:
             self.ended = PartEnding()
             return True
         return False
 
     def _note_agreement(self) -> None:
+        """Log the participant's agreement to the text, if the part asks for it and has just ended."""
         plan: PagePlan = self.part.plan
         if self.ended and plan.agree:
             text = f"agreed to the text with SHA-256 {plan.sha256}"
             self.context.emit(Noted(self.context.now_ns, "consent", text))
 
     def screen(self) -> PageScreen:
-        """Build the screen of the open page."""
+        """Return the screen of the open page, which is built when the page is opened."""
         if self._open is None or self._open.page != self._reader.page + 1:
             self._open = self._screen()
         return self._open
@@ -133,15 +135,18 @@ class PagesActivity(Activity):
             body=fill_score_fields(self.context, body),
             page=reader.page,
             pages=reader.pages,
-            last=words[_PROMPTS[self.phase]],
-            button=button,
+            last_prompt=words[_PROMPTS[self.phase]],
+            last_button=button,
             picture=self._pictures.get(reader.page),
             marks=self._marks if reader.page == 0 else (),
         )
 
 
 def _draw_example(context: SessionContext, example: ExampleSpec) -> tuple[NDArray[np.uint8], tuple[PictureLabel, ...]]:
-    """Draw an example's world from above; return the picture and the labels of its marked objects."""
+    """Draw an example's world from above; return the picture and the labels of its marked objects.
+
+    A world without a map has no labels.
+    """
     world = context.world(example.world, example.options)
     with catch_world_errors():
         world.reset(example.seed)
@@ -150,15 +155,15 @@ def _draw_example(context: SessionContext, example: ExampleSpec) -> tuple[NDArra
         pose = world.pose()
     if floor is None:
         return picture, ()
-    left, top, right, bottom = floor.bounds
-    places = {thing.name: (thing.x, thing.z) for thing in reversed(floor.things)}
+    x_min, z_min, x_max, z_max = floor.bounds
+    positions = {thing.name: (thing.x, thing.z) for thing in reversed(floor.things)}  # of equal names, the first counts
     if pose is not None:
-        places["agent"] = (pose.x, pose.z)
+        positions["agent"] = (pose.x, pose.z)
     labels = []
     for name, label in example.marks.items():
-        if name in places:
-            x, z = places[name]
-            labels.append(PictureLabel((x - left) / (right - left), (z - top) / (bottom - top), label))
+        if name in positions:
+            x, z = positions[name]
+            labels.append(PictureLabel((x - x_min) / (x_max - x_min), (z - z_min) / (z_max - z_min), label))
     return picture, tuple(labels)
 
 

@@ -21,9 +21,9 @@ class PageReader:
         """Return whether the text's last page is open."""
         return self.page == self.pages - 1
 
-    def turn(self, by: int) -> bool:
-        """Open the next or the previous page; return False if there is none."""
-        page = self.page + by
+    def turn(self, n_pages: int) -> bool:
+        """Open the page that is ``n_pages`` further on, -1 for the previous page; return False if there is none."""
+        page = self.page + n_pages
         if not 0 <= page < self.pages:
             return False
         self.page = page

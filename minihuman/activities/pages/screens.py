@@ -14,16 +14,25 @@ def build_page_screen(
     body: str,
     page: int,
     pages: int,
-    last: str,
-    button: str,
+    last_prompt: str,
+    last_button: str,
     picture: NDArray[np.uint8] | None = None,
     marks: tuple[PictureLabel, ...] = (),
     decline_label: str = "",
 ) -> PageScreen:
     """Build the screen of one page of a text.
 
-    ``last`` is the prompt of the last page, ``button`` the label of the button that leaves it, and ``decline_label``
-    the label of the button that declines; "" shows no such button.
+    Args:
+        words: the interface's texts.
+        title: the text's title.
+        body: the page's text.
+        page: the page's index, from 0.
+        pages: the number of pages.
+        last_prompt: the prompt of the last page.
+        last_button: the label of the button that leaves the last page.
+        picture: the page's picture, uint8[H, W, 3]; None for no picture.
+        marks: the labels on the picture.
+        decline_label: the label of the button that declines; "" shows no such button.
     """
     buttons: list[Button] = []
     if page:
@@ -31,8 +40,8 @@ def build_page_screen(
     if decline_label:
         buttons.append(Button("decline", decline_label))
     if page == pages - 1:
-        prompt = last
-        buttons.append(Button("go_on", button))
+        prompt = last_prompt
+        buttons.append(Button("go_on", last_button))
     else:
         prompt = words["page.prompt"]
         buttons.append(Button("go_on", words["button.next"]))

@@ -98,7 +98,7 @@ class PlayActivity(Activity):
         self._flip_ns: int | None = None  # when the present text reached the display
         self._latest_screen: tuple[object, Screen] | None = None  # a world's picture is drawn once
 
-    # What the conditions beside the table ask
+    # State that the conditions of phases depend on
 
     @property
     def has_next_episode(self) -> bool:
@@ -135,7 +135,7 @@ class PlayActivity(Activity):
     def begin(self) -> None:
         """Begin the block, or resume it."""
         self.sequence.resume()
-        self.sequence.decide(time_is_up=self._limits.block_is_over(self.context.now_ns))
+        self.sequence.decide(time_is_up=self._limits.is_block_over(self.context.now_ns))
         if not self.has_next_episode:
             self._end()
             return
@@ -210,37 +210,37 @@ class PlayActivity(Activity):
         """
         if self.phase is Phase.PLAYING:
             self.play = self._current
-            due = [t for t in (self._current.next_tick_ns, self._limits.due_ns) if t is not None]
-            return min(due, default=None)
+            times_ns = (self._current.next_tick_ns, self._limits.due_ns)
+            return min((t_ns for t_ns in times_ns if t_ns is not None), default=None)
         if self.phase is Phase.PREPARING:
             return self.context.now_ns
-        return self._timer.due_ns(self.phase, self.context.now_ns)
+        return self._timer.find_due_ns(self.phase, self.context.now_ns)
 
     def screen(self) -> Screen:
         """Build the screen of the present phase, or return the last one if nothing has changed."""
-        steps = self._play and self._play.steps
-        rest_s = self._timer.left_s(self.context.now_ns)
-        now = (self.phase, self._reader.page, self._play, steps, rest_s, self._look)
-        if self._latest_screen is None or self._latest_screen[0] != now:
-            self._latest_screen = (now, self._screen())
+        steps = None if self._play is None else self._play.steps
+        rest_s = self._timer.find_remaining_s(self.context.now_ns)
+        state = (self.phase, self._reader.page, self._play, steps, rest_s, self._look)
+        if self._latest_screen is None or self._latest_screen[0] != state:
+            self._latest_screen = (state, self._screen())
         return self._latest_screen[1]
 
     def _screen(self) -> Screen:
         """Build the screen of the present phase."""
-        before = self._view.before(self.phase, self._reader)
-        if before is not None:
-            return before
+        screen_without_episode = self._view.build_without_episode(self.phase, self._reader)
+        if screen_without_episode is not None:
+            return screen_without_episode
         match self.phase:
             case Phase.READY:
-                return self._view.ready(self._current)
+                return self._view.build_ready(self._current)
             case Phase.FEEDBACK:
-                return self._view.feedback(self._current, self.sequence.last_points)
+                return self._view.build_feedback(self._current, self.sequence.last_points)
             case Phase.REST:
-                return self._view.rest(self._timer.left_s(self.context.now_ns))
+                return self._view.build_rest(self._timer.find_remaining_s(self.context.now_ns))
         return self._play_screen()
 
     def _play_screen(self) -> PlayScreen:
-        return self._view.play(self._current, is_last=self.phase is Phase.HOLD, points=self.sequence.last_points)
+        return self._view.build_play(self._current, is_last=self.phase is Phase.HOLD, points=self.sequence.last_points)
 
     # Inputs
 
@@ -260,15 +260,15 @@ class PlayActivity(Activity):
         self._timer.note_seen(self.phase, screen_shown.flip_ns)
 
     def _let_time_pass(self) -> None:
-        """Process whatever the clock has made due: a time limit, a real-time step, or the end of a timed phase."""
+        """Process what is due by now: a time limit, a real-time step, or the end of a phase that time ends."""
         now_ns = self.context.now_ns
         if self.phase is Phase.PLAYING:
-            cause = self._limits.over(now_ns)
+            cause = self._limits.find_reached_limit(now_ns)
             if cause:
                 self._episode_ended(cause)
             elif stepped := self._current.tick(now_ns):
                 self._stepped(stepped)
-        elif self.phase is Phase.PREPARING or self._timer.over(self.phase, now_ns):
+        elif self.phase is Phase.PREPARING or self._timer.is_over(self.phase, now_ns):
             self._move(TransitionCause.DONE)
 
     def _key_in_play(self, press: KeyDown) -> None:
@@ -289,6 +289,7 @@ class PlayActivity(Activity):
             self._stepped(play.step(self.context.now_ns, action, key=press.key, key_t_ns=press.t_ns))
 
     def _click_in_play(self, press: PointerPressed) -> None:
+        """Handle a click into the picture during an episode: make a step, or queue the action in real time."""
         play = self._current
         action = play.find_click_action(press.x, press.y)
         if play.real_time:
@@ -307,8 +308,9 @@ class PlayActivity(Activity):
         elif effect.goes_on:
             self._move(TransitionCause.DONE)
 
-    def _turn(self, by: int, *, by_enter: bool) -> None:
-        if not self._reader.turn(by) and by > 0 and by_enter:
+    def _turn(self, n_pages: int, *, by_enter: bool) -> None:
+        """Turn the instruction by a number of pages, back below 0; Enter on the last page ends the instruction."""
+        if not self._reader.turn(n_pages) and n_pages > 0 and by_enter:
             self._move(TransitionCause.DONE)
 
     # Moving on
@@ -318,16 +320,16 @@ class PlayActivity(Activity):
 
         If the table has no transition for the cause, nothing changes.
         """
-        move = self.transitions.find(self.phase, cause, self)
-        if move is None:
+        transition = self.transitions.find(self.phase, cause, self)
+        if transition is None:
             return
-        assert isinstance(move.end, Phase)
-        before = self.phase
-        self.phase = move.end
+        assert isinstance(transition.end, Phase)
+        previous_phase = self.phase
+        self.phase = transition.end
         if self.phase is Phase.OVER:
             self._end()
             return
-        if before is Phase.FEEDBACK:
+        if previous_phase is Phase.FEEDBACK:
             self.shows_ready_screen = not self.feedback_text  # a participant who has just left the feedback is ready
         elif self.phase is Phase.READY:
             self._prepare()
@@ -344,10 +346,11 @@ class PlayActivity(Activity):
         """Reset the next episode's world while a text is shown, so that play starts without delay."""
         self._play = self._make_episode(self.next_plan)
         if self.context.renders_steps:
-            self._play.picture()  # a world's first picture takes longer: not after the key that starts play
+            self._play.picture()  # a world's first picture takes longer, so draw it before the key that starts play
         self.next_play = self._play
 
     def _make_episode(self, plan: EpisodePlan) -> RunningEpisode:
+        """Make the running episode of a plan, in a world of the session; a hook for subclasses."""
         world = self.context.world(plan.world, plan.options)
         context = self.context
         return RunningEpisode(
@@ -360,7 +363,7 @@ class PlayActivity(Activity):
         )
 
     def _start_episode(self) -> None:
-        """Start the prepared episode and its time limits, and log it, with the key map if it is another."""
+        """Start the prepared episode and its time limits, and log it, with the key map if that has changed."""
         play = self._current
         now_ns = self.context.now_ns
         self.play = play
@@ -395,11 +398,12 @@ class PlayActivity(Activity):
         self._limits.stop(context.now_ns)
         context.emit(play.end(context.now_ns, cause))
         self.sequence.add_episode(play)
-        self.sequence.decide(time_is_up=self._limits.block_is_over(context.now_ns))
+        self.sequence.decide(time_is_up=self._limits.is_block_over(context.now_ns))
         self._between_episodes()
         self._move(TransitionCause.EPISODE_ENDED)
 
     def _end(self) -> None:
+        """End the block and log the episodes that were skipped."""
         self.phase = Phase.OVER
         self.ended = self.sequence.end()
 

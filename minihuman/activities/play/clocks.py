@@ -34,9 +34,9 @@ class BlockTimeLimits:
     def stop(self, now_ns: int) -> None:
         """Stop the clocks for a pause or at the end of an episode."""
         if self._running_since_ns is not None:
-            ran_ns = now_ns - self._running_since_ns
-            self._played_ns += ran_ns
-            self._block_played_ns += ran_ns
+            elapsed_ns = now_ns - self._running_since_ns
+            self._played_ns += elapsed_ns
+            self._block_played_ns += elapsed_ns
             self._running_since_ns = None
 
     @property
@@ -44,24 +44,24 @@ class BlockTimeLimits:
         """Return the time at which the next limit is reached; None if there is no limit or the clocks are stopped."""
         if self._running_since_ns is None or not (self._episode_ns or self._block_ns):
             return None
-        left_ns = []
+        remaining_ns = []
         if self._episode_ns:
-            left_ns.append(self._episode_ns - self._played_ns)
+            remaining_ns.append(self._episode_ns - self._played_ns)
         if self._block_ns:
-            left_ns.append(self._block_ns - self._block_played_ns)
-        return self._running_since_ns + max(0, min(left_ns))
+            remaining_ns.append(self._block_ns - self._block_played_ns)
+        return self._running_since_ns + max(0, min(remaining_ns))
 
-    def over(self, now_ns: int) -> EndCause:
+    def find_reached_limit(self, now_ns: int) -> EndCause:
         """Return the limit that has been reached, as the cause of the episode's end; "" for none."""
         due_ns = self.due_ns
         if due_ns is None or now_ns < due_ns:
             return ""
-        if self.block_is_over(now_ns):
+        if self.is_block_over(now_ns):
             return "block_max_s"
         return "max_s"
 
-    def block_is_over(self, now_ns: int) -> bool:
-        """Return whether the block's playing time is used up."""
+    def is_block_over(self, now_ns: int) -> bool:
+        """Return whether the block's playing time is used up; False for a block without a limit."""
         if self._running_since_ns is None:
             running_ns = 0
         else:
@@ -92,14 +92,14 @@ class PhaseTimer:
     def begin(self, phase: StrEnum, now_ns: int) -> None:
         """Start the timer of a phase."""
         if phase in self._timed:
-            self._until_ns = now_ns + self._lasts_ns(phase)
+            self._until_ns = now_ns + self._find_duration_ns(phase)
         elif phase is Phase.REST:
             self._until_ns = now_ns + round(self._plan.rest_s * NS_PER_S)
 
     def note_seen(self, phase: StrEnum, flip_ns: int) -> None:
         """Restart the phase's time from when its screen reached the display, except in the learning phase."""
         if phase in self._timed and phase is not Phase.LEARNING and self._until_ns is not None:
-            self._until_ns = flip_ns + self._lasts_ns(phase)
+            self._until_ns = flip_ns + self._find_duration_ns(phase)
 
     def suspend(self, phase: StrEnum) -> None:
         """Stop the phase's time while another screen covers it; a rest keeps counting."""
@@ -109,38 +109,38 @@ class PhaseTimer:
     def resume(self, phase: StrEnum, now_ns: int) -> None:
         """Restart the phase's time from the beginning."""
         if phase in self._timed:
-            self._until_ns = now_ns + self._lasts_ns(phase)
+            self._until_ns = now_ns + self._find_duration_ns(phase)
 
-    def over(self, phase: StrEnum, now_ns: int) -> bool:
+    def is_over(self, phase: StrEnum, now_ns: int) -> bool:
         """Return whether a timed phase has lasted its full time."""
         return phase in self._timed and self._until_ns is not None and now_ns >= self._until_ns
 
-    def ends(self, phase: StrEnum) -> bool:
+    def is_timed(self, phase: StrEnum) -> bool:
         """Return whether a phase ends by time rather than by a key."""
         return phase in self._timed
 
-    def due_ns(self, phase: StrEnum, now_ns: int) -> int | None:
-        """Return the time of the phase's next change, a rest's next second included; None if there is none."""
+    def find_due_ns(self, phase: StrEnum, now_ns: int) -> int | None:
+        """Return the time of the phase's next change: its end, or the next second of a rest; None if there is none."""
         if self._until_ns is None or now_ns >= self._until_ns:
             return None
         if phase is Phase.REST:
-            return self._until_ns - (self.left_s(now_ns) - 1) * NS_PER_S
+            return self._until_ns - (self.find_remaining_s(now_ns) - 1) * NS_PER_S
         return self._until_ns
 
-    def left_s(self, now_ns: int) -> int:
-        """Return the seconds that are left, rounded up."""
+    def find_remaining_s(self, now_ns: int) -> int:
+        """Return the seconds that remain of the present phase, rounded up; 0 if no timer runs."""
         if self._until_ns is None or now_ns >= self._until_ns:
             return 0
-        left_ns = self._until_ns - now_ns
-        return (left_ns + NS_PER_S - 1) // NS_PER_S  # rounded up
+        remaining_ns = self._until_ns - now_ns
+        return (remaining_ns + NS_PER_S - 1) // NS_PER_S  # rounded up
 
-    def _lasts_ns(self, phase: StrEnum) -> int:
+    def _find_duration_ns(self, phase: StrEnum) -> int:
         """Return the duration of a timed phase in nanoseconds."""
-        ms: dict[StrEnum, float] = {
+        durations_ms: dict[StrEnum, float] = {
             Phase.INTERVAL: self._sequence.interval_ms,
             Phase.FEEDBACK: self._feedback_ms,
             Phase.FIXATION: self._plan.fixation_ms,
             Phase.HOLD: self._plan.hold_ms,
             Phase.LEARNING: self._learning_s() * 1_000,
         }
-        return round(ms[phase] * NS_PER_MS)
+        return round(durations_ms[phase] * NS_PER_MS)

@@ -42,7 +42,7 @@ class BlockDesign:
     def decide(self, *, goes_on: bool) -> bool:
         """Ask the design about the next episode and return whether it ends the block.
 
-        When the block is over (``goes_on`` is false), the design is asked for its last estimates alone.
+        Log the decision. When the block is over (``goes_on`` is false), only the design's last estimates are used.
         """
         context = self._context
         plan = self._context.plan

@@ -43,9 +43,9 @@ class EpisodeSequence:
     def interval_ms(self) -> float:
         """Return the time for which the screen is empty before the next episode, in milliseconds."""
         intervals_ms = self._plan.trial.intervals_ms if self._plan.trial else ()
-        place = self._context.next_episode - self._plan.first
-        if place < len(intervals_ms):  # after the last episode there is none
-            return intervals_ms[place]
+        episode_in_block = self._context.next_episode - self._plan.first
+        if episode_in_block < len(intervals_ms):  # after the last episode there is no interval
+            return intervals_ms[episode_in_block]
         return self._plan.interval_ms
 
     @property
@@ -74,7 +74,10 @@ class EpisodeSequence:
             self._design.add_episode(play)
 
     def decide(self, *, time_is_up: bool) -> None:
-        """Decide whether another episode follows, and ask the block's design for it."""
+        """Decide whether another episode follows; a block's design decides on its options, or ends the block.
+
+        ``time_is_up`` says that the block's playing time is used up.
+        """
         self._tally.decide(time_is_up=time_is_up)
         if self._design is None:
             return
@@ -83,17 +86,18 @@ class EpisodeSequence:
             self.stop("design")
 
     def stop(self, reason: SkipReason) -> None:
-        """End the sequence, so that no other episode follows."""
+        """End the sequence for a reason that is logged with the skipped episodes."""
         self._tally.skip = reason
 
     def end(self) -> PartEnding:
         """Log the episodes that were skipped and return how the block ended."""
         context = self._context
-        past = self._plan.first + self._plan.count
+        end_episode = self._plan.first + self._plan.count  # the index after the block's last episode
         skip = self._tally.skip
-        if skip is not None and context.next_episode < past:
-            context.emit(EpisodesSkipped(context.now_ns, context.next_episode, past - context.next_episode, skip))
-            context.next_episode = past
+        if skip is not None and context.next_episode < end_episode:
+            n_skipped = end_episode - context.next_episode
+            context.emit(EpisodesSkipped(context.now_ns, context.next_episode, n_skipped, skip))
+            context.next_episode = end_episode
         if self._tally.failed:
             return PartEnding("failed", reason="screened_out", detail=f"{self._part_name}: criterion not reached")
         return PartEnding()

@@ -40,11 +40,11 @@ class PointsSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return len({self.goal, self.timeout, self.failure}) > 1
 
     def compute(self, outcome: str, steps: int, reward: float) -> float:
-        """Compute the points of an episode; one that was abandoned or whose agent failed earns none."""
+        """Compute the points of an episode; an episode that was abandoned or whose agent failed earns none."""
         if outcome in ("abandoned", "agent_failed"):
             return 0.0
-        by_outcome = {"goal": self.goal, "timeout": self.timeout, "failure": self.failure}
-        return by_outcome.get(outcome, 0.0) + self.per_step * steps + self.per_reward * reward
+        outcome_points = {"goal": self.goal, "timeout": self.timeout, "failure": self.failure}
+        return outcome_points.get(outcome, 0.0) + self.per_step * steps + self.per_reward * reward
 
 
 ComputedBy = Literal["page", "server"]
@@ -85,7 +85,10 @@ class PlayPlan(PartPlan, frozen=True):
         return range(self.first, self.first + self.count)
 
     def describe_trials(self, deadline_ms: float) -> Iterable[str]:
-        """Return what a trial shows and when, a phrase each; nothing where episodes have no time course."""
+        """Return phrases that describe what a trial shows and when; empty, as a plain block has no time course.
+
+        ``deadline_ms`` is the time for a response after the target's onset; 0 for no deadline.
+        """
         return ()
 
 

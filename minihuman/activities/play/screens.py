@@ -34,7 +34,10 @@ OUTCOME_MARKS: dict[Outcome | None, OutcomeMark] = {"goal": "good", "timeout": "
 
 
 def format_progress(context: "SessionContext", block: PlayPlan, episode: EpisodePlan, points: float | None) -> str:
-    """Format an episode's position in the session, such as "Part 1 of 2, episode 3 of 10", and the points so far."""
+    """Format an episode's position in the session, such as "Part 1 of 2, episode 3 of 10", and the points so far.
+
+    ``points`` is None in a block that does not show them.
+    """
     words = context.words
     fields = {
         "part": block.block + 1,
@@ -54,7 +57,16 @@ def format_progress(context: "SessionContext", block: PlayPlan, episode: Episode
 def build_feedback_screen(
     words: InterfaceWords, block: PlayPlan, played: RunningEpisode, progress_line: str, points: float, total: float
 ) -> TextScreen:
-    """Build the block's feedback screen for an episode's outcome, with its fields filled in."""
+    """Build the block's feedback screen for an episode's outcome, with the fields of its text filled in.
+
+    Args:
+        words: the interface's texts.
+        block: the block's plan, which has a feedback text for the outcome.
+        played: the finished episode.
+        progress_line: the line that shows the episode's position in the session.
+        points: the points that the episode earned.
+        total: the session's points so far.
+    """
     outcome = played.outcome or "abandoned"
     body = block.feedback[outcome].format(
         outcome=words[f"outcome.{outcome}"],
@@ -70,9 +82,9 @@ def build_feedback_screen(
     return TextScreen("", body, prompt, progress_line, locale=words.locale)
 
 
-def build_rest_screen(words: InterfaceWords, text: str, left_s: int) -> TextScreen:
-    """Build the screen of the rest after a block, with the seconds that remain of it."""
-    prompt = words["go_on"] if left_s <= 0 else words.fill("rest.wait", seconds=left_s)
+def build_rest_screen(words: InterfaceWords, text: str, remaining_s: int) -> TextScreen:
+    """Build the screen of the rest after a block, with the seconds that remain; Enter continues when none do."""
+    prompt = words["go_on"] if remaining_s <= 0 else words.fill("rest.wait", seconds=remaining_s)
     return TextScreen(words["rest.title"], text.strip() or words["rest.body"], prompt, locale=words.locale)
 
 
@@ -91,7 +103,7 @@ class BlockScreens:
         self._shows_progress = shows_progress
         self._last_view: tuple[int, int, Pose | None] | None = None  # the latest step's episode, number and pose
 
-    def before(self, phase: StrEnum, reader: PageReader) -> Screen | None:
+    def build_without_episode(self, phase: StrEnum, reader: PageReader) -> Screen | None:
         """Build the screen of a phase that shows no episode; return None for other phases."""
         words = self._context.words
         match phase:
@@ -102,8 +114,8 @@ class BlockScreens:
                     body=self._plan.instruction[reader.page],
                     page=reader.page,
                     pages=reader.pages,
-                    last=words["go_on"],
-                    button=words["button.go_on"],
+                    last_prompt=words["go_on"],
+                    last_button=words["button.go_on"],
                 )
             case Phase.LEARNING:
                 return screen_texts.build_notice_screen(words, words["learning.title"], words["learning.body"])
@@ -113,11 +125,11 @@ class BlockScreens:
                 return BlankScreen(cross=phase is Phase.FIXATION)
         return None
 
-    def rest(self, left_s: int) -> TextScreen:
+    def build_rest(self, remaining_s: int) -> TextScreen:
         """Build the screen of the rest after the block, with the seconds that remain of it."""
-        return build_rest_screen(self._context.words, fill_score_fields(self._context, self._plan.rest), left_s)
+        return build_rest_screen(self._context.words, fill_score_fields(self._context, self._plan.rest), remaining_s)
 
-    def ready(self, play: RunningEpisode) -> TextScreen:
+    def build_ready(self, play: RunningEpisode) -> TextScreen:
         """Build the screen that waits for Enter before an episode."""
         words = self._context.words
         mission = screen_texts.capitalise(self._mission(play))
@@ -125,13 +137,13 @@ class BlockScreens:
             words["ready.title"], mission, words["ready.prompt"], self._format_progress_line(play), locale=words.locale
         )
 
-    def feedback(self, play: RunningEpisode, scored: float) -> TextScreen:
-        """Build the feedback screen of an episode."""
+    def build_feedback(self, play: RunningEpisode, points: float) -> TextScreen:
+        """Build the feedback screen of an episode that earned the given points."""
         return build_feedback_screen(
-            self._context.words, self._plan, play, self._format_progress_line(play), scored, self._context.points
+            self._context.words, self._plan, play, self._format_progress_line(play), points, self._context.points
         )
 
-    def play(self, play: RunningEpisode, *, is_last: bool, points: float) -> PlayScreen:
+    def build_play(self, play: RunningEpisode, *, is_last: bool, points: float) -> PlayScreen:
         """Build the screen of a running episode; the last picture, which stays on, also shows the points."""
         words = self._context.words
         legend = sorted(play.plan.key_map.keys.items()) if play.plan.show_keys else []
@@ -158,11 +170,14 @@ class BlockScreens:
             labels=words.labels(tuple(key for key, _ in legend)),
             accepts_pointer=play.takes_clicks,
             axes=play.window_axes,
-            motion=self._motion(play) if has_motion else None,
+            motion=self._track_motion(play) if has_motion else None,
         )
 
-    def _motion(self, play: RunningEpisode) -> Motion | None:
-        """Return the motion of the view from the previous step's picture to this one; None if there is none."""
+    def _track_motion(self, play: RunningEpisode) -> Motion | None:
+        """Return the motion of the view from the previous step's picture to this one, and remember this step's view.
+
+        None means that the previous picture was not of the step before, or the world had no pose there.
+        """
         last_view = self._last_view
         self._last_view = (play.plan.episode, play.steps, play.world.pose())
         if last_view is None:
@@ -178,7 +193,7 @@ class BlockScreens:
         return self._plan.mission or self._context.words.mission(play.mission)
 
     def _format_progress_line(self, play: RunningEpisode) -> str:
-        """Format the episode's position and the points so far, or those of the two that the block shows."""
+        """Format the episode's position and the points so far, each only if the block shows it."""
         total = self._context.points if self._plan.show_points else None
         if not self._shows_progress:
             if total is None:

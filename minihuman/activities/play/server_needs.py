@@ -19,7 +19,10 @@ _NEEDS = {
 
 
 def list_block_needs(plan: PlayPlan) -> Iterator[str]:
-    """Yield what in any block's plan needs a server, whether its episodes are trials or not."""
+    """Yield a clause such as "gives points" for each setting of a block's plan that needs a server.
+
+    These settings apply to blocks of trials and to other blocks alike.
+    """
     for name, clause in _NEEDS.items():
         setting = getattr(plan, name)
         if setting and setting is not msgspec.UNSET:
@@ -27,7 +30,7 @@ def list_block_needs(plan: PlayPlan) -> Iterator[str]:
 
 
 def find_server_needs(part: PlannedPart) -> Iterator[str]:
-    """Yield what in a block needs a server."""
+    """Yield a clause such as "gives points" for each property of a block that needs a server."""
     yield from list_block_needs(part.plan)
     if part.plan.trial:
         yield "is a block of trials"

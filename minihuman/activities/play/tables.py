@@ -14,6 +14,7 @@ def _build_points_row(event: Scored, log: SessionLog) -> TableRow:
 
 
 def _build_skip_row(event: EpisodesSkipped, log: SessionLog) -> TableRow:
+    """Build the row of skipped episodes in the table of points."""
     return {
         "episode": event.first + 1,
         "points": None,

@@ -41,33 +41,34 @@ class TextKeys:
     def judge(
         self, press: KeyDown, phase: StrEnum, *, now_ns: int, flip_ns: int | None, play: RunningEpisode | None
     ) -> TextKeyEffect:
-        """Return the effect of a key.
+        """Return the effect of a key press on a text screen.
 
         Args:
             press: the key press.
             phase: the block's present phase.
             now_ns: the session's time.
             flip_ns: the time at which the present text reached the display; None if it has not yet.
-            play: the last or next episode, whose keys mean something to the participant; None if there is none.
+            play: the last or next episode, whose keys are logged as premature; None if there is none.
         """
         is_enter = press.key in ENTER_KEYS
         if phase is Phase.INSTRUCTIONS and press.key in (*FORWARD_KEYS, *BACK_KEYS):
             return self._judge_page_key(press.key)
         if phase is Phase.READY and is_enter and flip_ns is not None and press.t_ns < flip_ns:
-            return TextKeyEffect("not_playing")  # meant for the screen before: this one is not on the display yet
+            return TextKeyEffect("not_playing")  # pressed at the previous screen: this one was not on the display yet
         if is_enter and self._waits_for_enter(phase, now_ns):
             return TextKeyEffect("accepted", goes_on=True)
         has_action = play is not None and play.action_of(press.key) is not None
         return TextKeyEffect("not_playing" if is_enter or has_action else "unmapped")
 
     def _judge_page_key(self, key: str) -> TextKeyEffect:
+        """Return the effect of a key that turns pages; without a page to turn to, only Enter forward is accepted."""
         turns = 1 if key in FORWARD_KEYS else -1
-        is_page = self._reader.page + turns in range(self._reader.pages)
-        is_last_enter = turns > 0 and key in ENTER_KEYS
-        return TextKeyEffect("accepted" if is_page or is_last_enter else "unmapped", turns=turns)
+        has_page = self._reader.page + turns in range(self._reader.pages)
+        is_enter_forward = turns > 0 and key in ENTER_KEYS
+        return TextKeyEffect("accepted" if has_page or is_enter_forward else "unmapped", turns=turns)
 
     def _waits_for_enter(self, phase: StrEnum, now_ns: int) -> bool:
         """Return whether Enter ends a phase at this time."""
         if phase is Phase.REST:
-            return not self._timer.left_s(now_ns)
-        return phase in _TEXT_PHASES and not self._timer.ends(phase)
+            return self._timer.find_remaining_s(now_ns) == 0
+        return phase in _TEXT_PHASES and not self._timer.is_timed(phase)

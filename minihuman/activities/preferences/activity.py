@@ -33,15 +33,14 @@ class PreferencesActivity(Activity):
     """An activity in which the participant compares one pair of clips after another."""
 
     def begin(self) -> None:
-        """Wait for the first pair."""
+        """Draw the sides of all pairs' first clips, half of them on the right, and wait for the first pair."""
         self._plan: PreferencesPlan = self.part.plan
         self._pair = 0
         self._cached_screen: tuple[object, Screen] | None = None
         plan = self.context.plan
-        session = self.context.plan.session
-        purpose = f"pair-sides-{self.part.name}-session-{session}"
+        purpose = f"pair-sides-{self.part.name}-session-{plan.session}"
         order = draw_permutation(self._plan.pairs, seed=plan.study_seed, purpose=purpose, index=plan.participant.index)
-        self._first_is_right = [place % 2 == 1 for place in order]
+        self._first_is_right = [position % 2 == 1 for position in order]
         self._await_pair()
 
     def _await_pair(self) -> None:
@@ -94,7 +93,7 @@ class PreferencesActivity(Activity):
             case ClipOffered() if self.request is not None:
                 self._assign_clip(happened.stretch)
             case KeyDown():
-                self._key(happened)
+                self._press_key(happened)
             case ScreenShown() if self.phase is Phase.COMPARING:
                 self.context.emit(
                     PairSeen(
@@ -129,7 +128,8 @@ class PreferencesActivity(Activity):
             self.ended = PartEnding("failed")
             return
         side = self._find_next_side()
-        film = self._films[side] = self._film_of(clip)
+        film = self._make_film(clip)
+        self._films[side] = film
         self._offered.append(clip)
         self.context.emit(
             StretchShown(
@@ -154,13 +154,13 @@ class PreferencesActivity(Activity):
 
     def _find_next_side(self) -> Side:
         """Return the side of the next clip, by the order that was drawn for the pairs."""
-        is_second_clip = bool(self._offered)
-        if self._first_is_right[self._pair] == is_second_clip:
-            return "left"
-        return "right"
+        is_on_right = self._first_is_right[self._pair]
+        if self._offered:  # the second clip takes the opposite side
+            is_on_right = not is_on_right
+        return "right" if is_on_right else "left"
 
-    def _film_of(self, clip: EpisodeClip) -> EpisodeFilm:
-        """Return the film of a clip's pictures."""
+    def _make_film(self, clip: EpisodeClip) -> EpisodeFilm:
+        """Make the film of a clip's pictures, in a world with the clip's options."""
         with catch_world_errors():
             options: dict[str, Any] = json.loads(clip.options)
         plan = self._plan
@@ -204,8 +204,8 @@ class PreferencesActivity(Activity):
             self._step = 0
             self._seen_whole = True
 
-    def _key(self, press: KeyDown) -> None:
-        """Log a key press, and replay the pair or record the answer; a pair can be answered once it was seen whole."""
+    def _press_key(self, press: KeyDown) -> None:
+        """Log a key press, and replay the pair or record the answer; an answer counts once the pair was seen whole."""
         plan = self._plan
         emit_key = self.context.emit_key
         answers: dict[str, PairAnswer] = {
@@ -239,7 +239,7 @@ class PreferencesActivity(Activity):
             )
             self._pair += 1
             self._await_pair()
-        else:  # both are to be seen to their ends first
+        else:  # an answer before both clips were seen to their ends, or a key without a meaning
             emit_key(press, early_verdict, self.phase)
 
     # What is seen
@@ -248,24 +248,24 @@ class PreferencesActivity(Activity):
         """Build the screen of both clips at the same step, or the waiting screen."""
         if self.phase is not Phase.COMPARING:
             return screen_texts.build_wait_screen(self.context.words)
-        now = (self._pair, self._step, self._replays)
-        if self._cached_screen is None or self._cached_screen[0] != now:
-            self._cached_screen = (now, self._screen())
+        state = (self._pair, self._step, self._replays)
+        if self._cached_screen is None or self._cached_screen[0] != state:
+            self._cached_screen = (state, self._screen())
         return self._cached_screen[1]
 
     def _screen(self) -> PairScreen:
-        """Build the screen of both clips."""
+        """Build the screen of both clips side by side, with the keys that answer and replay the pair."""
         words = self.context.words
         plan = self._plan
-        keys = ("left", "right", "equal", "cannot_tell", "again")
-        caps = words.labels(tuple(getattr(plan, key) for key in keys))
-        caps_by_key = {key: cap for key, (_, cap, _) in zip(keys, caps, strict=True)}
+        fields = ("left", "right", "equal", "cannot_tell", "again")
+        labels = words.labels(tuple(getattr(plan, field) for field in fields))
+        key_labels = {field: label for field, (_, label, _) in zip(fields, labels, strict=True)}
         return PairScreen(
             lefts=self._films["left"],
             rights=self._films["right"],
             step=self._step,
             title=words["pair.title"],
-            prompt=words.fill("pair.prompt", **caps_by_key),
+            prompt=words.fill("pair.prompt", **key_labels),
             progress=words.fill("pair.progress", number=self._pair + 1, count=plan.pairs),
             period_ns=round(plan.step_ms * NS_PER_MS),
             replay_key=plan.again,

@@ -24,24 +24,25 @@ _LEAST_BAR_PX = 3
 
 
 def draw_pair(screen: PairScreen, size_px: Size) -> Sheet:
-    """Draw both films alike, so that they differ in nothing but their content."""
+    """Draw a comparison: both films in boxes of the same size, the films' progress bar, and the texts."""
     sheet = Sheet(size_px, screen.locale)
     width, height = size_px
     margin = height * MARGIN
-    wide = width - 2 * margin
+    text_width = width - 2 * margin
     middle = width / 2
-    sheet.put_line((middle, height * _TITLE_AT), screen.title, round(height / _TITLES_HIGH), wide, theme.INK)
+    sheet.put_line((middle, height * _TITLE_AT), screen.title, round(height / _TITLES_HIGH), text_width, theme.INK)
     top = height * _FILMS_TOP
     bottom = height * _FILMS_BOTTOM
     paste_picture(sheet, screen.left, (margin, top, middle - margin, bottom))
     paste_picture(sheet, screen.right, (middle + margin, top, width - margin, bottom))
-    y = height * _BAR_AT
+    bar_top = height * _BAR_AT
     thickness = max(_LEAST_BAR_PX, round(height / _BARS_HIGH))
-    left = width * _BAR_LEFT
-    right = width * _BAR_RIGHT
-    sheet.draw.rectangle((left, y, right, y + thickness), fill=theme.SURFACE)
-    sheet.draw.rectangle((left, y, left + (right - left) * screen.along, y + thickness), fill=theme.HIGHLIGHT)
-    sheet.put_line((middle, height * _PROMPT_AT), screen.prompt, round(height / _PROMPTS_HIGH), wide, theme.INK)
+    bar_left = width * _BAR_LEFT
+    bar_right = width * _BAR_RIGHT
+    sheet.draw.rectangle((bar_left, bar_top, bar_right, bar_top + thickness), fill=theme.SURFACE)
+    bar_position = bar_left + (bar_right - bar_left) * screen.along
+    sheet.draw.rectangle((bar_left, bar_top, bar_position, bar_top + thickness), fill=theme.HIGHLIGHT)
+    sheet.put_line((middle, height * _PROMPT_AT), screen.prompt, round(height / _PROMPTS_HIGH), text_width, theme.INK)
     progress_px = round(height / _PROGRESS_LINES_HIGH)
-    sheet.put_line((middle, height * _PROGRESS_AT), screen.progress, progress_px, wide, theme.MUTED_INK)
+    sheet.put_line((middle, height * _PROGRESS_AT), screen.progress, progress_px, text_width, theme.MUTED_INK)
     return sheet

@@ -7,5 +7,5 @@ from minihuman.web.screen_values import NumberPicture, select_values
 
 
 def build_page_values(screen: PairScreen, number: NumberPicture) -> dict[str, Any]:
-    """Return the texts and times of the screen; the page itself plays both films."""
+    """Return the texts and times of a comparison's screen; the page draws both films itself, without ``number``."""
     return {**select_values(screen, "title prompt progress step replay_key"), "period": screen.period_ns}

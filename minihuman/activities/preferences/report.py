@@ -22,13 +22,14 @@ def build_section(source: SectionSource) -> ReportSection | None:
 
 
 def _build_rows(logs: Mapping[str, SessionLog]) -> list[tuple[str, ...]]:
+    """Build a row of the table for each session with answers."""
     rows = []
     for name, log in logs.items():
         answers = [comparison.preference.answer for comparison in log.comparisons]
         if answers:
             times_ms = [comparison.answer_ms for comparison in log.comparisons if not np.isnan(comparison.answer_ms)]
             counts = [str(answers.count(answer)) for answer in ("left", "right", "equal", "cannot_tell")]
-            replays = str(sum(comparison.preference.replays for comparison in log.comparisons))
-            median = format_number(float(np.median(times_ms)) / _MS_PER_S, 2)
-            rows.append((name, str(len(answers)), *counts, median, replays))
+            n_replays = str(sum(comparison.preference.replays for comparison in log.comparisons))
+            median_s = format_number(float(np.median(times_ms)) / _MS_PER_S, 2)
+            rows.append((name, str(len(answers)), *counts, median_s, n_replays))
     return rows

@@ -3,7 +3,7 @@
 from typing import get_args
 
 from minihuman.activities.preferences.activity import PreferencesActivity
-from minihuman.activities.preferences.events import PairAnswer
+from minihuman.activities.preferences.events import Side
 from minihuman.activities.preferences.plan import PreferencesPlan
 from minihuman.activities.preferences.screens import PairScreen
 from minihuman.experiment.machine.activity import Activity
@@ -23,7 +23,7 @@ class PreferencesSimulator(PartSimulator):
         self._last_pair: tuple[int, int] | None = None  # part and pair that were compared last
 
     def act(self, part: Activity, screen: Screen) -> bool:
-        """Answer the pair on the screen once."""
+        """Answer the pair on the screen once, after its end; return False for any screen but that of a comparison."""
         if not isinstance(screen, PairScreen) or not isinstance(part, PreferencesActivity):
             return False
         if part.pair is None or self._last_pair == part.pair_id:
@@ -37,7 +37,8 @@ class PreferencesSimulator(PartSimulator):
                 answer, delay_ms = teacher.prefer(*part.pair)
                 key = str(getattr(plan, answer))
         else:
-            key = str(getattr(plan, get_args(PairAnswer)[self.person.choose(2)]))
-        film_ms = (part.length + 1) * plan.step_ms
+            sides = get_args(Side)
+            key = str(getattr(plan, sides[self.person.choose(len(sides))]))
+        film_ms = (part.length + 1) * plan.step_ms  # the last pictures stay for one more period
         self.person.press_key(key, film_ms + delay_ms)
         return True

@@ -41,7 +41,7 @@ class QuestionsActivity(Activity):
     can_copy = True
 
     def begin(self) -> None:
-        """Ask the first question."""
+        """Log the phase and show the first question, with the tries that the session has used so far."""
         self._plan: QuestionsPlan = self.part.plan
         self._tries = self.context.tries.get(self.part.name, 0)
         self._wrong = False  # whether the screen that announces wrong answers is shown
@@ -64,13 +64,15 @@ class QuestionsActivity(Activity):
         self._show_question(0)
 
     def _show_question(self, number: int) -> None:
-        """Make a question the present one."""
+        """Make the question of an index the present one, with no time of display, changes or note yet."""
         self._number = number
-        self._shown_ns = self._first_ns = self._changes = 0
+        self._shown_ns = 0
+        self._first_ns = 0
+        self._changes = 0
         self._note = ""
 
     def receive(self, happened: Input) -> None:
-        """Handle an input."""
+        """Handle an input: a change of the answer, a step to another question, or the end of a note."""
         match happened:
             case ScreenShown():
                 self._shown_ns = self._shown_ns or happened.flip_ns
@@ -79,11 +81,11 @@ class QuestionsActivity(Activity):
             case PointerPressed(target="go_on") if self._wrong:
                 self._leave_wrong()
             case KeyDown():
-                self._key(happened)
+                self._press_key(happened)
             case TextInput() if not self._wrong:
-                before = self._answer
+                previous_answer = self._answer
                 self.draft.type_text(happened.text)
-                self._changed_from(before)
+                self._note_change(previous_answer)
             case TextEdited() if not self._wrong:
                 self._edit_text(happened)
             case PointerPressed(target="go_on"):
@@ -91,13 +93,13 @@ class QuestionsActivity(Activity):
             case PointerPressed(target="back"):
                 self._step_back()
             case PointerPressed() | PointerMoved() if not self._wrong:
-                before = self._answer
+                previous_answer = self._answer
                 self.draft.point_at(happened.target, happened.along, down=isinstance(happened, PointerPressed))
-                self._changed_from(before)
+                self._note_change(previous_answer)
 
     def _edit_text(self, edited: TextEdited) -> None:
-        """Accept the whole text of a native field, log it unchanged, and report at once if it is too long."""
-        before = self._answer
+        """Replace the answer by the whole text of a native field, log it, and show a note at once if it is too long."""
+        previous_answer = self._answer
         name = self.draft.question.name
         if edited.field not in ("", name) or not self.draft.put_text(edited.text):
             return
@@ -106,16 +108,16 @@ class QuestionsActivity(Activity):
         waited_ns = now_ns - began_ns
         self.context.emit(TextChanged(now_ns, self.number, name, edited.text, edited.changes, edited.keys, waited_ns))
         self._first_ns = self._first_ns or began_ns
-        self._changed_from(before)
+        self._note_change(previous_answer)
         if (error := self.draft.error) is not None and error[0] == "note.too_long":
             self._note = self.context.words.fill(error[0], **error[1])
 
-    def _key(self, press: KeyDown) -> None:
+    def _press_key(self, press: KeyDown) -> None:
         """Handle a key press: edit the answer, give it, or step back to the question before."""
-        before = self._answer
+        previous_answer = self._answer
         if self.draft.key(press):
             self.context.emit_key(press, "accepted", self.phase)
-            self._changed_from(before)
+            self._note_change(previous_answer)
         elif press.repeat:
             self.context.emit_key(press, "repeat", self.phase)
         elif press.key in (*ENTER_KEYS, "tab"):
@@ -130,23 +132,28 @@ class QuestionsActivity(Activity):
 
     @property
     def _answer(self) -> tuple[AnswerValue, str]:
+        """Return the value and the text of the present answer, by which a change is noticed."""
         return self.draft.value, self.draft.display_text
 
-    def _changed_from(self, before: tuple[AnswerValue, str]) -> None:
-        """Log a change if the answer differs from an earlier one."""
-        if self._answer == before:
+    def _note_change(self, previous_answer: tuple[AnswerValue, str]) -> None:
+        """Count a change, remove the note and log the new value, if the answer differs from the previous one.
+
+        A change of a text is logged elsewhere, when the text settles.
+        """
+        if self._answer == previous_answer:
             return
         self._note = ""
         self._changes += 1
         self._first_ns = self._first_ns or self.context.now_ns
         if find_question_kind(self.draft.question.kind).answer_type != "text":
-            value = msgspec.json.encode(self.draft.value).decode()
-            self.context.emit(AnswerChanged(self.context.now_ns, self.number, self.draft.question.name, value))
+            value_json = msgspec.json.encode(self.draft.value).decode()
+            self.context.emit(AnswerChanged(self.context.now_ns, self.number, self.draft.question.name, value_json))
 
     def _step_back(self) -> None:
-        before = [number for number in self._asked_numbers if number < self._number]
-        if before:
-            self._show_question(before[-1])
+        """Show the previous question again, if there is one."""
+        earlier_numbers = [number for number in self._asked_numbers if number < self._number]
+        if earlier_numbers:
+            self._show_question(earlier_numbers[-1])
 
     def _give_answer(self) -> None:
         """Log the answer and continue, or show a note if the answer is missing or not valid."""
@@ -156,45 +163,43 @@ class QuestionsActivity(Activity):
             key, fields = draft.error
             self._note = self.context.words.with_kind(draft.question.kind).fill(key, **fields)
             return
-        right = is_correct(draft.question, draft.value)
-        self._right[self._number] = right
-        for name, value, display_text in draft.answers:
+        is_answer_correct = is_correct(draft.question, draft.value)
+        self._right[self._number] = is_answer_correct
+        for name, answer, display_text in draft.answers:
             self.context.emit(
                 Answered(
-                    now_ns,
-                    self.number,
-                    self.part.name,
-                    name,
-                    draft.question.kind,
-                    self._tries + 1,
-                    msgspec.json.encode(value).decode(),
-                    display_text,
-                    self._shown_ns,
-                    self._first_ns,
-                    self._changes,
-                    right,
+                    t_ns=now_ns,
+                    part=self.number,
+                    part_name=self.part.name,
+                    item=name,
+                    kind=draft.question.kind,
+                    attempt=self._tries + 1,
+                    value=msgspec.json.encode(answer).decode(),
+                    words=display_text,
+                    shown_ns=self._shown_ns,
+                    first_ns=self._first_ns,
+                    changes=self._changes,
+                    right=is_answer_correct,
                 )
             )
-        following = [number for number in self._asked_numbers if number > self._number]
-        if following:
-            self._show_question(following[0])
+        later_numbers = [number for number in self._asked_numbers if number > self._number]
+        if later_numbers:
+            self._show_question(later_numbers[0])
         else:
             self._conclude()
 
     @property
     def _asked_numbers(self) -> list[int]:
         """Return the indices of the questions to ask; ``only_if`` excludes some, depending on the answers so far."""
-        answers_by_name: dict[str, list[Any]] = {}
+        answers_by_name: dict[str, list[Any]] = {}  # of the questions to ask
         numbers = []
         for number, draft in enumerate(self._drafts):
-            if all(
-                {*answers_by_name.get(name, ())} & {*answers}
-                for name, answers in (draft.question.only_if or {}).items()
-            ):
-                numbers.append(number)
-                answers_by_name |= {
-                    name: value if isinstance(value, list) else [value] for name, value, _ in draft.answers
-                }
+            conditions = draft.question.only_if or {}
+            if not all(set(answers_by_name.get(name, ())) & set(answers) for name, answers in conditions.items()):
+                continue
+            numbers.append(number)
+            for name, answer, _ in draft.answers:
+                answers_by_name[name] = answer if isinstance(answer, list) else [answer]
         return numbers
 
     def _conclude(self) -> None:
@@ -213,6 +218,7 @@ class QuestionsActivity(Activity):
             self.ended = PartEnding("failed")
 
     def _go_on_after_wrong(self, press: KeyDown) -> None:
+        """Handle a key press on the screen that announces wrong answers; Enter leaves it."""
         if press.key in ENTER_KEYS and not press.repeat:
             self.context.emit_key(press, "accepted", self.phase)
             self._leave_wrong()
@@ -220,6 +226,7 @@ class QuestionsActivity(Activity):
             self.context.emit_key(press, "repeat" if press.repeat else "unmapped", self.phase)
 
     def _leave_wrong(self) -> None:
+        """Leave the screen that announces wrong answers: return to the part to read again, or ask all over again."""
         self._wrong = False
         if self._plan.back_to is not None:
             self.ended = PartEnding("again", back_to=self._plan.back_to)
@@ -228,15 +235,18 @@ class QuestionsActivity(Activity):
 
     @property
     def history(self) -> tuple[object, ...]:
-        """The answers of all drafts and which are correct, if what is asked or what follows depends on any."""
+        """Return all answers and whether each is right, if a question depends on an answer or can be wrong; or ()."""
         if not any(question.only_if or question.right is not None for question in self._plan.items):
             return ()
-        values = (msgspec.json.encode((draft.value, draft.display_text)).decode() for draft in self._drafts)
-        return tuple(zip(values, self._right, strict=True))
+        answers = (msgspec.json.encode((draft.value, draft.display_text)).decode() for draft in self._drafts)
+        return tuple(zip(answers, self._right, strict=True))
 
     @property
     def answer_field(self) -> AnswerField | None:
-        """The present question's field or slider; None if it has none, or the note of a wrong answer covers it."""
+        """Return a description of the present question's text field or slider.
+
+        None means that the question has neither, or that the screen that announces wrong answers covers it.
+        """
         if self._wrong:
             return None
         match self.draft:
@@ -247,7 +257,7 @@ class QuestionsActivity(Activity):
         return None
 
     def screen(self) -> QuestionScreen | TextScreen:
-        """Build the screen of the present question, or of the note that an answer was wrong."""
+        """Build the screen of the present question, or the screen that announces wrong answers."""
         words = self.context.words
         if self._wrong:
             return build_wrong_answer_screen(words, self._plan.wrong)

@@ -14,13 +14,18 @@ FINE = "fine"
 
 
 def describe_field(draft: TextDraft) -> AnswerField:
-    """Describe the field of a draft."""
-    examples = {judgement: (_typing(""), _typing(text)) for judgement, text in list_examples(draft).items()}
+    """Describe a text field, so that a page without a server can judge and show any text in it."""
+    examples = {
+        judgement: (_make_text_input(""), _make_text_input(text)) for judgement, text in list_examples(draft).items()
+    }
     return AnswerField(draft.question.name, judge_text(draft), describe_rules(draft), ("text", "caret"), examples)
 
 
 def describe_slider(draft: SliderDraft) -> AnswerField:
-    """Describe the slider of a draft; the page's ``fields.js`` moves its thumb alike."""
+    """Describe a slider, so that a page without a server can judge and show any position of its thumb.
+
+    The page's ``fields.js`` moves the thumb by the same rules as the draft.
+    """
     judgement = FINE
     if draft.value is None:
         judgement = EMPTY
@@ -31,13 +36,14 @@ def describe_slider(draft: SliderDraft) -> AnswerField:
     return AnswerField(draft.question.name, judgement, rules, ("position", "value"), {FINE: (_touch_slider,)})
 
 
-def _typing(text: str) -> Callable[[int], Input]:
-    """Return a function that makes the input of a text, given its time."""
+def _make_text_input(text: str) -> Callable[[int], Input]:
+    """Return a function that builds the input by which a field's text becomes the given text, from the input's time."""
     return lambda t_ns: TextEdited(t_ns, text)
 
 
 def _touch_slider(t_ns: int) -> Input:
-    return PointerPressed(t_ns, 0.5, 0.5, "slider", 0.5)
+    """Return the input of a press on the middle of a slider; any place on the screen does."""
+    return PointerPressed(t_ns, x=0.5, y=0.5, target="slider", along=0.5)
 
 
 def judge_text(draft: TextDraft) -> str:
@@ -50,7 +56,7 @@ def judge_text(draft: TextDraft) -> str:
 
 
 def describe_rules(draft: TextDraft) -> dict[str, Any]:
-    """Return what `judge_text` goes by, as JSON values; the page's ``answers.js`` judges by them alike."""
+    """Return the settings on which `judge_text` depends, as JSON values; the page's ``answers.js`` judges by them."""
     question = draft.question
     return {
         "is_number": question.kind == "number",
@@ -64,17 +70,18 @@ def describe_rules(draft: TextDraft) -> dict[str, Any]:
 
 
 def list_examples(draft: TextDraft) -> dict[str, str]:
-    """Return a text for each judgement that a draft's question has; the draft's own text is kept."""
-    kept = draft.display_text
+    """Return an example text for each judgement that a draft's question can have; the draft's own text is restored."""
+    original_text = draft.display_text
     examples: dict[str, str] = {}
     for text in _list_candidates(draft):
         draft.put_text(text)
         examples.setdefault(judge_text(draft), text)
-    draft.put_text(kept)
+    draft.put_text(original_text)
     return examples
 
 
 def _list_candidates(draft: TextDraft) -> Iterator[str]:
+    """Yield texts that have every judgement: empty, blank, too long, and numbers inside and outside the range."""
     low = draft.question.minimum
     high = draft.question.maximum
     yield from ("", " ", "x", " " * (draft.longest + 1), "x" * (draft.longest + 1))

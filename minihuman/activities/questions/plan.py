@@ -20,12 +20,13 @@ class QuestionsPlan(msgspec.Struct, frozen=True):
 
     @property
     def has_text_fields(self) -> bool:
-        """Return whether a question of an installed kind is answered in a field."""
+        """Return whether a question is answered by typing; kinds that are not installed do not count."""
         return any(_takes_text(question.kind) for question in self.items)
 
 
-def _takes_text(name: str) -> bool:
+def _takes_text(kind_name: str) -> bool:
+    """Return whether questions of a kind are answered by typing; False for a kind that is not installed."""
     try:
-        return find_question_kind(name).takes_text
-    except ProtocolError:  # of a plug-in that is not installed here
+        return find_question_kind(kind_name).takes_text
+    except ProtocolError:
         return False

@@ -240,10 +240,10 @@ def find_question_kind(name: str) -> QuestionKind:
 def build_draft(
     question: QuestionItemSpec, *, rtl: bool, language: str | None = None, limit_note: str = ""
 ) -> AnswerDraft:
-    """Build an empty answer to a question.
+    """Build the empty draft of an answer to a question.
 
     Args:
-        question: the question.
+        question: the question, as the protocol specifies it.
         rtl: whether text runs from right to left.
         language: the language in which numbers are written, as in `AnswerDraft`.
         limit_note: what a native field says about a text that is too long, with ``{longest}``; "" if the session edits
@@ -257,13 +257,21 @@ def build_draft(
 
 
 def _read_settings(kind: QuestionKind, question: QuestionItemSpec) -> Any:
+    """Return a question's settings, converted to the kind's own type; None if the kind has none.
+
+    Raises:
+        msgspec.ValidationError: if the settings do not fit that type.
+    """
     if kind.settings is None:
         return None
     return msgspec.convert(question.settings or {}, kind.settings)
 
 
 def _list_components(question: QuestionItemSpec) -> Mapping[str, str]:
-    """Return the text of each component of an answer by its name; none if its kind has none or cannot be asked."""
+    """Return the text of each component of an answer by its name.
+
+    Empty if the kind has no components, is not installed, or cannot read the question's settings.
+    """
     try:
         kind = find_question_kind(question.kind)
         if kind.components is None:
@@ -274,7 +282,7 @@ def _list_components(question: QuestionItemSpec) -> Mapping[str, str]:
 
 
 def list_codes(question: QuestionItemSpec) -> tuple[str | int, ...]:
-    """List the codes that an answer to a question can have: the kind's own, or one for each option or point."""
+    """Return the codes that an answer to a question can have: the kind's own, or one for each option or point."""
     kind = find_question_kind(question.kind)
     if kind.codes is None:
         return question.all_codes
@@ -282,7 +290,7 @@ def list_codes(question: QuestionItemSpec) -> tuple[str | int, ...]:
 
 
 def check_item(question: QuestionItemSpec) -> ItemErrors:
-    """Yield the errors of a question in a protocol."""
+    """Yield the errors of a question in a protocol, each as a field's name and what is wrong with it."""
     try:
         kind = find_question_kind(question.kind)
     except ProtocolError as error:
@@ -293,25 +301,28 @@ def check_item(question: QuestionItemSpec) -> ItemErrors:
     if settings_errors and kind.settings is not None:  # the kind cannot judge a question whose settings it cannot read
         return
     if question.statements is not msgspec.UNSET and not kind.has_statements:
-        known = " or ".join(map(repr, _list_kinds_with_statements()))
-        yield "statements", f"is given, but a question of kind {question.kind!r} has none; use kind = {known}"
+        usable_kinds = " or ".join(map(repr, _list_kinds_with_statements()))
+        yield "statements", f"is given, but a question of kind {question.kind!r} has none; use kind = {usable_kinds}"
     yield from _check_options(kind, question)
     errors = list(kind.check(question))
     yield from errors
     if question.right is not None and len(question.asked) > 1:
         answers = ", ".join(question.asked)
         yield "right", f"is one answer, but the question has {len(question.asked)}: {answers}; remove it"
-    elif kind.answer_type in ANSWER_TYPES_WITH_CODES and not (errors and kind.codes is not None):
-        yield from _check_right_answers(question)  # codes of wrong settings mean nothing
+    elif kind.answer_type in ANSWER_TYPES_WITH_CODES:
+        has_unreliable_codes = kind.codes is not None and bool(errors)  # the kind's codes follow from wrong settings
+        if not has_unreliable_codes:
+            yield from _check_right_answers(question)
 
 
 def _list_kinds_with_statements() -> list[str]:
-    """List the built-in kinds whose questions can have statements."""
+    """Return the names of the built-in kinds whose questions can have statements."""
     names = list_plugin_names(QUESTION_GROUP, built_in=True)
     return [name for name in names if find_question_kind(name).has_statements]
 
 
 def _check_settings(kind: QuestionKind, question: QuestionItemSpec) -> ItemErrors:
+    """Yield an error if a question's settings do not fit its kind."""
     if kind.settings is None:
         if question.settings:
             yield "settings", f"is given, but a question of kind {question.kind!r} has none"
@@ -323,6 +334,7 @@ def _check_settings(kind: QuestionKind, question: QuestionItemSpec) -> ItemError
 
 
 def _check_options(kind: QuestionKind, question: QuestionItemSpec) -> ItemErrors:
+    """Yield the errors of a question's options and codes: given without use, or not as many codes as options."""
     if question.options and kind.answer_type not in ANSWER_TYPES_WITH_CODES:
         yield "options", f"is given, but a question of kind {question.kind!r} has none"
     if kind.codes is not None:
@@ -336,6 +348,7 @@ def _check_options(kind: QuestionKind, question: QuestionItemSpec) -> ItemErrors
 
 
 def _check_right_answers(question: QuestionItemSpec) -> ItemErrors:
+    """Yield an error for each right answer that is no code of an option."""
     codes = list_codes(question)
     for right in question.right_answers:
         if right not in codes:
@@ -350,7 +363,11 @@ def check_range(question: QuestionItemSpec) -> ItemErrors:
 
 
 def is_correct(question: QuestionItemSpec, value: AnswerValue) -> bool | None:
-    """Return whether an answer is right; None if the question has no right answer."""
+    """Return whether an answer is right; None if the question has no right answer.
+
+    Texts are compared without regard to case and surrounding blanks, several codes without regard to their order
+    unless the kind's answer is an order.
+    """
     if question.right is None:
         return None
     if isinstance(value, list):
@@ -369,14 +386,14 @@ def parse_digit(key: str) -> int:
 
     Options are numbered from 1, so that ``if digit := parse_digit(key)`` tests whether a key can select one.
     """
-    plain = key.removeprefix("kp_")
-    if plain.isdecimal() and len(plain) == 1:
-        return int(plain)
+    symbol = key.removeprefix("kp_")
+    if symbol.isdecimal() and len(symbol) == 1:
+        return int(symbol)
     return 0
 
 
 def parse_option(target: str) -> int | None:
-    """Return the index of the option that a target names; None if it names none."""
+    """Return the index of the option that a pointer's target such as "option:2" names; None for other targets."""
     kind, _, number = target.partition(":")
     if kind == "option" and number.isdecimal():
         return int(number)
@@ -384,26 +401,29 @@ def parse_option(target: str) -> int | None:
 
 
 def horizontal_step(key: str, *, rtl: bool) -> int:
-    """Return how far an arrow key moves in reading order: 1, -1, or 0 for any other key."""
-    by = {"left": -1, "right": 1}.get(key, 0)
+    """Return how far an arrow key moves in reading order: 1, -1, or 0 for any other key.
+
+    ``rtl`` says that text runs from right to left.
+    """
+    step = {"left": -1, "right": 1}.get(key, 0)
     if rtl:
-        return -by
-    return by
+        return -step
+    return step
 
 
 def _list_kinds_using(field_name: str) -> list[str]:
-    """List the built-in kinds that use a field of `QuestionItemSpec`, of those that not every kind has."""
+    """Return the names of the built-in kinds that list a field of `QuestionItemSpec` among the fields they use."""
     names = list_plugin_names(QUESTION_GROUP, built_in=True)
     return [name for name in names if field_name in (find_question_kind(name).item_fields or ())]
 
 
 def describe_useless_fields(question: QuestionItemSpec) -> Iterator[str]:
-    """Yield a text for each field of a question that other kinds use and its own does not, so that it has no effect."""
-    used = find_question_kind(question.kind).item_fields
-    if used is None:  # a plug-in need not say what it uses
+    """Yield a text for each field of a question that has no effect: other kinds use it, but its own kind does not."""
+    used_fields = find_question_kind(question.kind).item_fields
+    if used_fields is None:  # a plug-in need not say what it uses
         return
-    for specified in msgspec.structs.fields(QuestionItemSpec):
-        is_given = getattr(question, specified.name) != specified.default
-        if is_given and specified.name not in used and _list_kinds_using(specified.name):
-            uses = ", ".join(used) or "none of the fields of other kinds"
-            yield f"{specified.name} has no effect on a question of kind {question.kind!r}, which uses {uses}"
+    for spec_field in msgspec.structs.fields(QuestionItemSpec):
+        is_given = getattr(question, spec_field.name) != spec_field.default
+        if is_given and spec_field.name not in used_fields and _list_kinds_using(spec_field.name):
+            uses = ", ".join(used_fields) or "none of the fields of other kinds"
+            yield f"{spec_field.name} has no effect on a question of kind {question.kind!r}, which uses {uses}"

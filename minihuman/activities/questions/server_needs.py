@@ -9,14 +9,17 @@ from minihuman.plugins import QUESTION_GROUP, list_plugin_names
 
 
 def find_server_needs(part: PlannedPart) -> Iterator[str]:
-    """Yield what in a part of questions needs a server."""
+    """Yield a clause for each property of a part of questions that needs a server.
+
+    A page without a server cannot let the further course depend on an answer that it judges itself.
+    """
     questions: tuple[Any, ...] = part.plan.items
     judged = {question.name: question for question in questions if find_question_kind(question.kind).is_judged_by_page}
     for question in questions:
         kind = find_question_kind(question.kind)
         if kind.find_server_needs is None:
-            known = ", ".join(_list_kinds_of_sites())
-            yield f"asks {question.name!r} of kind {question.kind!r}; a site asks {known}"
+            possible_kinds = ", ".join(_list_kinds_of_sites())
+            yield f"asks {question.name!r} of kind {question.kind!r}; a site asks {possible_kinds}"
         else:
             yield from kind.find_server_needs(question)
         for name in question.only_if or ():
@@ -27,6 +30,7 @@ def find_server_needs(part: PlannedPart) -> Iterator[str]:
 
 
 def _describe_answer(question: QuestionItemSpec) -> str:
+    """Return a noun for the answer to a question: "typed answer", or the kind's name, such as "slider"."""
     kind: QuestionKind = find_question_kind(question.kind)
     if kind.takes_text:
         return "typed answer"
@@ -34,6 +38,6 @@ def _describe_answer(question: QuestionItemSpec) -> str:
 
 
 def _list_kinds_of_sites() -> list[str]:
-    """List the built-in kinds that a page without a server can ask."""
+    """Return the names of the built-in kinds that a page without a server can ask."""
     names = list_plugin_names(QUESTION_GROUP, built_in=True)
     return [name for name in names if find_question_kind(name).find_server_needs is not None]

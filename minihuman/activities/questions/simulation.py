@@ -14,7 +14,7 @@ class QuestionsSimulator(PartSimulator):
     """
 
     def act(self, part: Activity, screen: Screen) -> bool:
-        """Answer the question on the screen, or leave it once it is answered."""
+        """Make the next input of the answer, or leave the answered question; return False for any other screen."""
         if not isinstance(screen, QuestionScreen) or not isinstance(part, QuestionsActivity):
             return False
         match part.draft.simulate(self.person.choose, self.person.attends):

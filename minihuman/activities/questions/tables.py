@@ -39,6 +39,7 @@ def _find_latency_ms(shown_ns: int, t_ns: int) -> float | None:
 
 
 def _format_answer(answer: object) -> str:
+    """Return an answer as text: a text as it is, "" for no answer, and JSON for anything else."""
     if isinstance(answer, str):
         return answer
     if answer is None:

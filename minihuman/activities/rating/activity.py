@@ -44,11 +44,11 @@ class RatingActivity(AgentPlayActivity):
 
     @property
     def _values(self) -> dict[str, float]:
-        """Return the rating that each key stands for."""
+        """Return the ratings by their keys: 1 for the good key and -1 for the bad key."""
         return {self.agent.good: 1.0, self.agent.bad: -1.0}
 
     def _rate(self, press: KeyDown) -> None:
-        """Log a rating and flash it on the screen; ignore auto-repeats that come too soon."""
+        """Log a rating and flash it on the screen; auto-repeats that come too soon are logged without effect."""
         if press.repeat and self._last_ns is not None:
             since_last_ns = press.t_ns - self._last_ns
             if since_last_ns < REPEAT_INTERVAL_NS:
@@ -69,37 +69,45 @@ class RatingActivity(AgentPlayActivity):
 
     @property
     def _first_policy(self) -> str:
-        return self.agent.policy or "random"  # an agent has to act before it can be rated
+        """Return the name of the first policy; "random" without one, as an agent must act before it can be rated."""
+        return self.agent.policy or "random"
 
     def _shown(self, screen_shown: ScreenShown) -> None:
-        """Handle a picture that reached the display; without a policy, act at random or end a failed episode."""
+        """Handle a picture that reached the display; without a policy, take a random action.
+
+        If the agent has failed and the session records failures, the episode ends instead.
+        """
         super()._shown(screen_shown)
         if not self.playing or self.policy or self.advised is not None:
             return
-        if self._failed and self._names_failures:
+        if self._failed and self._logs_agent_failures:
             self._episode_ended("agent_failed")
         else:
-            self._take_advice(Advice(self.context.now_ns, self._current.steps, self._equal_chances()))
+            self._take_advice(Advice(self.context.now_ns, self._current.steps, self._compute_equal_chances()))
 
-    def _equal_chances(self) -> tuple[float, ...]:
+    def _compute_equal_chances(self) -> tuple[float, ...]:
         """Return equal probabilities of the actions that have keys, and 0 for the others, in the log's precision."""
         playable = self._playable
-        share = float(np.float32(1 / len(playable)))
+        chance = float(np.float32(1 / len(playable)))
         chances = [0.0] * len(self._current.world.action_names)
         for action in playable:
-            chances[action] = share
+            chances[action] = chance
         return tuple(chances)
 
     def _end_flash(self) -> None:
+        """Stop flashing the latest rating if its time is over."""
         if self._flash_until_ns is not None and self.context.now_ns >= self._flash_until_ns:
             self._flash = 0.0
             self._flash_until_ns = None
 
     @property
     def next_tick_ns(self) -> int | None:  # type: ignore[override]
-        """Return the end of a rating's flash, or the next tick of every agent block, whichever comes first."""
-        due = (super().next_tick_ns, self._flash_until_ns)
-        return min((t for t in due if t is not None), default=None)
+        """Return the time of the next tick or of the end of a rating's flash, whichever is first; None if neither is.
+
+        The time is in nanoseconds.
+        """
+        times_ns = (super().next_tick_ns, self._flash_until_ns)
+        return min((t_ns for t_ns in times_ns if t_ns is not None), default=None)
 
     @property
     def rated_episode(self) -> RunningEpisode | None:
@@ -110,11 +118,12 @@ class RatingActivity(AgentPlayActivity):
 
     @property
     def rating_keys(self) -> tuple[str, str]:
-        """Return the keys that rate a step as good and as bad."""
+        """Return the two keys that rate a step: the key for good and the key for bad."""
         return self.agent.good, self.agent.bad
 
     @property
     def _look(self) -> object:
+        """Return further state on which the screen depends: who acts, and the rating that is flashed."""
         return self.controller, self._flash
 
     def _play_screen(self) -> PlayScreen:
@@ -123,11 +132,12 @@ class RatingActivity(AgentPlayActivity):
     def control_text(self, controller: Controller) -> str:
         """Return the text below the picture, which names the rating keys."""
         words = self.context.words
-        good, bad = (cap for _, cap, _ in words.labels(self.rating_keys))
-        return words.fill("rating.prompt", good=good, bad=bad)
+        good_label, bad_label = (label for _, label, _ in words.labels(self.rating_keys))
+        return words.fill("rating.prompt", good=good_label, bad=bad_label)
 
 
 def _find_mark(rating: float) -> OutcomeMark:
+    """Return the mark that flashes a rating: "good" above 0, "bad" below 0, and none for 0."""
     if not rating:
         return ""
     if rating > 0:

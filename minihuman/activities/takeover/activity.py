@@ -40,13 +40,13 @@ class TakeoverActivity(AgentPlayActivity):
         return ""
 
     def control_text(self, controller: Controller) -> str:
-        """Return the text below the picture, which says who is in control and how to hand back."""
+        """Return the text below the picture, which says who is in control and which key hands control back."""
         words = self.context.words
         text = super().control_text(controller)
         if controller == "agent" or not self.policy:
             return text
-        key = words.labels((self.agent.hand_back,))[0][1]
-        return f"{text}  {words.fill('steers.hand_back', name=key)}"
+        key_label = words.labels((self.agent.hand_back,))[0][1]
+        return f"{text}  {words.fill('steers.hand_back', name=key_label)}"
 
 
 TAKEOVER = ActivityKind(

@@ -107,13 +107,14 @@ class TeamPlayActivity(PlayActivity):
         if self.plan.seeds == "listed":
             return plan.seed
         session_plan = self.context.plan
-        number = 0 if self.plan.seeds == "same" else plan.episode_in_block
+        seed_index = 0 if self.plan.seeds == "same" else plan.episode_in_block
         n_kinds_of_agents = len(set(self.formed.seats) - {PERSON})
         purpose = f"team-layouts-{plan.block_name}-session-{session_plan.session}-{n_kinds_of_agents}"
-        seeds = draw_seeds(number + 1, seed=session_plan.study_seed, purpose=purpose, index=self.formed.index)
+        seeds = draw_seeds(seed_index + 1, seed=session_plan.study_seed, purpose=purpose, index=self.formed.index)
         return seeds[-1]
 
     def _make_episode(self, plan: EpisodePlan) -> RunningEpisode:
+        """Make a team's running episode of a plan, seen from this seat."""
         assert self.formed is not None
         return TeamEpisode(
             plan,
@@ -140,19 +141,19 @@ class TeamPlayActivity(PlayActivity):
             return ReadyRequest(self.formed, self.team_episode.plan, self.plan)
         if self.playing and self.formed is not None:
             play = self.team_episode
-            return self._request_joint_step(play, play.submitted)
+            return self._build_joint_request(play, play.submitted)
         return None
 
-    def _request_joint_step(self, play: TeamEpisode, mine: Submission | None) -> JointRequest:
-        """Request the next joint step; without an input of this seat, the request only waits for the others."""
+    def _build_joint_request(self, play: TeamEpisode, submission: Submission | None) -> JointRequest:
+        """Build the request for the next joint step; without an input of this seat, it only waits for the others."""
         assert self.formed is not None
         action = None
         is_key = False
         is_held = False
-        if mine is not None:
-            action = mine.action
-            is_key = bool(mine.key)
-            is_held = is_key and not mine.is_new
+        if submission is not None:
+            action = submission.action
+            is_key = bool(submission.key)
+            is_held = is_key and not submission.is_new
         return JointRequest(
             team=self.formed,
             plan=play.plan,
@@ -274,13 +275,13 @@ class TeamPlayActivity(PlayActivity):
             self._end()
 
     def _make_joint_step(self, joint: JointTaken) -> None:
-        """Make and log a step with the joint action of all seats; ignore one for another step."""
+        """Make and log a step with the joint action of all seats; ignore a joint action for a different step."""
         if not self.playing or (joint.episode, joint.step) != (self._current.plan.episode, self._current.steps + 1):
             return
         play = self.team_episode
         now_ns = self.context.now_ns
         seat = self.team_episode.team.seat
-        stepped, rewards, mine = play.step_joint(now_ns, joint)
+        stepped, rewards, submission = play.step_joint(now_ns, joint)
         self.context.emit(
             JointStepped(
                 t_ns=now_ns,
@@ -294,8 +295,10 @@ class TeamPlayActivity(PlayActivity):
                 silent_ms=joint.silent_ms,
             )
         )
-        if mine is not None and mine.key and joint.sources[seat] != "person":
-            self.context.emit(InputLate(now_ns, joint.episode, joint.step, mine.action, mine.key, mine.key_t_ns))
+        if submission is not None and submission.key and joint.sources[seat] != "person":
+            self.context.emit(
+                InputLate(now_ns, joint.episode, joint.step, submission.action, submission.key, submission.key_t_ns)
+            )
         self._note_holders(joint)
         self._note_partners()
         self._stepped(stepped)
@@ -337,13 +340,16 @@ class TeamPlayActivity(PlayActivity):
 
     @property
     def next_tick_ns(self) -> int | None:  # type: ignore[override]
-        """Return the time of the next tick, repeated request or end of a mark, whichever comes first."""
-        due = super().next_tick_ns
-        waits = self.phase in (Phase.LOBBY, Phase.WAITING) or (self.playing and self.team_episode.submitted is not None)
+        """Return the earliest time of the next tick, the next repeated request, and the removal of a cell's mark.
+
+        None means that nothing is due.
+        """
+        tick_ns = super().next_tick_ns
+        has_submitted = self.playing and self.team_episode.submitted is not None
         times_ns = []
-        if due is not None:
-            times_ns.append(due)
-        if waits:
+        if tick_ns is not None:
+            times_ns.append(tick_ns)
+        if has_submitted or self.phase in (Phase.LOBBY, Phase.WAITING):
             times_ns.append(self.context.now_ns + POLL_NS)
         if self.playing:
             times_ns += [mark.t_ns + INTERVAL_NS for mark in self._messages.marks]
@@ -353,22 +359,23 @@ class TeamPlayActivity(PlayActivity):
 
     @property
     def _look(self) -> object:
-        return self._waits, self._holders, self._messages.look(self._play)
+        """Return further state on which the screen depends: the awaited inputs, the seats' holders, and messages."""
+        return self._is_awaiting_others, self._holders, self._messages.look(self._play)
 
     @property
-    def _waits(self) -> bool:
+    def _is_awaiting_others(self) -> bool:
         """Return whether this seat's input is submitted and the others' are awaited."""
         return isinstance(self._play, TeamEpisode) and not self._play.real_time and self._play.submitted is not None
 
     def _screen(self) -> Screen:
-        """Build the screen of the present phase: the lobby's notices, or those of `PlayActivity`."""
+        """Build the screen of the present phase; the lobby and the ready screen differ from those of `PlayActivity`."""
         words = self.context.words
         match self.phase:
             case Phase.LOBBY | Phase.WAITING:
                 body = words["team.not_ready"]
                 if self.phase is Phase.LOBBY:
-                    most_min = math.ceil(self.plan.team.lobby_s / 60)
-                    body = words["team.lobby"].replace("{minutes}", str(most_min))
+                    longest_wait_min = math.ceil(self.plan.team.lobby_s / 60)
+                    body = words["team.lobby"].replace("{minutes}", str(longest_wait_min))
                 return screen_texts.build_notice_screen(words, words["team.title"], body)
             case Phase.READY:
                 return self._ready_screen()
@@ -376,7 +383,7 @@ class TeamPlayActivity(PlayActivity):
 
     def _ready_screen(self) -> TextScreen:
         """Build the ready screen, with the participant's role and, if that is disclosed, the kinds of the partners."""
-        ready = self._view.ready(self._current)
+        ready = self._view.build_ready(self._current)
         lines = list(self._describe_role())
         if self.plan.team.partner_disclosure == "always":
             lines += self._describe_partners()
@@ -385,8 +392,8 @@ class TeamPlayActivity(PlayActivity):
         return replace(ready, body="\n\n".join(filter(None, (ready.body, *lines))))
 
     @property
-    def _has_partner_gone(self) -> bool:
-        """Return whether an agent acts in another person's seat, in a session whose presence rules announce it."""
+    def _is_partner_replaced(self) -> bool:
+        """Return whether an agent acts in another person's seat; false under older rules, which announce nothing."""
         if self.formed is None or self.context.facts.get("presence_rules", "1") != PRESENCE_RULES:
             return False
         partner_seats = [
@@ -395,7 +402,7 @@ class TeamPlayActivity(PlayActivity):
         return any(self._holders[seat] == "agent" for seat in partner_seats)
 
     def _describe_role(self) -> tuple[str, ...]:
-        """Return the line that names the participant's role; none without roles or a team."""
+        """Return the line that names the participant's role; an empty tuple without roles or a team."""
         roles = self.plan.team.roles
         if roles and self.formed:
             return (self.context.words.fill("team.role", role=roles[self.formed.seat]),)
@@ -412,14 +419,15 @@ class TeamPlayActivity(PlayActivity):
         )
 
     def _play_screen(self) -> PlayScreen:
+        """Build the screen of a running episode, with messages and a line on the partners' or the seat's state."""
         words = self.context.words
         screen = replace(super()._play_screen(), page_fields=self._messages.list_page_fields(self._play))
         text = "  ".join(self._describe_role())
         if self.playing and self.formed is not None and self._holders[self.formed.seat] == "agent":
             text = words["team.replaced"]
-        elif self.playing and self._waits:
+        elif self.playing and self._is_awaiting_others:
             text = words["team.waits"]
-        elif self.playing and self._has_partner_gone:
+        elif self.playing and self._is_partner_replaced:
             text = words[_WORDS_OF_ABSENCE[self.plan.team.partner_disclosure]]
         if text:
             return replace(screen, controller="person", controller_text=text)

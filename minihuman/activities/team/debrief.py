@@ -35,16 +35,18 @@ class DebriefActivity(Activity):
     def receive(self, happened: Input) -> None:
         """Handle an input; Enter ends the part."""
         if isinstance(happened, KeyDown):
-            goes_on = happened.key in ENTER_KEYS and not happened.repeat
-            self.context.emit_key(happened, "accepted" if goes_on else "unmapped", self.phase)
-            if goes_on:
+            is_accepted = happened.key in ENTER_KEYS and not happened.repeat
+            self.context.emit_key(happened, "accepted" if is_accepted else "unmapped", self.phase)
+            if is_accepted:
                 self.ended = PartEnding()
 
     def screen(self) -> Screen:
-        """Build the screen that says whether each partner was a person or a program."""
+        """Build the screen that says whether the partners were people, programs or both; "either" without partners."""
         words = self.context.words
-        were = [words[f"team.was_{holder}"] for holder in ("person", "agent") if holder in self.context.partners]
-        body = "\n\n".join((*(were or [words["team.was_either"]]), words["team.withdraw"]))
+        lines = [words[f"team.was_{holder}"] for holder in ("person", "agent") if holder in self.context.partners]
+        if not lines:
+            lines = [words["team.was_either"]]
+        body = "\n\n".join((*lines, words["team.withdraw"]))
         return screen_texts.build_notice_screen(words, words["team.debriefing"], body, words["go_on"])
 
 

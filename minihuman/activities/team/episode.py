@@ -20,25 +20,25 @@ if TYPE_CHECKING:
 
 
 def digest_joint_actions(team: str, seed: int, actions: Sequence[Sequence[int]]) -> int:
-    """Return the digest of an episode's joint actions as uint64.
+    """Return the 64-bit digest of an episode's joint actions.
 
-    The digest is BLAKE2b, chained over the team, the seed and each step's actions.
+    It is a chain of BLAKE2b hashes over the team's id and the seed, and then over each step's actions.
     """
     return reduce(extend_digest, actions, start_digest(team, seed))
 
 
 def start_digest(team: str, seed: int) -> int:
-    """Return the digest of an episode before its first step."""
-    return _hash(f"{team} {seed}".encode())
+    """Return the 64-bit digest of an episode of a team, by its id and the seed, before the first step."""
+    return _hash64(f"{team} {seed}".encode())
 
 
 def extend_digest(digest: int, actions: Sequence[int]) -> int:
-    """Return the digest extended by one more joint action."""
-    return _hash(np.array([digest, *actions], np.uint64).astype("<u8").tobytes())
+    """Return the 64-bit digest of an episode after one more joint action, given as the action of each seat."""
+    return _hash64(np.array([digest, *actions], np.uint64).astype("<u8").tobytes())
 
 
-def _hash(data: bytes) -> int:
-    return int.from_bytes(hashlib.blake2b(data, digest_size=8).digest(), "little")
+def _hash64(content: bytes) -> int:
+    return int.from_bytes(hashlib.blake2b(content, digest_size=8).digest(), "little")
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +93,7 @@ class TeamEpisode(RunningEpisode):
     def record_shown(self, screen_shown: ScreenShown) -> FrameShown:
         """Return the event of a picture that reached the display.
 
-        A tick that waits for its joint action keeps waiting.
+        While a submitted action waits for the joint action, no new tick is scheduled.
         """
         event = super().record_shown(screen_shown)
         if self.submitted is not None:
@@ -101,18 +101,21 @@ class TeamEpisode(RunningEpisode):
         return event
 
     def tick(self, t_ns: int) -> Stepped | None:
-        """Submit the queued key's action, or the idle action, if a period has run out.
+        """Submit this seat's action if a tick is due; return None, as the step follows when the joint action arrives.
 
-        No step is returned: the step follows when the joint action arrives.
+        The action is that of the queued or held keys, or the idle action.
         """
         if self.next_tick_ns is not None and t_ns >= self.next_tick_ns and self.submitted is None:
             self._due_ns = self.next_tick_ns
             self.next_tick_ns = None
-            self.submitted = self._take_press(t_ns)
+            self.submitted = self._take_submission(t_ns)
         return None
 
-    def _take_press(self, t_ns: int) -> Submission:
-        """Return this seat's submission at a tick: the action of the queued or held keys, or the idle action."""
+    def _take_submission(self, t_ns: int) -> Submission:
+        """Return this seat's submission at a tick and remove the key presses that it uses.
+
+        It has the action of the queued or held keys, or the idle action if there are none.
+        """
         idle: int = self.world.unwrapped.team.idle_action
         if not self.repeats_held:
             press = self._queued
@@ -122,25 +125,30 @@ class TeamEpisode(RunningEpisode):
             return Submission(press.action, press.key, press.t_ns)  # type: ignore[arg-type]  # bodies act by number
         pressed = self._pressed
         self._pressed = {}
-        keys = [*(key for key in self._keys_down if key in self._action_of and key not in pressed), *pressed]
+        held_keys = [key for key in self._keys_down if key in self._action_of and key not in pressed]
+        keys = [*held_keys, *pressed]
         if not keys:
             return Submission(idle, "", t_ns)
         with catch_world_errors():
-            number, _ = self.world.actions.combine([self._action_of[key] for key in keys])
-        return Submission(number, keys[-1], pressed.get(keys[-1], t_ns), keys[-1] in pressed)
+            action, _ = self.world.actions.combine([self._action_of[key] for key in keys])
+        latest_key = keys[-1]
+        return Submission(action, latest_key, pressed.get(latest_key, t_ns), latest_key in pressed)
 
     def step_joint(self, t_ns: int, joint: JointTaken) -> tuple[Stepped, tuple[float, ...], Submission | None]:
-        """Make a joint step and return its event, the rewards by seat, and this seat's submission for it."""
-        mine = self.submitted
+        """Make a joint step and return its event, the rewards by seat, and this seat's submission for it.
+
+        The submission is None if this seat had not submitted an action.
+        """
+        submission = self.submitted
         self.submitted = None
         key = ""
         key_t_ns = t_ns
         held_keys: Mapping[str, int] | None = None
-        if mine is not None and joint.sources[self.team.seat] == "person":
-            key = mine.key
-            if mine.key:
-                key_t_ns = mine.key_t_ns
-            if not mine.is_new:
+        if submission is not None and joint.sources[self.team.seat] == "person":
+            key = submission.key
+            if submission.key:
+                key_t_ns = submission.key_t_ns
+            if not submission.is_new:
                 held_keys = {}
         env = self.world.unwrapped
         env.joint = joint.actions
@@ -153,4 +161,4 @@ class TeamEpisode(RunningEpisode):
             n_missed_periods = max(0, t_ns - self._due_ns) // self._period_ns
             self.next_tick_ns = self._due_ns + self._period_ns * (n_missed_periods + 1)
             self._due_ns = None
-        return stepped, env.rewards, mine
+        return stepped, env.rewards, submission

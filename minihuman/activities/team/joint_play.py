@@ -26,6 +26,8 @@ from minihuman.activities.team.requests import (
 from minihuman.activities.team.step_clock import MS_PER_S, Delay, StepClock
 from minihuman.activities.team.tick_schedule import TickSchedule
 
+_UNSTAMPED_NS = 0  # the time of an answer until the caller stamps it with the session's own time
+
 
 @dataclass(slots=True)
 class ReadyBarrier:
@@ -80,13 +82,13 @@ class JointPlay:
         return seats
 
     def restore(self, history: TeamHistory) -> None:
-        """Restore the state that the logs record."""
+        """Restore the state that the logs record: closed steps, the block's end, and the seats that agents hold."""
         self._steps = history.steps
         self.presence.has_ended = history.has_ended
-        latest = self._steps[max(self._steps)][-1:] if self._steps else ()
-        for joint_action in latest:
-            absent = {seat for seat in self.presence.persons if joint_action.sources[seat] == "agent"}
-            self.presence.restore(absent)
+        latest_steps = self._steps[max(self._steps)] if self._steps else []
+        if latest_steps:
+            sources = latest_steps[-1].sources
+            self.presence.restore(seat for seat in self.presence.persons if sources[seat] == "agent")
         if history.finished:
             self._hand_over(history.finished)
 
@@ -97,24 +99,34 @@ class JointPlay:
     def learn_steps(
         self, episode: int, actions: Sequence[tuple[int, ...]], sources: Sequence[tuple[ActionSource, ...]]
     ) -> None:
-        """Add an episode's steps that were closed before this process began, from a session that has made them."""
+        """Add those steps of an episode that this play lacks, such as steps closed before this process began.
+
+        Args:
+            episode: the episode's index in the session.
+            actions: for each step from the first, the action of each seat.
+            sources: for each step from the first, who acted in each seat.
+        """
         steps = self._steps.setdefault(episode, [])
-        n_known = len(steps)
-        new_steps = zip(actions[n_known:], sources[n_known:], strict=True)
+        n_present = len(steps)
+        new_steps = zip(actions[n_present:], sources[n_present:], strict=True)
         steps += [JointAction(step_actions, step_sources) for step_actions, step_sources in new_steps]
 
     # What seats ask
 
     def answer_ready(self, want: ReadyRequest, now_s: float) -> SeatsReady | TeamLost | None:
-        """Answer a seat that is ready: the episode may begin, or the team is lost; None while partners are awaited."""
+        """Record that a seat is ready for an episode and return whether the episode begins.
+
+        Returns:
+            ``SeatsReady`` if the episode begins, ``TeamLost`` if the team is lost; None while partners are awaited.
+        """
         seat = want.team.seat
         episode = want.plan.episode
         if self.is_over:
-            return TeamLost(0, "declined")
+            return TeamLost(_UNSTAMPED_NS, "declined")
         if self.presence.has_ended:
-            return TeamLost(0, "partner_left")
+            return TeamLost(_UNSTAMPED_NS, "partner_left")
         if self.presence.is_shut_out(seat):
-            return TeamLost(0, "replaced")
+            return TeamLost(_UNSTAMPED_NS, "replaced")
         barrier = self._barriers.setdefault(episode, ReadyBarrier(now_s))
         if seat not in barrier.seats or not self.presence.has_acted(seat):
             self.presence.note_input(seat, now_s)
@@ -124,22 +136,22 @@ class JointPlay:
         self.presence.begin_wait({seat}, now_s)
         if not self._steps.get(episode):
             if not self._replace_missing(barrier, seat, now_s):
-                return TeamLost(0, "partner_left")
+                return TeamLost(_UNSTAMPED_NS, "partner_left")
             if self.presence.present - barrier.seats:
                 return None
         self._schedules.setdefault(episode, TickSchedule(now_s))
         self._concern_others(seat)
-        return SeatsReady(0, episode)
+        return SeatsReady(_UNSTAMPED_NS, episode)
 
     def find_news(self, want: JointRequest, now_s: float, *, is_real_time: bool) -> SeatSighted | None:
-        """Return a seat whose state differs from what the requesting seat knows; None if there is none.
+        """Return the new visible state of a seat if it differs from what the requesting seat knows; None if none does.
 
         The seat returned may be the requesting seat itself.
         """
         news = self.presence.find_news(want.states, now_s, is_real_time=is_real_time)
         if news is None:
             return None
-        return SeatSighted(0, news.seat, news.state, round(news.for_s * MS_PER_S))
+        return SeatSighted(_UNSTAMPED_NS, news.seat, news.state, round(news.for_s * MS_PER_S))
 
     def answer_message(self, want: JointRequest, now_s: float) -> MessageGiven | None:
         """Accept a seat's messages and return the next message that it has not received; None if there is none."""
@@ -148,7 +160,7 @@ class JointPlay:
         message = self.messages.find_next(want.team.seat, want.received, now_s)
         if message is None:
             return None
-        return MessageGiven(0, message)
+        return MessageGiven(_UNSTAMPED_NS, message)
 
     def submit(self, want: JointRequest, now_s: float, *, is_real_time: bool) -> JointTaken | TeamLost | StepDue | None:
         """Accept a seat's input for a step and return the answer to it; None while other inputs are awaited.
@@ -170,7 +182,7 @@ class JointPlay:
         if want.action is not None:
             schedule.record_input(seat, want.step, now_s)
         if want.action is not None and self.presence.is_shut_out(seat):
-            return TeamLost(0, "replaced")
+            return TeamLost(_UNSTAMPED_NS, "replaced")
         is_back = want.is_key and self.presence.may_act(seat) and self.presence.has_returned(seat)
         steps = self.list_steps(episode)
         if want.step <= len(steps):
@@ -178,11 +190,11 @@ class JointPlay:
                 self.presence.take_back(seat)
             return _build_joint_taken(episode, want.step, steps[want.step - 1])
         if self.presence.has_ended:
-            return TeamLost(0, "partner_left")
+            return TeamLost(_UNSTAMPED_NS, "partner_left")
         self._open_step.open(episode, want.step)
         overdue = self.presence.find_overdue(seat, now_s, is_real_time=is_real_time)
         if not self._hand_over(overdue, now_s):
-            return TeamLost(0, "partner_left")
+            return TeamLost(_UNSTAMPED_NS, "partner_left")
         self._open_step.withdraw_idle(overdue)
         if want.action is not None and (is_back or seat in self.presence.present):
             if not self._open_step.has_input:
@@ -191,22 +203,22 @@ class JointPlay:
             self._open_step.submit(seat, want.action, is_key=want.is_key)
         return self._judge_open_step(want, now_s, is_real_time=is_real_time)
 
-    def close(self, due: StepDue, seat: int, chosen: Mapping[int, int], idle_action: int) -> JointTaken:
+    def close(self, due: StepDue, seat: int, agent_actions: Mapping[int, int], idle_action: int) -> JointTaken:
         """Close a step for good and return its joint action.
 
         Args:
             due: the step to close.
             seat: the seat whose request closes the step; it is answered at once.
-            chosen: the agents' actions, by seat.
+            agent_actions: the agents' actions, by seat.
             idle_action: the action of a seat whose input is late.
         """
-        joint_action = due.close(chosen, idle_action)
+        joint_action = due.close(agent_actions, idle_action)
         self._steps[due.episode].append(joint_action)
         self._concern_others(seat)
         return _build_joint_taken(due.episode, due.step, joint_action)
 
     def leave(self, seat: int) -> None:
-        """Record that the session of a seat is over."""
+        """Record that the session of a seat is over, and give the seat to the stand-in or end the block."""
         if self._rules.pairing not in ("same", "fixed") and not self._has_played:
             self._has_declined = True
         self._hand_over({seat})
@@ -217,7 +229,8 @@ class JointPlay:
     def _judge_open_step(self, want: JointRequest, now_s: float, *, is_real_time: bool) -> StepDue | TeamLost | None:
         """Return the open step if it can close, or the loss of the team; None while inputs are awaited.
 
-        In real time, a step closes without late inputs. In turns, the stand-in gets the seats of overdue people.
+        In real time, a step closes without late inputs. In turns, the seats of people who have thought for too long
+        are given to the stand-in.
         """
         if not self._open_step.has_input:
             return None
@@ -227,14 +240,20 @@ class JointPlay:
             return self._find_due(missing, now_s, is_real_time=True)
         if delay == "overdue":
             if not self._hand_over(self.presence.find_thinkers(missing, now_s), now_s):
-                return TeamLost(0, "partner_left")
+                return TeamLost(_UNSTAMPED_NS, "partner_left")
             missing = self.presence.present - self._open_step.seats
         if missing:
             return None
         return self._find_due(frozenset(), now_s, is_real_time=is_real_time)
 
     def _find_due(self, late: frozenset[int], now_s: float, *, is_real_time: bool) -> StepDue:
-        """Return the open step as it closes now, with the silence of each seat's person."""
+        """Return the open step as it would close now, with the time since each person's last sign of life.
+
+        Args:
+            late: the seats whose input did not come in time.
+            now_s: the present time in seconds.
+            is_real_time: whether steps happen by the clock.
+        """
         silent_ms = self.presence.measure_silence_ms(now_s, is_real_time=is_real_time)
         return replace(self._open_step.find_due(late), silent_ms=silent_ms)
 
@@ -245,7 +264,13 @@ class JointPlay:
         return self._clock.find_delay(now_s, due_s)
 
     def _replace_missing(self, barrier: ReadyBarrier, asking: int, now_s: float) -> bool:
-        """Give the stand-in the seats of people who are away or not ready in time; return False if the block ends."""
+        """Give the stand-in the seats of people who are away or not ready in time; return False if the block ends.
+
+        Args:
+            barrier: the seats that are ready for the episode.
+            asking: the seat whose request is answered; it is the last to count as away.
+            now_s: the present time in seconds.
+        """
         missing = self.presence.present - barrier.seats
         replaced = missing & set(self.presence.find_overdue(asking, now_s, is_real_time=False))
         if now_s - barrier.since_s >= self._rules.thinking_limit_s:
@@ -260,9 +285,9 @@ class JointPlay:
         return False
 
     def _concern_others(self, seat: int) -> None:
-        """Note that the next answers of all people but one may have changed."""
+        """Record that the next answer to every person but the given seat's may have changed."""
         self._concerned |= self.presence.persons - {seat}
 
 
 def _build_joint_taken(episode: int, step: int, joint_action: JointAction) -> JointTaken:
-    return JointTaken(0, episode, step, joint_action.actions, joint_action.sources, joint_action.silent_ms)
+    return JointTaken(_UNSTAMPED_NS, episode, step, joint_action.actions, joint_action.sources, joint_action.silent_ms)

@@ -29,21 +29,22 @@ class StepDue:
     agents: tuple[int, ...]  # seats in which an agent acts
     silent_ms: tuple[int, ...] = ()  # by seat, as it is due
 
-    def close(self, chosen: Mapping[int, int], idle_action: int) -> JointAction:
+    def close(self, agent_actions: Mapping[int, int], idle_action: int) -> JointAction:
         """Return the joint action of people, agents and late seats.
 
         Args:
-            chosen: the agents' actions, by seat.
+            agent_actions: the agents' actions, by seat.
             idle_action: the action of a seat whose input is late.
         """
-        actions: dict[int, tuple[int, ActionSource]] = {
+        decisions: dict[int, tuple[int, ActionSource]] = {
             **{seat: (action, "person") for seat, action in self.inputs.items()},
             **dict.fromkeys(self.late, (idle_action, "late")),
-            **{seat: (chosen[seat], "agent") for seat in self.agents},
+            **{seat: (agent_actions[seat], "agent") for seat in self.agents},
         }
-        by_seat = [actions[seat] for seat in sorted(actions)]
-        sources = tuple(source for _, source in by_seat)
-        return JointAction(tuple(action for action, _ in by_seat), sources, self.silent_ms)
+        seats = sorted(decisions)
+        actions_by_seat = tuple(decisions[seat][0] for seat in seats)
+        sources_by_seat = tuple(decisions[seat][1] for seat in seats)
+        return JointAction(actions_by_seat, sources_by_seat, self.silent_ms)
 
 
 class OpenStep:
@@ -55,9 +56,9 @@ class OpenStep:
 
     def __init__(self, n_seats: int) -> None:
         self._n_seats = n_seats
-        self._place = (-1, 0)  # episode and step
+        self._episode_and_step = (-1, 0)  # episode and step; no episode has the index -1
         self._inputs: dict[int, int] = {}  # by seat
-        self._idle: set[int] = set()  # seats whose input no key gave
+        self._idle: set[int] = set()  # seats whose input is the idle action of a tick, without a key
 
     @property
     def has_input(self) -> bool:
@@ -71,17 +72,17 @@ class OpenStep:
 
     def has_submitted(self, seat: int, episode: int, step: int) -> bool:
         """Return whether a seat has given its input for a step."""
-        return self._place == (episode, step) and seat in self._inputs
+        return self._episode_and_step == (episode, step) and seat in self._inputs
 
     def open(self, episode: int, step: int) -> None:
         """Open a step, unless it is open already."""
-        if self._place != (episode, step):
-            self._place = (episode, step)
+        if self._episode_and_step != (episode, step):
+            self._episode_and_step = (episode, step)
             self._inputs = {}
             self._idle = set()
 
     def submit(self, seat: int, action: int, *, is_key: bool = True) -> None:
-        """Record a seat's input; only its first input for a step counts."""
+        """Record a seat's input, unless the seat has one for this step; ``is_key``: a key gave it, not an idle tick."""
         if seat in self._inputs:
             return
         self._inputs[seat] = action
@@ -98,7 +99,10 @@ class OpenStep:
         self._idle -= set(seats)
 
     def find_due(self, late: frozenset[int]) -> StepDue:
-        """Return the step as it would close now: an agent acts in each seat that has no input and is not late."""
-        episode, step = self._place
+        """Return the step as it would close now, given the seats whose input is late.
+
+        An agent acts in each seat that has no input and is not late.
+        """
+        episode, step = self._episode_and_step
         agents = tuple(seat for seat in range(self._n_seats) if seat not in self._inputs and seat not in late)
         return StepDue(episode, step, dict(self._inputs), late, agents)

@@ -14,8 +14,12 @@ Member = TypeVar("Member", bound=Hashable)
 
 
 def name_team(seed: int, index: int, *, is_solo: bool) -> str:
-    """Draw a team's id from the study's seed; a repeated simulation of the study draws the same id."""
-    word = int(draw_words(1, seed=seed, purpose="solo-team-id" if is_solo else "team-id", index=index)[0])
+    """Draw a team's id of 8 hexadecimal digits from the study's seed and the team's index.
+
+    A repeated simulation of the study draws the same id. ``is_solo`` says that the team has only one person.
+    """
+    purpose = "solo-team-id" if is_solo else "team-id"
+    word = int(draw_words(1, seed=seed, purpose=purpose, index=index)[0])
     return f"{word:016x}"[:8]
 
 
@@ -113,26 +117,29 @@ class Lobby(Generic[Member]):
         return sorted([entry, *candidates[:n_partners]], key=lambda partner: partner.index)
 
     def _list_candidates(self, entry: LobbyEntry[Member], present_since_s: float) -> list[LobbyEntry[Member]]:
-        """Return the entries that may be paired with an entry, in the order of arrival."""
+        """Return the entries that may be paired with an entry, in the order of arrival.
+
+        They have no team, sent a request since ``present_since_s``, and belong to the same group.
+        """
         candidates = []
-        for other in self._entries:
-            is_free = other is not entry and other.team is None
-            is_present = other.asked_s >= present_since_s
-            if not is_free or not is_present or other.participant.group != entry.participant.group:
+        for candidate in self._entries:
+            is_free = candidate is not entry and candidate.team is None
+            is_present = candidate.asked_s >= present_since_s
+            if not is_free or not is_present or candidate.participant.group != entry.participant.group:
                 continue
-            if self._may_pair(entry, other):
-                candidates.append(other)
+            if self._may_pair(entry, candidate):
+                candidates.append(candidate)
         return candidates
 
-    def _may_pair(self, entry: LobbyEntry[Member], other: LobbyEntry[Member]) -> bool:
-        """Return whether the rule of pairing allows two entries in one team."""
+    def _may_pair(self, entry: LobbyEntry[Member], candidate: LobbyEntry[Member]) -> bool:
+        """Return whether the block's pairing rule allows two entries in one team."""
         match entry.rules.pairing:
             case "fixed":
-                return self._number_pair(other) == self._number_pair(entry)
+                return self._number_pair(candidate) == self._number_pair(entry)
             case "same" if entry.earlier_teams:
-                return other.earlier_teams[-1:] == entry.earlier_teams[-1:]
+                return candidate.earlier_teams[-1:] == entry.earlier_teams[-1:]
             case "round_robin":
-                return not set(other.earlier_teams) & set(entry.earlier_teams)
+                return not set(candidate.earlier_teams) & set(entry.earlier_teams)
         return True
 
     def _number_pair(self, entry: LobbyEntry[Member]) -> int:
@@ -142,13 +149,15 @@ class Lobby(Generic[Member]):
 
     def _shuffle(self, candidates: list[LobbyEntry[Member]], entry: LobbyEntry[Member]) -> list[LobbyEntry[Member]]:
         """Return candidates in a random order drawn from the study's seed."""
-        in_order = sorted(candidates, key=lambda candidate: candidate.index)
+        by_index = sorted(candidates, key=lambda candidate: candidate.index)  # arrival must not change the draw
         purpose = f"pairing-{len(self._entries)}"
-        order = draw_permutation(len(in_order), seed=self._seed, purpose=purpose, index=entry.index)
-        return [in_order[place] for place in order]
+        order = draw_permutation(len(by_index), seed=self._seed, purpose=purpose, index=entry.index)
+        return [by_index[position] for position in order]
 
     def seat(self, partners: Sequence[LobbyEntry[Member]], recorded: Iterable[RecordedTeam]) -> SeatedTeam[Member]:
-        """Draw the partners' seats; a person's seat without a partner is given to the stand-in.
+        """Draw the partners' seats and return the complete team; the stand-in gets each person's seat left empty.
+
+        Under the pairing "same", partners who were in one team before keep its index and so their seats.
 
         Args:
             partners: the entries that play together.
@@ -161,7 +170,7 @@ class Lobby(Generic[Member]):
             index = 1 + max((team.index for team in teams), default=-1)
         persons = rules.persons
         order = draw_permutation(len(persons), seed=self._seed, purpose=f"seats-{self._block}", index=index)
-        entries = {persons[order[place]]: partner for place, partner in enumerate(partners)}
+        entries = {persons[order[position]]: partner for position, partner in enumerate(partners)}
         kinds = list(rules.seats)
         for seat in persons:
             if seat not in entries:
@@ -170,6 +179,9 @@ class Lobby(Generic[Member]):
 
 
 def _find_same_team(partners: Sequence[LobbyEntry[Member]], teams: list[RecordedTeam]) -> int | None:
-    """Return the index of the team in which all partners were last; None if they were not in the same one."""
-    latest = {partner.earlier_teams[-1:] for partner in partners}
-    return next((team.index for team in teams if {(team.name,)} == latest), None)
+    """Return the index of the team in which all partners were last; None if they were not in the same team."""
+    last_teams = {partner.earlier_teams[-1:] for partner in partners}
+    for team in teams:
+        if last_teams == {(team.name,)}:
+            return team.index
+    return None

@@ -29,16 +29,22 @@ class MessageExchange:
         self._next_s: dict[int, float] = {}  # by seat, when the next message of it can be seen
 
     def send(self, messages: Iterable[MessageShown], now_s: float) -> bool:
-        """Add a seat's messages and return whether any of them is new."""
-        new = [message for message in messages if message.digest not in self._sent]
-        for message in new:
+        """Add a seat's messages and return whether any of them is new.
+
+        Other seats see each message at least the shortest interval after the seat's previous message.
+        """
+        new_messages = [message for message in messages if message.digest not in self._sent]
+        for message in new_messages:
             since_s = max(now_s, self._next_s.get(message.seat, now_s))
             self._next_s[message.seat] = since_s + MARK_S
             self._sent[message.digest] = SentMessage(message, since_s)
-        return bool(new)
+        return bool(new_messages)
 
     def find_next(self, seat: int, received: Set[str], now_s: float) -> MessageShown | None:
-        """Return the next message of another seat that a seat has not received; words wait for it, a mark expires."""
+        """Return the next visible message of another seat that a seat has not received; None if there is none.
+
+        Words stay available until they are received; a mark expires after `MARK_S`.
+        """
         for sent in self._sent.values():
             message = sent.message
             if message.seat == seat or message.digest in received:

@@ -55,7 +55,7 @@ class TeamMessages:
         return [message for message in self.messages.values() if message.cell and message.t_ns > visible_since_ns]
 
     def take_key(self, press: KeyDown, play: RunningEpisode) -> bool:
-        """Handle a key press and return whether it concerned messages."""
+        """Handle a key press if it concerns messages; return whether it did."""
         if self.draft is None and (press.repeat or press.key not in self._keys):
             return False
         verdict = self._judge_key(press)
@@ -80,7 +80,7 @@ class TeamMessages:
         return (self.rules.ping,)
 
     def _judge_key(self, press: KeyDown) -> KeyVerdict:
-        """Return the verdict on a key that concerned messages."""
+        """Return the verdict, for the log, on a key press that concerns messages."""
         if press.repeat:
             return "repeat"
         if press.key in ENTER_KEYS or self.draft is None:
@@ -89,17 +89,17 @@ class TeamMessages:
 
     @staticmethod
     def _edit_by_key(draft: TextDraft, press: KeyDown) -> None:
-        """Let a key edit a draft that has no field of the window's."""
+        """Apply a key press to a draft, unless a native text field of the window edits it."""
         if not draft.has_native_field:
             draft.key(press)
 
     def type_text(self, text: str) -> None:
-        """Insert characters into the draft, if there is one without a field of the window's."""
+        """Insert characters into the draft, if there is one that no native text field of the window edits."""
         if self.draft is not None and not self.draft.has_native_field:
             self.draft.type_text(text)
 
     def edit_text(self, edited: TextEdited) -> None:
-        """Accept the whole text of the draft's field and log it unchanged; ignore that of an earlier message."""
+        """Replace the draft's text by the whole text of the native field and log it; ignore an earlier message's."""
         if self.draft is None or edited.field not in ("", self.draft.question.name):
             return
         if not self.draft.put_text(edited.text):
@@ -109,7 +109,7 @@ class TeamMessages:
         self.context.emit(MessageEdited(now_ns, edited.text, edited.changes, edited.keys, now_ns - began_ns))
 
     def _make_draft(self) -> TextDraft:
-        """Return the empty draft of the next message, whose name no earlier one has."""
+        """Return an empty draft for the next message, with a field name that no earlier message has."""
         name = f"message-{len(self.sent) + 1}"
         words = self.context.words
         question = QuestionItemSpec(name, "text", "", longest=MESSAGE_LETTERS)
@@ -119,18 +119,26 @@ class TeamMessages:
         return draft
 
     def _finish_draft(self, draft: TextDraft, play: RunningEpisode) -> None:
-        """Send the text and close the draft; it stays open if the text is too long, or too soon after another."""
-        if not draft.value or (draft.error is None and self._send(play, draft.display_text, ())):
+        """Send the draft's text and close the draft; an empty draft is only closed.
+
+        The draft stays open if its text is too long, or follows the last message too soon.
+        """
+        is_done = not draft.value
+        if not is_done and draft.error is None:
+            is_done = self._send(play, draft.display_text, ())
+        if is_done:
             self.draft = None
 
     def _mark_cell_ahead(self, play: RunningEpisode) -> None:
-        """Send a mark of the cell in front of the participant's body, if the world tells its pose."""
+        """Send a mark of the cell in front of the participant's body, if the world knows the body's pose."""
         pose = play.world.pose()
         if pose is not None:
-            self._send(play, "", (round(pose.x + math.cos(pose.yaw_rad)), round(pose.z - math.sin(pose.yaw_rad))))
+            cell_x = round(pose.x + math.cos(pose.yaw_rad))
+            cell_z = round(pose.z - math.sin(pose.yaw_rad))
+            self._send(play, "", (cell_x, cell_z))
 
     def _report_latest(self) -> None:
-        """Log a report of the latest words of another seat."""
+        """Log that the participant reports the latest words of another seat; do nothing if there are none."""
         messages = [message for message in self.messages.values() if message.seat != self.seat and not message.cell]
         if messages:
             message = messages[-1]
@@ -151,11 +159,14 @@ class TeamMessages:
         return True
 
     def show(self, message: MessageShown, play: RunningEpisode) -> None:
-        """Show a message; one that was shown before only recovers its words and logs nothing."""
-        message_here = replace(message, t_ns=self.context.now_ns, episode=play.plan.episode, step=play.steps)
+        """Show a message and log that it appeared; other seats' words are left out of the log.
+
+        A message that was shown before is only restored with its words, without a log entry.
+        """
+        shown_message = replace(message, t_ns=self.context.now_ns, episode=play.plan.episode, step=play.steps)
         if message.digest not in self.messages:
-            self.context.emit(message_here if message.seat == self.seat else replace(message_here, text=""))
-        self.messages[message.digest] = message_here
+            self.context.emit(shown_message if message.seat == self.seat else replace(shown_message, text=""))
+        self.messages[message.digest] = shown_message
 
     def look(self, play: RunningEpisode | None) -> PlayMessages | None:
         """Return the messages as the page displays them; None if the block has neither chat nor marks."""
@@ -167,11 +178,11 @@ class TeamMessages:
         for mark in marks:
             x, z = mark.cell
             cells.append((x, z, mark.seat == self.seat))
-        lines = [message for message in self.messages.values() if not message.cell][-N_LINES:]
+        text_messages = [message for message in self.messages.values() if not message.cell][-N_LINES:]
         return {
             "new_entry": self._new_entry,
             "hint": "   ".join(hints),
-            "lines": [(self._name_author(message.seat), self._format_text(message)) for message in lines],
+            "lines": [(self._name_author(message.seat), self._format_text(message)) for message in text_messages],
             "entry": None if self.draft is None else self.draft.widget(),
             "cells": cells,
             "bounds": play.world.unwrapped.map().bounds if play and marks else (),
@@ -191,7 +202,7 @@ class TeamMessages:
 
     @property
     def _key_hints(self) -> list[str]:
-        """Return the lines that tell the participant which keys write and ping."""
+        """Return the lines that tell the participant which keys write a message and mark a cell."""
         words = self.context.words
         hints = [words["team.chat_keys"]] if self.rules.chat else []
         if self.rules.ping:
@@ -199,6 +210,7 @@ class TeamMessages:
         return hints
 
     def _name_author(self, seat: int) -> str:
+        """Return the displayed name of a message's author: "you", the seat's role, or the person's number."""
         words = self.context.words
         if seat == self.seat:
             return words["team.you"]
@@ -207,6 +219,7 @@ class TeamMessages:
         return words.fill("team.person", number=seat + 1)
 
     def _format_text(self, message: MessageShown) -> str:
+        """Return a message's words as displayed, with a note if they were reported; "…" if they were not recovered."""
         text = message.text or "…"
         if message.digest == self._reported:
             return f"{text} ({self.context.words['team.reported']})"

@@ -54,9 +54,11 @@ class TeamPlan(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def find_seat_agent(kind: str) -> str:
-    """Return the agent of a seat.
+    """Return the name of the agent in a seat of a kind such as "scripted:random", "policy:FILE" or "planner".
 
-    It is a registered agent with its settings, a policy file's name, or a simulated participant.
+    Returns:
+        The registered agent with its settings, or the policy file, without the prefix of its kind; the whole kind of a
+        simulated participant; "optimal" for a planner without a name.
     """
     seat_kind, _, name = kind.partition(":")
     if seat_kind == SIMULATED:
@@ -75,7 +77,7 @@ class TeamPlayPlan(PlayPlan, frozen=True):
 
     @property
     def sign_interval_s(self) -> float:
-        """Return the seconds between a page's signs of life, a fraction of the time that partners wait for one."""
+        """Return the seconds between two signs of life of a page, a fraction of the time that partners wait for it."""
         return self.team.partner_wait_s / PINGS_PER_WAIT
 
     @property

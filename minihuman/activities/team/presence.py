@@ -106,20 +106,21 @@ class TeamPresence:
     # Signs of life
 
     def follow(self, seat: int, signs: LifeSigns) -> None:
-        """Set the signs of life of a seat's page and person that are followed from now on."""
+        """Attach the object that holds the signs of life of a seat's page and person; the page's host updates it."""
         self._seats[seat].signs = signs
 
     def note_input(self, seat: int, now_s: float, *, is_held: bool = False) -> None:
         """Record an input as a sign of life of the seat's person.
 
-        An input that a held key gave always counts; any other counts only if the page does not report acts itself.
+        An input from a held key always counts. Any other input counts only for a page that does not report the
+        person's acts itself.
         """
         signs = self._seats[seat].signs
         if is_held or not signs.tells_acts:
             signs.act(now_s)
 
     def has_acted(self, seat: int) -> bool:
-        """Return whether a seat's person has acted since its signs of life are followed."""
+        """Return whether a seat's person has given any sign of life since the seat's page was connected."""
         return self._seats[seat].signs.person_s is not None
 
     def begin_wait(self, seats: Iterable[int], now_s: float) -> None:
@@ -127,9 +128,10 @@ class TeamPresence:
         for seat in seats:
             self._seats[seat].waited_since_s = now_s
 
-    def look(self, now_s: float) -> None:
+    def _begin_first_waits(self, now_s: float) -> None:
         """Begin to wait for the seats that have not been waited for yet."""
-        self.begin_wait([seat for seat, presence in self._seats.items() if presence.waited_since_s is None], now_s)
+        new_seats = [seat for seat, presence in self._seats.items() if presence.waited_since_s is None]
+        self.begin_wait(new_seats, now_s)
 
     def find_sighting(self, seat: int, now_s: float, *, is_real_time: bool) -> SeatSighting:
         """Return the visible state of a seat; in turns, a person who gives no input is thinking and counts as here."""
@@ -150,8 +152,8 @@ class TeamPresence:
     def measure_silence_ms(self, now_s: float, *, is_real_time: bool) -> tuple[int, ...]:
         """Return, by seat, the whole milliseconds since the sign of life from which a wait for the person counts.
 
-        They are below the limit while the person is waited for, and 0 for an agent's seat. The tuple is empty if no
-        seat has a page.
+        The number stays below the waiting limit while the person is waited for; it is 0 for an agent's seat. The tuple
+        is empty if no seat has a page that reports its person's acts.
         """
         if not any(presence.signs.tells_acts for presence in self._seats.values()):
             return ()
@@ -167,10 +169,14 @@ class TeamPresence:
     def find_overdue(self, asking: int, now_s: float, *, is_real_time: bool) -> list[int]:
         """Return the seats whose people have been silent for the partners' waiting time, the longest absent first.
 
-        One person always remains: if all are overdue, the one with the latest sign is left out, or in a tie the asking
-        seat.
+        One person always remains: if all are overdue, the seat with the latest sign of life is left out.
+
+        Args:
+            asking: the seat whose request is answered; it is left out if the latest signs are equally late.
+            now_s: the present time in seconds.
+            is_real_time: whether steps happen by the clock.
         """
-        self.look(now_s)
+        self._begin_first_waits(now_s)
         sightings = {seat: self.find_sighting(seat, now_s, is_real_time=is_real_time) for seat in self.present}
         overdue = [
             seat
@@ -183,24 +189,24 @@ class TeamPresence:
         return overdue[:-1]
 
     def find_thinkers(self, seats: Iterable[int], now_s: float) -> list[int]:
-        """Return those of the seats whose people have given no sign of life for the longest time they may think."""
+        """Return those of the seats whose people have given no sign of life for the limit of thinking time."""
         limit_s = self._rules.thinking_limit_s
         return [seat for seat in seats if now_s - self._seats[seat].find_person_sign_s() >= limit_s]
 
-    def find_news(self, known: Sequence[SeatState], now_s: float, *, is_real_time: bool) -> SeatNews | None:
-        """Return a seat whose state differs from the known state; None if there is no such seat or no known state.
+    def find_news(self, known_states: Sequence[SeatState], now_s: float, *, is_real_time: bool) -> SeatNews | None:
+        """Return a seat whose state differs from the known state; None if no seat differs or no states are known.
 
         Args:
-            known: the known state of each of the team's seats.
+            known_states: the state of each of the team's seats as the asking seat knows it; empty if it knows none.
             now_s: the present time in seconds.
             is_real_time: whether steps happen by the clock.
         """
-        if not known:
+        if not known_states:
             return None
-        self.look(now_s)
+        self._begin_first_waits(now_s)
         for seat in self._seats:
             sighting = self.find_sighting(seat, now_s, is_real_time=is_real_time)
-            if sighting.state != known[seat]:
+            if sighting.state != known_states[seat]:
                 return SeatNews(seat, sighting.state, now_s - sighting.since_s)
         return None
 
@@ -227,6 +233,6 @@ class TeamPresence:
         return True
 
     def restore(self, absent: Iterable[int]) -> None:
-        """Restore the seats that the stand-in held."""
+        """Give the stand-in again the seats that it held when an earlier process ended."""
         for seat in absent:
             self._seats[seat].holder = "agent"

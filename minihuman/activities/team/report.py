@@ -20,11 +20,11 @@ _ABSENT_ENOUGH = 0.1  # the share of joint steps above which an episode counts i
 
 
 def build_section(source: SectionSource) -> ReportSection | None:
-    """Build the section on who played the included episodes, or return None if no team did."""
+    """Build the section on who played the included episodes; None if no team played a step of them."""
     teams = source.table("teams")
     if teams.empty:
         return None
-    rows = [_describe_block(block, played) for block, played in teams.groupby("block", sort=False)]
+    rows = [_build_block_row(block, episodes) for block, episodes in teams.groupby("block", sort=False)]
     heads = ("block", "joint episodes", "person", "idle", "agent", "mean absent", f"absent over {_ABSENT_ENOUGH:.0%}")
     filled_rows = [row for row in rows if row is not None]
     if filled_rows:
@@ -32,7 +32,7 @@ def build_section(source: SectionSource) -> ReportSection | None:
     return None
 
 
-def _describe_block(block: object, episodes: pd.DataFrame) -> tuple[str, ...] | None:
+def _build_block_row(block: object, episodes: pd.DataFrame) -> tuple[str, ...] | None:
     """Return a block's row of the table; None if its episodes have no steps in people's seats."""
     team_episodes = episodes.drop_duplicates(["team", "session", "episode", "digest"])
     steps: Counter[str] = Counter()
@@ -42,12 +42,17 @@ def _describe_block(block: object, episodes: pd.DataFrame) -> tuple[str, ...] | 
         return None
     shares = team_episodes["absent_share"].dropna()
     n_absent = int((shares > _ABSENT_ENOUGH).sum())
-    counts = [_format_share(steps[source], steps.total()) for source in ("person", "late", "agent")]
+    counts = [_format_count(steps[source], steps.total()) for source in ("person", "late", "agent")]
     return (str(block), str(len(team_episodes)), *counts, _format_percent(float(shares.mean())), str(n_absent))
 
 
 def _sum_steps(kinds: Iterable[str], played_by: Iterable[dict[str, int]]) -> Counter[str]:
-    """Sum the steps in the seats of people by who acted in them."""
+    """Sum the steps in the seats of people by who acted in them: a person, late (the idle action) or an agent.
+
+    Args:
+        kinds: by seat, "person" or the agent in the seat.
+        played_by: by seat, the number of steps in which each source acted.
+    """
     steps: Counter[str] = Counter()
     for kind, sources in zip(kinds, played_by, strict=True):
         if kind == PERSON:
@@ -55,7 +60,7 @@ def _sum_steps(kinds: Iterable[str], played_by: Iterable[dict[str, int]]) -> Cou
     return steps
 
 
-def _format_share(count: int, total: int) -> str:
+def _format_count(count: int, total: int) -> str:
     return f"{count} ({_format_percent(count / total)})"
 
 

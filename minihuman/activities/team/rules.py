@@ -11,7 +11,7 @@ from minihuman.experiment.keys import BUTTON_NAMES, RESERVED_KEYS
 
 RuleErrors = Iterator[tuple[str, str]]  # a field, and what is wrong with it
 _AGENT_KINDS = ("policy", "scripted", SIMULATED)
-_LIMITS = (
+_LIMITS = (  # of a time: its field, the lowest and the highest number
     ("late_ms", 10, 10_000),
     ("lobby_s", 1, 86_400),
     ("partner_wait_s", 1, 86_400),
@@ -30,11 +30,16 @@ class TeamBlock(Protocol):
         """Return the design that resolves each episode."""
 
 
-_FIELDS_OF_ONE_SEAT = ("max_episode_s", "max_block_s", "stop_criterion", "noop_action")
+_FIELDS_OF_ONE_SEAT = ("max_episode_s", "max_block_s", "stop_criterion", "noop_action")  # not for joint play
 
 
 def check_block(block: TeamBlock, pool: tuple[str, ...]) -> RuleErrors:
-    """Yield the errors of a team block in a protocol; ``pool`` holds the keys that may have an action."""
+    """Yield the errors of a team block in a protocol, each as a field's name and what is wrong with it.
+
+    Args:
+        block: the block, as the protocol has it.
+        pool: the keys that may have an action.
+    """
     for field, error in check_team(block.team, pool):
         yield f"team.{field}", error
     seat_keys = () if block.team is None else block.team.seat_keys or ()
@@ -50,7 +55,12 @@ def check_block(block: TeamBlock, pool: tuple[str, ...]) -> RuleErrors:
 
 
 def check_team(team: TeamPlan | None, pool: tuple[str, ...]) -> RuleErrors:
-    """Yield the errors of a team's settings; ``pool`` holds the keys that may have an action."""
+    """Yield the errors of a team's settings, each as a field's name and what is wrong with it.
+
+    Args:
+        team: the settings; None if the protocol has none.
+        pool: the keys that may have an action.
+    """
     n_seats = len(team.seats) if team else 0
     if team is None or n_seats < 2:
         yield "seats", f"has {n_seats} seats; give one for each body, {SEAT_GRAMMAR}"
@@ -64,6 +74,7 @@ def check_team(team: TeamPlan | None, pool: tuple[str, ...]) -> RuleErrors:
 
 
 def _check_seats(team: TeamPlan) -> RuleErrors:
+    """Yield an error for each seat of an unknown kind, for a stand-in that is a person, and for no person at all."""
     for seat in (*team.seats, team.stand_in):
         kind, _, name = seat.partition(":")
         is_named_agent = kind in _AGENT_KINDS and bool(name)
@@ -76,6 +87,7 @@ def _check_seats(team: TeamPlan) -> RuleErrors:
 
 
 def _check_seat_keys(team: TeamPlan, pool: tuple[str, ...]) -> RuleErrors:
+    """Yield the errors of the keys by seat: not one table per seat, a key of several seats, or outside the pool."""
     if not team.seat_keys:
         return
     if len(team.seat_keys) != len(team.seats):
@@ -90,25 +102,30 @@ def _check_seat_keys(team: TeamPlan, pool: tuple[str, ...]) -> RuleErrors:
 
 
 def _check_roles(team: TeamPlan) -> RuleErrors:
+    """Yield an error if there are roles, but not one for each seat."""
     if team.roles and len(team.roles) != len(team.seats):
         yield "roles", f"has {len(team.roles)} for {len(team.seats)} seats; give one each, or none"
 
 
 def _check_limits(team: TeamPlan) -> RuleErrors:
-    for name, least, most in _LIMITS:
+    """Yield an error for each time that is outside its limits; a time that is not given has no error."""
+    for name, lowest, highest in _LIMITS:
         number = getattr(team, name)
         if number is msgspec.UNSET:
             continue
-        if not least <= number <= most:
-            yield name, f"is {number:g}; use {least} to {most}"
+        if not lowest <= number <= highest:
+            yield name, f"is {number:g}; use {lowest} to {highest}"
 
 
 def _check_messages(team: TeamPlan, pool: tuple[str, ...]) -> RuleErrors:
-    keys = {"chat": REPORT_KEY} if team.chat else {}
+    """Yield the errors of chat and marks: no partner to send them to, or a key that is not free."""
+    keys: dict[str, str] = {}  # by field, the key that it uses
+    if team.chat:
+        keys["chat"] = REPORT_KEY
     if team.ping:
         keys["ping"] = team.ping
-    may_meet = len(team.persons) > 1 and not team.seat_keys
-    if not may_meet:
+    has_remote_partners = len(team.persons) > 1 and not team.seat_keys
+    if not has_remote_partners:
         for name in keys:
             yield name, "is for two or more people in browsers of their own, without seat_keys"
     for name, key in keys.items():
@@ -119,5 +136,6 @@ def _check_messages(team: TeamPlan, pool: tuple[str, ...]) -> RuleErrors:
 
 
 def _check_disclosure(team: TeamPlan) -> RuleErrors:
+    """Yield an error if an agent can hold a seat, but the protocol does not say when people learn of it."""
     if team.agents and not team.partner_disclosure:
         yield "partner_disclosure", "is missing, but an agent can hold a seat; use 'always' or 'debrief'"

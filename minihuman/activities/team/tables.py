@@ -11,7 +11,7 @@ from minihuman.log.model.session_log import EpisodeLog, SessionLog, TeamRecord
 
 
 def _count_agent_steps(team: TeamRecord) -> int:
-    """Count the joint steps in which an agent acted for some person."""
+    """Count the joint steps in which an agent acted in the seat of at least one person."""
     count = 0
     for sources in team.sources:
         if any(sources[seat] == "agent" for seat in team.persons):
@@ -20,8 +20,9 @@ def _count_agent_steps(team: TeamRecord) -> int:
 
 
 def _build_team_row(episode: EpisodeLog) -> TableRow | None:
+    """Build an episode's row of the table of teams; None if no team played it."""
     team = episode.team
-    if team is None:  # one body played it
+    if team is None:
         return None
     return {
         "team": team.team,
@@ -46,6 +47,7 @@ def _build_team_row(episode: EpisodeLog) -> TableRow | None:
 
 
 def _count_states(team: TeamRecord, seat: int) -> dict[str, int]:
+    """Count how often each state other than "here" was seen of a seat's person, sorted by the state's name."""
     states = Counter(
         sighting.state for sighting in team.sightings if sighting.seat == seat and sighting.state != "here"
     )

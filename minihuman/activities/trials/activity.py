@@ -12,7 +12,13 @@ from minihuman.activities.play.activity import PlayActivity
 from minihuman.activities.trials.block_check import check_timeline
 from minihuman.activities.trials.events import ResponseTaken, SoundPlayed, StimuliShown, TrialResolved
 from minihuman.activities.trials.plan import TimelineSpec, TrialsPlan
-from minihuman.activities.trials.schedule import DRAWS_PER_STIMULUS, MOST_STIMULI, NS_PER_MS, resolve_trial
+from minihuman.activities.trials.schedule import (
+    CUE_TRIALS_PER_PART,
+    CUES_PER_TRIAL,
+    DRAWS_PER_STIMULUS,
+    NS_PER_MS,
+    resolve_trial,
+)
 from minihuman.activities.trials.screens import TrialScreen, build_trial_screen
 from minihuman.activities.trials.server_needs import find_server_needs
 from minihuman.activities.trials.trial_run import ResponseRecord, TrialRun
@@ -48,20 +54,20 @@ class TrialsActivity(PlayActivity):
 
     @property
     def needs_new_world(self) -> bool:
-        """Whether a notice is shown while the next world is created; only before the block's first trial."""
+        """Return whether a notice is shown while the next world is created; only before the block's first trial."""
         return super().needs_new_world and not self.has_begun
 
     @property
     def history(self) -> tuple[object, ...]:
-        """Return whether a trial that is repeated begins without Enter, where its screens do not tell."""
+        """Return ("without ready",) if a repeated trial begins without Enter and no screen shows this; () otherwise."""
         ready = self.plan.trial.ready if self.plan.trial else "each"
         is_first = self.context.next_episode == self.plan.first
-        is_left_out = {"each": not self.shows_ready_screen, "first": self.has_begun and is_first, "none": False}
-        return ("without ready",) if is_left_out[ready] else ()
+        is_ready_skipped = {"each": not self.shows_ready_screen, "first": self.has_begun and is_first, "none": False}
+        return ("without ready",) if is_ready_skipped[ready] else ()
 
     @property
     def running_trial(self) -> RunningEpisode | None:
-        """The episode of the trial with a time course that is played, for simulated participants."""
+        """Return the episode of the running trial with a time course, for simulated participants; None if none runs."""
         return None if self.run is None else self._play
 
     @staticmethod
@@ -87,48 +93,46 @@ class TrialsActivity(PlayActivity):
 
     @property
     def next_tick_ns(self) -> int | None:  # type: ignore[override]
-        """The time of the next change by the clock; None if nothing is due."""
+        """Return the time of the next change by the clock; None if nothing is due."""
         if self.run is not None:
             return self.run.next_tick_ns
         return super().next_tick_ns
 
     @property
     def sound_cues(self) -> tuple[SoundCue, ...]:  # type: ignore[override]
-        """The sounds of the running trial that are to be heard, now or soon, or the one of its feedback."""
+        """Return the sounds of the running trial that are due now or soon; between trials, that of the feedback."""
         if self.run is None:
             content = self._feedback_sound
             return () if content is None else (SoundCue(self._feedback_cue, content, self._finished_ns),)
         due_sounds = self.run.list_due_sounds().items()
-        return tuple(SoundCue(self._first_cue + place, sound.content, due_ns) for place, (sound, due_ns) in due_sounds)
+        return tuple(SoundCue(self._first_cue + index, sound.content, due_ns) for index, (sound, due_ns) in due_sounds)
 
     @property
     def _first_cue(self) -> int:
-        """The number of the running trial's first sound in the segment."""
-        return (self.number * 100_000 + self._n_runs) * (MOST_STIMULI + 1)
+        """Return the number of the running trial's first sound, which no other sound of the segment has."""
+        return (self.number * CUE_TRIALS_PER_PART + self._n_runs) * CUES_PER_TRIAL
 
     @property
     def _feedback_cue(self) -> int:
-        """The number of the sound of the latest trial's feedback."""
-        return self._first_cue + MOST_STIMULI
+        """Return the number of the sound of the latest trial's feedback."""
+        return self._first_cue + CUES_PER_TRIAL - 1
 
     @property
     def _feedback_sound(self) -> SoundContent | None:
-        """What is heard with the present feedback; None for nothing."""
+        """Return the sound of the feedback that is shown now; None if there is no feedback or it has no sound."""
         if self.phase is not Phase.FEEDBACK or self._play is None:
             return None
         return self._feedback_sounds.get(self._play.outcome or "")
 
     def screen(self) -> Screen:
-        """Build the present screen."""
+        """Build the present screen, or return the last one if nothing has changed."""
         run = self.run
         if run is None:
             return super().screen()
-        now = (run, run.frame, run.has_response)
-        if self._latest_trial_screen is None or self._latest_trial_screen[0] != now:
-            self._latest_trial_screen = (
-                now,
-                build_trial_screen(self.context, self._current, run, first_cue=self._first_cue),
-            )
+        state = (run, run.frame, run.has_response)
+        if self._latest_trial_screen is None or self._latest_trial_screen[0] != state:
+            screen = build_trial_screen(self.context, self._current, run, first_cue=self._first_cue)
+            self._latest_trial_screen = (state, screen)
         return self._latest_trial_screen[1]
 
     def suspend(self, reason: PauseReason) -> None:
@@ -156,13 +160,14 @@ class TrialsActivity(PlayActivity):
     # A trial with a time course
 
     def _start_episode(self) -> None:
+        """Start the prepared episode, and its timeline if the block has one."""
         super()._start_episode()
         if self.plan.timeline:
             self.play = None  # the pictures come from the timeline, not from the trial's world
             self._start_trial(self.plan.timeline)
 
     def _start_trial(self, timeline: TimelineSpec) -> None:
-        """Resolve the schedule of the trial that begins, and log it.
+        """Resolve the schedule of the trial that begins, start the trial, and log it.
 
         In a block with a rhythm, the trial's first picture is due a whole number of periods after the first flip of the
         trial with which the rhythm began.
@@ -174,14 +179,13 @@ class TrialsActivity(PlayActivity):
         index = session.participant.index
         n_draws = DRAWS_PER_STIMULUS * len(timeline.stimuli)
         words = draw_words(n_draws, seed=session.study_seed, purpose=purpose, index=index)
+        shares = [float(word) / 2.0**64 for word in words]  # 64-bit integers as shares from 0 to 1
         with catch_world_errors():
-            schedule = resolve_trial(
-                timeline, cells, plan.response_deadline_ms, lambda place: float(words[place]) / 2.0**64
-            )
+            schedule = resolve_trial(timeline, cells, plan.response_deadline_ms, shares.__getitem__)
         start_ns = None
         if timeline.soa_ms and self._rhythm_start is not None:
-            place, flip_ns = self._rhythm_start
-            start_ns = flip_ns + (plan.episode_in_block - place) * round(timeline.soa_ms * NS_PER_MS)
+            first_trial, flip_ns = self._rhythm_start
+            start_ns = flip_ns + (plan.episode_in_block - first_trial) * round(timeline.soa_ms * NS_PER_MS)
         self.run = TrialRun(schedule, start_ns)
         self._feedback_sounds = schedule.feedback or {}
         self._n_runs += 1
@@ -196,45 +200,46 @@ class TrialsActivity(PlayActivity):
             )
         )
 
-    def _record_flip(self, run: TrialRun, shown: ScreenShown) -> None:
+    def _record_flip(self, run: TrialRun, screen_shown: ScreenShown) -> None:
         """Record and log a picture's flip; the empty picture is logged only if early sounds wait for it."""
-        due_ns = run.record_flip(shown.flip_ns, shown.step)
+        due_ns = run.record_flip(screen_shown.flip_ns, screen_shown.step)
         if run.frame < 0 and not run.has_lead:
             return
         episode = self._current.plan
         if self._rhythm_start is None and run.frame >= 0:
-            self._rhythm_start = (episode.episode_in_block, shown.flip_ns)
+            self._rhythm_start = (episode.episode_in_block, screen_shown.flip_ns)
         if run.target_onset_ns is not None:
             self._current.note_onset(run.target_onset_ns)
         self.context.emit(
             StimuliShown(
-                t_ns=shown.t_ns,
+                t_ns=screen_shown.t_ns,
                 part=self.number,
                 episode=episode.episode,
                 frame=run.frame,
                 stimuli=tuple(stimulus.name for stimulus in run.visible),
                 due_ns=due_ns or 0,
-                submit_ns=shown.submit_ns,
-                flip_ns=shown.flip_ns,
+                submit_ns=screen_shown.submit_ns,
+                flip_ns=screen_shown.flip_ns,
             )
         )
 
     def _record_sound(self, started: SoundStarted) -> None:
-        """Record and log that a sound of the running trial or its feedback began; an earlier trial's is ignored."""
+        """Record and log that a sound of the running trial or the feedback began; ignore a sound of another trial."""
         if self._feedback_sound is not None and started.cue == self._feedback_cue:
             self._emit_sound(started, FEEDBACK, self._finished_ns)
             return
         run = self.run
-        place = started.cue - self._first_cue
-        played = None if run is None else run.record_sound(place, started.onset_ns)
-        if run is None or played is None:
+        sound_index = started.cue - self._first_cue
+        started_sound = None if run is None else run.record_sound(sound_index, started.onset_ns)
+        if run is None or started_sound is None:
             return
         if run.target_onset_ns is not None:
             self._current.note_onset(run.target_onset_ns)
-        sound, due_ns = played
+        sound, due_ns = started_sound
         self._emit_sound(started, sound.name, due_ns)
 
     def _emit_sound(self, started: SoundStarted, name: str, due_ns: int) -> None:
+        """Log that a sound began which the schedule intended for ``due_ns``."""
         self.context.emit(
             SoundPlayed(
                 t_ns=self.context.now_ns,
@@ -250,6 +255,7 @@ class TrialsActivity(PlayActivity):
         )
 
     def _let_time_pass(self) -> None:
+        """Process what is due by now: a picture or the end of a running trial, or else what is due between trials."""
         run = self.run
         if run is None:
             super()._let_time_pass()
@@ -259,6 +265,7 @@ class TrialsActivity(PlayActivity):
             self._finish_trial(run)
 
     def _key_in_play(self, press: KeyDown) -> None:
+        """Handle a key press during a trial; in a trial with a time course it is a response or without effect."""
         run = self.run
         if run is None:
             super()._key_in_play(press)
@@ -270,7 +277,7 @@ class TrialsActivity(PlayActivity):
             emit_key(press, "repeat", self.phase, action)
         elif action is None:
             emit_key(press, play.plan.key_map.judge_idle_key(press.key), self.phase)
-        elif not run.takes(press.t_ns):
+        elif not run.is_open(press.t_ns):
             emit_key(press, "not_playing", self.phase, action)
         else:
             emit_key(press, "accepted", self.phase, action)
@@ -296,7 +303,7 @@ class TrialsActivity(PlayActivity):
             self._finish_trial(run)
 
     def _finish_trial(self, run: TrialRun) -> None:
-        """Make the step of the trial's world: the last response, or the no-op without one."""
+        """End the trial with the one step of its world: the last response's action, or the no-op without a response."""
         play = self._current
         now_ns = self.context.now_ns
         self.run = None

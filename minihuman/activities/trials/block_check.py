@@ -11,7 +11,10 @@ _UNUSED = ("inter_trial_interval_ms", "fixation_ms", "feedback_ms")  # in a bloc
 
 
 def check_timeline(block: Any, pool: tuple[str, ...]) -> Iterator[tuple[str, str]]:
-    """Yield a (field, message) for each error of a block's timeline; nothing without one."""
+    """Yield a (field, message) for each error of a block's timeline; nothing for a block without a timeline.
+
+    ``pool``, the keys that may have an action, is not used.
+    """
     timeline = block.timeline
     if timeline is None:
         return
@@ -19,8 +22,8 @@ def check_timeline(block: Any, pool: tuple[str, ...]) -> Iterator[tuple[str, str
     yield from _check_settings(timeline)
     yield from _check_rhythm(block, timeline)
     names: list[str] = []
-    for place, stimulus in enumerate(timeline.stimuli):
-        path = f"timeline.stimuli[{place}]"
+    for index, stimulus in enumerate(timeline.stimuli):
+        path = f"timeline.stimuli[{index}]"
         if not stimulus.name or stimulus.name in names:
             yield f"{path}.name", f"is {stimulus.name!r}; give each stimulus its own name"
         yield from _check_stimulus(stimulus, path, names)
@@ -30,6 +33,7 @@ def check_timeline(block: Any, pool: tuple[str, ...]) -> Iterator[tuple[str, str
 
 
 def _check_block(block: Any, timeline: TimelineSpec) -> Iterator[tuple[str, str]]:
+    """Yield an error for each of the block's own fields that does not go with a timeline."""
     if block.pace != "on_key":
         yield "pace", "is 'real_time', but the timeline says when each trial ends; remove it"
     if block.max_steps != 1:
@@ -44,6 +48,7 @@ def _check_block(block: Any, timeline: TimelineSpec) -> Iterator[tuple[str, str]
 
 
 def _check_settings(timeline: TimelineSpec) -> Iterator[tuple[str, str]]:
+    """Yield the errors of the timeline's fields beside its stimuli."""
     names = [stimulus.name for stimulus in timeline.stimuli if not stimulus.feedback]
     if not names:
         yield "timeline.stimuli", "is empty; name what a trial shows"
@@ -56,6 +61,7 @@ def _check_settings(timeline: TimelineSpec) -> Iterator[tuple[str, str]]:
 
 
 def _check_rhythm(block: Any, timeline: TimelineSpec) -> Iterator[tuple[str, str]]:
+    """Yield the errors of a block whose trials begin at a fixed interval, ``soa_ms``; nothing for other blocks."""
     if not timeline.soa_ms:
         return
     if not PREPARATION_MS <= timeline.soa_ms <= LONGEST_MS:
@@ -75,19 +81,31 @@ def _check_rhythm(block: Any, timeline: TimelineSpec) -> Iterator[tuple[str, str
         )
 
 
-def _check_stimulus(stimulus: TimelineStimulus, path: str, before: list[str]) -> Iterator[tuple[str, str]]:
+def _check_stimulus(stimulus: TimelineStimulus, path: str, earlier_names: list[str]) -> Iterator[tuple[str, str]]:
+    """Yield the errors of a stimulus at a path such as "timeline.stimuli[0]"."""
     if not (stimulus.text or stimulus.shape or stimulus.image or stimulus.sound):
         yield path, "shows nothing; give it a text, shape, image or sound"
     if stimulus.sound:
         yield from _check_sound(stimulus, path)
+    yield from _check_reference(stimulus, path, earlier_names)
+    yield from _check_times(stimulus, path)
+
+
+def _check_reference(stimulus: TimelineStimulus, path: str, earlier_names: list[str]) -> Iterator[tuple[str, str]]:
+    """Yield the errors of the fields that name the stimulus from which the onset counts."""
     for field in ("after", "since"):
         name = getattr(stimulus, field)
-        if name and name not in before:
+        if name and name not in earlier_names:
             yield f"{path}.{field}", f"is {name!r}, which is no stimulus before it"
     if stimulus.after and stimulus.since:
         yield f"{path}.after", "and since are both given; use one"
-    lasts = [field for field in ("duration_ms", "each_ms") if getattr(stimulus, field) is not None]
-    if len(lasts) > 1 or (not lasts and not stimulus.until and not stimulus.feedback):
+
+
+def _check_times(stimulus: TimelineStimulus, path: str) -> Iterator[tuple[str, str]]:
+    """Yield the errors of a stimulus's onset and durations: missing, contradictory or outside the limits."""
+    duration_fields = [field for field in ("duration_ms", "each_ms") if getattr(stimulus, field) is not None]
+    has_end = bool(duration_fields or stimulus.until or stimulus.feedback)
+    if len(duration_fields) > 1 or not has_end:
         yield f"{path}.duration_ms", "needs one of duration_ms, each_ms and until"
     for field in ("onset_ms", "duration_ms", "each_ms"):
         time = getattr(stimulus, field)
@@ -98,6 +116,7 @@ def _check_stimulus(stimulus: TimelineStimulus, path: str, before: list[str]) ->
 
 
 def _check_sound(stimulus: TimelineStimulus, path: str) -> Iterator[tuple[str, str]]:
+    """Yield the errors of a stimulus that has a sound."""
     if stimulus.text or stimulus.shape or stimulus.image:
         yield f"{path}.sound", "stands beside what is shown; make it a stimulus of its own"
     if stimulus.each_ms is not None:
@@ -109,6 +128,7 @@ def _check_sound(stimulus: TimelineStimulus, path: str) -> Iterator[tuple[str, s
 
 
 def _check_feedback(block: Any, stimulus: TimelineStimulus, path: str) -> Iterator[tuple[str, str]]:
+    """Yield the errors of a stimulus that sounds with a block's feedback; nothing for other stimuli."""
     if not stimulus.feedback:
         return
     if not stimulus.sound or stimulus.onset_ms is not None or stimulus.until or stimulus.after or stimulus.since:

@@ -11,7 +11,12 @@ _PICTURE_PX = (640, 480)
 
 
 def build_page_values(screen: TrialScreen, number: NumberPicture) -> dict[str, Any]:
-    """Return a trial's pictures, all of which are sent before its first one is shown, and their times."""
+    """Return what a page needs to present a trial by itself: all pictures and sounds, their times, and the keys.
+
+    Args:
+        screen: the trial's screen.
+        number: returns a picture's number, by which the page gets the picture before the trial's first is shown.
+    """
     language = screen.locale.language
     numbers = {
         contents: number(draw_stimuli(contents, _PICTURE_PX, screen.files, language))

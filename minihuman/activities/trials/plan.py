@@ -102,6 +102,7 @@ class TrialsPlan(PlayPlan, frozen=True):
 
 
 def _describe_stimulus(stimulus: TimelineStimulus) -> str:
+    """Return a stimulus's name with when it begins and how long it lasts."""
     parts = [f"{stimulus.name!r}"]
     if stimulus.sound:
         parts.append(f"({_describe_sound(stimulus)})")
@@ -145,12 +146,14 @@ def _describe_sound(stimulus: TimelineStimulus) -> str:
 
 
 def _describe_cell(written: PlaceSpec, noun: str, unit: str) -> str:
+    """Return a number with its unit, or, for a reference such as "{hz}", the noun with the column's name."""
     if isinstance(written, str):
         return f"the {noun} in column {written.strip('{}')!r}"
     return f"{written:g}{unit}"
 
 
 def _describe_time(time: TimeSpec | None) -> str:
+    """Return a time in ms, the range from which it is drawn, or the column that has it; None is 0 ms."""
     if isinstance(time, tuple):
         return f"{time[0]:g} to {time[1]:g} ms (drawn)"
     if isinstance(time, str):

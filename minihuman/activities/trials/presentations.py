@@ -34,16 +34,19 @@ class TrialRecord:
 
     def list_missing_sounds(self) -> Iterator[tuple[str, int]]:
         """Yield the name and the intended onset of each sound that was due and did not begin before the trial's end."""
-        played = {sound.sound for sound in self.sounds}
+        started_names = {sound.sound for sound in self.sounds}
         for sound in self.schedule.sound_list:
             due_ns = self._find_due_ns(sound)
-            if due_ns is not None and sound.name not in played:
+            if due_ns is not None and sound.name not in started_names:
                 yield sound.name, due_ns
-        if self.feedback is not None and FEEDBACK not in played:
+        if self.feedback is not None and FEEDBACK not in started_names:
             yield FEEDBACK, self.end_ns
 
     def _find_due_ns(self, sound: ScheduledSound) -> int | None:
-        """Return when a sound was intended to begin; None if the trial or a response came before that."""
+        """Return when a sound was intended to begin; None if the trial's end or a response came before that.
+
+        None also stands for a trial whose first picture never was on the display.
+        """
         if self.first_flip_ns is None:
             return None
         due_ns = self.first_flip_ns + sound.onset_ns
@@ -65,12 +68,15 @@ class TrialRecord:
         return contents.get(sound)
 
     def find_image(self, picture: StimuliShown) -> str:
-        """Return the file of the front image that a picture shows and the one before it did not; "" for none."""
+        """Return the file of the front image among a picture's new stimuli; "" if none of them has an image.
+
+        New stimuli are those that the trial's previous picture did not show.
+        """
         files = {stimulus.name: stimulus.content.image for stimulus in self.schedule.stimuli}
-        place = self.pictures.index(picture)
-        before = self.pictures[place - 1].stimuli if place else ()
-        images = [files.get(name, "") for name in picture.stimuli if name not in before]
-        return next((image for image in reversed(images) if image), "")
+        index = self.pictures.index(picture)
+        previous_names = self.pictures[index - 1].stimuli if index else ()
+        new_images = [files.get(name, "") for name in picture.stimuli if name not in previous_names]
+        return next((image for image in reversed(new_images) if image), "")
 
 
 def read_trials(log: SessionLog) -> list[TrialRecord]:
@@ -126,7 +132,7 @@ def _find_interruption_ns(begin_ns: int, segment: Segment) -> int:
 
 
 def list_presentations(log: SessionLog) -> Iterator[Presentation]:
-    """Yield every picture and sound of the trials with a time course."""
+    """Yield every picture and sound that the trials with a time course presented, trial by trial."""
     for record in read_trials(log):
         for picture in record.pictures:
             if picture.frame >= 0:

@@ -1,7 +1,7 @@
 """The report's section on trials: accuracy, response times, detection, effects of conditions, and learning."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import combinations
 
 import numpy as np
@@ -73,7 +73,7 @@ _REMARK_CAPTION = "Stop signals: why a participant has no SSRT, or one that is u
 
 
 def build_section(source: SectionSource) -> ReportSection | None:
-    """Build the section on trials, or return None if there were none."""
+    """Build the section on trials; None if no trial was recorded, or none of the included ones has a measure."""
     trials = source.table("trials")
     if trials.empty:
         return None
@@ -109,21 +109,21 @@ def _name_level(label: str, level: str) -> str:
 
 def _iterate_levels(people: pd.DataFrame) -> Iterator[tuple[str, str, str, str, pd.DataFrame]]:
     """Yield block, group, label and level, each with its rows of participants."""
-    for (block, group, label), of_label in people.groupby(["block", "group", "label"], sort=False):
-        for level, rows in of_label.groupby("level", sort=True):
+    for (block, group, label), label_rows in people.groupby(["block", "group", "label"], sort=False):
+        for level, rows in label_rows.groupby("level", sort=True):
             yield str(block), str(group), str(label), str(level), rows
 
 
 def _format_over_people(rows: pd.DataFrame, measure: str) -> str:
-    """Format a measure's mean and standard deviation over participants, leaving out those without it."""
-    values = rows[measure].dropna()
-    if len(values):
-        return format_mean_sd(float(values.mean()), float(values.std()))
+    """Format a measure's mean and standard deviation over the participants who have it; "n/a" if nobody has."""
+    measured = rows[measure].dropna()
+    if len(measured):
+        return format_mean_sd(float(measured.mean()), float(measured.std()))
     return "n/a"
 
 
 def _tabulate(people: pd.DataFrame, measures: Sequence[str], caption: str) -> list[CaptionedTable]:
-    """Build a table of those measures that a participant has, by block, group and level; none if nobody has any."""
+    """Build a table of the measures that any participant has, by block, group and level; no table without measures."""
     present_measures = [measure for measure in measures if people[measure].notna().any()]
     if not present_measures:
         return []
@@ -139,6 +139,7 @@ def _tabulate(people: pd.DataFrame, measures: Sequence[str], caption: str) -> li
 
 
 def _tabulate_conditions(people: pd.DataFrame) -> list[CaptionedTable]:
+    """Build the table of accuracy, response times and omissions by level; no table if nobody has any of them."""
     caption = (
         "Trials by block, group and level of each label: mean (standard deviation) over the n participants. RT: from "
         "the onset of the stimulus to the key press, of correct responses alone. Median: of all of these. Mean: "
@@ -150,6 +151,7 @@ def _tabulate_conditions(people: pd.DataFrame) -> list[CaptionedTable]:
 
 
 def _tabulate_detection(people: pd.DataFrame) -> list[CaptionedTable]:
+    """Build the table of signal detection by level; no table if no trial asks to withhold the response."""
     measured = people[people["d_prime"].notna()]
     caption = (
         "Signal detection, where to withhold the response is correct in some trials: hits, responses where one is "
@@ -163,60 +165,68 @@ def _tabulate_detection(people: pd.DataFrame) -> list[CaptionedTable]:
 
 
 def _tabulate_stop_signals(trials: pd.DataFrame) -> list[CaptionedTable]:
-    """Build the table of stop-signal reaction times and that of their remarks; no tables without stop signals."""
-    estimates = list(estimate_people(trials))
-    places = {of_group: place for place, of_group in enumerate(dict.fromkeys(estimate[:2] for estimate in estimates))}
-    estimates.sort(key=lambda estimate: places[estimate[:2]])  # makes each block's group contiguous
+    """Build the tables of stop-signal reaction times, of their comparison and of remarks; none without stop signals."""
+    groups: dict[tuple[str, str], list[tuple[str, StopSignalEstimate]]] = {}
+    for block, group, participant, estimate in estimate_people(trials):
+        groups.setdefault((block, group), []).append((participant, estimate))
     rows: list[tuple[str, ...]] = []
-    for place, (block, group, participant, estimate) in enumerate(estimates):
-        rows.append((block, group, participant, *_format_stop_estimate(estimate)))
-        is_last = place + 1 == len(estimates) or estimates[place + 1][:2] != (block, group)
-        if is_last:
-            of_group = [other[3] for other in estimates if other[:2] == (block, group)]
-            rows.append(_summarise_stop_signals(block, group, of_group))
+    remarks: list[tuple[str, ...]] = []
+    for (block, group), people in groups.items():
+        for participant, estimate in people:
+            rows.append((block, group, participant, *_format_stop_estimate(estimate)))
+            if estimate.remark:
+                remarks.append((block, group, participant, estimate.remark))
+        rows.append(_summarise_stop_signals(block, group, [estimate for _, estimate in people]))
     if not rows:
         return []
     tables = [CaptionedTable(Table(_STOP_HEADS, rows, words=3), _STOP_CAPTION)]
-    tables += _compare_stop_signals(estimates)
-    remarks = [(*of_person, estimate.remark) for *of_person, estimate in estimates if estimate.remark]
+    tables += _compare_stop_signals(groups)
     if remarks:
         tables.append(CaptionedTable(Table(_REMARK_HEADS, remarks, words=4), _REMARK_CAPTION))
     return tables
 
 
-def _compare_stop_signals(estimates: Sequence[tuple[str, str, str, StopSignalEstimate]]) -> list[CaptionedTable]:
-    """Build the table that compares groups on the stop-signal reaction time; none where a block has one group."""
-    times = pd.DataFrame(
-        [(block, group, estimate.ssrt_ms) for block, group, _, estimate in estimates],
-        columns=["block", "group", _SSRT],
-    ).dropna()
+def _compare_stop_signals(
+    groups: Mapping[tuple[str, str], Sequence[tuple[str, StopSignalEstimate]]],
+) -> list[CaptionedTable]:
+    """Build the table that compares groups on the stop-signal reaction time; no table if each block has one group.
+
+    Args:
+        groups: for each block and group, the participants with their estimates.
+    """
+    ssrts = [(block, group, estimate.ssrt_ms) for (block, group), people in groups.items() for _, estimate in people]
+    times = pd.DataFrame(ssrts, columns=["block", "group", _SSRT]).dropna()
     rows = []
-    for block, of_block in times.groupby("block", sort=False):
-        if of_block["group"].nunique() > 1:
-            rows += [
-                (str(block), *_format_comparison(comparison, f"{comparison.n[0]}, {comparison.n[1]}")[1:])
-                for comparison in compare_groups(of_block, [_SSRT], order=list(dict.fromkeys(of_block["group"])))
-            ]
+    for block, block_times in times.groupby("block", sort=False):
+        if block_times["group"].nunique() < 2:
+            continue
+        for comparison in compare_groups(block_times, [_SSRT], order=list(dict.fromkeys(block_times["group"]))):
+            _, *cells = _format_comparison(comparison, f"{comparison.n[0]}, {comparison.n[1]}")  # without the measure
+            rows.append((str(block), *cells))
     heads = ("block", "groups", "n", "difference in SSRT (ms, 95 %)", "p", "p (Holm)")
     return [CaptionedTable(Table(heads, rows, words=2), _STOP_COMPARISON_CAPTION)] if rows else []
 
 
 def _format_stop_estimate(estimate: StopSignalEstimate) -> tuple[str, ...]:
+    """Format the cells of a participant's stop-signal estimate, in the order of `_STOP_HEADS` from the go trials on."""
     return (
         str(estimate.go_trials),
-        _format_known(estimate.go_accuracy, 3),
-        _format_known(estimate.go_omissions, 3),
-        _format_known(estimate.go_ms, 0),
+        _format_or_na(estimate.go_accuracy, 3),
+        _format_or_na(estimate.go_omissions, 3),
+        _format_or_na(estimate.go_ms, 0),
         str(estimate.stop_trials),
-        _format_known(estimate.response_rate, 3),
-        _format_known(estimate.mean_delay_ms, 0),
-        _format_known(estimate.failed_stop_ms, 0),
-        _format_known(estimate.ssrt_ms, 0),
+        _format_or_na(estimate.response_rate, 3),
+        _format_or_na(estimate.mean_delay_ms, 0),
+        _format_or_na(estimate.failed_stop_ms, 0),
+        _format_or_na(estimate.ssrt_ms, 0),
     )
 
 
 def _summarise_stop_signals(block: str, group: str, estimates: list[StopSignalEstimate]) -> tuple[str, ...]:
-    """Return a group's last row: the mean SSRT in the last column, and empty cells before it."""
+    """Return the last row of a group's participants, with the mean stop-signal reaction time in its last column.
+
+    The mean has its standard deviation, and its 95 % interval if several participants have an estimate.
+    """
     from minihuman.figures.learning_curves import mean_and_band  # Matplotlib, which only this section needs
 
     times = pd.Series([estimate.ssrt_ms for estimate in estimates]).dropna()
@@ -226,15 +236,15 @@ def _summarise_stop_signals(block: str, group: str, estimates: list[StopSignalEs
     if len(times) > 1:
         _, low, high = mean_and_band(np.asarray(times, np.float64)[:, None])
         summary += f", {format_interval((float(low[0]), float(high[0])))}"
-    filled = (block, group, f"all with an SSRT: {len(times)} of {len(estimates)}")
-    empty = [""] * (len(_STOP_HEADS) - len(filled) - 1)
-    return (*filled, *empty, summary)
+    first_cells = (block, group, f"all with an SSRT: {len(times)} of {len(estimates)}")
+    empty_cells = [""] * (len(_STOP_HEADS) - len(first_cells) - 1)
+    return (*first_cells, *empty_cells, summary)
 
 
-def _format_known(value: float, digits: int) -> str:
-    if math.isnan(value):
+def _format_or_na(number: float, digits: int) -> str:
+    if math.isnan(number):
         return "n/a"
-    return format_number(value, digits)
+    return format_number(number, digits)
 
 
 def _tabulate_differences(people: pd.DataFrame) -> list[CaptionedTable]:
@@ -242,14 +252,14 @@ def _tabulate_differences(people: pd.DataFrame) -> list[CaptionedTable]:
     rows = []
     for block, labels in people[people["label"].ne("")].groupby("block", sort=False):
         for label, part in labels.groupby("label", sort=False):
-            values = {
+            tables_by_measure = {
                 measure: part.pivot_table(measure, "participant", "level").dropna(axis="columns", how="all")
                 for measure in (*COMPARED, "d_prime", "criterion")
                 if part[measure].notna().any()
             }
             rows += [
                 (str(block), str(label), *_format_comparison(comparison, str(comparison.n)))
-                for comparison in compare_conditions(values)
+                for comparison in compare_conditions(tables_by_measure)
             ]
     heads = ("block", "label", "measure", "levels", "n", "difference (95 %)", "p", "p (Holm)")
     caption = (
@@ -264,7 +274,9 @@ def _tabulate_differences(people: pd.DataFrame) -> list[CaptionedTable]:
 def compute_effects(people: pd.DataFrame, measure: str) -> pd.DataFrame:
     """Compute the differences of a measure between every two levels of every label, for each participant.
 
-    A difference is that of the first level minus the second.
+    Returns:
+        A row per participant and pair of levels, with the participant's group, the block, the label, the levels as
+        text, and ``effect``: the measure at the first level minus that at the second.
     """
     rows = []
     labelled = people[people["label"].ne("")]
@@ -292,10 +304,10 @@ def _tabulate_group_differences(people: pd.DataFrame) -> list[CaptionedTable]:
         measures = [name for name in (*COMPARED, "d_prime", "criterion") if part[name].notna().any()]
         rows += _format_group_comparisons(str(block), "all trials", part, measures)
     effects = pd.concat([compute_effects(people, measure).assign(measure=measure) for measure in COMPARED])
-    for (name, label, levels), part in effects.groupby(["block", "label", "levels"], sort=False):
-        of_people = part.pivot_table("effect", ["participant", "group"], "measure").reset_index()
-        measures = [measure for measure in COMPARED if measure in of_people]
-        rows += _format_group_comparisons(str(name), f"{label}: {levels}", of_people, measures)
+    for (block_name, label, levels), part in effects.groupby(["block", "label", "levels"], sort=False):
+        person_effects = part.pivot_table("effect", ["participant", "group"], "measure").reset_index()
+        measures = [measure for measure in COMPARED if measure in person_effects]
+        rows += _format_group_comparisons(str(block_name), f"{label}: {levels}", person_effects, measures)
     heads = ("block", "trials", "measure", "groups", "n", "difference (95 %)", "p", "p (Holm)")
     caption = (
         "Groups compared, on all trials and on the differences between levels (the interaction of group and label): "
@@ -310,6 +322,14 @@ def _tabulate_group_differences(people: pd.DataFrame) -> list[CaptionedTable]:
 def _format_group_comparisons(
     block: str, trials: str, rows: pd.DataFrame, measures: Sequence[str]
 ) -> list[tuple[str, ...]]:
+    """Compare groups on measures, a row of the table for each comparison; no rows if there is only one group.
+
+    Args:
+        block: the block's name.
+        trials: the cell that says which trials are compared.
+        rows: the participants' measures, with their groups.
+        measures: the columns to compare.
+    """
     if rows["group"].nunique() < 2:
         return []
     return [
@@ -331,6 +351,7 @@ def _format_comparison(comparison: GroupComparison | PairedComparison, count: st
 
 
 def _tabulate_quarters(people: pd.DataFrame) -> list[CaptionedTable]:
+    """Build the table of measures in each quarter of a block; no table if nobody has any measure."""
     caption = (
         "Learning over trials: each quarter of a block, mean (standard deviation) over participants, measured as above."
     )
@@ -338,7 +359,7 @@ def _tabulate_quarters(people: pd.DataFrame) -> list[CaptionedTable]:
 
 
 def _tabulate_quantiles(trials: pd.DataFrame) -> list[CaptionedTable]:
-    """Build the table of quantiles of the correct response times."""
+    """Build the table of quantiles of the correct response times, by block and by each level of each label."""
     rows = []
     for block, part in trials.groupby("block", sort=False):
         levels_by_label = {"": pd.Series(ALL, part.index), **read_labels(part)}

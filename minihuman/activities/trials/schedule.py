@@ -18,10 +18,14 @@ NS_PER_MS = 1_000_000
 LONGEST_MS = 3_600_000.0
 PREPARATION_MS = 100.0  # in a block with a rhythm, the time in which the next trial is prepared
 MOST_STIMULI = 500  # in a trial
+CUES_PER_TRIAL = MOST_STIMULI + 1  # the numbers of a trial's sounds; the last one is for the sound of its feedback
+CUE_TRIALS_PER_PART = 100_000  # how many trials of a part have numbers of their own for their sounds, in a segment
 DRAWS_PER_STIMULUS = 2  # random shares: one for its onset, one for its duration
 SOUND_LEAD_MS = 150.0  # how long before it is due a device gets a sound: 9 frames at 60 Hz, 18 at 120 Hz
 SOUND_LEAD_NS = round(SOUND_LEAD_MS * NS_PER_MS)
 _REFERENCE = re.compile(r"\{([^{}]+)\}")
+_LOWEST_HZ = 20.0  # of a tone: the lowest and the highest audible frequency
+_HIGHEST_HZ = 20_000.0
 _PLACES = {"left": 0.25, "centre": 0.5, "right": 0.75}
 _TIME_DRAWS = {"onset_ms": 0, "duration_ms": 1, "each_ms": 1}  # which of a stimulus's random shares each field uses
 
@@ -64,7 +68,7 @@ class ScheduledSound(msgspec.Struct, frozen=True):
 
     @property
     def is_early(self) -> bool:
-        """Whether a device has to get the sound before the first picture, whose time is not known by then."""
+        """Return whether a device has to get the sound before the first picture is shown."""
         return self.onset_ns < SOUND_LEAD_NS
 
 
@@ -94,19 +98,22 @@ class TrialSchedule(msgspec.Struct, frozen=True):
 
     @property
     def changes_ns(self) -> tuple[int, ...]:
-        """The times at which the picture changes, from 0 for the first picture."""
-        times = {0}
+        """Return the times at which the picture changes or the target begins, from 0 for the first picture."""
+        candidates_ns = {0}
         for stimulus in self.stimuli:
-            times |= {stimulus.onset_ns, stimulus.end_ns or 0}
-        before_end = sorted(time for time in times if self.end_ns is None or time < self.end_ns)
-        changes = before_end[:1]
-        for time in before_end[1:]:
-            if self.find_visible(time) != self.find_visible(changes[-1]) or time == self.target_ns:
-                changes.append(time)
-        return tuple(changes)
+            candidates_ns |= {stimulus.onset_ns, stimulus.end_ns or 0}
+        sorted_ns = sorted(time_ns for time_ns in candidates_ns if self.end_ns is None or time_ns < self.end_ns)
+        changes_ns = sorted_ns[:1]
+        for time_ns in sorted_ns[1:]:
+            if self.find_visible(time_ns) != self.find_visible(changes_ns[-1]) or time_ns == self.target_ns:
+                changes_ns.append(time_ns)
+        return tuple(changes_ns)
 
     def find_visible(self, time_ns: int, *, has_response: bool = False) -> tuple[ScheduledStimulus, ...]:
-        """Return the stimuli that are visible at a time, the front one last."""
+        """Return the stimuli that are visible at a time, the front one last.
+
+        ``has_response`` leaves out the stimuli that a response removes.
+        """
         visible = [
             stimulus
             for stimulus in self.stimuli
@@ -117,14 +124,14 @@ class TrialSchedule(msgspec.Struct, frozen=True):
         return tuple(sorted(visible, key=lambda stimulus: stimulus.layer))
 
     def find_onset_ns(self, name: str) -> int | None:
-        """Return when a stimulus begins; None if it is not presented."""
+        """Return when a stimulus or sound of a name begins; None if it is not presented."""
         onsets_ns = {sound.name: sound.onset_ns for sound in self.sound_list}
         onsets_ns |= {stimulus.name: stimulus.onset_ns for stimulus in self.stimuli}
         return onsets_ns.get(name)
 
 
 def resolve_trial(timeline: TimelineSpec, cells: Cells, deadline_ms: float, draw: DrawShare) -> TrialSchedule:
-    """Resolve the timeline of a trial.
+    """Resolve a block's timeline for one trial, and return the trial's schedule.
 
     Args:
         timeline: the block's timeline.
@@ -133,7 +140,8 @@ def resolve_trial(timeline: TimelineSpec, cells: Cells, deadline_ms: float, draw
         draw: returns the random share for a place in the timeline.
 
     Raises:
-        WorldError: if a cell is missing or is no such time or number; the message names the stimulus and its field.
+        WorldError: if a cell is missing, or is not a valid time or number; the message names the stimulus and its
+            field. Also if the trial has too many stimuli, or a stimulus has no known beginning.
     """
     spans = _Spans(timeline, cells, draw)
     stimuli = [stimulus for spec in timeline.stimuli for stimulus in spans.resolve(spec)]
@@ -164,7 +172,7 @@ def resolve_trial(timeline: TimelineSpec, cells: Cells, deadline_ms: float, draw
 
 
 def list_columns(stimulus: TimelineStimulus) -> dict[str, str]:
-    """Return the columns to which a stimulus refers, each with the first field that does."""
+    """Return the columns to which a stimulus refers, each with the first field that refers to it."""
     columns: dict[str, str] = {}
     for field in stimulus.__struct_fields__:
         written = getattr(stimulus, field)
@@ -175,15 +183,18 @@ def list_columns(stimulus: TimelineStimulus) -> dict[str, str]:
 
 
 def fill_references(written: str, cells: Cells) -> Any:
-    """Replace the references in a text by their cells; a missing cell is an empty text."""
-    whole = _REFERENCE.fullmatch(written)
-    if whole:
-        return cells.get(whole[1], "")
+    """Return a text with each reference "{column}" replaced by that column's cell; a missing cell is an empty text.
+
+    For a text that is a single reference, return the cell itself, which can be a number.
+    """
+    single_reference = _REFERENCE.fullmatch(written)
+    if single_reference:
+        return cells.get(single_reference[1], "")
     return _REFERENCE.sub(lambda match: str(cells.get(match[1], "")), written)
 
 
 class _Spans:
-    """The spans of a trial's stimuli, resolved one after the other."""
+    """The times of a trial's stimuli and sounds, which are resolved one after the other in the timeline's order."""
 
     def __init__(self, timeline: TimelineSpec, cells: Cells, draw: DrawShare) -> None:
         self.onsets_ns: dict[str, int] = {}
@@ -191,42 +202,46 @@ class _Spans:
         self.sounds: list[ScheduledSound] = []
         self.feedback: dict[str, SoundContent] = {}
         self._last_end_ns: int | None = 0
-        self._places = {stimulus.name: place for place, stimulus in enumerate(timeline.stimuli)}
+        self._indices = {stimulus.name: index for index, stimulus in enumerate(timeline.stimuli)}
         self._cells = cells
         self._draw = draw
 
     def resolve(self, spec: TimelineStimulus) -> Iterator[ScheduledStimulus]:
-        """Resolve the next stimulus; yield it, or each of its words, if it is shown."""
+        """Resolve the next stimulus and record its times; yield it, or each of its words, if it is shown.
+
+        A sound is recorded in ``sounds``, and a sound of the feedback in ``feedback``.
+        """
         if spec.feedback:
             self._resolve_feedback(spec)
             return
         content = self._read_content(spec)
-        words = [content] if content is not None else []
+        contents = [content] if content is not None else []
         onset_ns = self._find_begin_ns(spec) + round(self._read_time(spec, "onset_ms") * NS_PER_MS)
         end_ns: int | None = None
         each_ns = 0
         if spec.each_ms is not None:
-            words = [msgspec.structs.replace(content, text=word) for word in content.text.split()] if content else []
+            if content is not None:
+                contents = [msgspec.structs.replace(content, text=word) for word in content.text.split()]
             each_ns = round(self._read_time(spec, "each_ms") * NS_PER_MS)
-            end_ns = onset_ns + each_ns * len(words)
+            end_ns = onset_ns + each_ns * len(contents)
         elif spec.duration_ms is not None:
             end_ns = onset_ns + round(self._read_time(spec, "duration_ms") * NS_PER_MS)
         self.onsets_ns[spec.name] = onset_ns
         self.ends_ns[spec.name] = self._last_end_ns = end_ns
         if sound := self._read_sound(spec, 0 if end_ns is None else end_ns - onset_ns):
             self.sounds.append(ScheduledSound(spec.name, sound, onset_ns, end_ns, spec.until == "response"))
-        for place, word in enumerate(words):
+        for index, word_content in enumerate(contents):
             name = spec.name
-            own_end_ns = end_ns
+            word_end_ns = end_ns
             if spec.each_ms is not None:
-                name = f"{spec.name}-{place + 1}"
-                own_end_ns = onset_ns + each_ns * (place + 1)
-            if own_end_ns is None or own_end_ns > onset_ns + each_ns * place:
-                begin_ns = onset_ns + each_ns * place
-                yield ScheduledStimulus(name, word, spec.layer, begin_ns, own_end_ns, spec.until == "response")
+                name = f"{spec.name}-{index + 1}"
+                word_end_ns = onset_ns + each_ns * (index + 1)
+            begin_ns = onset_ns + each_ns * index
+            if word_end_ns is None or word_end_ns > begin_ns:
+                yield ScheduledStimulus(name, word_content, spec.layer, begin_ns, word_end_ns, spec.until == "response")
 
     def _find_begin_ns(self, spec: TimelineStimulus) -> int:
-        """Return the time from which a stimulus's onset counts."""
+        """Return the time from which a stimulus's onset counts; raise `WorldError` if it is an end that is unknown."""
         if spec.since:
             return self.onsets_ns[spec.since]
         begin_ns: int | None = 0
@@ -247,7 +262,7 @@ class _Spans:
         if written is None:
             return 0.0
         if isinstance(written, tuple):
-            share = self._draw(DRAWS_PER_STIMULUS * self._places[spec.name] + _TIME_DRAWS[field])
+            share = self._draw(DRAWS_PER_STIMULUS * self._indices[spec.name] + _TIME_DRAWS[field])
             return float(round(written[0] + share * (written[1] - written[0])))
         return self._read_number(spec, field, written, low=0.0, high=LONGEST_MS)
 
@@ -268,27 +283,30 @@ class _Spans:
         return number
 
     def _resolve_feedback(self, spec: TimelineStimulus) -> None:
-        """Resolve a sound that follows the trial."""
+        """Record the sound that follows a trial with the outcome that the stimulus names, if it has one."""
         lasts_ns = round(self._read_time(spec, "duration_ms") * NS_PER_MS)
         content = self._read_sound(spec, lasts_ns)
         if spec.feedback and content is not None:
             self.feedback[spec.feedback] = content
 
     def _read_sound(self, spec: TimelineStimulus, lasts_ns: int) -> SoundContent | None:
-        """Return the sound of a stimulus; None if it has none in this trial."""
+        """Return the sound of a stimulus that lasts for ``lasts_ns``; None if it has no sound in this trial.
+
+        A duration of 0 plays a sound file to its end.
+        """
         source = str(fill_references(spec.sound or "", self._cells)).strip()
         if not source:
             return None
         hz = HZ if spec.hz is msgspec.UNSET else spec.hz
-        level_db = SYNTHETIC_LEVEL_DB if source in (TONE, NOISE) else 0.0
-        level = level_db if spec.level_db is msgspec.UNSET else spec.level_db
+        default_level_db = SYNTHETIC_LEVEL_DB if source in (TONE, NOISE) else 0.0
+        level_db = default_level_db if spec.level_db is msgspec.UNSET else spec.level_db
         ear: Any = str(fill_references(spec.ear or "both", self._cells)).strip()
         if ear not in EARS:
             raise WorldError(f"timeline: stimulus {spec.name!r}: ear is {ear!r}; use one of {', '.join(EARS)}")
         return SoundContent(
             source=source,
-            hz=self._read_number(spec, "hz", hz, low=20.0, high=20_000.0) if source == TONE else 0.0,
-            level_db=self._read_number(spec, "level_db", level, low=LOWEST_LEVEL_DB, high=0.0),
+            hz=self._read_number(spec, "hz", hz, low=_LOWEST_HZ, high=_HIGHEST_HZ) if source == TONE else 0.0,
+            level_db=self._read_number(spec, "level_db", level_db, low=LOWEST_LEVEL_DB, high=0.0),
             ear=ear,
             lasts_ms=lasts_ns / NS_PER_MS,
         )

@@ -13,6 +13,7 @@ from minihuman.experiment.machine.activity import SessionContext
 from minihuman.experiment.machine.running_episode import RunningEpisode
 from minihuman.experiment.machine.screens import FilmsScreen, PageView
 from minihuman.experiment.sounds import SoundContent
+from minihuman.experiment.words import InterfaceWords
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,12 +34,12 @@ class TrialScreen(FilmsScreen):
     flip_ns: int | None  # when it is to be on the display, in session time; None: at once
     pictures: tuple[tuple[StimulusContent, ...], ...]  # of the trial: the empty one, before and after the response
     dues_ns: tuple[int, ...]  # of the pictures before the response, since the first; the empty one's is 0
-    step: int  # the place of the present picture
+    step: int  # the index of the present picture in ``pictures``
     episode: tuple[int, int]  # the part and the episode
     start_ns: int | None  # when the first picture is due; None: at once
     first_flip_ns: int | None  # when the first picture reached the display; None: not yet
     response_keys: tuple[str, ...]
-    target_step: int  # the place of the picture from which on responses are taken
+    target_step: int  # the index of the picture from which on responses are taken
     sounds: tuple[tuple[int, ScheduledSound], ...]  # each with its number in the session
     sound_contents: tuple[SoundContent, ...]  # of these sounds, and of those that may follow the trial
     lead_ns: int | None  # from the empty picture to the first one, if the first waits for sounds
@@ -46,22 +47,22 @@ class TrialScreen(FilmsScreen):
 
     @property
     def due_ns(self) -> int | None:
-        """When the screen is to be on the display, in session time; None: at once."""
+        """Return when the screen is to be on the display, in session time; None means at once."""
         return self.flip_ns
 
     @property
     def films(self) -> tuple[Sequence[NDArray[np.uint8]], ...]:
-        """No films, because a page has all pictures before the first one is shown."""
+        """Return no films, because a page has all pictures before the first one is shown."""
         return ()
 
     @property
     def shown_step(self) -> int:
-        """The place of the present picture."""
+        """Return the index of the present picture among the trial's pictures."""
         return self.step
 
     @property
     def identity(self) -> tuple[object, ...]:
-        """The episode and the time of the first picture; screens of the same trial share them."""
+        """Return the episode and the time at which its first picture is due; screens of the same trial share them."""
         return (self.episode, self.start_ns)
 
 
@@ -76,25 +77,23 @@ def build_trial_screen(context: SessionContext, play: RunningEpisode, run: Trial
             tuple(stimulus.content for stimulus in run.find_visible(frame, has_response=has_response))
             for frame in frames
         ]
-    legend = ""
-    if play.plan.show_keys:
-        keys = sorted(play.plan.key_map.keys.items())
-        caps = {key: cap for key, cap, _ in words.labels(tuple(key for key, _ in keys))}
-        legend = "     ".join(f"{caps[key]}: {words.action(action)}" for key, action in keys)
+    target_step = 1
+    if schedule.target_ns in run.changes_ns:
+        target_step += run.changes_ns.index(schedule.target_ns)
     return TrialScreen(
         contents=tuple(stimulus.content for stimulus in run.visible),
         body=", ".join(stimulus.name for stimulus in run.visible),
         files=context.plan.files,
-        legend=legend,
+        legend=_format_legend(words, play.plan.key_map.keys) if play.plan.show_keys else "",
         flip_ns=None if run.is_seen else run.find_due_ns(run.frame),
         pictures=tuple(pictures),
         dues_ns=(0, *run.changes_ns),
-        step=run.frame + 1 + len(frames) * run.has_response,  # the place in `pictures`
+        step=run.frame + 1 + (len(frames) if run.has_response else 0),  # the index in `pictures`
         episode=(play.plan.block, play.plan.episode),
         start_ns=run.rhythm_start_ns,
         first_flip_ns=run.first_flip_ns,
-        target_step=run.changes_ns.index(schedule.target_ns) + 1 if schedule.target_ns in run.changes_ns else 1,
-        sounds=tuple((first_cue + place, sound) for place, sound in enumerate(schedule.sound_list)),
+        target_step=target_step,
+        sounds=tuple(enumerate(schedule.sound_list, first_cue)),
         sound_contents=schedule.sound_contents,
         lead_ns=SOUND_LEAD_NS if run.has_lead else None,
         foresees_responses=schedule.opens_ns == schedule.target_ns
@@ -103,3 +102,11 @@ def build_trial_screen(context: SessionContext, play: RunningEpisode, run: Trial
         response_keys=tuple(play.plan.key_map.keys),
         locale=words.locale,
     )
+
+
+def _format_legend(words: InterfaceWords, actions_by_key: Mapping[str, str]) -> str:
+    """Return a line of the keys' labels and what each key does, in the order of the keys."""
+    actions = sorted(actions_by_key.items())
+    labels = words.labels(tuple(key for key, _ in actions))
+    entries = [f"{label}: {words.action(action)}" for (_, action), (_, label, _) in zip(actions, labels, strict=True)]
+    return "     ".join(entries)

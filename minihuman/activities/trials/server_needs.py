@@ -8,7 +8,7 @@ from minihuman.experiment.plan.session_plan import PlannedPart
 
 
 def find_server_needs(part: PlannedPart) -> Iterator[str]:
-    """Yield what in a block of trials needs a server."""
+    """Yield a clause such as "gives points" for each property of a block of trials that needs a server."""
     plan: TrialsPlan = part.plan
     yield from list_block_needs(plan)
     if not plan.timeline:

@@ -17,18 +17,18 @@ class TrialSimulator(PartSimulator):
 
     def __init__(self, person: SimulatedPerson) -> None:
         super().__init__(person)
-        self._last: TrialRun | None = None  # the trial that was responded to
+        self._answered_run: TrialRun | None = None  # the latest trial to which a response was scheduled
 
     def act(self, part: Activity, screen: Screen) -> bool:
-        """Schedule the response to a trial whose target has been shown."""
+        """Schedule the response to a trial once its target was shown; return False if no such trial runs."""
         if not isinstance(part, TrialsActivity) or part.run is None or part.running_trial is None:
             return False
         run = part.run
-        if run is self._last or run.target_onset_ns is None:
+        if run is self._answered_run or run.target_onset_ns is None:
             return True
-        self._last = run
+        self._answered_run = run
         play = part.running_trial
-        _describe_task(play, run)
+        _set_task(play, run)
         self.person.begin_episode(play)
         press = ask_key(self.person.participant, play)
         if press is not None:
@@ -38,14 +38,17 @@ class TrialSimulator(PartSimulator):
         return True
 
 
-def _describe_task(play: RunningEpisode, run: TrialRun) -> None:
-    """Give the trial's world what simulated people respond to: cells that name responses, and the stop signal."""
+def _set_task(play: RunningEpisode, run: TrialRun) -> None:
+    """Set on the trial's world what simulated people respond to: the responses that cells name, and the stop signal.
+
+    The cell of the correct response does not count.
+    """
     world = play.world.unwrapped
     if not isinstance(world, Stimulus):
         return
     cells = [cell for name, cell in (play.plan.labels | play.plan.options).items() if name != "correct"]
-    named = {str(cell).strip().lower() for cell in cells}
-    world.prompted_responses = tuple(name for name in world.action_names if name.lower() in named)
+    cell_texts = {str(cell).strip().lower() for cell in cells}
+    world.prompted_responses = tuple(name for name in world.action_names if name.lower() in cell_texts)
     schedule = run.schedule
     stop_ns = schedule.find_onset_ns(STOP_SIGNAL)
     if stop_ns is None or world.correct_response != NO_RESPONSE:

@@ -43,7 +43,7 @@ def read_table(spec: StimuliSpec, files: Mapping[str, bytes]) -> list[TableRow]:
         ProtocolError: if the file is missing or not a valid table; the message names the row.
     """
     if not spec.file:
-        return [TableRow(f"rows[{number}]", dict(cells)) for number, cells in enumerate(spec.rows)]
+        return [TableRow(f"rows[{index}]", dict(cells)) for index, cells in enumerate(spec.rows)]
     if spec.file not in files:
         raise ProtocolError(f"the stimulus file {spec.file!r} is not in the protocol's folder; copy it there")
     return list(_read_csv(files[spec.file], spec.file))
@@ -55,7 +55,7 @@ def list_images(rows: Sequence[TableRow]) -> list[str]:
 
 
 def is_label(column: str, world: str, labels: Sequence[str]) -> bool:
-    """Tell whether a column is a label: the protocol names it as one, or the world has no option of that name.
+    """Return whether a column is a label: the protocol names it as one, or the world has no option of that name.
 
     The options of a world from another package are unknown, so there only the protocol decides.
     """
@@ -72,7 +72,7 @@ class OptionNames(msgspec.Struct, frozen=True):
     prefix: str = ""
 
     def has(self, name: str) -> bool:
-        """Tell whether the world accepts an option of that name."""
+        """Return whether the world accepts an option of that name."""
         return name in self.names or bool(self.prefix and name.startswith(self.prefix))
 
 
@@ -85,8 +85,8 @@ def find_option_names(world: str) -> OptionNames | None:
     world_class = getattr(import_module(module), name)
     parameters = inspect.signature(world_class).parameters.values()
     names = tuple(parameter.name for parameter in parameters if parameter.kind is parameter.KEYWORD_ONLY)
-    takes_more = any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters)
-    return OptionNames(names, world_class.option_prefix if takes_more else "")
+    has_open_options = any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters)
+    return OptionNames(names, world_class.option_prefix if has_open_options else "")
 
 
 def clean_label(cell: Any) -> Any:
@@ -97,34 +97,42 @@ def clean_label(cell: Any) -> Any:
 
 
 def _read_csv(content: bytes, name: str) -> Iterator[TableRow]:
+    """Yield the rows of a CSV file, each with its position; ``name`` is the file's name in messages.
+
+    A first line such as "sep=;" states the separator; otherwise the header shows it.
+    """
     text = _decode(content, name)
     first_line, _, remaining_text = text.partition("\n")
-    stated_separator = re.fullmatch(r"sep=(.)\r?", first_line, re.IGNORECASE)  # the line that tells Excel
+    stated_separator = re.fullmatch(r"sep=(.)\r?", first_line, re.IGNORECASE)  # a line that Excel reads and writes
     if stated_separator:
         separator = stated_separator[1]
         text = remaining_text
-        skipped = 1
+        n_skipped = 1
     else:
         separator = _find_separator(text, name)
-        skipped = 0
+        n_skipped = 0
     reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator, strict=True)
     try:
         header = next(reader, [])
-        columns = _check_header(header, name, 1 + skipped)
-        before = reader.line_num
+        columns = _read_header(header, name, 1 + n_skipped)
+        previous_line = reader.line_num
         for cells in reader:
-            place = f"{name}:{before + 1 + skipped}"
-            before = reader.line_num
+            place = f"{name}:{previous_line + 1 + n_skipped}"  # a row can span several lines; this is its first
+            previous_line = reader.line_num
             if cells:
                 yield TableRow(place, _read_row(cells, columns, place, separator))
     except csv.Error as error:
         raise ProtocolError(
-            f"{name}:{reader.line_num + skipped}: this row is not CSV ({error}); save the table as 'CSV UTF-8'"
+            f"{name}:{reader.line_num + n_skipped}: this row is not CSV ({error}); save the table as 'CSV UTF-8'"
         ) from error
 
 
 def _decode(content: bytes, name: str) -> str:
-    """Decode a table that is UTF-8, with or without a byte-order mark, or UTF-16 with one."""
+    """Decode a table in UTF-8, with or without a byte-order mark, or in UTF-16 with one.
+
+    Raises:
+        ProtocolError: if the table is in another encoding or has a zero byte; the message names the row.
+    """
     if content.startswith((b"\xff\xfe", b"\xfe\xff")):
         encoding = "utf-16"
     else:
@@ -145,19 +153,27 @@ def _decode(content: bytes, name: str) -> str:
 
 
 def _find_separator(text: str, name: str) -> str:
-    """Return the cell separator that occurs in the header outside quotes; a comma if the header has one column."""
+    """Return the cell separator that occurs most in the header outside quotes; a comma if none occurs.
+
+    Raises:
+        ProtocolError: if two separators occur most, and equally often.
+    """
     header = re.sub(r'"[^"]*"', "", text.partition("\n")[0])
     counts = {separator: header.count(separator) for separator in _SEPARATORS}
-    most = max(counts.values())
-    used = [separator for separator, count in counts.items() if count == most]
-    if most and len(used) > 1:
-        separators = " and ".join(_SEPARATORS[separator] for separator in used)
+    highest_count = max(counts.values())
+    candidates = [separator for separator, count in counts.items() if count == highest_count]
+    if highest_count and len(candidates) > 1:
+        separators = " and ".join(_SEPARATORS[separator] for separator in candidates)
         raise ProtocolError(f"{name}:1: the header has {separators}; use one of them between cells")
-    return used[0]
+    return candidates[0]
 
 
-def _check_header(header: Sequence[str], name: str, row: int) -> list[str]:
-    """Return the column names without the empty ones that a spreadsheet leaves at the end."""
+def _read_header(header: Sequence[str], name: str, row: int) -> list[str]:
+    """Return the column names of a header without the empty cells that a spreadsheet leaves at the end.
+
+    Raises:
+        ProtocolError: if there is no column, or a column has no name or the name of another.
+    """
     columns = list(header)
     while columns and not columns[-1].strip():
         columns.pop()
@@ -172,6 +188,7 @@ def _check_header(header: Sequence[str], name: str, row: int) -> list[str]:
 
 
 def _read_row(cells: Sequence[str], columns: Sequence[str], place: str, separator: str) -> Row:
+    """Return a row's cells by column, without the empty ones; raise `ProtocolError` unless each column has a cell."""
     surplus = cells[len(columns) :]
     if len(cells) < len(columns) or any(cell.strip() for cell in surplus):
         raise ProtocolError(
@@ -186,7 +203,10 @@ def _read_row(cells: Sequence[str], columns: Sequence[str], place: str, separato
 
 
 def _read_cell(cell: str, *, decimal_comma: bool) -> str | int | float:
-    """Return a cell as a number if it is written in plain form, else as text: "007", "1_0" and "nan" are texts."""
+    """Return a cell as a number if it is written in plain form, else as text: "007", "1_0" and "nan" are texts.
+
+    ``decimal_comma`` says that "3,5" is a number.
+    """
     if decimal_comma and _DECIMAL_COMMA.fullmatch(cell):
         return float(cell.replace(",", "."))
     for kind in (int, float):

@@ -51,18 +51,18 @@ def estimate_stop_signal(
         stop_ms: response times of all stop trials, shape (s,); NaN where the response was withheld.
         delays_ms: the presented delay of each stop trial, shape (s,).
     """
-    responded = ~np.isnan(stop_ms)
+    is_failed_stop = ~np.isnan(stop_ms)
     is_omission = np.isnan(go_ms)
-    rate = float(responded.mean()) if len(stop_ms) else math.nan
+    response_rate = float(is_failed_stop.mean()) if len(stop_ms) else math.nan
     mean_go_ms = _find_mean(go_ms[~is_omission])
-    failed_ms = _find_mean(stop_ms[responded])
+    failed_ms = _find_mean(stop_ms[is_failed_stop])
     remark = _find_obstacle(len(stop_ms), mean_go_ms, failed_ms)
     ssrt_ms = math.nan
     if not remark:
-        replaced_ms = np.sort(np.where(is_omission, np.nanmax(go_ms), go_ms))
-        place = min(len(replaced_ms), max(1, math.ceil(rate * len(replaced_ms)))) - 1
-        ssrt_ms = float(replaced_ms[place]) - float(delays_ms.mean())
-        if not RESPONSE_RATES[0] <= rate <= RESPONSE_RATES[1]:
+        sorted_go_ms = np.sort(np.where(is_omission, np.nanmax(go_ms), go_ms))  # the slowest replaces omissions
+        rank = min(len(go_ms), max(1, math.ceil(response_rate * len(go_ms))))  # of the quantile p(respond)
+        ssrt_ms = float(sorted_go_ms[rank - 1]) - float(delays_ms.mean())
+        if not RESPONSE_RATES[0] <= response_rate <= RESPONSE_RATES[1]:
             remark = f"p(respond | signal) is outside {RESPONSE_RATES[0]} to {RESPONSE_RATES[1]}: unreliable"
     return StopSignalEstimate(
         go_trials=len(go_ms),
@@ -71,7 +71,7 @@ def estimate_stop_signal(
         go_omissions=_find_mean(is_omission.astype(np.float64)),
         go_ms=mean_go_ms,
         failed_stop_ms=failed_ms,
-        response_rate=rate,
+        response_rate=response_rate,
         mean_delay_ms=_find_mean(delays_ms),
         ssrt_ms=ssrt_ms,
         remark=remark,
@@ -89,16 +89,16 @@ def _find_obstacle(stop_trials: int, go_ms: float, failed_stop_ms: float) -> str
     return ""
 
 
-def _find_mean(values: NDArray[np.float64]) -> float:
-    if len(values):
-        return float(values.mean())
+def _find_mean(numbers: NDArray[np.float64]) -> float:
+    if len(numbers):
+        return float(numbers.mean())
     return math.nan
 
 
 def read_stop_delays(trials: pd.DataFrame) -> "pd.Series[float]":
     """Return the delay of the stop signal of each trial; NaN for a trial without one.
 
-    A trial has one where the world has the option ``delay_ms`` and to withhold the response is correct.
+    A trial has a stop signal if its world has the option ``delay_ms`` and withholding the response is correct.
     """
     delays = trials["stimulus"].map(lambda text: json.loads(text).get(STOP_DELAY, math.nan)).astype(float)
     return delays.where(trials["correct"].eq(NO_RESPONSE))
@@ -109,8 +109,8 @@ def estimate_people(trials: pd.DataFrame) -> Iterator[tuple[str, str, str, StopS
     delays = read_stop_delays(trials)
     keys = [trials[name] for name in ("block", "group", "participant")]
     for (block, group, participant), part in trials.groupby(keys, sort=False):
-        own_delays = delays.loc[part.index]
-        is_stop = own_delays.notna()
+        person_delays = delays.loc[part.index]
+        is_stop = person_delays.notna()
         if not is_stop.any() or part["is_correct"].isna().all():
             continue
         go = part[~is_stop]
@@ -122,6 +122,6 @@ def estimate_people(trials: pd.DataFrame) -> Iterator[tuple[str, str, str, StopS
                 go["response_ms"].to_numpy(np.float64),
                 go["is_correct"].eq(True).to_numpy(bool),
                 part.loc[is_stop, "response_ms"].to_numpy(np.float64),
-                own_delays[is_stop].to_numpy().astype(np.float64),
+                person_delays[is_stop].to_numpy().astype(np.float64),
             ),
         )

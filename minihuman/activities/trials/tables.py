@@ -11,6 +11,7 @@ from minihuman.activities.trials.columns import RESPONSE_COLUMNS, SOUND_COLUMNS,
 from minihuman.activities.trials.events import ResponseTaken, SoundPlayed, StimuliShown
 from minihuman.activities.trials.presentations import TrialRecord, read_trials
 from minihuman.activities.trials.rows import RESPONSE_TOPIC, SOUND_TOPIC, STIMULI_TOPIC
+from minihuman.activities.trials.schedule import NS_PER_MS
 from minihuman.dataset.activity_tables import ActivityTable, TableRow
 from minihuman.dataset.measures import response_ms
 from minihuman.experiment.trial_responses import NO_RESPONSE
@@ -19,6 +20,10 @@ from minihuman.worlds.catalogue import TRIAL_WORLDS
 
 
 def _build_trial_row(episode: EpisodeLog) -> TableRow | None:
+    """Build the row of a trial; None if the episode is no trial.
+
+    Whether the response is correct is None if the trial has no correct response or no response.
+    """
     plan = episode.plan
     if plan.world not in TRIAL_WORLDS and not plan.labels:
         return None
@@ -29,7 +34,7 @@ def _build_trial_row(episode: EpisodeLog) -> TableRow | None:
         response = ""
     times_ms = response_ms(episode)
     first_ms = float(times_ms[0]) if len(times_ms) else math.nan
-    is_made = response not in ("", NO_RESPONSE) and not math.isnan(first_ms)
+    has_response_time = response not in ("", NO_RESPONSE) and not math.isnan(first_ms)
     return {
         "trial": plan.episode_in_block + 1,
         "stimulus": json.dumps(plan.options, sort_keys=True, ensure_ascii=False),
@@ -37,7 +42,7 @@ def _build_trial_row(episode: EpisodeLog) -> TableRow | None:
         "correct": correct,
         "response": response,
         "is_correct": response == correct if correct and response else None,
-        "response_ms": first_ms if is_made else None,
+        "response_ms": first_ms if has_response_time else None,
         "reward": episode.return_,
     }
 
@@ -48,7 +53,8 @@ def _count_attempts(event: StimuliShown | ResponseTaken, log: SessionLog) -> int
 
 
 def _build_stimulus_row(event: StimuliShown, log: SessionLog) -> TableRow | None:
-    if event.frame < 0:  # the empty picture before the first
+    """Build the row of a picture that reached the display; None for the empty picture before a trial's first."""
+    if event.frame < 0:
         return None
     has_due_time = bool(event.due_ns)
     return {
@@ -59,36 +65,38 @@ def _build_stimulus_row(event: StimuliShown, log: SessionLog) -> TableRow | None
         "stimuli": json.dumps(event.stimuli, ensure_ascii=False),
         "due_ns": event.due_ns if has_due_time else None,
         "flip_ns": event.flip_ns,
-        "late_ms": (event.flip_ns - event.due_ns) / 1e6 if has_due_time else None,
+        "late_ms": (event.flip_ns - event.due_ns) / NS_PER_MS if has_due_time else None,
     }
 
 
 def _list_sound_rows(log: SessionLog) -> list[TableRow]:
-    """List the sounds that began, and those that were due and did not before their trial was over, in order of time."""
+    """Return a row for each sound that began or was due before its trial's end, trial by trial in order of time."""
     rows: list[TableRow] = []
     for trial in read_trials(log):
-        rows_of_trial = [_build_sound_row(event, trial) for event in trial.sounds]
-        rows_of_trial += [_build_missing_row(name, due_ns, trial) for name, due_ns in trial.list_missing_sounds()]
-        rows += sorted(rows_of_trial, key=lambda row: row["t_ns"])
+        trial_rows = [_build_sound_row(event, trial) for event in trial.sounds]
+        trial_rows += [_build_missing_row(name, due_ns, trial) for name, due_ns in trial.list_missing_sounds()]
+        rows += sorted(trial_rows, key=lambda row: row["t_ns"])
     return rows
 
 
 def _build_sound_row(event: SoundPlayed, trial: TrialRecord) -> TableRow:
-    return _place_sound(event.sound, event.t_ns, trial) | {
+    return _locate_sound(event.sound, event.t_ns, trial) | {
         "due_ns": event.due_ns,
         "scheduled_ns": event.scheduled_ns,
         "onset_ns": event.onset_ns,
-        "late_ms": (event.onset_ns - event.due_ns) / 1e6,
+        "late_ms": (event.onset_ns - event.due_ns) / NS_PER_MS,
         "uncertainty_ms": event.uncertainty_ms,
     }
 
 
 def _build_missing_row(name: str, due_ns: int, trial: TrialRecord) -> TableRow:
+    """Build the row of a sound that was due but did not begin before its trial's end."""
     unknown = dict.fromkeys(("scheduled_ns", "onset_ns", "late_ms", "uncertainty_ms"))
-    return _place_sound(name, due_ns, trial) | {"due_ns": due_ns, **unknown}
+    return _locate_sound(name, due_ns, trial) | {"due_ns": due_ns, **unknown}
 
 
-def _place_sound(name: str, t_ns: int, trial: TrialRecord) -> TableRow:
+def _locate_sound(name: str, t_ns: int, trial: TrialRecord) -> TableRow:
+    """Return the columns that say which sound it is and where in the session it belongs."""
     episode = trial.episode
     return {
         "segment": episode.segment,
@@ -108,7 +116,7 @@ def _build_response_row(event: ResponseTaken, log: SessionLog) -> TableRow:
         "number": event.number,
         "key": event.key,
         "pressed_ns": event.pressed_ns,
-        "response_ms": (event.pressed_ns - event.target_ns) / 1e6,
+        "response_ms": (event.pressed_ns - event.target_ns) / NS_PER_MS,
     }
 
 

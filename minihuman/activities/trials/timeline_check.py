@@ -10,7 +10,7 @@ from minihuman.activities.trials.plan import TimelineSpec
 from minihuman.activities.trials.schedule import NS_PER_MS, ScheduledSound, TrialSchedule
 from minihuman.experiment.sounds import SoundContent
 
-FRAME_MS = 1000.0 / 60.0
+FRAME_MS = 1000.0 / 60.0  # of a display at 60 Hz
 SoundDuration = Callable[[SoundContent], float]  # in milliseconds
 PlacedSchedule = tuple[str, TrialSchedule]  # where the trial's cells come from, such as "words.csv:3"
 
@@ -37,7 +37,7 @@ def find_endless_trial(schedule: TrialSchedule) -> str:
 
 
 def _has_target(schedule: TrialSchedule) -> bool:
-    """Return whether response times of a trial have an onset to count from."""
+    """Return whether a trial presents the target, as a sound or a picture, so that response times have an onset."""
     is_heard = any(sound.name == schedule.target for sound in schedule.sound_list)
     return is_heard or schedule.target_ns in schedule.changes_ns
 
@@ -50,7 +50,7 @@ def list_timeline_notices(
     Args:
         timeline: the block's timeline.
         trials: every trial that its table can have, each with its place.
-        find_duration_ms: returns how long a sound lasts that is not cut off.
+        find_duration_ms: returns the full duration of a sound in milliseconds.
     """
     yield from _list_missing_stimuli(timeline, trials)
     yield from _list_short_sounds(trials, find_duration_ms)
@@ -81,7 +81,7 @@ def _list_missing_stimuli(timeline: TimelineSpec, trials: Sequence[PlacedSchedul
 
 
 def _list_short_sounds(trials: Sequence[PlacedSchedule], find_duration_ms: SoundDuration) -> Iterator[str]:
-    """Yield a sentence for each sound that is shorter than a frame, in the first trial that has it."""
+    """Yield a sentence for each sound that is shorter than a frame, about the first trial in which it is."""
     short_sounds: dict[str, str] = {}
     for place, schedule in trials:
         for sound in schedule.sound_list:
@@ -96,7 +96,7 @@ def _list_short_sounds(trials: Sequence[PlacedSchedule], find_duration_ms: Sound
 
 
 def _list_overlaps(trials: Sequence[PlacedSchedule], find_duration_ms: SoundDuration) -> Iterator[str]:
-    """Yield a sentence for each two sounds that one ear hears at once, in the first trial where it does."""
+    """Yield a sentence for each two sounds that overlap in one ear, about the first trial in which they do."""
     overlaps: dict[tuple[str, str], str] = {}
     for place, schedule in trials:
         for first, second in combinations(schedule.sound_list, 2):

@@ -43,12 +43,12 @@ _PERSON = ["participant", "session", "group", "block"]
 def read_labels(trials: pd.DataFrame) -> dict[str, "pd.Series[str]"]:
     """Return, for each label, the level of each trial as text; "" for a trial without the label.
 
-    Where the label ``task`` says what is to be done, ``task_switch`` says whether that is the same as in the trial
-    before, so that the difference between its levels is the switch cost.
+    If there is a label ``task``, which names what is to be done, a label ``task_switch`` is added unless it exists: it
+    says whether the task is that of the trial before, so the difference between its levels is the switch cost.
     """
     labels = trials["labels"].map(lambda text: json.loads(text) if isinstance(text, str) and text else {})
-    names = dict.fromkeys(name for of_trial in labels for name in of_trial)
-    levels = {name: labels.map(lambda of_trial, name=name: str(of_trial.get(name, ""))) for name in names}
+    names = dict.fromkeys(name for trial_labels in labels for name in trial_labels)
+    levels = {name: labels.map(lambda trial_labels, name=name: str(trial_labels.get(name, ""))) for name in names}
     if TASK in levels and SWITCH not in levels:
         levels[SWITCH] = _mark_switches(trials, levels[TASK])
     return levels
@@ -58,9 +58,9 @@ def _mark_switches(trials: pd.DataFrame, tasks: "pd.Series[str]") -> "pd.Series[
     """Return for each trial "switch" or "repeat"; "" where the trial before is not included or has no task."""
     person = [trials[name] for name in _PERSON]
     previous = tasks.groupby(person).shift(fill_value="")
-    follows = trials["trial"].groupby(person).diff().eq(1)
-    is_known = follows & tasks.ne("") & previous.ne("")
-    return tasks.eq(previous).map({True: "repeat", False: "switch"}).where(is_known, "")
+    follows_directly = trials["trial"].groupby(person).diff().eq(1)
+    has_both_tasks = follows_directly & tasks.ne("") & previous.ne("")
+    return tasks.eq(previous).map({True: "repeat", False: "switch"}).where(has_both_tasks, "")
 
 
 def mark_trimmed(trials: pd.DataFrame) -> "pd.Series[bool]":
@@ -76,7 +76,7 @@ def mark_trimmed(trials: pd.DataFrame) -> "pd.Series[bool]":
     medians = by_person.transform("median")
     deviations = (times - medians).abs()
     spread = _MAD_TO_SD * deviations.groupby([trials[name] for name in _PERSON]).transform("median")
-    is_near = (deviations <= _OUTLIER_MADS * spread) | spread.eq(0)
+    is_near = (deviations <= _OUTLIER_MADS * spread) | spread.eq(0)  # without a spread, nothing is an outlier
     return times.notna() & is_near
 
 
@@ -98,6 +98,10 @@ def measure_conditions(trials: pd.DataFrame) -> pd.DataFrame:
 
 
 def _measure_level(trials: pd.DataFrame, label: str, levels: "pd.Series[str]") -> Iterator[dict[str, object]]:
+    """Yield a row of measures for each participant, session, block and level of a label.
+
+    ``levels`` has the level of each trial; trials with the level "" are left out.
+    """
     stated_levels = levels[levels != ""].rename("level")
     for key, part in trials.loc[stated_levels.index].groupby([*_PERSON, stated_levels], sort=False):
         *person, level = key
@@ -108,26 +112,27 @@ def measure_trials(trials: pd.DataFrame) -> dict[str, float]:
     """Compute the measures of a participant's trials.
 
     Signal trials are those with a correct response; noise trials are those in which withholding a response is correct.
+    The measures of detection are NaN if there are no noise trials.
     """
-    known = trials[trials["correct"].notna() & trials["correct"].ne("") & trials["is_correct"].notna()]
-    is_correct = known["is_correct"].astype(bool)
-    is_made = known["response"].ne(NO_RESPONSE)
-    is_signal = known["correct"].ne(NO_RESPONSE)
+    scored = trials[trials["correct"].notna() & trials["correct"].ne("") & trials["is_correct"].notna()]
+    is_correct = scored["is_correct"].astype(bool)
+    has_response = scored["response"].ne(NO_RESPONSE)
+    is_signal = scored["correct"].ne(NO_RESPONSE)
     detection = measure_detection(
-        int((is_signal & is_made).sum()),
-        int((is_signal & ~is_made).sum()),
-        int((~is_signal & is_made).sum()),
-        int((~is_signal & ~is_made).sum()),
+        int((is_signal & has_response).sum()),
+        int((is_signal & ~has_response).sum()),
+        int((~is_signal & has_response).sum()),
+        int((~is_signal & ~has_response).sum()),
     )
     is_detection_task = bool((~is_signal).any())
     times = trials["response_ms"]
-    correct_times = times[trials["is_correct"].eq(True)] if len(known) else times
+    correct_times = times[trials["is_correct"].eq(True)] if len(scored) else times
     return {
         "trials": len(trials),
         "accuracy": _find_mean(is_correct),
         "response_mean_ms": _find_mean(times[trials["is_trimmed"]]),
         "response_median_ms": float(correct_times.median()),
-        "omissions": _find_mean((~is_made)[is_signal]),
+        "omissions": _find_mean((~has_response)[is_signal]),
         "hit_rate": detection.hit_rate if is_detection_task else math.nan,
         "false_alarm_rate": detection.false_alarm_rate,
         "d_prime": detection.d_prime,
@@ -135,10 +140,10 @@ def measure_trials(trials: pd.DataFrame) -> dict[str, float]:
     }
 
 
-def _find_mean(values: "pd.Series[float] | pd.Series[bool]") -> float:
-    """Return the mean, or NaN if there are no values."""
-    if len(values):
-        return float(values.mean())
+def _find_mean(numbers: "pd.Series[float] | pd.Series[bool]") -> float:
+    """Return the mean, or NaN if there are no numbers."""
+    if len(numbers):
+        return float(numbers.mean())
     return math.nan
 
 
@@ -151,8 +156,8 @@ def average_sessions(measured: pd.DataFrame) -> pd.DataFrame:
 def measure_quarters(trials: pd.DataFrame) -> pd.DataFrame:
     """Compute the measures of each participant in each quarter of each block; ``level`` is 1 to 4."""
     trials = trials.assign(is_trimmed=mark_trimmed(trials))
-    length = trials.groupby("block")["trial"].transform("max")
-    quarters = pd.Series(np.ceil(4 * trials["trial"] / length), trials.index).astype(int).astype(str)
+    block_length = trials.groupby("block")["trial"].transform("max")
+    quarters = pd.Series(np.ceil(4 * trials["trial"] / block_length), trials.index).astype(int).astype(str)
     rows = list(_measure_level(trials, "quarter", quarters))
     return pd.DataFrame(rows, columns=[*_PERSON, "label", "level", "trials", *MEASURES])
 
@@ -161,6 +166,14 @@ def find_quantiles(trials: pd.DataFrame, levels: "pd.Series[str]", shares: Seque
     """Return quantiles of the correct response times by level, averaged over participants (Vincentiles).
 
     Source: Ratcliff (1979), Psychological Bulletin 86, 446-461.
+
+    Args:
+        trials: the rows of the table of trials.
+        levels: the level of each trial; trials with the level "" are left out.
+        shares: the quantiles to compute, from 0 to 1.
+
+    Returns:
+        A row per level and a column per share, in milliseconds.
     """
     times = trials["response_ms"].where(trials["is_correct"].eq(True) | trials["is_correct"].isna())
     by_person = times[levels != ""].groupby([trials["participant"], levels.rename("level")], sort=False)

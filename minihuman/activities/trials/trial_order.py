@@ -6,6 +6,7 @@ Every choice is drawn from the study's seed, so that a log's plan can be redrawn
 import math
 from collections import Counter, defaultdict
 from collections.abc import Hashable, Iterator, Mapping, Sequence
+from itertools import groupby
 
 import msgspec
 
@@ -26,7 +27,7 @@ class OrderStream(msgspec.Struct, frozen=True):
     participant: int  # index of enrolment
 
     def permute(self, count: int, table: int) -> tuple[int, ...]:
-        """Draw the order of a table's rows; ``table`` is 0 for the block's first table."""
+        """Draw the order of ``count`` rows in one pass through the table; ``table`` is 0 for the block's first pass."""
         purpose = f"trials-{self.purpose}-{table}"
         return draw_permutation(count, seed=self.seed, purpose=purpose, index=self.participant)
 
@@ -68,36 +69,42 @@ def draw_order(spec: StimuliSpec, columns: CellsByColumn, n_rows: int, n_trials:
 
 
 def find_longest_run(levels: Sequence[Hashable]) -> int:
-    """Return the length of the longest run of equal levels."""
-    longest = current = 0
-    for place, level in enumerate(levels):
-        if place == 0 or level != levels[place - 1]:
-            current = 0
-        current += 1
-        longest = max(longest, current)
-    return longest
+    """Return the length of the longest run of equal levels; 0 without levels."""
+    return max((len(list(run)) for _, run in groupby(levels)), default=0)
 
 
 def _take_balanced(table: Sequence[int], levels: Sequence[Hashable], count: int) -> list[int]:
-    """Return a number of a table's rows, in its order: a proportional share of each level by the largest remainder."""
-    places = defaultdict[Hashable, list[int]](list)
-    for place, row in enumerate(table):
-        places[levels[row]].append(place)
-    exact = {level: count * len(rows) / len(table) for level, rows in places.items()}
-    shares = {level: math.floor(share) for level, share in exact.items()}
-    by_remainder = sorted(exact, key=lambda level: shares[level] - exact[level])  # stable: first shown, first taken
-    for level in by_remainder[: count - sum(shares.values())]:
-        shares[level] += 1
-    chosen = sorted(place for level, rows in places.items() for place in rows[: shares[level]])
-    return [table[place] for place in chosen]
+    """Return ``count`` rows of a table in the table's order, in which each level keeps its share of the table.
+
+    Shares are rounded by the largest-remainder method. ``levels`` has the level of each row.
+    """
+    positions = defaultdict[Hashable, list[int]](list)  # by level, in the table
+    for position, row in enumerate(table):
+        positions[levels[row]].append(position)
+    exact_counts = {level: count * len(level_positions) / len(table) for level, level_positions in positions.items()}
+    counts = {level: math.floor(exact) for level, exact in exact_counts.items()}
+    by_remainder = sorted(counts, key=lambda level: counts[level] - exact_counts[level])  # ties: the first shown first
+    for level in by_remainder[: count - sum(counts.values())]:
+        counts[level] += 1
+    chosen: list[int] = []
+    for level, level_positions in positions.items():
+        chosen += level_positions[: counts[level]]
+    return [table[position] for position in sorted(chosen)]
 
 
 def _break_runs(
     order: list[int], columns: CellsByColumn, max_run: Mapping[str, int], n_rows: int, words: Iterator[int]
 ) -> None:
-    """Swap trials within each table until no level of a column repeats more often in a row than allowed.
+    """Swap trials within each table, in place, until no level of a column repeats more often in a row than allowed.
 
     A swap is kept if it leaves no more overlong runs than before, so the search can leave a plateau.
+
+    Args:
+        order: the table row of each trial.
+        columns: the cells of the columns, by row.
+        max_run: for each column, how often a level may repeat in a row.
+        n_rows: the number of rows of a table.
+        words: random integers.
 
     Raises:
         ProtocolError: if no such order is found.
@@ -108,16 +115,17 @@ def _break_runs(
         if not too_long:
             return
         first = too_long[next(words) % len(too_long)]
-        begin = first - first % n_rows
-        second = begin + next(words) % (min(begin + n_rows, len(order)) - begin)
-        near = runs.find_near(first) | runs.find_near(second)
-        n_before = len(runs.list_too_long(near))
+        table_begin = first - first % n_rows
+        table_end = min(table_begin + n_rows, len(order))
+        second = table_begin + next(words) % (table_end - table_begin)
+        affected = runs.find_near(first) | runs.find_near(second)
+        n_too_long = len(runs.list_too_long(affected))
         order[first], order[second] = order[second], order[first]
-        if len(runs.list_too_long(near)) > n_before:
+        if len(runs.list_too_long(affected)) > n_too_long:
             order[first], order[second] = order[second], order[first]
         else:
-            too_long = [place for place in too_long if place not in near] + runs.list_too_long(near)
-    limits = ", ".join(f"{name} = {most}" for name, most in max_run.items())
+            too_long = [position for position in too_long if position not in affected] + runs.list_too_long(affected)
+    limits = ", ".join(f"{name} = {longest}" for name, longest in max_run.items())
     name = next(name for name in max_run if find_longest_run([columns[name][row] for row in order]) > max_run[name])
     level, count = Counter(columns[name][row] for row in order).most_common(1)[0]
     raise ProtocolError(
@@ -127,23 +135,24 @@ def _break_runs(
 
 
 class _Runs:
-    """The runs of an order that changes, which finds the trials that make a run too long."""
+    """The runs of equal levels in an order of trials that may change, with their longest allowed lengths."""
 
     def __init__(self, order: Sequence[int], columns: CellsByColumn, max_run: Mapping[str, int]) -> None:
         self._order = order
-        self._limits = [(columns[name], most) for name, most in max_run.items()]
+        self._limits = [(columns[name], longest) for name, longest in max_run.items()]
         self._reach = max(max_run.values())
 
-    def find_near(self, place: int) -> set[int]:
-        """Return the positions whose run a trial can be part of."""
-        return set(range(place, min(place + self._reach + 1, len(self._order))))
+    def find_near(self, position: int) -> set[int]:
+        """Return the positions whose run can become too long by a change of the trial at a position."""
+        return set(range(position, min(position + self._reach + 1, len(self._order))))
 
-    def list_too_long(self, places: Sequence[int] | set[int]) -> list[int]:
-        """Return those positions that extend a run of the longest allowed length."""
-        return [place for place in sorted(places) if self._is_too_long(place)]
+    def list_too_long(self, positions: Sequence[int] | set[int]) -> list[int]:
+        """Return those of the positions whose trial makes a run longer than allowed, in order."""
+        return [position for position in sorted(positions) if self._is_too_long(position)]
 
-    def _is_too_long(self, place: int) -> bool:
+    def _is_too_long(self, position: int) -> bool:
+        """Return whether a trial has the level of all trials before it that an allowed run can have, in any column."""
         return any(
-            place >= most and len({column[row] for row in self._order[place - most : place + 1]}) == 1
-            for column, most in self._limits
+            position >= longest and len({column[row] for row in self._order[position - longest : position + 1]}) == 1
+            for column, longest in self._limits
         )

@@ -5,19 +5,25 @@ from functools import partial
 from typing import Any
 
 from minihuman.activities.trials.activity import TrialsActivity
-from minihuman.activities.trials.schedule import MOST_STIMULI, NS_PER_MS, SOUND_LEAD_NS, TrialSchedule
+from minihuman.activities.trials.schedule import (
+    CUE_TRIALS_PER_PART,
+    CUES_PER_TRIAL,
+    NS_PER_MS,
+    SOUND_LEAD_NS,
+    TrialSchedule,
+)
 from minihuman.activities.trials.trial_run import PREPARATION_NS, TrialRun
 from minihuman.experiment.machine.activity import Activity
 from minihuman.experiment.machine.inputs import Input, KeyDown, ScreenShown, SoundStarted, Tick
 from minihuman.web.site.page_run import PageRun
 
 NO_RESPONSE_END = "none"  # the name of the end by the clock; that of another is the action's number
-START_MARK = "\x00start\x00"  # in the place of the time at which the first picture is due
-_STEP_NS = 1_000
+START_MARK = "\x00start\x00"  # stands for the time at which the first picture is due, which the page fills in
+_STEP_NS = 1_000  # from one input of a simulated trial to the next
 
 
 def build_trial_page_run(activity: Activity) -> PageRun | None:
-    """Build what a page runs of a trial; return None between trials."""
+    """Build the run by which a page presents the running trial with a time course; None if no such trial runs."""
     if not isinstance(activity, TrialsActivity) or activity.run is None or activity.running_trial is None:
         return None
     play = activity.running_trial
@@ -30,26 +36,28 @@ def build_trial_page_run(activity: Activity) -> PageRun | None:
         "actions": actions,
         "soa_ns": round(timeline.soa_ms * NS_PER_MS),
         "place": episode.episode_in_block,
-        "first_cue": activity.number * 100_000 * (MOST_STIMULI + 1),
-        "cues_per_trial": MOST_STIMULI + 1,
+        "first_cue": activity.number * CUE_TRIALS_PER_PART * CUES_PER_TRIAL,
+        "cues_per_trial": CUES_PER_TRIAL,
     }
     ends: dict[str, Callable[[Activity], Iterator[Input]]] = {
-        str(action): partial(_respond, key=key) for key, action in actions.items()
+        str(action): partial(_generate_inputs, key=key) for key, action in actions.items()
     }
     if schedule.end_ns is not None:
-        ends[NO_RESPONSE_END] = partial(_respond, key="")
-    looks = ((episode.block, episode.episode), START_MARK)
-    return PageRun("minihuman.activities.trials:trial_run.js", values, looks, ends)
+        ends[NO_RESPONSE_END] = partial(_generate_inputs, key="")
+    screen_identity = ((episode.block, episode.episode), START_MARK)
+    return PageRun("minihuman.activities.trials:trial_run.js", values, screen_identity, ends)
 
 
 def _describe_schedule(schedule: TrialSchedule, run: TrialRun) -> dict[str, Any]:
-    """Describe when a trial's picture changes and responses are taken; times are ns since its first picture."""
+    """Return, as values for the page, when a trial's picture changes and responses are taken.
+
+    Times are in nanoseconds since the trial's first picture. The target's sound is given by its index, or None.
+    """
+    sound_names = [sound.name for sound in schedule.sound_list]
     return {
         "changes": run.changes_ns,
         "target": schedule.target_ns,
-        "target_sound": next(
-            (place for place, sound in enumerate(schedule.sound_list) if sound.name == schedule.target), None
-        ),
+        "target_sound": sound_names.index(schedule.target) if schedule.target in sound_names else None,
         "opens": schedule.opens_ns,
         "closes": schedule.closes_ns,
         "end": schedule.end_ns,
@@ -62,14 +70,17 @@ def _describe_schedule(schedule: TrialSchedule, run: TrialRun) -> dict[str, Any]
     }
 
 
-def _respond(activity: Activity, *, key: str) -> Iterator[Input]:
-    """Yield the inputs by which a trial runs to its end, with a key as every response; "" for no response."""
+def _generate_inputs(activity: Activity, *, key: str) -> Iterator[Input]:
+    """Yield inputs that lead a running trial to its end, with a key as every response; "" for no response.
+
+    Each input must be handled before the next one is requested.
+    """
     assert isinstance(activity, TrialsActivity)
     run = activity.run
     play = activity.running_trial
     assert run is not None, "a trial runs"
     assert play is not None, "and so does its episode"
-    play.world.reset(play.plan.seed)  # other copies of the session have stepped in it
+    play.world.reset(play.plan.seed)  # other copies of the session have made steps in the same world
     while activity.run is run:
         now_ns = activity.context.now_ns + _STEP_NS
         yield ScreenShown(now_ns, now_ns, now_ns)

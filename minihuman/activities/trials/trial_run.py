@@ -52,21 +52,21 @@ class TrialRun:
 
     @property
     def has_response(self) -> bool:
-        """Whether a response has been taken."""
+        """Return whether a response has been taken."""
         return bool(self.responses)
 
     @property
     def is_seen(self) -> bool:
-        """Whether the present picture, or one of the same number, has reached the display."""
+        """Return whether a picture of the present number has reached the display, before or after a response."""
         return self._seen_frame == self.frame
 
     @property
     def visible(self) -> tuple[ScheduledStimulus, ...]:
-        """The stimuli of the present picture."""
+        """Return the stimuli of the present picture, the front one last."""
         return self.find_visible(self.frame, has_response=self.has_response)
 
     def find_visible(self, frame: int, *, has_response: bool) -> tuple[ScheduledStimulus, ...]:
-        """Return the stimuli of a picture; none before the first."""
+        """Return the stimuli of a picture before or after a response; none for the empty picture, numbered -1."""
         if frame < 0:
             return ()
         return self.schedule.find_visible(self.changes_ns[frame], has_response=has_response)
@@ -74,7 +74,8 @@ class TrialRun:
     def find_due_ns(self, frame: int) -> int | None:
         """Return when a picture is due, in session time.
 
-        None stands for a first picture that is due at once, and for any other before the first has reached the display.
+        None means, for the first picture, that it is due at once; for a later picture, that the first one has not
+        reached the display yet.
         """
         if frame <= 0:
             return self._start_ns
@@ -84,19 +85,20 @@ class TrialRun:
 
     @property
     def end_ns(self) -> int | None:
-        """When the trial ends by the clock, in session time; None if it does not, or has not begun."""
+        """Return when the trial ends by the clock, in session time; None if it does not, or has not begun."""
         if self.first_flip_ns is None or self.schedule.end_ns is None:
             return None
         return self.first_flip_ns + self.schedule.end_ns
 
     @property
     def next_tick_ns(self) -> int | None:
-        """When the next picture has to be prepared or the trial ends; None while nothing is due by the clock."""
+        """Return when the next picture has to be prepared or the trial ends; None while nothing is due by the clock."""
         times_ns = (self._next_preparation_ns, self.end_ns)
         return min((t_ns for t_ns in times_ns if t_ns is not None), default=None)
 
     @property
     def _next_preparation_ns(self) -> int | None:
+        """Return when the next picture has to be prepared; None without one, or until the present one is seen."""
         if not self.is_seen or self.frame + 1 >= len(self.changes_ns):
             return None
         due_ns = self.find_due_ns(self.frame + 1)
@@ -105,13 +107,13 @@ class TrialRun:
         return due_ns - PREPARATION_NS
 
     def pass_time(self, now_ns: int) -> None:
-        """Go on to the next picture if it has to be prepared by now and the present one was seen."""
+        """Advance to the next picture if it has to be prepared by now and the present one was seen."""
         preparation_ns = self._next_preparation_ns
         if preparation_ns is not None and now_ns >= preparation_ns:
             self.frame += 1
 
     def is_over(self, now_ns: int) -> bool:
-        """Tell whether the trial has ended, by the clock or by its last response."""
+        """Return whether the trial has ended, by the clock or by its last response."""
         if self.schedule.ends_at_response and len(self.responses) >= self.schedule.responses:
             return True
         return self.end_ns is not None and now_ns >= self.end_ns
@@ -143,33 +145,37 @@ class TrialRun:
 
     @property
     def target_is_sound(self) -> bool:
-        """Whether response times count from the onset of a sound."""
+        """Return whether response times count from the onset of a sound."""
         return any(sound.name == self.schedule.target for sound in self.schedule.sound_list)
 
     def find_sound_due_ns(self, sound: ScheduledSound) -> int | None:
-        """Return when a sound is due by the time from which it counts; None if that is not known yet."""
+        """Return when a sound is due, in session time; None if the time from which it counts is not known yet.
+
+        An early sound counts from the time at which the first picture is due, any other from that picture's flip.
+        """
         base_ns = self._start_ns if sound.is_early else self.first_flip_ns
         if base_ns is None:
             return None
         return base_ns + sound.onset_ns
 
     def list_due_sounds(self) -> dict[int, tuple[ScheduledSound, int]]:
-        """Return the sounds that are to be played and when they are due, by their places in the schedule."""
+        """Return the sounds to be played, each with the time at which it is due, by their indices in the schedule."""
         due_sounds: dict[int, tuple[ScheduledSound, int]] = {}
-        for place, sound in enumerate(self.schedule.sound_list):
+        for index, sound in enumerate(self.schedule.sound_list):
             due_ns = self.find_sound_due_ns(sound)
             if due_ns is not None and not (self.has_response and sound.until_response):
-                due_sounds[place] = (sound, due_ns)
+                due_sounds[index] = (sound, due_ns)
         return due_sounds
 
-    def record_sound(self, place: int, onset_ns: int) -> tuple[ScheduledSound, int] | None:
-        """Record that a sound began; return it with its scheduled time; None if the trial has no such sound.
+    def record_sound(self, index: int, onset_ns: int) -> tuple[ScheduledSound, int] | None:
+        """Record that the sound of an index began, and return it with the time at which it was due.
 
-        The target's sound sets the onset from which response times count.
+        If it is the target, its onset is that from which response times count. None means that the trial has no such
+        sound, or that it began before the time from which it counts was known.
         """
-        if not 0 <= place < len(self.schedule.sound_list):
+        if not 0 <= index < len(self.schedule.sound_list):
             return None
-        sound = self.schedule.sound_list[place]
+        sound = self.schedule.sound_list[index]
         base_ns = self._start_ns if self.first_flip_ns is None else self.first_flip_ns
         if base_ns is None:
             return None
@@ -177,8 +183,8 @@ class TrialRun:
             self.target_onset_ns = onset_ns
         return sound, base_ns + sound.onset_ns
 
-    def takes(self, pressed_ns: int) -> bool:
-        """Tell whether a key pressed at a time is a response."""
+    def is_open(self, pressed_ns: int) -> bool:
+        """Return whether the trial takes a key that was pressed at the given session time as a response."""
         if self.first_flip_ns is None or self.target_onset_ns is None:
             return False
         if len(self.responses) >= self.schedule.responses:

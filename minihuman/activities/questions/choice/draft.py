@@ -43,21 +43,29 @@ class ChoiceDraft(AnswerDraft):
             return False
         return True
 
-    def _move_cursor(self, by: int) -> None:
+    def _move_cursor(self, step: int) -> None:
+        """Move the cursor by 1 or -1, from the last option to the first and back.
+
+        In a question with one choice and none yet, down leaves the cursor at the first option.
+        """
         is_untouched = not self._chosen and not self.many
-        if is_untouched and by > 0:  # down chooses the first option first
+        if is_untouched and step > 0:
             return
-        self._cursor = (self._cursor + by) % len(self.question.options)
+        self._cursor = (self._cursor + step) % len(self.question.options)
 
     def point_at(self, target: str, along: float, *, down: bool) -> None:
         """Select the option under the pointer when it is pressed."""
-        number = parse_option(target)
-        if down and number is not None and number < len(self.question.options):
-            self._choose(number)
+        option = parse_option(target)
+        if down and option is not None and option < len(self.question.options):
+            self._choose(option)
 
-    def _choose(self, number: int) -> None:
-        self._cursor = number
-        self._chosen = self._chosen ^ {number} if self.many else frozenset({number})
+    def _choose(self, option: int) -> None:
+        """Select an option instead of any other; in a question with several choices, toggle it."""
+        self._cursor = option
+        if self.many:
+            self._chosen = self._chosen ^ {option}
+        else:
+            self._chosen = frozenset({option})
 
     @property
     def value(self) -> AnswerValue:
@@ -66,12 +74,12 @@ class ChoiceDraft(AnswerDraft):
 
     @property
     def _codes(self) -> list[str | int]:
-        return [self.question.all_codes[number] for number in sorted(self._chosen)]
+        return [self.question.all_codes[option] for option in sorted(self._chosen)]
 
     @property
     def display_text(self) -> str:
-        """Return the texts of the selected options."""
-        return "; ".join(self.question.options[number] for number in sorted(self._chosen))
+        """Return the texts of the selected options in their order, separated by semicolons; "" if none is selected."""
+        return "; ".join(self.question.options[option] for option in sorted(self._chosen))
 
     def widget(self) -> OptionList:
         """Build the list of options."""
@@ -84,7 +92,7 @@ class ChoiceDraft(AnswerDraft):
         option = None
         if self.question.right is not None and attends():
             codes = enumerate(self.question.all_codes)
-            option = next((number for number, code in codes if code in self.question.right_answers), None)
+            option = next((index for index, code in codes if code in self.question.right_answers), None)
         if option is None:
             option = choose(len(self.question.options))
         return Click(f"option:{option}")

@@ -15,6 +15,9 @@ from minihuman.activities.questions.question import (
 from minihuman.experiment.machine.inputs import MAX_FIELD_CHARACTERS, KeyDown
 from minihuman.experiment.machine.screens import TextField
 
+ADULT_AGE = 18  # the least number that a simulated participant types, as most questions ask for an age
+N_SIMULATED_AGES = 50  # how many numbers from there on
+
 
 class TextDraft(AnswerDraft):
     """A draft answer of one line of text."""
@@ -27,9 +30,10 @@ class TextDraft(AnswerDraft):
         self._caret = 0
 
     def key(self, press: KeyDown) -> bool:
-        """Move the caret or delete; the characters of other keys arrive through `type_text`.
+        """Handle a key that moves the caret, deletes or begins a line; return False for any other key.
 
-        A window with a field of its own does so itself, and passes none of these keys on.
+        Typed characters arrive through `type_text`. A window with a native field edits the text itself and passes none
+        of these keys on.
         """
         before = self._text[: self._caret]
         after = self._text[self._caret :]
@@ -39,8 +43,8 @@ class TextDraft(AnswerDraft):
             case "delete":
                 self._put(before, after[1:])
             case "left" | "right":
-                by = horizontal_step(press.key, rtl=self.rtl)
-                self._caret = min(len(self._text), max(0, self._caret + by))
+                step = horizontal_step(press.key, rtl=self.rtl)
+                self._caret = min(len(self._text), max(0, self._caret + step))
             case "home":
                 self._caret = 0
             case "end":
@@ -52,10 +56,10 @@ class TextDraft(AnswerDraft):
         return True
 
     def type_text(self, text: str) -> None:
-        """Insert the characters that the text accepts at the caret, as many as there is room for."""
-        accepted = [c for c in text if self.accepts(c)]
-        room = max(0, self.longest - len(self._text))
-        self._put(self._text[: self._caret] + "".join(accepted[:room]), self._text[self._caret :])
+        """Insert the accepted characters of a typed text at the caret, as many as there is room for."""
+        accepted = [character for character in text if self.accepts(character)]
+        n_free = max(0, self.longest - len(self._text))
+        self._put(self._text[: self._caret] + "".join(accepted[:n_free]), self._text[self._caret :])
 
     def put_text(self, text: str) -> bool:
         """Replace the whole text; return False if the session edits it by keys."""
@@ -72,10 +76,11 @@ class TextDraft(AnswerDraft):
         return self.question.longest
 
     def accepts(self, character: str) -> bool:
-        """Return whether the text accepts a character."""
+        """Return whether the text may contain a character; only a long text may contain line breaks."""
         return character.isprintable() or (self.long and character == "\n")
 
     def _put(self, before: str, after: str) -> None:
+        """Set the text to two parts, with the caret between them."""
         self._text = before + after
         self._caret = len(before)
 
@@ -109,10 +114,10 @@ class TextDraft(AnswerDraft):
         return replace(field, native=True, name=self.question.name, longest=self.longest, limit_note=note)
 
     def simulate(self, choose: Callable[[int], int], attends: Callable[[], bool]) -> str | None:
-        """Type a number that could be an age, as an answer to any question."""
+        """Type a number that could be an adult's age, as an answer to any question."""
         if self._text:
             return None
-        return str(18 + choose(50))
+        return str(ADULT_AGE + choose(N_SIMULATED_AGES))
 
 
 class LongTextDraft(TextDraft):

@@ -30,25 +30,24 @@ class LikertDraft(AnswerDraft):
         self._chosen: int | None = None
 
     def key(self, press: KeyDown) -> bool:
-        """Move the selection with left and right, or select with a digit."""
+        """Move the selection with left and right, or select with a digit; return False for any other key."""
         if (digit := parse_digit(press.key)) and digit <= self._n_points:
             self._chosen = digit - 1
-        elif by := horizontal_step(press.key, rtl=self.rtl):
-            middle = (self._n_points - 1) // 2
-            now = self._chosen
-            if now is None:
-                self._chosen = middle
+        elif step := horizontal_step(press.key, rtl=self.rtl):
+            last_point = self._n_points - 1
+            if self._chosen is None:
+                self._chosen = last_point // 2  # the middle
             else:
-                self._chosen = min(self._n_points - 1, max(0, now + by))
+                self._chosen = min(last_point, max(0, self._chosen + step))
         else:
             return False
         return True
 
     def point_at(self, target: str, along: float, *, down: bool) -> None:
         """Select the point under the pointer when it is pressed."""
-        number = parse_option(target)
-        if down and number is not None and number < self._n_points:
-            self._chosen = number
+        point = parse_option(target)
+        if down and point is not None and point < self._n_points:
+            self._chosen = point
 
     @property
     def value(self) -> AnswerValue:
@@ -66,7 +65,8 @@ class LikertDraft(AnswerDraft):
 
     @property
     def _labels(self) -> tuple[str, ...]:
-        return self.question.options or tuple(str(number + 1) for number in range(self._n_points))
+        """Return the label of each point: the question's options, or numbers from 1."""
+        return self.question.options or tuple(str(point + 1) for point in range(self._n_points))
 
     def widget(self) -> RatingScale:
         """Build the rating scale."""
@@ -89,14 +89,15 @@ class MatrixDraft(LikertDraft):
 
     def key(self, press: KeyDown) -> bool:
         """Change the row with up and down, or select a point; a digit also moves to the next row."""
-        by = {"up": -1, "down": 1}.get(press.key, 0)
-        if not by:
+        row_step = {"up": -1, "down": 1}.get(press.key, 0)
+        if row_step == 0:
             self._chosen = self._rows[self._row]
             if not super().key(press):
                 return False
             self._rows[self._row] = self._chosen
-            by = int(parse_digit(press.key) > 0)
-        self._row = min(len(self._rows) - 1, max(0, self._row + by))
+            if parse_digit(press.key):
+                row_step = 1
+        self._row = min(len(self._rows) - 1, max(0, self._row + row_step))
         return True
 
     def point_at(self, target: str, along: float, *, down: bool) -> None:
@@ -115,9 +116,10 @@ class MatrixDraft(LikertDraft):
     @property
     def display_text(self) -> str:
         """Return the labels or numbers of the selected points of all rows."""
-        return ", ".join(map(self._label_of, self._rows))
+        return ", ".join(map(self._find_label, self._rows))
 
-    def _label_of(self, point: int | None) -> str:
+    def _find_label(self, point: int | None) -> str:
+        """Return the label of a row's selected point; "" for a row without one."""
         if point is None:
             return ""
         return self._labels[point]
@@ -127,7 +129,7 @@ class MatrixDraft(LikertDraft):
         """Return the name, code and label to log for each statement."""
         codes = self.question.all_codes
         return tuple(
-            (name, None if point is None else codes[point], self._label_of(point))
+            (name, None if point is None else codes[point], self._find_label(point))
             for name, point in zip(self.question.asked, self._rows, strict=True)
         )
 
@@ -157,14 +159,16 @@ def _build(question: QuestionItemSpec, settings: Any, *, rtl: bool, language: st
 
 
 _MAX_STATEMENTS = 8  # that fit a screen
+_MAX_POINTS = 11
 
 
 def _check_scale(question: QuestionItemSpec) -> ItemErrors:
     """Yield the errors of a rating scale or matrix in a protocol."""
     if question.statements is not msgspec.UNSET and not 2 <= len(question.statements) <= _MAX_STATEMENTS:
         yield "statements", f"has {len(question.statements)}; give 2 to {_MAX_STATEMENTS}, each its name = its text"
-    if not 2 <= (n_points := len(question.options) or question.points) <= 11:
-        yield "points", f"is {n_points}; use 2 to 11"
+    n_points = len(question.options) or question.points
+    if not 2 <= n_points <= _MAX_POINTS:
+        yield "points", f"is {n_points}; use 2 to {_MAX_POINTS}"
 
 
 LIKERT = QuestionKind(

@@ -6,7 +6,7 @@ import unicodedata
 from collections.abc import Callable
 from typing import Any
 
-from minihuman.activities.questions.free_text.draft import TextDraft
+from minihuman.activities.questions.free_text.draft import ADULT_AGE, N_SIMULATED_AGES, TextDraft
 from minihuman.activities.questions.question import AnswerValue, QuestionKind, check_range, needs_no_server
 
 NUMBER_RULES = "2"  # the fact "number_rules" of a session; a log without it was recorded under the first rules
@@ -50,16 +50,19 @@ def parse_number(text: str, language: str, *, is_whole: bool = False) -> float |
 
 
 def _parse_many_marks(plain: str, marks: list[str]) -> float | None:
-    """Parse a number with two or more marks: all separate thousands, or only the last is the decimal mark."""
-    last = marks[-1]
+    """Parse a number with two or more marks; return None if they are not placed as in a number.
+
+    Equal marks all separate thousands. Otherwise the last is the decimal mark, and all others separate thousands.
+    """
+    last_mark = marks[-1]
     if len(set(marks)) == 1:
         if _GROUPED.fullmatch(plain):
-            return float(plain.replace(last, ""))
+            return float(plain.replace(last_mark, ""))
         return None
-    other = "," if last == "." else "."
-    if not re.fullmatch(rf"-?\d{{1,3}}(?:\{other}\d{{3}})+\{last}\d*", plain):
+    thousands_mark = "," if last_mark == "." else "."
+    if not re.fullmatch(rf"-?\d{{1,3}}(?:\{thousands_mark}\d{{3}})+\{last_mark}\d*", plain):
         return None
-    return float(plain.replace(other, "").replace(last, "."))
+    return float(plain.replace(thousands_mark, "").replace(last_mark, "."))
 
 
 def _parse_ambiguous(plain: str, mark: str, decimal_mark: str | None, *, is_whole: bool) -> float | None:
@@ -77,7 +80,7 @@ class NumberDraft(TextDraft):
     """A draft answer that is a typed number."""
 
     def accepts(self, character: str) -> bool:
-        """Return whether a number can contain a character."""
+        """Return whether a number may contain a character; old rules allow only ASCII digits and marks."""
         if self.language is None:
             return character in "0123456789-.,"
         marks = "\N{ARABIC DECIMAL SEPARATOR}\N{ARABIC THOUSANDS SEPARATOR}"
@@ -115,7 +118,10 @@ class NumberDraft(TextDraft):
             return "note.whole_number" if question.whole else "note.number", {}
         assert isinstance(number, int | float)
         if not question.minimum <= number <= question.maximum:
-            return "note.range", {"minimum": _format(question.minimum), "maximum": _format(question.maximum)}
+            return "note.range", {
+                "minimum": _format_number(question.minimum),
+                "maximum": _format_number(question.maximum),
+            }
         return None
 
     def simulate(self, choose: Callable[[int], int], attends: Callable[[], bool]) -> str | None:
@@ -124,14 +130,14 @@ class NumberDraft(TextDraft):
             return None
         low = math.ceil(self.question.minimum)
         high = math.floor(self.question.maximum)
-        if low <= 18 <= high:
-            low = 18
-        return str(low + choose(max(1, min(50, high - low + 1))))
+        if low <= ADULT_AGE <= high:
+            low = ADULT_AGE
+        return str(low + choose(max(1, min(N_SIMULATED_AGES, high - low + 1))))
 
 
-def _format(value: float) -> str:
-    """Format a number without an exponent or trailing zeros."""
-    return f"{value:.9f}".rstrip("0").rstrip(".")
+def _format_number(number: float) -> str:
+    """Format a number with up to 9 decimals, without an exponent or trailing zeros."""
+    return f"{number:.9f}".rstrip("0").rstrip(".")
 
 
 NUMBER = QuestionKind(

@@ -16,6 +16,10 @@ from minihuman.activities.questions.question import (
 from minihuman.experiment.machine.inputs import KeyDown
 from minihuman.experiment.machine.screens import Slider
 
+_DECIMALS = 9  # of a slider's numbers, so that sums of steps such as 0.1 have no rounding errors
+_MOST_TICKS = 20  # intervals that are drawn on the line
+_N_SIMULATED_POSITIONS = 21  # from one end of the line to the other
+
 
 class SliderDraft(AnswerDraft):
     """A draft answer that is a position on the line.
@@ -29,14 +33,18 @@ class SliderDraft(AnswerDraft):
         self._step: int | None = None  # from the minimum
 
     def key(self, press: KeyDown) -> bool:
-        """Move the thumb: arrows by a step, page keys by a tenth, home and end to the ends."""
+        """Move the thumb: arrows by a step, page keys by a tenth of the line, home and end to its ends.
+
+        The first arrow or page key sets the thumb to the middle. Return False for any other key.
+        """
         tenth = max(1, self.n_steps // 10)
         moves = {"page_up": tenth, "page_down": -tenth, "up": 1, "down": -1}
-        if by := horizontal_step(press.key, rtl=self.rtl) or moves.get(press.key, 0):
+        move = horizontal_step(press.key, rtl=self.rtl) or moves.get(press.key, 0)
+        if move:
             if self._step is None:
                 self._step = self.n_steps // 2
             else:
-                self._step = min(self.n_steps, max(0, self._step + by))
+                self._step = min(self.n_steps, max(0, self._step + move))
         elif press.key == "home":
             self._step = 0
         elif press.key == "end":
@@ -58,7 +66,8 @@ class SliderDraft(AnswerDraft):
         return self._number_at(self._step)
 
     def _number_at(self, step: int) -> int | float:
-        number = round(self.question.minimum + step * self.question.step, 9)
+        """Return the number at a step from the minimum, as an integer if it is whole."""
+        number = round(self.question.minimum + step * self.question.step, _DECIMALS)
         if number == int(number):
             return int(number)
         return number
@@ -78,12 +87,12 @@ class SliderDraft(AnswerDraft):
         """Build the slider."""
         position = None if self._step is None else self._step / self.n_steps
         text = self.display_text if self.question.show_value else ""
-        return Slider(self.question.low, self.question.high, position, text, min(self.n_steps, 20))
+        return Slider(self.question.low, self.question.high, position, text, min(self.n_steps, _MOST_TICKS))
 
     def simulate(self, choose: Callable[[int], int], attends: Callable[[], bool]) -> Click | None:
-        """Click on a random position of the line."""
+        """Click on one of evenly spaced positions of the line, at random."""
         if self._step is None:
-            return Click("slider", choose(21) / 20)
+            return Click("slider", choose(_N_SIMULATED_POSITIONS) / (_N_SIMULATED_POSITIONS - 1))
         return None
 
 
@@ -91,6 +100,7 @@ _MAX_SITE_STEPS = 2_000  # of which a page without a server has a text each
 
 
 def _find_server_needs(question: QuestionItemSpec) -> Iterator[str]:
+    """Yield a clause if a slider has too many steps for a page without a server."""
     if (question.maximum - question.minimum) / question.step > _MAX_SITE_STEPS:
         yield f"asks {question.name!r} on a slider of more than {_MAX_SITE_STEPS} steps; give it a larger step"
 
