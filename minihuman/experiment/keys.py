@@ -156,15 +156,15 @@ class PadAxes:
             axis: one of `PAD_AXES`.
             raw: the axis's raw value from -1 to 1; right and down are positive.
         """
-        value = _quantise_axis(raw)
-        if value == self._values.get(axis, 0.0):
+        level = _quantise_axis(raw)
+        if level == self._values.get(axis, 0.0):
             return None, []
-        self._values[axis] = value
+        self._values[axis] = level
         changed_buttons = []
         for button, direction in _find_axis_buttons(axis):
             was_down = button in self._buttons
             threshold = _RELEASE_THRESHOLD if was_down else _PRESS_THRESHOLD
-            is_down = value * direction > threshold
+            is_down = level * direction > threshold
             if is_down == was_down:
                 continue
             if is_down:
@@ -172,11 +172,11 @@ class PadAxes:
             else:
                 self._buttons.discard(button)
             changed_buttons.append((button, is_down))
-        return value, changed_buttons
+        return level, changed_buttons
 
 
 def _quantise_axis(raw: float) -> float:
-    """Return an axis's number as it is logged: -1 to 1 in steps of 1 / `PAD_LEVELS`, 0 in the dead zone."""
+    """Return a gamepad axis's raw value as it is logged: -1 to 1 in steps of 1 / `PAD_LEVELS`, 0 in the dead zone."""
     beyond_dead_zone = max(0.0, min(1.0, abs(raw)) - PAD_DEAD_ZONE) / (1.0 - PAD_DEAD_ZONE)
     level = round(beyond_dead_zone * PAD_LEVELS)
     if raw < 0:
@@ -185,7 +185,7 @@ def _quantise_axis(raw: float) -> float:
 
 
 def _find_axis_buttons(axis: str) -> tuple[tuple[str, int], ...]:
-    """Return the buttons that a gamepad's axis presses, each with the sign of the axis's value."""
+    """Return the buttons that a gamepad's axis presses, each with the sign of the axis values that press it."""
     match axis:
         case "pad_left_x":
             return ("stick_left", -1), ("stick_right", 1)
@@ -197,13 +197,13 @@ def _find_axis_buttons(axis: str) -> tuple[tuple[str, int], ...]:
 
 
 def key_label(key: str) -> str:
-    """Return the label printed on a key of an English keyboard."""
+    """Return the label of a key on an English keyboard, or of a gamepad's button."""
     if key in _LABELS:
         return _LABELS[key]
-    plain = key.removeprefix("kp_").replace("_", " ")
-    if len(plain) == 1:
-        return plain.upper()
-    return plain.capitalize()
+    label = key.removeprefix("kp_").replace("_", " ")
+    if len(label) == 1:
+        return label.upper()
+    return label.capitalize()
 
 
 def key_caption(key: str) -> str:
@@ -264,29 +264,30 @@ _NOOPS = ("rest", "noop", "no-op", "no_op", "idle", "stay")
 _MIN_PERIOD_MS = 1000 / 60
 _MAX_PERIOD_MS = 1000.0
 _USUAL_FPS = 30.0
+_ARCADE_FPS = 60.0  # of the Arcade Learning Environment's single frames
 
 
 def assign_keys(actions: Sequence[str]) -> dict[str, str]:
     """Assign a key to each action.
 
-    An action whose name suggests an arrow or a similar key gets that key; the others get digits and letters in order,
-    as long as there are any.
+    An action whose name suggests an arrow or a similar key gets that key; the others get digits and letters in order.
+    Actions that come after the last digit and letter get no key.
 
     Returns:
         The action of each key.
     """
-    keys: dict[str, str] = {}
+    action_of_key: dict[str, str] = {}
     for action in actions:
-        usual = next((key for key in _USUAL_KEYS.get(action, "").split() if key not in keys), None)
-        if usual is not None:
-            keys[usual] = action
-    free_keys = iter(key for key in _OTHER_KEYS if key not in keys)
+        usual_key = next((key for key in _USUAL_KEYS.get(action, "").split() if key not in action_of_key), None)
+        if usual_key is not None:
+            action_of_key[usual_key] = action
+    free_keys = iter([key for key in _OTHER_KEYS if key not in action_of_key])
     for action in actions:
-        if action not in keys.values():
+        if action not in action_of_key.values():
             key = next(free_keys, None)
             if key is not None:
-                keys[key] = action
-    return keys
+                action_of_key[key] = action
+    return action_of_key
 
 
 def assign_usual_keys(world: "World") -> dict[str, str]:
@@ -309,10 +310,10 @@ def find_period_ms(world: "World") -> float | None:
     """
     if world.actions.is_discrete and find_noop(world) is None:
         return None
-    skipped = getattr(world.unwrapped, "_frameskip", 1)  # the arcade's: its rate is that of single frames
     config = getattr(world.unwrapped, "config", None)  # highway-env's: a policy acts less often than frames are drawn
-    rate = config.get("policy_frequency") if isinstance(config, dict) else None
-    fps = float(rate or world.env.metadata.get("render_fps") or _USUAL_FPS)
-    if isinstance(skipped, int) and skipped > 1:
-        fps = 60.0 / skipped
-    return min(max(1000 / fps, _MIN_PERIOD_MS), _MAX_PERIOD_MS)
+    policy_hz = config.get("policy_frequency") if isinstance(config, dict) else None
+    step_hz = float(policy_hz or world.env.metadata.get("render_fps") or _USUAL_FPS)
+    frames_per_step = getattr(world.unwrapped, "_frameskip", 1)  # the arcade's, in which a step is several frames
+    if isinstance(frames_per_step, int) and frames_per_step > 1:
+        step_hz = _ARCADE_FPS / frames_per_step
+    return min(max(1000 / step_hz, _MIN_PERIOD_MS), _MAX_PERIOD_MS)

@@ -34,7 +34,7 @@ class SlotDrawn(ActivityInput):
 
 
 def is_allocation_pending(plan: SessionPlan) -> bool:
-    """Return whether the group of a plan's participant is still to be drawn."""
+    """Return whether the participant of a plan has not been assigned to a group yet."""
     return not plan.participant.group
 
 
@@ -46,9 +46,12 @@ def build_session(
     picture_px: tuple[int, int] | None,
     renders_steps: bool = True,
 ) -> SessionMachine:
-    """Build the session of a plan; it waits for allocation if the participant has no group."""
-    kind = PendingAllocationSession if is_allocation_pending(plan) else SessionMachine
-    return kind(plan, make_world, facts, picture_px=picture_px, renders_steps=renders_steps)
+    """Build the session of a plan: a `PendingAllocationSession` if the participant has no group yet.
+
+    The arguments are those of `SessionMachine`.
+    """
+    session_class = PendingAllocationSession if is_allocation_pending(plan) else SessionMachine
+    return session_class(plan, make_world, facts, picture_px=picture_px, renders_steps=renders_steps)
 
 
 def awaits_allocation(session: SessionMachine) -> bool:
@@ -86,7 +89,10 @@ class PendingAllocationSession(SessionMachine):
 
     @property
     def request(self) -> ActivityRequest | None:
-        """Return the request for a slot once the answer is given; after the draw, the session's own requests."""
+        """Return the request for a slot once the stratum is known; after the draw, the request of the running part.
+
+        None if there is no request.
+        """
         if self.is_allocated or self.over:
             return super().request
         if self._stratum is None:
@@ -94,19 +100,22 @@ class PendingAllocationSession(SessionMachine):
         return SlotRequest(self._stratum)
 
     def receive(self, happened: Input, *, at_ns: int = 0, draws: bool = True) -> list[Event]:
-        """Handle one input and return no events until the draw, which returns the events of all inputs so far."""
+        """Handle one input and return its events; those of inputs before the draw are returned with the draw's.
+
+        The arguments are those of `SessionMachine.receive`.
+        """
         if self._past is None:
             return super().receive(happened, at_ns=at_ns, draws=draws)
         if isinstance(happened, SlotDrawn):
             return self._replay_inputs(happened.plan, self._past)
         self._past.append((happened, at_ns))
         if self._stratum is None:
-            before = self._screen
+            previous_screen = self._screen
             events = super().receive(happened, at_ns=at_ns)
             self._answers += (event for event in events if isinstance(event, Answered | PartEnded))
             self._stratum = self._strata.find_stratum(self._answers)
             if self._stratum is not None and not self.over:
-                self._screen = before  # the next part may depend on the group
+                self._screen = previous_screen  # not the next part's, which may depend on the group
         return []
 
     def _replay_inputs(self, plan: SessionPlan, past: list[tuple[Input, int]]) -> list[Event]:

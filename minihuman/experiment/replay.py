@@ -5,6 +5,7 @@ log is a difference. What a person or device did (which key, when, when an image
 cannot be recomputed, only protected by a manifest.
 """
 
+import math
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
@@ -83,20 +84,16 @@ _POINTER_INPUTS: dict[str, tuple[type[PointerPressed | PointerMoved | PointerRel
     "cancelled": (PointerReleased, "cancelled"),
 }
 _OVER_PARTS = (Phase.PAUSED, Phase.UNFOCUSED, Phase.QUIT_QUESTION, Phase.ABORT_QUESTION)
-_TIMED_PHASES = (
-    Phase.INTERVAL,
-    Phase.FIXATION,
-    Phase.FEEDBACK,
-    Phase.LEARNING,
-)  # phases whose duration counts from the screen's display
+_TIMED_PHASES = (Phase.INTERVAL, Phase.FIXATION, Phase.FEEDBACK, Phase.LEARNING)  # timed from the screen's display
 _MAX_LOOK_AHEAD = 2_000  # events that are searched for an answer
 _LAST_EVENTS = 8  # the largest number of events at a session's end
+_MAX_SHOWN_CHARACTERS = 200  # of a field's value in the description of a difference
 _EXTERNAL_EVENTS = (Sampled, Linked, ModelCall, PictureCorrected)
 BROWSER_NOTE = "page"  # the kind of notes that come from a browser's page
 
 
 def renders_same_images(facts: Mapping[str, str]) -> bool:
-    """Return whether this version draws first-person worlds as the version that recorded these facts did."""
+    """Return whether this version draws first-person worlds as the version that recorded a session's facts did."""
     return facts.get("pictures", "1") == str(PICTURES_VERSION)
 
 
@@ -184,14 +181,11 @@ def _compare_events(
 
 
 class _EventComparison:
-    """A comparison of logged and replayed events that allows for the differences of earlier versions.
-
-    Earlier versions drew some pictures differently and did not report subgoals.
-    """
+    """Compares logged with replayed events; a log of an earlier version may have other pictures and lack subgoals."""
 
     def __init__(self, make_world: WorldFactory, facts: Mapping[str, str]) -> None:
         self._make_world = make_world
-        self._is_drawn_by_us: dict[str, bool] = {}  # whether this package draws a world's pictures, by its id
+        self._is_drawn_here: dict[str, bool] = {}  # by a world's id: whether this package draws its pictures
         self._has_same_images = renders_same_images(facts)
         self._lacks_subgoals = facts.get("clauses", "1") != str(CLAUSES_VERSION)
         self._skips_hashes = False  # whether the running episode's observations are not compared
@@ -199,7 +193,7 @@ class _EventComparison:
     def make_world(self, world_id: str, options: dict[str, Any]) -> World:
         """Make a world and remember whether this package draws its pictures."""
         world = self._make_world(world_id, options)
-        self._is_drawn_by_us[world_id] = world.drawn
+        self._is_drawn_here[world_id] = world.drawn
         return world
 
     def take_replayed(self, logged: Event, expected: deque[Event]) -> Event:
@@ -215,8 +209,8 @@ class _EventComparison:
     def find_difference(self, logged: Event, replayed: Event) -> str:
         """Describe how an event differs from its replay; "" if it does not."""
         if isinstance(logged, EpisodeStarted):
-            is_built_in = self._is_drawn_by_us.get(logged.plan.world, False)
-            self._skips_hashes = is_built_in and not self._has_same_images
+            is_drawn_here = self._is_drawn_here.get(logged.plan.world, False)
+            self._skips_hashes = is_drawn_here and not self._has_same_images
         if self._skips_hashes and isinstance(logged, EpisodeStarted | Stepped) and type(replayed) is type(logged):
             logged = replace(logged, observation_hash=replayed.observation_hash)
         if is_same_event(logged, replayed):
@@ -294,7 +288,7 @@ def _is_external(event: Event) -> bool:
 
 
 def _feed_next_input(session: SessionMachine, coming: list[Event], *, draws: bool) -> list[Event]:
-    """Feed the session the input that must have come next, and return the session's events.
+    """Feed the session the input that must have preceded the first of the coming events; return the session's events.
 
     Without ``draws``, a screen is built only if it is read.
     """
@@ -303,15 +297,14 @@ def _feed_next_input(session: SessionMachine, coming: list[Event], *, draws: boo
     _show_screen(session, event, draws=draws)
     happened = _find_input(event, session)
     if isinstance(event, PointerUsed) and happened is not None:
-        return session.receive(
-            happened, at_ns=event.t_ns, draws=draws
-        )  # a pointer's event precedes what is due at its time, unlike a key's
+        # a pointer's event precedes what is due at its time, unlike a key's
+        return session.receive(happened, at_ns=event.t_ns, draws=draws)
     if happened is not None:
         if happened.t_ns < event.t_ns:  # an input that left no event moved the session's time first
             is_covered = session.phase in _OVER_PARTS
             session.receive(ScreenShown(event.t_ns, 0, 0) if is_covered else Tick(event.t_ns), draws=draws)
         return session.receive(happened, draws=draws)
-    late_input = _find_input_behind(coming, session)
+    late_input = _find_input_at_phase_end(coming, session)
     if late_input is not None:
         return session.receive(late_input, at_ns=event.t_ns, draws=draws)
     stop = _find_stop(coming, session.phase)
@@ -323,13 +316,15 @@ def _feed_next_input(session: SessionMachine, coming: list[Event], *, draws: boo
     return session.receive(stop, draws=draws)
 
 
-def _find_input_behind(coming: list[Event], session: SessionMachine) -> Input | None:
-    """Return the input that arrived as a timed screen ended; None if there is none.
+def _find_input_at_phase_end(coming: list[Event], session: SessionMachine) -> Input | None:
+    """Return the input whose arrival ended the phase of a timed screen; None if there is none.
 
-    Fed after a Tick instead, the input would meet a world that has already been prepared.
+    A Tick fed before this input would prepare the world too early.
     """
-    for before, event in pairwise(takewhile(lambda candidate: candidate.t_ns == coming[0].t_ns, coming)):
-        if before == Noted(event.t_ns, "phase", Phase.PREPARING) and isinstance(event, KeyPressed | AxisMoved | Noted):
+    simultaneous = takewhile(lambda candidate: candidate.t_ns == coming[0].t_ns, coming)
+    for previous, event in pairwise(simultaneous):
+        begins_preparing = previous == Noted(event.t_ns, "phase", Phase.PREPARING)
+        if begins_preparing and isinstance(event, KeyPressed | AxisMoved | Noted):
             return _find_input(event, session)
     return None
 
@@ -358,7 +353,7 @@ def _find_input(event: Event, session: SessionMachine) -> Input | None:
             return FocusChanged(event.t_ns, event.text == "found")
         case Noted(kind="experimenter"):
             word, _, text = event.text.partition(": ")
-            return next((ExperimenterCommand(event.t_ns, known, text) for known in _COMMANDS if known == word), None)
+            return next((ExperimenterCommand(event.t_ns, name, text) for name in _COMMANDS if name == word), None)
         case ActivityEvent():
             return session.part.input_of(event)
     return None
@@ -385,40 +380,42 @@ def _show_question(session: SessionMachine, coming: list[Event], *, draws: bool)
 
 
 def _show_answered_question(session: SessionMachine, answered: Answered, next_ns: int, *, draws: bool) -> None:
-    """Report the question of an answer as shown, at the latest when the next event came."""
-    if answered.shown_ns and session.part.number == answered.part:
-        seen_ns = answered.shown_ns
-        session.receive(ScreenShown(min(seen_ns, next_ns), seen_ns, seen_ns), draws=draws)
+    """Report the question of an answer as shown; the report arrives no later than the next event."""
+    shown_ns = answered.shown_ns
+    if shown_ns and session.part.number == answered.part:
+        session.receive(ScreenShown(min(shown_ns, next_ns), shown_ns, shown_ns), draws=draws)
 
 
 def _show_screen(session: SessionMachine, event: Event, *, draws: bool) -> None:
-    """Report a text, blank or fixation screen as shown, as late as the next event implies.
+    """Report a text, blank or fixation screen as shown, at the time that the next event implies.
 
-    The display of such a screen leaves no event. A press of Enter before the ready screen was visible was meant for
-    the screen before it. A timed screen's duration counts from its display, so an event that arrives during the screen
-    implies that its time was not over.
+    The display of such a screen leaves no event. If Enter was pressed before the ready screen was visible, the screen
+    was displayed after that press. A timed screen's duration counts from its display, so an event that arrived during
+    the screen implies that its time was not over.
     """
-    if _comes_too_soon(event, session.phase):
+    if _is_enter_before_ready(event, session.phase):
         pressed_ns = event.t_ns - event.waited_ns
         session.receive(ScreenShown(0, 0, pressed_ns + 1), draws=draws)
-    elif session.phase in _TIMED_PHASES and _finds_phase(event, session.phase):
-        over_ns = session.next_tick_ns
-        if over_ns is None or over_ns > event.t_ns:
+    elif session.phase in _TIMED_PHASES and _proves_phase(event, session.phase):
+        phase_end_ns = session.next_tick_ns
+        if phase_end_ns is None or phase_end_ns > event.t_ns:
             return
         session.receive(ScreenShown(0, 0, event.t_ns), draws=draws)
-        over_ns = session.next_tick_ns  # the end of the phase if the screen was displayed just now
-        assert over_ns is not None, "a timed screen that was displayed has an end"
-        session.receive(ScreenShown(0, 0, event.t_ns + 1 - (over_ns - event.t_ns)), draws=draws)
+        phase_end_ns = session.next_tick_ns  # if the screen was displayed at the event's time
+        assert phase_end_ns is not None, "a timed screen that was displayed has an end"
+        duration_ns = phase_end_ns - event.t_ns
+        earliest_flip_ns = event.t_ns - duration_ns + 1  # the phase then ends 1 ns after the event
+        session.receive(ScreenShown(0, 0, earliest_flip_ns), draws=draws)
 
 
-def _comes_too_soon(event: Event, phase: str) -> TypeGuard[KeyPressed]:
-    """Return whether Enter was pressed before the ready screen was visible."""
+def _is_enter_before_ready(event: Event, phase: str) -> TypeGuard[KeyPressed]:
+    """Return whether an event is a press of Enter before the ready screen was visible."""
     if not isinstance(event, KeyPressed) or phase != Phase.READY or event.phase != phase:
         return False
     return event.down and event.verdict == "not_playing" and event.key in ENTER_KEYS
 
 
-def _finds_phase(event: Event, phase: str) -> bool:
+def _proves_phase(event: Event, phase: str) -> bool:
     """Return whether an event proves that the phase had not ended before it.
 
     If the phase had ended, the events of its end would have come first.
@@ -432,64 +429,67 @@ def _finds_phase(event: Event, phase: str) -> bool:
 
 
 def _find_stop(coming: list[Event], phase: str) -> Stop | None:
-    """Return the input that ended the session from outside, if the session ends at this point."""
+    """Return the input that ended the session from outside at the time of the first coming event; None without one."""
     first = coming[0]
-    at_once = [event for event in coming[:_LAST_EVENTS] if event.t_ns == first.t_ns]
-    end = next((event for event in at_once if isinstance(event, SessionEnded)), None)
+    simultaneous = [event for event in coming[:_LAST_EVENTS] if event.t_ns == first.t_ns]
+    end = next((event for event in simultaneous if isinstance(event, SessionEnded)), None)
     if end is not None:
         if end.reason in _STOP_REASONS:
             reason: Any = end.reason
             return Stop(end.t_ns, reason, end.detail)
         is_closed_on_last_page = end.reason == "complete" and phase == Phase.CLOSING
         return Stop(end.t_ns, "window_closed", end.detail) if is_closed_on_last_page else None
-    is_end_of_log = len(at_once) == len(coming)
+    is_end_of_log = len(simultaneous) == len(coming)
     if is_end_of_log and isinstance(first, EpisodeEnded) and first.outcome == "abandoned":
         return Stop(first.t_ns, "window_closed")
     return None
 
 
-def _describe_difference(event: Event, replayed: Event) -> str:
-    if type(event) is not type(replayed):
-        return f"{_event_name(event)}: the machine says {_event_name(replayed)}"
-    for field in fields(event):
-        logged = getattr(event, field.name)
-        now = getattr(replayed, field.name)
-        if not _is_same(logged, now):
-            return f"{_event_name(event)}: {field.name} {_shorten(logged)} in the log, now {_shorten(now)}"
-    return f"{_event_name(event)}: what was observed differs"
+def _describe_difference(logged: Event, replayed: Event) -> str:
+    if type(logged) is not type(replayed):
+        return f"{_event_name(logged)}: the machine says {_event_name(replayed)}"
+    for field in fields(logged):
+        logged_value = getattr(logged, field.name)
+        replayed_value = getattr(replayed, field.name)
+        if not _is_same_value(logged_value, replayed_value):
+            values = f"{_shorten(logged_value)} in the log, now {_shorten(replayed_value)}"
+            return f"{_event_name(logged)}: {field.name} {values}"
+    return f"{_event_name(logged)}: what was observed differs"
 
 
 def is_same_event(logged: Event, replayed: Event) -> bool:
-    """Return whether an event equals its replay. NaN equals NaN, and a world's failures are equal whatever their text.
+    """Return whether an event equals its replay.
 
-    The text of a failing world differs between versions of Python and of this program; the place of the failure does
-    not.
+    NaN equals NaN. The text of a world's failure is not compared, because it differs between versions of Python and of
+    this program. Hashes of pictures are not compared, because a replay draws no pictures.
     """
     if logged == replayed:
         return True
     if type(logged) is not type(replayed):
         return False
-    ignored_fields = {"picture_hash"}  # a replay draws no pictures
+    ignored_fields = {"picture_hash"}
     if isinstance(replayed, SessionEnded) and replayed.reason == "world_error":
         ignored_fields.add("detail")
     return all(
-        _is_same(getattr(logged, field.name), getattr(replayed, field.name))
+        _is_same_value(getattr(logged, field.name), getattr(replayed, field.name))
         for field in fields(logged)
         if field.name not in ignored_fields
     )
 
 
-def _is_same(logged: object, now: object) -> bool:
-    both_nan = logged != logged and now != now and isinstance(logged, float) and isinstance(now, float)
-    return bool(logged == now) or both_nan
+def _is_same_value(logged: object, replayed: object) -> bool:
+    """Return whether a field's logged value equals the replayed one, where NaN equals NaN."""
+    if isinstance(logged, float) and isinstance(replayed, float) and math.isnan(logged) and math.isnan(replayed):
+        return True
+    return bool(logged == replayed)
 
 
-def _shorten(value: object) -> str:
-    """Return the start of a value's text, short enough for a line."""
-    text = repr(value)
-    if len(text) < 200:
+def _shorten(field_value: object) -> str:
+    """Return the start of the representation of a field's value, short enough for a line."""
+    text = repr(field_value)
+    if len(text) < _MAX_SHOWN_CHARACTERS:
         return text
-    return f"{text[:200]}..."
+    return f"{text[:_MAX_SHOWN_CHARACTERS]}..."
 
 
 def _event_name(event: Event) -> str:

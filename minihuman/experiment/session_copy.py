@@ -23,13 +23,14 @@ def can_copy_session(session: SessionMachine) -> bool:
 
 
 def copy_session(session: SessionMachine, lend: WorldLender) -> SessionMachine:
-    """Return a copy of a session to which inputs can be fed, and which is then discarded.
+    """Return a copy of a session; inputs fed to the copy leave the original unchanged.
 
-    Do not close the copy, because its world belongs to the original.
+    Discard the copy without closing it, because its world belongs to the original.
 
     Args:
         session: the session to copy.
-        lend: returns a world, free to be reset, for an id and options; None if there is none, which ends the copy.
+        lend: called with a world's id and options when the copy opens a world; returns a world that may be reset, or
+            None if there is none, which ends the copied session.
     """
     copied: SessionMachine = _Copier(lend).copy(session)
     return copied
@@ -57,45 +58,47 @@ class _LentContext(SessionContext):
 
 
 class _Copier:
-    """Copies objects of the session machine, each once, and gives the copy of the context lent worlds."""
+    """Copies objects of the session machine, each once, and replaces the session context by one with lent worlds."""
 
     def __init__(self, lend: WorldLender) -> None:
         self._lend = lend
         self._copies: dict[int, Any] = {}  # by the identity of the original
 
-    def copy(self, value: Any) -> Any:
+    def copy(self, original: Any) -> Any:
         """Return a copy of an object that changes while a session runs; return any other object itself."""
-        kind = type(value)
-        if id(value) in self._copies:
-            return self._copies[id(value)]
-        if kind is list or kind is set:
-            return self._copies.setdefault(id(value), kind(map(self.copy, value)))
-        if kind is dict:
-            return self._copies.setdefault(id(value), {name: self.copy(element) for name, element in value.items()})
-        if kind is tuple:
-            return tuple(map(self.copy, value))
-        if _is_mutable(value):
-            return self._copy_attributes(value)
-        return value
+        cls = type(original)
+        if id(original) in self._copies:
+            return self._copies[id(original)]
+        if cls is list or cls is set:
+            return self._copies.setdefault(id(original), cls(map(self.copy, original)))
+        if cls is dict:
+            return self._copies.setdefault(id(original), {key: self.copy(element) for key, element in original.items()})
+        if cls is tuple:
+            return tuple(map(self.copy, original))
+        if _is_mutable(original):
+            return self._copy_attributes(original)
+        return original
 
-    def _copy_attributes(self, value: Any) -> Any:
+    def _copy_attributes(self, original: Any) -> Any:
         """Return a copy of an object of the session machine, with copies of its attributes."""
-        kind = _LentContext if type(value) is SessionContext else type(value)
-        duplicate = object.__new__(kind)
-        self._copies[id(value)] = duplicate  # before its attributes, which may refer to it
-        duplicate.__dict__.update((name, self.copy(attribute)) for name, attribute in vars(value).items())
+        cls = _LentContext if type(original) is SessionContext else type(original)
+        duplicate = object.__new__(cls)
+        self._copies[id(original)] = duplicate  # registered first, as its attributes may refer back to it
+        duplicate.__dict__.update((name, self.copy(attribute)) for name, attribute in vars(original).items())
         if isinstance(duplicate, _LentContext):
             duplicate._lend = self._lend
         return duplicate
 
 
-def _is_mutable(value: Any) -> bool:
+def _is_mutable(candidate: Any) -> bool:
     """Return whether an object belongs to the session machine and changes while a session runs."""
-    kind = type(value)
-    frozen = getattr(kind, "__dataclass_params__", None)
-    if isinstance(value, Activity | AnswerDraft):  # including a plug-in's classes
+    if isinstance(candidate, Activity | AnswerDraft):  # including a plug-in's classes
         return True
-    if not kind.__module__.startswith(_COPIED_PACKAGES) or (frozen is not None and frozen.frozen):
+    cls = type(candidate)
+    dataclass_params = getattr(cls, "__dataclass_params__", None)
+    is_frozen = dataclass_params is not None and dataclass_params.frozen
+    if is_frozen or not cls.__module__.startswith(_COPIED_PACKAGES):
         return False
-    has_state = hasattr(value, "__dict__") and not hasattr(kind, "__members__")
-    return has_state and not isinstance(value, type | InterfaceWords)
+    is_enum_member = hasattr(cls, "__members__")
+    has_state = hasattr(candidate, "__dict__") and not is_enum_member
+    return has_state and not isinstance(candidate, type | InterfaceWords)

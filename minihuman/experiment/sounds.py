@@ -28,7 +28,7 @@ EXTRA = 'pip install "minihuman-lab[sound]"'
 _RAMP_S = 0.005  # ramp of tones, noise and shortened files, which would click without it
 _SILENCE_S = 0.1  # added around samples before resampling
 _NOISE_SEED = 51  # fixed, so that the noise is the same in each trial
-_HIGHEST = 32767  # the greatest sample of 16 bits
+_MAX_SAMPLE = 32767  # of 16 bits
 
 
 class SoundContent(msgspec.Struct, frozen=True):
@@ -58,7 +58,7 @@ class SoundCue:
 
 
 def compute_digest(content: SoundContent, files: Mapping[str, bytes]) -> str:
-    """Return the digest of a sound, 32 hexadecimal digits: equal sounds have the same, whatever their files' names."""
+    """Return a sound's digest, 32 hexadecimal digits; it depends on a file's content but not on the file's name."""
     nameless = msgspec.structs.replace(content, source="file") if content.file else content
     digest = hashlib.sha256(msgspec.json.encode(nameless))
     digest.update(files.get(content.file, b""))
@@ -70,11 +70,11 @@ def render_sound(content: SoundContent, files: Mapping[str, bytes], rate_hz: int
 
     Args:
         content: the sound.
-        files: the protocol's files.
-        rate_hz: the samples per second.
+        files: the contents of the protocol's files, by name.
+        rate_hz: the number of samples per second.
 
     Raises:
-        WorldError: if the file is missing or no sound file, or what decodes it is not installed.
+        WorldError: if the file is missing or cannot be decoded, or if the package ``soundfile`` is not installed.
     """
     count = round(content.lasts_ms * rate_hz / 1000)
     if content.source == TONE:
@@ -82,18 +82,19 @@ def render_sound(content: SoundContent, files: Mapping[str, bytes], rate_hz: int
     elif content.source == NOISE:
         samples = np.random.default_rng(_NOISE_SEED).uniform(-1.0, 1.0, (count, 1))
     else:
-        samples = _read_file(content.file, files, rate_hz)
+        samples = _decode_file(content.file, files, rate_hz)
     begins_softly = not content.file
     ends_softly = begins_softly or 0 < count < len(samples)
     if count:
         samples = samples[:count]
     samples = samples * 10 ** (content.level_db / 20)
-    ramp = np.sin(np.linspace(0, np.pi / 2, min(len(samples), round(_RAMP_S * rate_hz)), endpoint=False)) ** 2
+    ramp_length = min(len(samples), round(_RAMP_S * rate_hz))
+    ramp = np.sin(np.linspace(0, np.pi / 2, ramp_length, endpoint=False)) ** 2
     if begins_softly:
-        samples[: len(ramp)] *= ramp[:, None]
-    if ends_softly and len(ramp):
-        samples[-len(ramp) :] *= ramp[::-1, None]
-    return _place(samples, content.ear).clip(-1.0, 1.0).astype(np.float32)
+        samples[:ramp_length] *= ramp[:, None]
+    if ends_softly and ramp_length:
+        samples[-ramp_length:] *= ramp[::-1, None]
+    return _route_to_ears(samples, content.ear).clip(-1.0, 1.0).astype(np.float32)
 
 
 def encode_wav(samples: NDArray[np.float32], rate_hz: int) -> bytes:
@@ -105,21 +106,29 @@ def encode_wav(samples: NDArray[np.float32], rate_hz: int) -> bytes:
         file.setnchannels(channels.shape[1])
         file.setsampwidth(2)
         file.setframerate(rate_hz)
-        file.writeframes(np.round(channels * _HIGHEST).astype("<i2").tobytes())
+        file.writeframes(np.round(channels * _MAX_SAMPLE).astype("<i2").tobytes())
     return encoded.getvalue()
 
 
-def _place(samples: NDArray[np.float64], ear: str) -> NDArray[np.float64]:
-    """Return the samples of both ears, float64[n, 2], from one or two channels, float64[n, 1 or 2]."""
+def _route_to_ears(samples: NDArray[np.float64], ear: str) -> NDArray[np.float64]:
+    """Return the samples for both ears, float64[n, 2], from one or two channels, float64[n, 1 or 2].
+
+    If ``ear`` is "left" or "right", that ear gets the mean of the channels and the other ear silence.
+    """
     if ear == "both":
         return np.repeat(samples, 2, axis=1) if samples.shape[1] == 1 else samples
-    placed = np.zeros((len(samples), 2))
-    placed[:, EARS.index(ear) - 1] = samples.mean(axis=1)
-    return placed
+    ear_samples = np.zeros((len(samples), 2))
+    column = 0 if ear == "left" else 1
+    ear_samples[:, column] = samples.mean(axis=1)
+    return ear_samples
 
 
-def _read_file(name: str, files: Mapping[str, bytes], rate_hz: int) -> NDArray[np.float64]:
-    """Decode a file of one or two channels, float64[n, 1 or 2], at a rate."""
+def _decode_file(name: str, files: Mapping[str, bytes], rate_hz: int) -> NDArray[np.float64]:
+    """Decode a sound file of one or two channels, and return its samples at a rate as float64[n, 1 or 2].
+
+    Raises:
+        WorldError: if the file is missing, has another format or length, or cannot be decoded.
+    """
     content = files.get(name)
     if content is None:
         raise WorldError(f"sound {name!r} is not in the protocol's folder; copy it there")
@@ -143,22 +152,30 @@ def _read_file(name: str, files: Mapping[str, bytes], rate_hz: int) -> NDArray[n
 
 
 def _resample(samples: NDArray[np.float64], from_hz: int, to_hz: int) -> NDArray[np.float64]:
-    """Resample by the Fourier transform; frequencies that the lower rate cannot represent are removed."""
+    """Resample channels, float64[n, 1 or 2], by the Fourier transform.
+
+    Frequencies that the lower rate cannot represent are removed. Silence is added around the samples for the transform,
+    which treats them as periodic, and is removed afterwards.
+    """
     if from_hz == to_hz:
         return samples
-    factor = math.gcd(from_hz, to_hz)
-    unit = from_hz // factor  # the fewest samples that become a whole number of samples
-    before = unit * math.ceil(_SILENCE_S * from_hz / unit)  # silence, as the transform is periodic
-    count = unit * math.ceil((len(samples) + 2 * before) / unit)
+    unit = from_hz // math.gcd(from_hz, to_hz)  # the fewest samples that become a whole number of samples
+    silence_length = unit * math.ceil(_SILENCE_S * from_hz / unit)
+    count = unit * math.ceil((len(samples) + 2 * silence_length) / unit)
     padded = np.zeros((count, samples.shape[1]))
-    padded[before : before + len(samples)] = samples
+    padded[silence_length : silence_length + len(samples)] = samples
     new_count = count * to_hz // from_hz
     resampled = np.fft.irfft(np.fft.rfft(padded, axis=0), new_count, axis=0) * new_count / count
-    begin = before * to_hz // from_hz
+    begin = silence_length * to_hz // from_hz
     return resampled[begin : begin + round(len(samples) * to_hz / from_hz)]
 
 
 def _import_soundfile(name: str) -> Any:
+    """Return the module ``soundfile``, which decodes the sound of a given name.
+
+    Raises:
+        WorldError: if the package is not installed.
+    """
     try:
         import soundfile
     except (ImportError, OSError) as error:  # OSError if the system's library is missing

@@ -22,7 +22,10 @@ from minihuman.errors import WorldError
 from minihuman.experiment.trial_responses import NO_RESPONSE as NO_RESPONSE
 
 SIDES = {"left": 0.25, "centre": 0.5, "right": 0.75}  # of the width
-_CARDS = {"left": 0.27, "right": 0.73}
+_CARDS = {"left": 0.27, "right": 0.73}  # of the width
+_CARD_SCALE = 0.75  # half of a card's side, as a multiple of the height of its text
+_MAX_IMAGE_WIDTH = 0.45  # of the picture's width
+_DIAMOND_SCALE = 1.2  # of the diamond's radius to the circle's, so that their areas look alike
 SHAPES = ("circle", "square", "diamond")
 BACKGROUND = "#16191e"
 _TWO_STEP_NAMES = (("A", "B"), ("C", "D"), ("E", "F"))
@@ -95,7 +98,7 @@ class Stimulus(gymnasium.Env[NDArray[np.int64], int]):
         self._ink = read_colour(colour)
         self._text = str(text)
         cards = ((left, _CARDS["left"]), (right, _CARDS["right"]))
-        self._cards = tuple((str(label), place) for label, place in cards if label != "")
+        self._cards = tuple((str(label), card_x) for label, card_x in cards if label != "")
         self._shape = shape
         self._side = SIDES[side]
         self._size = _read_number("size", size, low=0.0, high=10.0)
@@ -104,9 +107,9 @@ class Stimulus(gymnasium.Env[NDArray[np.int64], int]):
         self.prompted_responses = self._find_responses(str(text), side)
 
     def _find_responses(self, *words: str) -> tuple[str, ...]:
-        """Return the responses that any of the words names."""
-        named = {word.strip().lower() for word in words}
-        return tuple(name for name in self.action_names if name.lower() in named)
+        """Return the responses whose names are among the words, whatever their case."""
+        lower_words = {word.strip().lower() for word in words}
+        return tuple(name for name in self.action_names if name.lower() in lower_words)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -128,7 +131,7 @@ class Stimulus(gymnasium.Env[NDArray[np.int64], int]):
         return np.array([self._n_steps, 0], np.int64)
 
     def render(self) -> Any:
-        """Return the picture as uint8[height, width, 3] of ``picture_size_px``.
+        """Return the stimulus as a picture of ``picture_size_px``, uint8[height, width, 3].
 
         After the response the picture shows only the background.
         """
@@ -146,35 +149,36 @@ class Stimulus(gymnasium.Env[NDArray[np.int64], int]):
         """Draw the stimulus: its image, shape, text and cards."""
         width, height = picture.size
         draw = ImageDraw.Draw(picture)
-        reach = self._size * height / 2
-        middle = height / 2
-        at = self._side * width
+        x = self._side * width
+        y = height / 2
         if self._image is not None:
-            scale = min(2 * reach / self._image.height, 0.45 * width / self._image.width)
-            scaled_image = self._image.resize(
-                (max(1, round(self._image.width * scale)), max(1, round(self._image.height * scale)))
-            )
-            picture.paste(
-                scaled_image,
-                (round(at - scaled_image.width / 2), round(middle - scaled_image.height / 2)),
-                scaled_image,
-            )
-        box = (at - reach, middle - reach, at + reach, middle + reach)
+            self._draw_image(picture, self._image, x, y)
+        radius = self._size * height / 2
+        box = (x - radius, y - radius, x + radius, y + radius)
         match self._shape:
             case "circle":
                 draw.ellipse(box, fill=self._ink)
             case "square":
                 draw.rectangle(box, fill=self._ink)
             case "diamond":
-                draw.regular_polygon((at, middle, reach * 1.2), 4, rotation=45, fill=self._ink)
-        self._draw_text(draw, self._text, at, middle, self._ink)
-        for item, side in self._cards:
-            self._draw_card(draw, item, side * width, middle, self._ink)
+                draw.regular_polygon((x, y, radius * _DIAMOND_SCALE), 4, rotation=45, fill=self._ink)
+        self._draw_text(draw, self._text, x, y, self._ink)
+        for label, card_x in self._cards:
+            self._draw_card(draw, label, card_x * width, y, self._ink)
+
+    def _draw_image(self, picture: Image.Image, image: Image.Image, x: float, y: float) -> None:
+        """Draw an image centred at a point, as high as the stimulus's size unless it is then wider than its side."""
+        width, height = picture.size
+        scale = min(self._size * height / image.height, _MAX_IMAGE_WIDTH * width / image.width)
+        scaled_image = image.resize((max(1, round(image.width * scale)), max(1, round(image.height * scale))))
+        top_left = (round(x - scaled_image.width / 2), round(y - scaled_image.height / 2))
+        picture.paste(scaled_image, top_left, scaled_image)
 
     def _draw_card(self, draw: ImageDraw.ImageDraw, text: str, x: float, y: float, ink: Any) -> None:
-        reach = self._size * self.picture_size_px[1] * 0.75
-        box = (x - reach, y - reach, x + reach, y + reach)
-        draw.rounded_rectangle(box, radius=reach / 4, outline=ink, width=max(2, round(reach / 24)))
+        """Draw a card, a square with rounded corners and a text, centred at a point."""
+        half_side = self._size * self.picture_size_px[1] * _CARD_SCALE
+        box = (x - half_side, y - half_side, x + half_side, y + half_side)
+        draw.rounded_rectangle(box, radius=half_side / 4, outline=ink, width=max(2, round(half_side / 24)))
         self._draw_text(draw, text, x, y, ink)
 
     def _draw_text(self, draw: ImageDraw.ImageDraw, text: str, x: float, y: float, ink: Any) -> None:
@@ -209,8 +213,8 @@ class TwoStep(Stimulus):
         super().__init__(render_mode)
         self._common = _read_number("common", common)
         chances = {"chance_1": chance_1, "chance_2": chance_2, "chance_3": chance_3, "chance_4": chance_4}
-        chance_1, chance_2, chance_3, chance_4 = (_read_number(name, chance) for name, chance in chances.items())
-        self._rewards = ((chance_1, chance_2), (chance_3, chance_4))
+        left_1, right_1, left_2, right_2 = (_read_number(name, chance) for name, chance in chances.items())
+        self._reward_chances = ((left_1, right_1), (left_2, right_2))  # by pair and response
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -229,10 +233,10 @@ class TwoStep(Stimulus):
             return self._observe(), 0.0, True, False, {}
         if not self._pair:
             is_common = self.np_random.random() < self._common
-            self._pair = 1 if is_common == (response == "left") else 2
+            self._pair = 1 if is_common == (response == "left") else 2  # left commonly leads to the first pair
             self.choice = self._pair
             return self._observe(), 0.0, False, False, {"onset": True}
-        chance = self._rewards[self._pair - 1][int(response == "right")]
+        chance = self._reward_chances[self._pair - 1][int(response == "right")]
         self.last_reward = float(self.np_random.random() < chance)
         return self._observe(), self.last_reward, True, False, {}
 
@@ -252,14 +256,14 @@ class TwoStep(Stimulus):
             self._draw_card(draw, name, side * width, height / 2, ink)
 
 
-def _require_choice(name: str, choice: str, known: Sequence[str]) -> None:
-    if choice not in known:
-        raise WorldError(f"{name} is {choice!r}; use one of {', '.join(filter(None, known))}")
+def _require_choice(option: str, choice: str, allowed: Sequence[str]) -> None:
+    if choice not in allowed:
+        raise WorldError(f"{option} is {choice!r}; use one of {', '.join(filter(None, allowed))}")
 
 
-def _require_choices(name: str, choices: Iterable[str], known: Sequence[str]) -> None:
+def _require_choices(option: str, choices: Iterable[str], allowed: Sequence[str]) -> None:
     for choice in choices:
-        _require_choice(name, choice, known)
+        _require_choice(option, choice, allowed)
 
 
 def _require_language(language: object) -> str:
@@ -269,7 +273,7 @@ def _require_language(language: object) -> str:
 
 
 def read_colour(colour: str) -> Any:
-    """Return a colour as (red, green, blue).
+    """Return a colour, a CSS name or "#rrggbb", as (red, green, blue), each 0 to 255.
 
     Raises:
         WorldError: if it is no CSS name and no "#rrggbb".
@@ -305,17 +309,22 @@ def _read_chances(chances: dict[str, float], responses: tuple[str, ...]) -> dict
     Raises:
         WorldError: if a value is not a number, or an option names no response.
     """
-    read: dict[str, float] = {}
-    for name, chance in chances.items():
-        response = name.removeprefix("chance_")
-        if response == name or response not in responses:
-            known = ", ".join(f"chance_{response}" for response in responses)
-            raise WorldError(f"there is no option {name!r}; chances are called {known}")
-        read[response] = _read_number(name, chance)
-    return read
+    chance_of_response: dict[str, float] = {}
+    for option, chance in chances.items():
+        response = option.removeprefix("chance_")
+        if response == option or response not in responses:
+            options = ", ".join(f"chance_{response}" for response in responses)
+            raise WorldError(f"there is no option {option!r}; chances are called {options}")
+        chance_of_response[response] = _read_number(option, chance)
+    return chance_of_response
 
 
 def _read_image(encoded: str) -> Image.Image | None:
+    """Decode a PNG in URL-safe Base64 to an RGBA image; return None for "".
+
+    Raises:
+        WorldError: if the text is no PNG in Base64.
+    """
     if not encoded:
         return None
     try:

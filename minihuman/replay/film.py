@@ -57,6 +57,7 @@ _KEY_PITCH_PX = (62, 78)  # from one key to the next, across and down
 _CAPTION_OFFSET_PX = 55
 _MOST_KEY_CHARACTERS = 5
 _MOST_ACTION_CHARACTERS = 8
+_ACTION_COLUMN_CHARACTERS = 10  # of the list of steps
 _LEAST_SMALL = 3  # names of keys with at least so many characters are set small
 _LEAST_THING_PX = 4
 _AGENT_PX = 5
@@ -93,23 +94,23 @@ _MIDDLE = 0.58  # the middle of a line, from its top, as a share of the type siz
 
 def draw_label(
     draw: ImageDraw.ImageDraw,
-    place: tuple[float, float],
-    words: str,
+    position: tuple[float, float],
+    text: str,
     colour: str,
     lettering: Lettering,
     *,
     centred: bool = False,
 ) -> None:
-    """Draw a line of text, placed by its upper left corner or, if ``centred``, by its middle."""
+    """Draw a line of text; ``position`` is its upper left corner or, if ``centred``, its middle."""
     faces = lettering.faces
     size_px = lettering.size_px
-    x, y = place
+    x, y = position
     ink = ImageColor.getrgb(colour)[:3]
     anchor = "m"
     if not centred:
         anchor = "l"
         y += _MIDDLE * size_px
-    draw_line(draw, (x, y), words, faces=faces, size_px=size_px, colour=ink, anchor=anchor, rtl=is_rtl(words))
+    draw_line(draw, (x, y), text, faces=faces, size_px=size_px, colour=ink, anchor=anchor, rtl=is_rtl(text))
 
 
 def write_film(log: SessionLog, out: Path, *, episode: int | None = None) -> Path:
@@ -151,14 +152,18 @@ def write_film(log: SessionLog, out: Path, *, episode: int | None = None) -> Pat
 
 
 def _select_episodes(log: SessionLog, number: int | None) -> list[EpisodeLog]:
-    """Return the last attempt at the episode with that number, or every episode with a step."""
+    """Return the last attempt at the episode of a given number, or every episode with a step if it is None.
+
+    Raises:
+        LogError: if there is no such episode, or no step to film.
+    """
     episodes: Sequence[EpisodeLog] = log.episodes
     if number is not None:
         attempts = [episode for episode in log.episodes if episode.number == number]
         if not attempts:
-            known = sorted({episode.number for episode in log.episodes})
-            numbers = ", ".join(map(str, known)) or "none"
-            raise LogError(f"{log.path} has no episode {number}; its episodes are {numbers}")
+            numbers = sorted({episode.number for episode in log.episodes})
+            numbers_text = ", ".join(map(str, numbers)) or "none"
+            raise LogError(f"{log.path} has no episode {number}; its episodes are {numbers_text}")
         episodes = attempts[-1:]
     with_steps = [episode for episode in episodes if len(episode.actions)]
     if not with_steps:
@@ -167,6 +172,7 @@ def _select_episodes(log: SessionLog, number: int | None) -> list[EpisodeLog]:
 
 
 def _save_gif(images: Iterator[Image.Image], path: Path) -> None:
+    """Save a film's pictures as an animated GIF, smaller and with fewer colours."""
     first, *other_images = (
         image.resize(_GIF_PX, Image.Resampling.LANCZOS).quantize(_GIF_COLOURS, dither=Image.Dither.NONE)
         for image in images
@@ -222,11 +228,11 @@ def _compose_frame(
 
 
 def _draw_keys(draw: ImageDraw.ImageDraw, episode: EpisodeLog, step: int, left: int) -> None:
-    """Draw the keys with their actions, and highlight the key that made this step."""
+    """Draw the keys of an episode with their actions, and highlight the key that made a step."""
     pressed = episode.step_keys[step - 1] if step else ""
     key_actions = sorted(episode.plan.key_map.keys.items())
-    for place, (key, action) in enumerate(key_actions[:_MOST_KEYS]):
-        row, column = divmod(place, _KEYS_PER_ROW)
+    for number, (key, action) in enumerate(key_actions[:_MOST_KEYS]):
+        row, column = divmod(number, _KEYS_PER_ROW)
         x = left + column * _KEY_PITCH_PX[0]
         y = _KEYS_TOP_PX + row * _KEY_PITCH_PX[1]
         middle = x + _KEY_PX // 2
@@ -246,8 +252,8 @@ def _describe_step(episode: EpisodeLog, index: int, reaction_ms: float) -> str:
     """Describe a step in one line: its time, key and action, and the reaction time if there is one."""
     seconds = (episode.t_ns[index + 1] - episode.t_ns[0]) / 1e9
     key = episode.step_keys[index] or "-"
-    action = _shorten_action(episode.start.action_names[episode.actions[index]], 10)
-    text = f"{seconds:7.2f} s  {key:>5}  {action:<10}"
+    action = _shorten_action(episode.start.action_names[episode.actions[index]], _ACTION_COLUMN_CHARACTERS)
+    text = f"{seconds:7.2f} s  {key:>5}  {action:<{_ACTION_COLUMN_CHARACTERS}}"
     if np.isnan(reaction_ms):
         return text
     return f"{text}{reaction_ms:6.0f} ms"
@@ -259,13 +265,18 @@ def _shorten_action(name: str, length: int) -> str:
 
 
 def _draw_map(draw: ImageDraw.ImageDraw, episode: EpisodeLog, step: int, box: tuple[int, int, int, int]) -> None:
-    """Draw the floor plan from above with the path so far; draw nothing if the world has no map."""
+    """Draw an episode's floor plan and its path up to a step into a box; draw nothing if the world has no map.
+
+    ``box`` is the left, upper, right and lower edge in pixels.
+    """
     plan = episode.start.map
     if plan is None:
         return
     x_min, z_min, x_max, z_max = plan.bounds
     left, top, right, bottom = box
-    scale = min((right - left) / max(x_max - x_min, 1e-9), (bottom - top) / max(z_max - z_min, 1e-9))
+    width = max(x_max - x_min, 1e-9)  # never 0, so that a flat map has a scale
+    depth = max(z_max - z_min, 1e-9)
+    scale = min((right - left) / width, (bottom - top) / depth)  # pixels per unit of the map
 
     def locate(x: float, z: float) -> tuple[float, float]:
         return left + (x - x_min) * scale, top + (z - z_min) * scale
@@ -278,8 +289,8 @@ def _draw_map(draw: ImageDraw.ImageDraw, episode: EpisodeLog, step: int, box: tu
         radius = max(thing.radius * scale, _LEAST_THING_PX)
         draw.rectangle((x - radius, z - radius, x + radius, z + radius), fill=thing.colour, outline=INK)
     path = episode.poses[: step + 1, [0, 2]]
-    is_known = ~np.isnan(path[:, 0])
-    points = [locate(x, z) for x, z in path[is_known].tolist()]
+    has_pose = ~np.isnan(path[:, 0])
+    points = [locate(x, z) for x, z in path[has_pose].tolist()]
     if len(points) > 1:
         draw.line(points, fill=BLUE, width=3, joint="curve")
     if points:
@@ -311,7 +322,7 @@ def draw_contact_sheet(log: SessionLog, episodes: Sequence[EpisodeLog]) -> Image
 
 
 def _draw_description(draw: ImageDraw.ImageDraw, episode: EpisodeLog, top: int) -> None:
-    """Write the description of an episode of a contact sheet, with its first line in darker ink."""
+    """Draw the lines that describe an episode on a contact sheet, the first one in darker ink."""
     lines = [
         f"episode {episode.number}",
         episode.plan.block_name[:_MOST_BLOCK_CHARACTERS],
@@ -335,7 +346,7 @@ def _draw_sheet_map(draw: ImageDraw.ImageDraw, episode: EpisodeLog, top: int) ->
 
 
 def _draw_step_label(draw: ImageDraw.ImageDraw, step: int, corner: tuple[int, int]) -> None:
-    """Write a picture's step on a dark box in the picture's upper left corner."""
+    """Draw the number of a picture's step on a dark box in the picture's upper left corner."""
     x, y = corner
     margin_x, margin_y = _LABEL_MARGIN_PX
     text = f"step {step}"

@@ -21,7 +21,9 @@ BACKGROUND = "#24272c"
 
 
 def render_partner_frames(episode: EpisodeLog, seat: int) -> list[NDArray[np.uint8]]:
-    """Redraw the n + 1 pictures that another seat of the episode's team saw, uint8[H, W, 3].
+    """Redraw the pictures of an episode, uint8[H, W, 3], as the participant in another seat of the team saw them.
+
+    The first is that of the reset, followed by one for each of the team's steps. They are not checked.
 
     Raises:
         WorldError: if the world cannot be run.
@@ -51,7 +53,7 @@ def render_frames(episode: EpisodeLog, size_px: tuple[int, int] = SIZE_PX) -> li
     plan = episode.plan
     try:
         with closing(World(plan.world, episode.world_options)) as world:
-            return list(_draw_again(episode, world, size_px))
+            return list(_redraw_pictures(episode, world, size_px))
     except (LogError, WorldError):
         stored = episode.observations
         if stored is None or not is_picture(stored[0]):
@@ -59,8 +61,13 @@ def render_frames(episode: EpisodeLog, size_px: tuple[int, int] = SIZE_PX) -> li
         return list(verify_observations(stored, episode.observation_hashes, plan.episode))
 
 
-def _draw_again(episode: EpisodeLog, world: World, size_px: tuple[int, int]) -> Iterator[NDArray[np.uint8]]:
-    """Yield the picture of each state of an episode, checking that the world is in the state that was seen."""
+def _redraw_pictures(episode: EpisodeLog, world: World, size_px: tuple[int, int]) -> Iterator[NDArray[np.uint8]]:
+    """Play an episode again in its world, and yield the picture of each state.
+
+    Raises:
+        LogError: if an observation of the world differs from the logged one.
+        WorldError: if the world cannot be run.
+    """
     plan = episode.plan
     observation_hash = world.reset(plan.seed).observation_hash
     for step, logged_hash in enumerate(episode.observation_hashes.tolist()):

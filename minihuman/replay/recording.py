@@ -30,8 +30,8 @@ from minihuman.replay.rerun_scene import (
     session_root,
 )
 
-_MARGIN = 0.04
-Bounds = tuple[float, float, float, float]
+_MARGIN = 0.04  # around a map, as a share of its longer side
+Bounds = tuple[float, float, float, float]  # left, top, right, bottom
 
 
 def build_layout(logs: Sequence[SessionLog], *, with_view: bool) -> rrb.Blueprint:
@@ -52,9 +52,10 @@ def build_layout(logs: Sequence[SessionLog], *, with_view: bool) -> rrb.Blueprin
 
 
 def _lay_out_session(log: SessionLog, *, with_view: bool) -> rrb.Horizontal:
+    """Build the panels of a single session: maps and views in one column, timelines, numbers and texts in another."""
     root = session_root(log)
     steering = []
-    row_shares = [3, 2, 2, 3]
+    row_shares = [3, 2, 2, 3]  # of keys, rewards, reaction times and texts
     if any(episode.taught is not None for episode in log.episodes):
         steering = [rrb.StateTimelineView(origin=f"{root}/steering", name="Policy and person")]
         row_shares = [2, *row_shares]
@@ -96,22 +97,25 @@ def _lay_out_column(log: SessionLog, *, with_view: bool) -> rrb.Vertical:
     )
 
 
-def _build_maps(log: SessionLog, name: str = "") -> rrb.Spatial2DView | rrb.Tabs:
-    """Build the view of the map, or a tab with it for each block, since blocks differ in the size of their maps."""
-    bounds: dict[str, list[Bounds]] = {}
+def _build_maps(log: SessionLog, prefix: str = "") -> rrb.Spatial2DView | rrb.Tabs:
+    """Build a view of the map or, as blocks differ in the size of their maps, a tab with a view for each block.
+
+    ``prefix`` is put before the views' names.
+    """
+    bounds_by_block: dict[str, list[Bounds]] = {}
     for episode in log.episodes:
         if episode.start.map is not None:
-            bounds.setdefault(episode.plan.block_name, []).append(episode.start.map.bounds)
-    if len(bounds) < 2:
-        return _build_map_view(log, f"{name}map", next(iter(bounds.values()), []))
+            bounds_by_block.setdefault(episode.plan.block_name, []).append(episode.start.map.bounds)
+    if len(bounds_by_block) < 2:
+        return _build_map_view(log, f"{prefix}map", next(iter(bounds_by_block.values()), []))
     return rrb.Tabs(
-        *(_build_map_view(log, f"{name}map of {block}", block_bounds) for block, block_bounds in bounds.items())
+        *(_build_map_view(log, f"{prefix}map of {block}", bounds) for block, bounds in bounds_by_block.items())
     )
 
 
 def _build_map_view(log: SessionLog, name: str, bounds: Sequence[Bounds]) -> rrb.Spatial2DView:
-    """Build a view of the map with room around all given bounds (left, top, right, bottom)."""
-    visual = None
+    """Build a view of the map that shows all given bounds with a margin; without bounds, rerun chooses the view."""
+    visual_bounds = None
     if bounds:
         lefts, tops, rights, bottoms = zip(*bounds, strict=True)
         left = min(lefts)
@@ -119,8 +123,10 @@ def _build_map_view(log: SessionLog, name: str, bounds: Sequence[Bounds]) -> rrb
         right = max(rights)
         bottom = max(bottoms)
         margin = _MARGIN * max(right - left, bottom - top)
-        visual = rrb.VisualBounds2D(x_range=(left - margin, right + margin), y_range=(top - margin, bottom + margin))
-    return rrb.Spatial2DView(origin=f"{session_root(log)}/map", name=name, visual_bounds=visual)
+        visual_bounds = rrb.VisualBounds2D(
+            x_range=(left - margin, right + margin), y_range=(top - margin, bottom + margin)
+        )
+    return rrb.Spatial2DView(origin=f"{session_root(log)}/map", name=name, visual_bounds=visual_bounds)
 
 
 APPLICATION = "minihuman"
@@ -157,10 +163,10 @@ def save_recording(logs: Sequence[SessionLog], path: Path, *, with_view: bool = 
         except RuntimeError as error:
             raise _make_write_error(path, is_full=not path.is_file()) from error
         for log in logs:
-            timeline_of_log = ReplayTimeline.of(log, aligned_ns=aligned_ns)
-            send_session(recording, log, timeline_of_log)
+            timeline = ReplayTimeline.of(log, aligned_ns=aligned_ns)
+            send_session(recording, log, timeline)
             if with_view:
-                send_views(recording, log, timeline_of_log)
+                send_views(recording, log, timeline)
         _finish_recording(recording, path)
     return path
 
@@ -182,10 +188,9 @@ def _finish_recording(recording: rr.RecordingStream, path: Path) -> None:
 
 
 def _make_write_error(path: Path, *, is_full: bool) -> OSError:
-    number = errno.EIO
-    if is_full:
-        number = errno.ENOSPC
-    return OSError(number, os.strerror(number), str(path))
+    """Return the error for a file that could not be written because its disk is full, or for an unknown reason."""
+    error_number = errno.ENOSPC if is_full else errno.EIO
+    return OSError(error_number, os.strerror(error_number), str(path))
 
 
 def _identify_recording(logs: Sequence[SessionLog]) -> uuid.UUID:
@@ -215,20 +220,23 @@ def viewer_environment() -> dict[str, str]:
 
 
 def show_recording(recording: Path, *, web: bool) -> int:
-    """Show a recording until the viewer is closed; return the viewer's exit status."""
+    """Open a recording in the viewer, and return the viewer's exit status once it is closed.
+
+    With ``web``, the viewer is a page, whose address is printed, and is closed by Ctrl-C.
+    """
     command = viewer_command(recording, web=web)
     environment = viewer_environment()
     if not web:
         return subprocess.call(command, env=environment)
-    page = _free_port()
-    source = _free_port()
-    address = quote(f"rerun+http://{ADDRESS}:{source}/proxy", safe="")
-    print(f"open http://{ADDRESS}:{page}?url={address}   (Ctrl-C ends it)", flush=True)
-    ports = ["--web-viewer-port", str(page), "--port", str(source)]
+    page_port = _find_free_port()
+    source_port = _find_free_port()
+    source_url = quote(f"rerun+http://{ADDRESS}:{source_port}/proxy", safe="")
+    print(f"open http://{ADDRESS}:{page_port}?url={source_url}   (Ctrl-C ends it)", flush=True)
+    ports = ["--web-viewer-port", str(page_port), "--port", str(source_port)]
     return subprocess.call([*command, *ports], env=environment | {"RUST_LOG": "error"}, stdout=subprocess.DEVNULL)
 
 
-def _free_port() -> int:
+def _find_free_port() -> int:
     with socket.socket() as probe:
         probe.bind((ADDRESS, 0))
         return int(probe.getsockname()[1])

@@ -42,7 +42,7 @@ class ReplayTimeline:
 
     @classmethod
     def of(cls, log: SessionLog, *, aligned_ns: dict[int, int] | None = None) -> "ReplayTimeline":
-        """Build a session's timeline; ``aligned_ns`` maps an episode's number to its common beginning."""
+        """Build a session's timeline; ``aligned_ns`` has the starts that `align_episode_starts` returns."""
         numbers = [episode.number for episode in log.episodes]
         rows = np.concatenate([np.zeros(0, np.int64), *(episode.t_ns for episode in log.episodes)])
         starts = np.array([episode.t_ns[0] for episode in log.episodes], np.int64)
@@ -58,12 +58,12 @@ class ReplayTimeline:
         return 0
 
     def columns(self, t_ns: ArrayLike) -> list[rr.TimeColumn]:
-        """Return each timeline's values at these times, given in nanoseconds since the session began."""
+        """Return the values of each of rerun's timelines at given times, in nanoseconds since the session began."""
         times = np.asarray(t_ns, np.int64)
-        place = np.searchsorted(self.start_t_ns, times, side="right") - 1
+        indices = np.searchsorted(self.start_t_ns, times, side="right") - 1  # of episodes; -1 before the first
         steps = np.searchsorted(self.row_t_ns, times, side="right") - 1
         if len(self.numbers):
-            episodes = np.where(place < 0, 0, self.numbers[place])
+            episodes = np.where(indices < 0, 0, self.numbers[indices])
         else:
             episodes = np.zeros(len(times), np.int64)
         columns = [
@@ -73,39 +73,41 @@ class ReplayTimeline:
             rr.TimeColumn(EPISODE, sequence=episodes),
         ]
         if self.aligned_ns is not None and len(self.numbers):
-            since = times - self.start_t_ns[np.maximum(place, 0)] + self.aligned_ns[np.maximum(place, 0)]
-            columns.append(rr.TimeColumn(ALIGNED, duration=since.astype("timedelta64[ns]")))
+            nearest = np.maximum(indices, 0)  # times before the first episode count from its start
+            aligned_times = times - self.start_t_ns[nearest] + self.aligned_ns[nearest]
+            columns.append(rr.TimeColumn(ALIGNED, duration=aligned_times.astype("timedelta64[ns]")))
         return columns
 
 
 def align_episode_starts(logs: Sequence[SessionLog]) -> dict[int, int]:
-    """Return when each episode begins on the common timeline, a second after the longest one before it."""
-    longest: dict[int, int] = {}
+    """Return the start in nanoseconds of each episode number on a timeline that several sessions share.
+
+    Each number starts a second after the longest episode of the number before it.
+    """
+    longest_ns: dict[int, int] = {}
     for log in logs:
         for episode in log.episodes:
             number = episode.number
-            longest[number] = max(longest.get(number, 0), int(episode.t_ns[-1] - episode.t_ns[0]))
-    starts = {}
+            longest_ns[number] = max(longest_ns.get(number, 0), int(episode.t_ns[-1] - episode.t_ns[0]))
+    starts_ns = {}
     now_ns = 0
-    for number in sorted(longest):
-        starts[number] = now_ns
-        now_ns += longest[number] + 1_000_000_000
-    return starts
+    for number in sorted(longest_ns):
+        starts_ns[number] = now_ns
+        now_ns += longest_ns[number] + 1_000_000_000
+    return starts_ns
 
 
 def build_facts_page(log: SessionLog) -> str:
     """Return the session's facts as a page of Markdown, with a table that has a row for each episode."""
     plan = log.plan
     participant = log.plan.participant
-    clean = "cut off"
-    if log.clean:
-        clean = "finished"
+    log_state = "finished" if log.clean else "cut off"
     lines = [
         f"# {participant.id}, session {plan.session}",
         "",
         f"**{plan.study}** {plan.study_version}, group *{participant.group}*, played by *{log.player}*.",
         (
-            f"Started {log.started_at} ({_describe_segments(log)}); the log is {clean}, "
+            f"Started {log.started_at} ({_describe_segments(log)}); the log is {log_state}, "
             f"the session ended: {log.end_reason}."
         ),
         "",
@@ -151,7 +153,7 @@ _TRAIL_MOVES = 12
 _FIRST_LINE_ORDER = 20  # draw order of the path; the trail lies on it
 _VIDEO_FPS = 10  # nominal, since each row refers to its picture in the video
 _PATH_ROWS = 400  # a longer path is redrawn only every few moves, which avoids quadratic size
-_HEADING = {"cell": 0.8, "m": 0.7}
+_ARROW_LENGTHS = {"cell": 0.8, "m": 0.7}  # of the arrow that shows the heading, by the map's unit and in that unit
 _KEY_STATES = {  # colours by a press's verdict
     "accepted": 0x009E73FF,
     "queued": 0x56B4E9FF,
@@ -164,7 +166,7 @@ _KEY_STATES = {  # colours by a press's verdict
     "shortcut": 0x5A5A5AFF,
 }
 
-_ACTIONS = (0x0072B2FF, 0xE69F00FF, 0x009E73FF, 0xCC79A7FF, 0x56B4E9FF, 0xD55E00FF, 0xF0E442FF)
+_ACTION_COLOURS = (0x0072B2FF, 0xE69F00FF, 0x009E73FF, 0xCC79A7FF, 0x56B4E9FF, 0xD55E00FF, 0xF0E442FF)
 
 
 def session_root(log: SessionLog) -> str:
@@ -195,8 +197,8 @@ def send_views(recording: rr.RecordingStream, log: SessionLog, timeline: ReplayT
         WorldError: if a world cannot be run here, and the log has no pictures.
     """
     root = session_root(log)
-    files = dict[str, io.BytesIO]()
-    videos = dict[str, VideoWriter]()
+    files: dict[str, io.BytesIO] = {}
+    videos: dict[str, VideoWriter] = {}
     times: dict[str, list[NDArray[np.int64]]] = defaultdict(list)
     with ExitStack() as stack:
         for episode in log.episodes:
@@ -242,14 +244,14 @@ def _send_maps(recording: rr.RecordingStream, root: str, log: SessionLog, timeli
 
 def _send_motion(recording: rr.RecordingStream, root: str, log: SessionLog, timeline: ReplayTimeline) -> None:
     """Send the agent's position and heading at every step, and its path and trail whenever it moved."""
-    placed = [(episode, ~np.isnan(episode.poses[:, 0])) for episode in log.episodes]
-    placed = [(episode, has_pose) for episode, has_pose in placed if has_pose.any()]
-    if not placed:
+    masks = [(episode, ~np.isnan(episode.poses[:, 0])) for episode in log.episodes]
+    masks = [(episode, has_pose) for episode, has_pose in masks if has_pose.any()]
+    if not masks:
         return
-    times = np.concatenate([episode.t_ns[has_pose] for episode, has_pose in placed])
-    poses = np.concatenate([episode.poses[has_pose] for episode, has_pose in placed])
+    times = np.concatenate([episode.t_ns[has_pose] for episode, has_pose in masks])
+    poses = np.concatenate([episode.poses[has_pose] for episode, has_pose in masks])
     places = poses[:, [0, 2]].astype(np.float32)
-    lengths = [np.full(has_pose.sum(), _measure_arrow(episode), np.float32) for episode, has_pose in placed]
+    lengths = [np.full(has_pose.sum(), _find_arrow_length(episode), np.float32) for episode, has_pose in masks]
     length = np.concatenate(lengths)
     heading = np.stack([np.cos(poses[:, 3]), -np.sin(poses[:, 3])], axis=1)
     arrows = rr.Arrows2D.columns(
@@ -259,7 +261,7 @@ def _send_motion(recording: rr.RecordingStream, root: str, log: SessionLog, time
         radii=length / 8,
     )
     recording.send_columns(f"{root}/map/agent", timeline.columns(times), arrows)
-    ends = np.cumsum([has_pose.sum() for _, has_pose in placed])
+    ends = np.cumsum([has_pose.sum() for _, has_pose in masks])
     moves = [start + _find_moves(places[start:end]) for start, end in pairwise([0, *ends])]
     _send_lines(recording, root, timeline, times[np.concatenate(moves)], places[np.concatenate(moves)], moves)
 
@@ -275,9 +277,9 @@ def _send_partners(recording: rr.RecordingStream, root: str, log: SessionLog, ti
             heading = np.stack([np.cos(poses[has_pose, 3]), -np.sin(poses[has_pose, 3])], axis=1)
             arrows = rr.Arrows2D.columns(
                 origins=places,
-                vectors=(_measure_arrow(episode) * heading).astype(np.float32),
+                vectors=(_find_arrow_length(episode) * heading).astype(np.float32),
                 colors=np.full(len(places), PARTNER, np.uint32),
-                radii=np.full(len(places), _measure_arrow(episode) / 8, np.float32),
+                radii=np.full(len(places), _find_arrow_length(episode) / 8, np.float32),
             )
             times = timeline.columns(episode.t_ns[has_pose])
             recording.send_columns(f"{root}/map/seat-{seat}", times, arrows)
@@ -294,15 +296,15 @@ def _send_lines(
     places: NDArray[np.float32],
     moves: Sequence[NDArray[np.int64]],
 ) -> None:
-    """Send the agent's path and trail.
+    """Send the agent's path since the episode began, and the trail of its latest moves.
 
     Args:
         recording: the recording.
         root: the root path of the session's entities.
-        moments: the session's timeline.
-        times: the time of each row, for the rows of all episodes at which the agent moved.
-        places: the position at each of these rows.
-        moves: for each episode, the numbers of its rows; only their count is used.
+        timeline: the session's timeline.
+        times: the time of each move of all episodes, in nanoseconds.
+        places: the position after each of these moves, float32[n, 2].
+        moves: an array for each episode, with an element for each of its moves; only their number is used.
     """
     path: list[tuple[int, int]] = []
     trail: list[tuple[int, int]] = []
@@ -327,15 +329,15 @@ def _find_moves(places: NDArray[np.float32]) -> NDArray[np.int64]:
     return np.concatenate([[0], 1 + np.flatnonzero((np.diff(places, axis=0) != 0).any(axis=1))])
 
 
-def _measure_arrow(episode: EpisodeLog) -> float:
+def _find_arrow_length(episode: EpisodeLog) -> float:
     """Return the length of the arrow that shows the agent's direction of view."""
     if episode.start.map is None:
-        return _HEADING["m"]
-    return _HEADING[episode.start.map.unit]
+        return _ARROW_LENGTHS["m"]
+    return _ARROW_LENGTHS[episode.start.map.unit]
 
 
 def _build_strips(places: NDArray[np.float32], windows: Sequence[tuple[int, int]]) -> pa.Array:
-    """Return a line strip for each window of rows [begin, end), as the Arrow array that rerun needs."""
+    """Return a line strip through the positions of each window of rows [begin, end), as an Arrow array for rerun."""
     lengths = np.array([end - begin for begin, end in windows])
     rows = np.concatenate([np.arange(begin, end) for begin, end in windows])
     points = pa.FixedSizeListArray.from_arrays(pa.array(places[rows].ravel()), type=_POINT)
@@ -400,7 +402,7 @@ def _send_scalars(
 
 
 def _send_keys(recording: rr.RecordingStream, root: str, log: SessionLog, timeline: ReplayTimeline) -> None:
-    """Send a lane for each physical key that shows each press's verdict until the key's release."""
+    """Send a lane for each physical key, which shows the verdict on a press from the press until the release."""
     lanes: dict[str, list[KeyPressed]] = defaultdict(list)
     for press in log.keys:
         if press.verdict != "repeat":
@@ -440,18 +442,18 @@ def _send_steering(recording: rr.RecordingStream, root: str, log: SessionLog, ti
             advised_action = ""
             if advice != NO_ADVICE:
                 advised_action = action_names[advice]
-            own_action = ""
+            person_action = ""
             if taught.by_person[step]:
-                own_action = action_names[int(episode.actions[step])]
+                person_action = action_names[int(episode.actions[step])]
             lanes["policy"].append((t_ns, advised_action))
-            lanes["person"].append((t_ns, own_action))
+            lanes["person"].append((t_ns, person_action))
         for lane in lanes.values():
-            lane.append((int(episode.t_ns[-1]), ""))
+            lane.append((int(episode.t_ns[-1]), ""))  # the lanes are empty until the next episode
         names |= dict.fromkeys(action_names)
     for name, changes in lanes.items():
         if changes:
             states = list(names)
-            colours = [_ACTIONS[place % len(_ACTIONS)] for place in range(len(names))]
+            colours = [_ACTION_COLOURS[number % len(_ACTION_COLOURS)] for number in range(len(names))]
             style = rr.StateConfiguration(values=states, labels=states, colors=colours)
             recording.log(f"{root}/steering/{name}", style, static=True)
             columns = rr.StateChange.columns(state=[action for _, action in changes])
@@ -488,8 +490,9 @@ def _describe_press(press: KeyPressed) -> tuple[int, str, str]:
 
 
 def _list_episode_lines(episode: EpisodeLog) -> list[tuple[int, str, str]]:
+    """Return the time, level and text of the lines about an episode's start and end."""
     plan = episode.plan
-    steps = len(episode.actions)
-    began = f"{episode.name} begins: {plan.world}, seed {plan.seed}; {episode.start.mission}"
-    ended = f"{episode.name} ends: {episode.outcome_word}, {steps} steps, return {episode.return_:.3f}"
-    return [(int(episode.t_ns[0]), "INFO", began), (int(episode.t_ns[-1]), "INFO", ended)]
+    n_steps = len(episode.actions)
+    start = f"{episode.name} begins: {plan.world}, seed {plan.seed}; {episode.start.mission}"
+    end = f"{episode.name} ends: {episode.outcome_word}, {n_steps} steps, return {episode.return_:.3f}"
+    return [(int(episode.t_ns[0]), "INFO", start), (int(episode.t_ns[-1]), "INFO", end)]

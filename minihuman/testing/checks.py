@@ -24,7 +24,11 @@ def require(is_kept: bool, broken: str) -> None:
 
 
 def build_short_study(world_id: str, options: dict[str, Any], *, episodes: int, max_steps: int) -> Protocol:
-    """Return a protocol of one block, with every action of the world on a digit key."""
+    """Build a protocol of one block in a world, with every action of the world on a digit key.
+
+    Raises:
+        ContractError: if the world has more actions than there are digit keys.
+    """
     with closing(World(world_id, options, trusted=True)) as world:
         actions = world.action_names
     require(len(actions) <= len(DIGITS), f"{world_id}: {len(actions)} actions; a check has {len(DIGITS)} keys to give")
@@ -48,20 +52,20 @@ def build_short_study(world_id: str, options: dict[str, Any], *, episodes: int, 
 
 
 def build_study(tables: dict[str, Any]) -> Protocol:
-    """Return the protocol that has the given tables of its TOML file; lists stand for arrays of tables.
+    """Build a protocol from the tables of its TOML file, by name; a list stands for an array of tables.
 
     Raises:
         ProtocolError: if the protocol is invalid.
     """
-    text = "".join(f"{name} = {_format_value(table)}\n" for name, table in tables.items())
+    text = "".join(f"{name} = {_format_toml(table)}\n" for name, table in tables.items())
     return decode_protocol(text.encode(), "the study of a check")
 
 
-def _format_value(value: Any) -> str:
-    """Return a value as TOML, on one line."""
+def _format_toml(value: Any) -> str:
+    """Format a table, list, text, number or boolean as TOML on one line."""
     match value:
         case dict():
-            return "{ " + ", ".join(f"{name} = {_format_value(field)}" for name, field in value.items()) + " }"
+            return "{ " + ", ".join(f"{name} = {_format_toml(field)}" for name, field in value.items()) + " }"
         case list() | tuple():
-            return f"[{', '.join(map(_format_value, value))}]"
+            return f"[{', '.join(map(_format_toml, value))}]"
     return msgspec.json.encode(value).decode()

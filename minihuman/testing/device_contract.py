@@ -66,29 +66,35 @@ def check_device(
         finally:
             opened.close()
         for sample in samples:
-            _check_shape(sample, n_channels)
+            _check_content(sample, n_channels)
 
 
 def _read_samples(
     device: Device, clock: SessionClock, n_samples: int, timeout_s: float, now_s: Callable[[], float]
 ) -> list[DeviceSample]:
-    """Read samples in a thread other than the one that opened the device, as a session does."""
+    """Read samples in a thread other than the one that opened the device, as a session does, and check their times.
+
+    Raises:
+        ContractError: if a read takes too long, a time is wrong, or fewer than ``n_samples`` arrive in ``timeout_s``.
+    """
     samples: list[DeviceSample] = []
-    until_s = now_s() + timeout_s
+    deadline_s = now_s() + timeout_s
     with ThreadPoolExecutor(1) as thread:
-        while len(samples) < n_samples and now_s() < until_s:
+        while len(samples) < n_samples and now_s() < deadline_s:
             began_s = now_s()
-            fresh = thread.submit(device.read).result()
-            took_s = now_s() - began_s
-            require(took_s < MAX_READ_S, f"read() took {took_s:.1f} s; it returns what has arrived and never waits")
-            _check_times([*samples[-1:], *fresh], clock())
-            samples += fresh
+            new_samples = thread.submit(device.read).result()
+            duration_s = now_s() - began_s
+            is_fast = duration_s < MAX_READ_S
+            require(is_fast, f"read() took {duration_s:.1f} s; it returns what has arrived and never waits")
+            _check_times([*samples[-1:], *new_samples], clock())
+            samples += new_samples
             time.sleep(POLL_INTERVAL_S)
     require(len(samples) >= n_samples, f"{len(samples)} of {n_samples} samples arrived within {timeout_s:g} s")
     return samples
 
 
 def _check_times(samples: Sequence[DeviceSample], now_ns: int) -> None:
+    """Check that samples are in order of time, and none is of a time after ``now_ns``."""
     for sample in samples:
         require(
             isinstance(sample, DeviceSample), f"read() returned {sample!r}, which is not a minihuman.ext.DeviceSample"
@@ -98,14 +104,15 @@ def _check_times(samples: Sequence[DeviceSample], now_ns: int) -> None:
             sample.t_ns <= now_ns,
             f"a sample of {sample.t_ns} ns was read at {now_ns} ns; its time is the session clock's",
         )
-    for before, after in pairwise(samples):
+    for earlier, later in pairwise(samples):
         require(
-            before.t_ns <= after.t_ns,
-            f"{after.t_ns} ns follows {before.t_ns} ns; the oldest is first",
+            earlier.t_ns <= later.t_ns,
+            f"{later.t_ns} ns follows {earlier.t_ns} ns; the oldest is first",
         )
 
 
-def _check_shape(sample: DeviceSample, n_channels: int) -> None:
+def _check_content(sample: DeviceSample, n_channels: int) -> None:
+    """Check that a sample has a number for each channel, or only text."""
     values = sample.values
     require(
         isinstance(values, tuple) and all(isinstance(value, int | float) for value in values),
@@ -155,7 +162,7 @@ class TypedWindow(abc.ABC):
 
 
 def check_window(typed: TypedWindow) -> None:
-    """Run every check on a window, and close it.
+    """Run every check of `CHECKS` on a window, and close it twice.
 
     Raises:
         ContractError: if a guarantee is broken; the message says which.
@@ -163,7 +170,7 @@ def check_window(typed: TypedWindow) -> None:
     for check in CHECKS.values():
         check(typed)
     typed.window.close()
-    typed.window.close()  # closing twice is closing once
+    typed.window.close()  # closing a closed window does nothing
 
 
 def list_strokes(inputs: Iterable[Input]) -> list[tuple[str, bool]]:
@@ -208,13 +215,13 @@ def rolling_from_key_to_key_keeps_the_order(typed: TypedWindow) -> None:
 
 def of_hundreds_of_strokes_none_is_lost_or_doubled(typed: TypedWindow) -> None:
     """Type 400 random strokes without delay."""
-    chance = random.Random(7)
+    rng = random.Random(7)
     keys_down: set[str] = set()
     strokes = []
     for _ in range(400):
-        key = chance.choice(sorted(DIGITS))
+        key = rng.choice(sorted(DIGITS))
         strokes.append((key, key not in keys_down))
-        keys_down ^= {key}
+        keys_down ^= {key}  # the stroke presses a key that is up, and releases one that is down
     _type_and_hear(typed, strokes + [(key, False) for key in sorted(keys_down)])
 
 
@@ -264,6 +271,7 @@ CHECKS: Mapping[str, Callable[[TypedWindow], None]] = MappingProxyType(
 
 
 def _type_and_hear(typed: TypedWindow, strokes: KeyStrokes) -> None:
+    """Type strokes, and check that the window returns them and nothing else, auto-repeats apart."""
     typed.type(strokes)
     heard = typed.hear(len(strokes))
     _require_heard(strokes, [event for event in heard if not getattr(event, "repeat", False)])
@@ -271,10 +279,11 @@ def _type_and_hear(typed: TypedWindow, strokes: KeyStrokes) -> None:
 
 def _require_heard(strokes: KeyStrokes, heard: Sequence[Input]) -> None:
     heard_strokes = list_strokes(heard)
-    require(heard_strokes == list(strokes), f"typed {_spell(strokes)}, heard {_spell(heard_strokes)}")
+    is_equal = heard_strokes == list(strokes)
+    require(is_equal, f"typed {_format_strokes(strokes)}, heard {_format_strokes(heard_strokes)}")
 
 
-def _spell(strokes: KeyStrokes) -> str:
+def _format_strokes(strokes: KeyStrokes) -> str:
     """Return strokes as text, such as "left+ left-": a plus for a press and a minus for a release."""
     signs = {True: "+", False: "-"}
     return " ".join(key + signs[down] for key, down in strokes) or "nothing"

@@ -38,15 +38,15 @@ def check_exporter(exporter: str | Exporter, world: str = WORLD, options: dict[s
         folder = Path(name).resolve()
         protocol = build_short_study(world, options or {}, episodes=EPISODES, max_steps=40)
         list(simulate(protocol, folder / "data", participants=PARTICIPANTS, seed=1, player="random"))
-        before = _digest_files(folder / "data")
+        digests_before = _digest_files(folder / "data")
         (folder / "out").mkdir()
         study = folder / "data" / protocol.study.name
         played = [episode for session in StudySessions(study, Selection()) for episode in session.episodes]
         export = write(IncludedEpisodes(StudySessions(study, Selection())), folder / "out")
         _check_export(export, folder / "out", len(played), sum(len(episode.actions) for episode in played))
-        require(_digest_files(folder / "data") == before, "the exporter changed what is beside the logs")
-        strays = {path.name for path in folder.iterdir()} - {"data", "out"}
-        require(not strays, f"the exporter wrote beside its folder: {', '.join(sorted(strays))}")
+        require(_digest_files(folder / "data") == digests_before, "the exporter changed what is beside the logs")
+        stray_names = {path.name for path in folder.iterdir()} - {"data", "out"}
+        require(not stray_names, f"the exporter wrote beside its folder: {', '.join(sorted(stray_names))}")
         (folder / "again").mkdir()
         write(IncludedEpisodes(StudySessions(study, Selection())), folder / "again")
         require(
@@ -56,6 +56,7 @@ def check_exporter(exporter: str | Exporter, world: str = WORLD, options: dict[s
 
 
 def _check_export(export: ExportResult, out: Path, episodes: int, steps: int) -> None:
+    """Check that an exporter reports existing files in its folder, and the number of exported episodes and steps."""
     require(isinstance(export, ExportResult), f"the exporter gave a {type(export).__name__}, not an ExportResult")
     require(bool(export.paths), "the exporter says that it wrote no file")
     for path in export.paths:
@@ -69,11 +70,11 @@ def _check_export(export: ExportResult, out: Path, episodes: int, steps: int) ->
 
 
 def _digest_files(folder: Path) -> dict[str, str]:
-    """Return the SHA-256 digest of every file in a folder except the caches, by its relative path."""
+    """Return the SHA-256 digest of every file in a folder except the caches of its studies, by its relative path."""
     digests = {}
     for path in sorted(folder.rglob("*")):
-        within = path.relative_to(folder)
-        _, *within_study = within.parts
-        if path.is_file() and not is_cache(Path(*within_study)):
-            digests[str(within)] = hashlib.sha256(path.read_bytes()).hexdigest()
+        relative_path = path.relative_to(folder)
+        path_in_study = Path(*relative_path.parts[1:])
+        if path.is_file() and not is_cache(path_in_study):
+            digests[str(relative_path)] = hashlib.sha256(path.read_bytes()).hexdigest()
     return digests

@@ -46,21 +46,23 @@ def check_learner(make: "str | Callable[[str], Learner]", settings: str = "", da
 
     dataset = dataset or build_teaching_dataset()
     start = make_fresh_policy(dataset, np.random.default_rng(5))
-    digest = dataset.sha256()
-    before = _weights(start)
+    dataset_sha256 = dataset.sha256()
+    start_weights = _flatten_weights(start)
     for policy in (None, start):
         first = _learn(make, settings, dataset, policy, noise=1)
-        again = _learn(make, settings, dataset, policy, noise=2)
+        second = _learn(make, settings, dataset, policy, noise=2)
         require(
-            np.array_equal(_weights(first.policy), _weights(again.policy)),
+            np.array_equal(_flatten_weights(first.policy), _flatten_weights(second.policy)),
             "the same data and seed gave other weights; it draws from something else than request.rng",
         )
-        require(np.array_equal(before, _weights(start)), "learn() changed request.policy; copy it with copy_policy")
-        require(dataset.sha256() == digest, "learn() changed request.dataset")
+        is_unchanged = np.array_equal(start_weights, _flatten_weights(start))
+        require(is_unchanged, "learn() changed request.policy; copy it with copy_policy")
+        require(dataset.sha256() == dataset_sha256, "learn() changed request.dataset")
     stopped = _learn(make, settings, dataset, None, noise=3, budget_s=SHORT_S)
-    reproduced = _learn(make, ",".join(f"{k}={v}" for k, v in stopped.settings.items()), dataset, None, noise=4)
+    stopped_settings = ",".join(f"{name}={setting}" for name, setting in stopped.settings.items())
+    reproduced = _learn(make, stopped_settings, dataset, None, noise=4)
     require(
-        np.array_equal(_weights(stopped.policy), _weights(reproduced.policy)),
+        np.array_equal(_flatten_weights(stopped.policy), _flatten_weights(reproduced.policy)),
         f"after {SHORT_S} s it returned the settings {stopped.settings}, which give another policy without a limit",
     )
     _check_empty_dataset(make, settings, dataset)
@@ -88,9 +90,9 @@ def build_teaching_dataset() -> "Dataset":
 
 
 def _play_lesson(world: World, dataset: "Dataset", number: int) -> "Lesson":
-    """Play an episode with the planner.
+    """Play an episode with the planner as a person, and return it as a lesson.
 
-    In odd-numbered episodes a policy turns on the spot for the first four steps.
+    In odd-numbered episodes a policy makes the first four steps, in which it turns on the spot.
     """
     from minihuman.learn.teaching.dataset import NO_QUERY, Lesson
 
@@ -119,7 +121,7 @@ def _play_lesson(world: World, dataset: "Dataset", number: int) -> "Lesson":
 def _play_episode(
     world: World, dataset: "Dataset", seed: int, n_by_policy: int
 ) -> tuple[list[Any], list[int], list[float]]:
-    """Play an episode to its end: action 0 for the first steps, then the shortest path.
+    """Play an episode to its end: action 0 for the first ``n_by_policy`` steps, then the shortest path.
 
     Returns:
         The image before each step, the actions, and the rewards.
@@ -129,8 +131,8 @@ def _play_episode(
     images = []
     actions: list[int] = []
     rewards: list[float] = []
-    ended = False
-    while not ended:
+    is_over = False
+    while not is_over:
         images.append(encoder.encode(world.unwrapped, world.observation)["image"])
         path = world.shortest_path()
         assert path
@@ -140,7 +142,7 @@ def _play_episode(
         transition = world.step(action)
         actions.append(action)
         rewards.append(transition.reward)
-        ended = transition.terminated or transition.truncated
+        is_over = transition.terminated or transition.truncated
     return images, actions, rewards
 
 
@@ -165,7 +167,7 @@ def _learn(
     noise: int,
     budget_s: float = float("inf"),
 ) -> "LearningResult":
-    """Run the learner once. The global random streams start from ``noise``, and nothing may depend on it."""
+    """Run a learner once and check its result; global random streams, which must not matter, start from ``noise``."""
     import torch
 
     from minihuman.learn.policy.network import Policy
@@ -192,13 +194,14 @@ def _learn(
         copy_policy(result.policy, dataset)
     except LearnError as error:
         require(False, f"its policy cannot play the dataset's world ({error}); begin with make_fresh_policy")
-    require(bool(np.isfinite(_weights(result.policy)).all()), "a weight of its policy is not finite")
-    _require_plain(result.settings, "settings")
-    _require_plain(result.notes, "notes")
+    require(bool(np.isfinite(_flatten_weights(result.policy)).all()), "a weight of its policy is not finite")
+    _require_json(result.settings, "settings")
+    _require_json(result.notes, "notes")
     return result
 
 
-def _require_plain(values: dict[str, Any], field: str) -> None:
+def _require_json(values: dict[str, Any], field: str) -> None:
+    """Require that a field of the result can be written as JSON."""
     try:
         json.dumps(values)
     except TypeError as error:
@@ -211,9 +214,9 @@ def _check_empty_dataset(make: "str | Callable[[str], Learner]", settings: str, 
 
     from minihuman.learn.teaching.learner import LearningRequest
 
-    nothing = replace(dataset, lessons=(), ratings=(), comparisons=())
+    empty_dataset = replace(dataset, lessons=(), ratings=(), comparisons=())
     try:
-        _make_learner(make, settings).learn(LearningRequest(nothing, np.random.default_rng(1)))
+        _make_learner(make, settings).learn(LearningRequest(empty_dataset, np.random.default_rng(1)))
     except LearnError:
         return
     except Exception as error:
@@ -221,5 +224,6 @@ def _check_empty_dataset(make: "str | Callable[[str], Learner]", settings: str, 
     require(False, "without a lesson it returned a policy; raise a LearnError")
 
 
-def _weights(policy: "Policy") -> np.ndarray[Any, Any]:
-    return np.concatenate([values.detach().cpu().numpy().ravel() for values in policy.state_dict().values()])
+def _flatten_weights(policy: "Policy") -> np.ndarray[Any, Any]:
+    """Return all weights of a policy as one vector."""
+    return np.concatenate([tensor.detach().cpu().numpy().ravel() for tensor in policy.state_dict().values()])

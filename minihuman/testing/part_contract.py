@@ -83,7 +83,7 @@ def check_question(kind: str, **fields: Any) -> None:
     _check_copies(protocol)
     for event in _check_part(protocol):
         if isinstance(event, Answered):
-            _check_value(kind, event, build_draft(protocol.questions[0].items[0], rtl=False))
+            _check_answer(kind, event, build_draft(protocol.questions[0].items[0], rtl=False))
 
 
 def check_activity(kind: str, *, block: dict[str, Any] | None = None, **settings: Any) -> None:
@@ -108,28 +108,30 @@ def check_activity(kind: str, *, block: dict[str, Any] | None = None, **settings
         if block is not None:
             tables |= {"blocks": [{"name": "played", **block}]}
             tables |= {"groups": [{"name": "everyone", "parts": ["played", "part"]}]}
-        read = activity_kind.read(settings)
-        again = activity_kind.read(msgspec.json.decode(msgspec.json.encode(read)))
-        require(read == again, f"the settings {read!r} are {again!r} after they were written as JSON and read")
+        plan = activity_kind.read(settings)
+        decoded_plan = activity_kind.read(msgspec.json.decode(msgspec.json.encode(plan)))
+        is_equal = plan == decoded_plan
+        require(is_equal, f"the settings {plan!r} are {decoded_plan!r} after they were written as JSON and read")
     protocol = build_study({**_STUDY, **tables})
     list(_check_part(protocol))
 
 
 def _check_part(protocol: Protocol) -> Iterator[Event]:
-    """Check a session in memory and one that is logged; yield the events of the session in memory."""
-    first = _run_study(protocol)
-    again = _run_study(protocol)
-    require(repr(first) == repr(again), "the same inputs gave other events; it reads a clock, or draws by itself")
-    for rule in find_violations(first):
-        require(False, rule)
-    ended = [event for event in first if isinstance(event, PartEnded | SessionEnded)]
-    complete = isinstance(ended[-1], SessionEnded) and ended[-1].reason == "complete"
-    require(complete, f"the session did not come to its end: {ended[-1]}")
+    """Check two equal sessions in memory and one that is logged; yield the events of a session in memory."""
+    events = _run_study(protocol)
+    repeated_events = _run_study(protocol)
+    is_repeatable = repr(events) == repr(repeated_events)
+    require(is_repeatable, "the same inputs gave other events; it reads a clock, or draws by itself")
+    for violation in find_violations(events):
+        require(False, violation)
+    last_end = [event for event in events if isinstance(event, PartEnded | SessionEnded)][-1]
+    has_completed = isinstance(last_end, SessionEnded) and last_end.reason == "complete"
+    require(has_completed, f"the session did not come to its end: {last_end}")
     with TemporaryDirectory() as folder:
         for log in simulate(protocol, Path(folder), participants=1, seed=1, player=_PLAYER):
             for difference in find_log_differences(log, World):
                 require(False, f"the log of a session does not replay: {difference}")
-    yield from first
+    yield from events
 
 
 def _run_study(protocol: Protocol) -> list[Event]:
@@ -170,7 +172,7 @@ class _DrawingWindow(SimulatedWindow):
 
 
 def _check_targets(draft: AnswerDraft, screen: QuestionScreen) -> None:
-    """Require that the target on which a simulated participant clicks is drawn."""
+    """Require that the target on which a simulated participant clicks is among those that are drawn."""
     targets = {spot.name for spot in draw_question(screen, _SIZE_PX).spots}
     simulated = draft.simulate(lambda count: 0, lambda: True)
     if isinstance(simulated, Click):
@@ -179,7 +181,7 @@ def _check_targets(draft: AnswerDraft, screen: QuestionScreen) -> None:
 
 
 def _warn_of_nameless_shapes(widget: AnswerWidget) -> None:
-    """Warn of shapes that can be clicked, but of which screen readers and language models learn no name."""
+    """Warn of shapes that can be clicked, but have no name for screen readers and language models."""
     if not isinstance(widget, ShapeCanvas):
         return
     nameless = [shape.target for shape in widget.shapes if shape.target and not (shape.accessible_name or shape.label)]
@@ -204,40 +206,42 @@ def _check_copies(protocol: Protocol) -> None:
     assert isinstance(session.screen, QuestionScreen)
     _check_targets(part.draft, session.screen)
     _warn_of_nameless_shapes(session.screen.item)
-    before = part.draft.widget()
+    widget_before = part.draft.widget()
     match part.draft.simulate(lambda count: count - 1, lambda: True):
         case Click(target, along):
             copied.receive(PointerPressed(1, 0.5, 0.5, target, along))
         case str() as text:
             copied.receive(TextInput(1, text))
-    require(copied_part.draft.widget() != before, "what simulate() does changes nothing on the screen")
-    require(part.draft.widget() == before, "a copied answer shares its state; keep it in lists, sets, dicts and values")
+    require(copied_part.draft.widget() != widget_before, "what simulate() does changes nothing on the screen")
+    is_unchanged = part.draft.widget() == widget_before
+    require(is_unchanged, "a copied answer shares its state; keep it in lists, sets, dicts and values")
 
 
-def _check_value(kind: str, event: Answered, draft: AnswerDraft) -> None:
-    """Require that an answer is of the type that its kind of question declares."""
-    value = msgspec.json.decode(event.value)
+def _check_answer(kind: str, event: Answered, draft: AnswerDraft) -> None:
+    """Require that an answer is of the type that its kind of question declares, and has a text to display."""
+    answer = msgspec.json.decode(event.value)
     answer_type = find_question_kind(kind).answer_type
     codes = list_codes(draft.question)
     hint = ""
     if answer_type in ("code", "rating", "order"):
         hint = f"; its codes are {', '.join(map(str, codes))}: a kind of its own gives them as QuestionKind.codes"
-    require(_is_of_type(value, answer_type, codes), f"the answer {value!r} is not a {answer_type}{hint}")
-    require(bool(event.words), f"the answer {value!r} has no display_text")
+    require(_is_of_type(answer, answer_type, codes), f"the answer {answer!r} is not a {answer_type}{hint}")
+    require(bool(event.words), f"the answer {answer!r} has no display_text")
 
 
-def _is_of_type(value: Any, answer_type: str, codes: Collection[Any]) -> bool:
+def _is_of_type(answer: Any, answer_type: str, codes: Collection[Any]) -> bool:
+    """Return whether an answer is of a type; ``codes`` are those of the question's options, if the type uses them."""
     match answer_type:
         case "code" | "rating":
-            return value in codes
+            return answer in codes
         case "codes":
-            return isinstance(value, list)
+            return isinstance(answer, list)
         case "order":
-            has_each_once = isinstance(value, list) and len(set(value)) == len(value)
-            return has_each_once and set(value) <= set(codes)
+            is_without_repeats = isinstance(answer, list) and len(set(answer)) == len(answer)
+            return is_without_repeats and set(answer) <= set(codes)
         case "number":
-            return isinstance(value, int | float)
-    return isinstance(value, str)
+            return isinstance(answer, int | float)
+    return isinstance(answer, str)
 
 
 def check_design(
@@ -266,24 +270,25 @@ def check_design(
             EnrolledParticipant(str(rng.choice(["a", "b"])), str(rng.choice(["x", "y"])), round(float(rng.random()), 3))
             for _ in range(n)
         ]
-        decisions = [_ask_study(designs[0], people, length) for length in range(n + 1)]
-        again = [_ask_study(designs[1], people, length) for length in reversed(range(n + 1))][::-1]
+        decisions = [_decide_enrolment(designs[0], people, length) for length in range(n + 1)]
+        repeated_decisions = [_decide_enrolment(designs[1], people, length) for length in reversed(range(n + 1))][::-1]
     else:
         decisions = []
-        history = list[PlayedEpisode]()
+        history: list[PlayedEpisode] = []
         for length in range(n + 1):
-            decisions.append(_decide_once(designs[0], history[:length]))
+            decisions.append(_decide_episode(designs[0], history[:length]))
             options, episode_seed, *_ = decisions[-1]
             outcome = str(rng.choice(["goal", "failure", "timeout"]))
             history.append(PlayedEpisode(dict(options), episode_seed or 0, outcome, 3, float(outcome == "goal")))
-        again = [_decide_once(designs[1], history[:length]) for length in reversed(range(n + 1))][::-1]
-    require(decisions == again, "the same history led to another decision; a design draws and keeps nothing of its own")
+        repeated_decisions = [_decide_episode(designs[1], history[:length]) for length in reversed(range(n + 1))][::-1]
+    is_repeatable = decisions == repeated_decisions
+    require(is_repeatable, "the same history led to another decision; a design draws and keeps nothing of its own")
 
 
 def _make_any_design(
     make: str | type[Design | EnrolmentDesign], settings: Mapping[str, Any]
 ) -> Design | EnrolmentDesign:
-    """Make the design by its name or its class, whether it decides at enrolment or between episodes."""
+    """Make a design of episodes or of enrolment from its registered name or its class."""
     if not isinstance(make, str):
         require(issubclass(make, Design | EnrolmentDesign), f"{make.__name__} is no Design and no EnrolmentDesign")
         return make(settings)
@@ -294,30 +299,39 @@ def _make_any_design(
     return make_design(spec)
 
 
-def _decide_once(design: Design | EnrolmentDesign, history: list[PlayedEpisode]) -> tuple[Any, ...]:
-    """Ask a design for one decision, check it, and return it in a comparable form."""
+def _decide_episode(design: Design | EnrolmentDesign, history: list[PlayedEpisode]) -> tuple[Any, ...]:
+    """Ask a design for the decision after some episodes, check it, and return it in a comparable form."""
     assert isinstance(design, Design)
-    decided = design.decide(tuple(history), make_draw(1, "check", len(history)))
-    require(decided.seed is None or 0 <= decided.seed < 2**63, f"seed is {decided.seed}; use 0 to 2**63 - 1, or None")
-    known = _check_estimates(decided.estimates), hash64(decided.posterior)
-    return _check_json(dict(decided.options), "options"), decided.seed, decided.stop, *known
+    decision = design.decide(tuple(history), make_draw(1, "check", len(history)))
+    is_valid_seed = decision.seed is None or 0 <= decision.seed < 2**63
+    require(is_valid_seed, f"seed is {decision.seed}; use 0 to 2**63 - 1, or None")
+    options = dict(decision.options)
+    estimates = dict(decision.estimates)
+    _require_finite(estimates)
+    _require_json(options, "options")
+    return options, decision.seed, decision.stop, estimates, hash64(decision.posterior)
 
 
-def _ask_study(design: EnrolmentDesign | Design, people: list[EnrolledParticipant], length: int) -> tuple[Any, ...]:
+def _decide_enrolment(
+    design: EnrolmentDesign | Design, people: list[EnrolledParticipant], length: int
+) -> tuple[Any, ...]:
+    """Ask a design for the decision after the first ``length`` people, check it, and return it in a comparable form."""
     assert isinstance(design, EnrolmentDesign)
-    statistics = _check_json(design.compute_statistics(people[:length], {"a": 1, "b": 1}), "statistics")
-    decided = design.decide(statistics, "x", make_draw(1, "check", length))
-    require(decided.group in ("", "a", "b"), f"group {decided.group!r} is none of the study's")
-    return statistics, decided.group, decided.stop, _check_estimates(decided.estimates)
+    statistics = design.compute_statistics(people[:length], {"a": 1, "b": 1})
+    _require_json(statistics, "statistics")
+    decision = design.decide(statistics, "x", make_draw(1, "check", length))
+    require(decision.group in ("", "a", "b"), f"group {decision.group!r} is none of the study's")
+    estimates = dict(decision.estimates)
+    _require_finite(estimates)
+    return statistics, decision.group, decision.stop, estimates
 
 
-def _check_json(value: dict[str, Any], field: str) -> dict[str, Any]:
-    back = json.loads(json.dumps(value, default=repr))
-    require(back == value, f"{field} {value!r} are not the same after JSON; use texts, numbers, lists and dicts")
-    return value
+def _require_json(values: dict[str, Any], field: str) -> None:
+    """Require that a field of a decision is the same after it is written as JSON and read."""
+    decoded = json.loads(json.dumps(values, default=repr))
+    require(decoded == values, f"{field} {values!r} are not the same after JSON; use texts, numbers, lists and dicts")
 
 
-def _check_estimates(estimates: Mapping[str, float]) -> dict[str, float]:
-    finite = all(isinstance(value, int | float) and math.isfinite(value) for value in estimates.values())
-    require(finite, f"estimates are {dict(estimates)!r}; use numbers")
-    return dict(estimates)
+def _require_finite(estimates: dict[str, float]) -> None:
+    is_finite = all(isinstance(number, int | float) and math.isfinite(number) for number in estimates.values())
+    require(is_finite, f"estimates are {estimates!r}; use numbers")

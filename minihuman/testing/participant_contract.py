@@ -29,7 +29,7 @@ from minihuman.worlds.adapters.world import World
 
 WORLD = "minihuman/MiniGrid-Empty-5x5-v0"
 MAX_WAIT_MS = 60_000.0
-Keys = list[tuple[int, str]]  # when, ns, and which
+TimedKeys = list[tuple[int, str]]  # the time of each press in ns, and the key
 
 
 def check_participant(
@@ -74,8 +74,13 @@ def _make_player(make: str | Callable[[np.random.Generator], SimulatedParticipan
 
 def _record_keys(
     player: SimulatedParticipant, world: str, options: dict[str, Any], episodes: int, max_steps: int
-) -> Keys:
-    """Run a session with a simulated participant; return the time and key of each press."""
+) -> TimedKeys:
+    """Run a session with a simulated participant; return the time and key of each press.
+
+    Raises:
+        ContractError: if the participant breaks a guarantee, or the session does not come to its end.
+        SimulationError: if the participant cannot play this world.
+    """
     protocol = build_short_study(world, options, episodes=episodes, max_steps=max_steps)
     clock = VirtualClock()
     recorder = MemoryRecorder()
@@ -101,24 +106,24 @@ class _WatchedParticipant(SimulatedParticipant):
 
     def begin(self, plan: EpisodePlan, pool: tuple[str, ...], world: World) -> None:
         """Let the player begin an episode, and check that the world is unchanged."""
-        before = world.state_hash()
+        hash_before = world.state_hash()
         self._player.begin(plan, pool, world)
-        require(world.state_hash() == before, "begin() changed the world; a player only looks at it")
+        require(world.state_hash() == hash_before, "begin() changed the world; a player only looks at it")
 
     def press(self, world: World) -> KeyPress | NoPress:
         """Return the player's next key press, after checking it and the world."""
-        before = world.state_hash()
+        hash_before = world.state_hash()
         press = self._player.press(world)
         require(press is not None, "press() gave no answer; in a study its session would end as player_failed")
-        require(world.state_hash() == before, "press() changed the world; a player only looks at it")
+        require(world.state_hash() == hash_before, "press() changed the world; a player only looks at it")
         if isinstance(press, NoPress):
             return press
         require(isinstance(press, KeyPress), f"press() gave a {type(press).__name__}, not a KeyPress")
         assert press is not None
         require(press.key in BUTTON_NAMES, f"press() gave the key {press.key!r}, which no keyboard has")
-        in_time = isinstance(press.delay_ms, int | float) and math.isfinite(press.delay_ms)
+        is_finite = isinstance(press.delay_ms, int | float) and math.isfinite(press.delay_ms)
         require(
-            in_time and 0 <= press.delay_ms <= MAX_WAIT_MS,
+            is_finite and 0 <= press.delay_ms <= MAX_WAIT_MS,
             f"press() waits {press.delay_ms!r} ms; a delay is 0 to {MAX_WAIT_MS:.0f}",
         )
         return press
@@ -137,7 +142,7 @@ def check_agent(
     episodes: int = 2,
     max_steps: int = 40,
 ) -> None:
-    """Let an agent play episodes several times, drawing each action from its probabilities, and compare them.
+    """Let an agent play the same episodes three times, drawing each action from its probabilities, and compare these.
 
     Args:
         make: the agent's registered name, or its class.
@@ -155,12 +160,12 @@ def check_agent(
     plans = expand_protocol(protocol, enrol_participant(protocol, 0)).episodes
     agent = _make_agent(make, argument)
     with closing(World(world, options or {}, trusted=True)) as env:
-        advice = [_play(agent, plan, env) for plan in plans]
-        for again, whose in ((_make_agent(make, argument), "a new one"), (agent, "the same one")):
-            same = [_play(again, plan, env) for plan in plans]
+        advice = [_play_episode(agent, plan, env) for plan in plans]
+        for name, repeating_agent in (("a new one", _make_agent(make, argument)), ("the same one", agent)):
+            repeated_advice = [_play_episode(repeating_agent, plan, env) for plan in plans]
             require(
-                all(np.array_equal(probabilities, other) for probabilities, other in zip(advice, same, strict=True)),
-                f"{whose} gave other probabilities in the same episode; nothing may be drawn or kept between episodes",
+                all(map(np.array_equal, advice, repeated_advice)),
+                f"{name} gave other probabilities in the same episode; nothing may be drawn or kept between episodes",
             )
 
 
@@ -173,39 +178,41 @@ def _make_agent(make: str | Callable[[str], BaseAgent], argument: str) -> BaseAg
     return agent
 
 
-def _play(agent: BaseAgent, plan: EpisodePlan, world: World) -> NDArray[np.float32]:
-    """Play one episode; return the action probabilities at every step, (steps, actions)."""
+def _play_episode(agent: BaseAgent, plan: EpisodePlan, world: World) -> NDArray[np.float32]:
+    """Play one episode with actions drawn from an agent's probabilities; return these, float32[steps, actions]."""
     rng = np.random.default_rng(plan.seed)
-    rows = list[NDArray[np.float32]]()
+    rows: list[NDArray[np.float32]] = []
     world.reset(plan.seed)
-    before = world.state_hash()
+    hash_before = world.state_hash()
     agent.begin(plan, world)
-    require(world.state_hash() == before, "begin() changed the world; an agent only looks at it")
-    ended = False
-    while not ended and len(rows) < plan.max_steps:
+    require(world.state_hash() == hash_before, "begin() changed the world; an agent only looks at it")
+    is_over = False
+    while not is_over and len(rows) < plan.max_steps:
         rows.append(_read_probabilities(agent, world))
-        chances = rows[-1].astype(float)
-        came = world.step(int(rng.choice(len(chances), p=chances / chances.sum())))
-        ended = came.terminated or came.truncated
+        probabilities = rows[-1].astype(float)
+        transition = world.step(int(rng.choice(len(probabilities), p=probabilities / probabilities.sum())))
+        is_over = transition.terminated or transition.truncated
     return np.stack(rows)
 
 
 def _read_probabilities(agent: BaseAgent, world: World) -> NDArray[np.float32]:
-    before = world.state_hash()
-    n = len(world.action_names)
+    """Return an agent's action probabilities in a world's present state, after checking them, float32[actions]."""
+    hash_before = world.state_hash()
+    n_actions = len(world.action_names)
     try:
         probabilities = agent.action_probabilities(world)
     except MinihumanError:
         raise
     except Exception as error:
         require(False, f"action_probabilities() raised {type(error).__name__}: {error}; {_CONSEQUENCE}")
-    require(world.state_hash() == before, "action_probabilities() changed the world; an agent only looks at it")
-    is_row = isinstance(probabilities, np.ndarray) and probabilities.shape == (n,) and probabilities.dtype == np.float32
+    require(world.state_hash() == hash_before, "action_probabilities() changed the world; an agent only looks at it")
     if isinstance(probabilities, np.ndarray):
         form = f"{probabilities.dtype}{list(probabilities.shape)}"
     else:
         form = type(probabilities).__name__
-    require(is_row, f"action_probabilities() gave {form}; it gives float32[{n}], one per action of the world")
+    expected_form = f"float32[{n_actions}]"
+    is_expected = form == expected_form
+    require(is_expected, f"action_probabilities() gave {form}; it gives {expected_form}, one per action of the world")
     require(
         bool(np.isfinite(probabilities).all() and (probabilities >= 0).all()),
         f"a probability of {probabilities} is below 0 or no number",

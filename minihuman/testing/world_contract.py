@@ -122,42 +122,47 @@ def check_world(
 def _check_description(world: World) -> None:
     names = world.action_names
     space = world.action_space
-    wrong = isinstance(space, gymnasium.spaces.Discrete) and len(names) != int(space.n)
-    require(not wrong, f"{world.id}: {len(names)} action names for {space}")
+    has_all_names = not isinstance(space, gymnasium.spaces.Discrete) or len(names) == int(space.n)
+    require(has_all_names, f"{world.id}: {len(names)} action names for {space}")
     require(len(set(names)) == len(names), f"{world.id}: two actions share a name: {', '.join(names)}")
     observed = world.reset(0)
     _require_inside(world, "reset")
     require(isinstance(observed.mission, str), f"{world.id}: its mission is not text")
-    if world.pose() is not None:
-        pose = world.pose()
-        plan = world.map()
-        assert pose is not None
-        require(bool(np.isfinite((pose.x, pose.y, pose.z, pose.yaw_rad)).all()), f"{world.id}: its pose is {pose}")
-        require(plan is not None, f"{world.id}: it has a pose and no map")
+    pose = world.pose()
+    if pose is not None:
+        is_finite = bool(np.isfinite((pose.x, pose.y, pose.z, pose.yaw_rad)).all())
+        require(is_finite, f"{world.id}: its pose is {pose}")
+        require(world.map() is not None, f"{world.id}: it has a pose and no map")
 
 
 def _require_inside(world: World, call: str) -> None:
-    """Require that the observation is in its space; the error names the line of code that makes it."""
+    """Require that a world's observation is in its space after a call of "reset" or "step".
+
+    The error names the code that makes the observation.
+    """
     outside = find_outside(world.observation, world.observation_space)
     require(not outside, f"{world.id}: after a {call}, {outside}{_locate_observation(world, call)}")
 
 
 def _locate_observation(world: World, call: str) -> str:
-    """Return a clause that names the code that makes observations: "; Patrol.observation (patrol.py:31) makes it"."""
+    """Return a clause that names the code that makes observations: "; Patrol.observation (patrol.py:31) makes it".
+
+    It is the first method with a usual name in the classes of the wrappers and the world that are not libraries'.
+    """
     env = world.env
     layers: list[Any] = [env]
     while isinstance(env, gymnasium.Wrapper):
         env = env.env
         layers.append(env)
     layers.append(getattr(env, "team", env))
-    kinds = [kind for layer in layers for kind in type(layer).__mro__]
-    for kind in kinds:
-        if kind.__module__.startswith(("minihuman.", "gymnasium.", "builtins", "abc")):
+    classes = [cls for layer in layers for cls in type(layer).__mro__]
+    for cls in classes:
+        if cls.__module__.startswith(("minihuman.", "gymnasium.", "builtins", "abc")):
             continue
         for name in ("observation", "observe", "look", call):
-            if (code := getattr(vars(kind).get(name), "__code__", None)) is not None:
-                place = f"{Path(code.co_filename).name}:{code.co_firstlineno}"
-                return f"; {kind.__qualname__}.{name} ({place}) makes it, and observation_space has to say so"
+            if (code := getattr(vars(cls).get(name), "__code__", None)) is not None:
+                source_line = f"{Path(code.co_filename).name}:{code.co_firstlineno}"
+                return f"; {cls.__qualname__}.{name} ({source_line}) makes it, and observation_space has to say so"
     return "; correct observation_space"
 
 
@@ -170,16 +175,22 @@ def _play(world: World, seed: int, actions: list[int]) -> list[Step]:
 
 
 def _step_through(world: World, actions: list[int]) -> Iterator[Step]:
+    """Make steps with the given actions until they or the episode end, and yield each step."""
     for action in actions:
-        change = world.step(action)
+        transition = world.step(action)
         _require_inside(world, "step")
-        yield change.reward, change.terminated, change.truncated, change.observation_hash, world.state_hash()
-        if change.terminated or change.truncated:
+        is_terminated = transition.terminated
+        is_truncated = transition.truncated
+        yield transition.reward, is_terminated, is_truncated, transition.observation_hash, world.state_hash()
+        if is_terminated or is_truncated:
             return
 
 
 def _check_determinism(world: World, other: World, seeds: tuple[int, int], actions: list[int]) -> int:
-    """Check that equal seeds give equal episodes; return the number of steps of the two episodes that were played."""
+    """Check that equal seeds give equal episodes; return the number of steps of the two different episodes.
+
+    ``other`` is the same world, made once more, in which the second episode is played before the first.
+    """
     first = _play(world, seeds[0], actions)
     hashes = [step[-1] for step in first]
     require(
@@ -187,38 +198,41 @@ def _check_determinism(world: World, other: World, seeds: tuple[int, int], actio
         f"{world.id}: two moments of one episode have one state hash; a step counts, and belongs to the state",
     )
     _require_same(f"{world.id}: reset again with seed {seeds[0]}", first, _play(world, seeds[0], actions))
-    between = _play(other, seeds[1], actions)
-    later = _play(other, seeds[0], actions)
-    _require_same(f"{world.id}: after another episode (a wrapper or the world keeps something from it)", first, later)
+    second = _play(other, seeds[1], actions)
+    first_afterwards = _play(other, seeds[0], actions)
+    context = f"{world.id}: after another episode (a wrapper or the world keeps something from it)"
+    _require_same(context, first, first_afterwards)
     other.close()
-    return len(first) + len(between) - 2
+    return len(first) + len(second) - 2  # without the resets
 
 
 def _check_restore(world: World, seed: int, actions: list[int]) -> None:
-    """Check that save and restore cover everything that an episode changes: the logged state is the whole state."""
-    lasts = len(_play(world, seed, actions)) - 1
-    for at in sorted({max(1, lasts * quarter // 4) for quarter in (1, 2, 3)}):
-        _check_restore_from(world, seed, actions[:at], actions[at:])
+    """Check at three points of an episode that save and restore cover everything that the episode changes."""
+    n_steps = len(_play(world, seed, actions)) - 1
+    for save_step in sorted({max(1, n_steps * quarter // 4) for quarter in (1, 2, 3)}):
+        _check_restore_from(world, seed, actions[:save_step], actions[save_step:])
 
 
-def _check_restore_from(world: World, seed: int, before_it: list[int], after_it: list[int]) -> None:
+def _check_restore_from(world: World, seed: int, actions_before: list[int], actions_after: list[int]) -> None:
     """Check that a state saved in mid-episode can be restored, also after pickling, and played on equally."""
-    if any(step[1] or step[2] for step in _play(world, seed, before_it)):
+    if any(terminated or truncated for _, terminated, truncated, *_ in _play(world, seed, actions_before)):
         return  # over with its first step: there is no middle to come back to
     saved = world.save()
-    before = world.state_hash()
-    own = _own_attributes(world)
-    first = list(_step_through(world, after_it))
+    saved_hash = world.state_hash()
+    saved_attributes = _pickle_own_attributes(world)
+    steps = list(_step_through(world, actions_after))
     world.restore(saved)
-    require(world.state_hash() == before, f"{world.id}: restored, it has another state hash")
-    _require_restored(world, own)
-    _require_same(f"{world.id}: restored", first, list(_step_through(world, after_it)))
+    require(world.state_hash() == saved_hash, f"{world.id}: restored, it has another state hash")
+    _require_restored(world, saved_attributes)
+    _require_same(f"{world.id}: restored", steps, list(_step_through(world, actions_after)))
     world.restore(pickle.loads(pickle.dumps(saved)))
-    require(world.state_hash() == before, f"{world.id}: restored from a pickle, it has another state hash")
+    require(world.state_hash() == saved_hash, f"{world.id}: restored from a pickle, it has another state hash")
 
 
-def _require_restored(world: World, own: dict[str, bytes]) -> None:
-    changed = [name for name, value in _own_attributes(world).items() if value != own.get(name, value)]
+def _require_restored(world: World, saved_attributes: dict[str, bytes]) -> None:
+    """Require that the attributes of a world's own class are as they were when its state was saved."""
+    attributes = _pickle_own_attributes(world)
+    changed = [name for name, pickled in attributes.items() if pickled != saved_attributes.get(name, pickled)]
     require(
         not changed,
         f"{world.id}: {', '.join(changed)} changes in an episode and does not come back; "
@@ -226,71 +240,80 @@ def _require_restored(world: World, own: dict[str, bytes]) -> None:
     )
 
 
-def _search(world: World, seed: int, most_steps: int) -> WorldSearch:
+def _search(world: World, seed: int, max_steps: int) -> WorldSearch:
     """Try every action in every situation, nearest first; check that each change can be restored and repeated."""
     search = WorldSearch()
     if not isinstance(world.unwrapped, NativeWorld):
         return search
     first = world.reset(seed)
-    waiting = deque([world.save()])
-    situations = {_situation(world, first.observation_hash)}
-    while waiting and search.steps < most_steps:
-        saved = waiting.popleft()
+    unexplored = deque([world.save()])
+    situations = {_identify_situation(world, first.observation_hash)}
+    while unexplored and search.steps < max_steps:
+        saved = unexplored.popleft()
         world.restore(saved)
-        own = _own_attributes(world)
+        saved_attributes = _pickle_own_attributes(world)
         for action in range(len(world.action_names)):
             steps = list(_step_through(world, [action] * (STRIDE if world.drawn else 1)))
-            reward, terminated, truncated, observed, _ = steps[-1]
+            reward, terminated, truncated, observation_hash, _ = steps[-1]
             search.steps += len(steps)
             search.rewarded += reward != 0
             search.ended += terminated
-            place = _situation(world, observed)
-            if not (terminated or truncated or place in situations):
-                situations.add(place)
-                waiting.append(world.save())
-            changed = [name for name, value in _own_attributes(world).items() if value != own.get(name)]
+            situation = _identify_situation(world, observation_hash)
+            if not (terminated or truncated or situation in situations):
+                situations.add(situation)
+                unexplored.append(world.save())
+            attributes = _pickle_own_attributes(world)
+            changed = [name for name, pickled in attributes.items() if pickled != saved_attributes.get(name)]
             search.changed.update(changed)
             world.restore(saved)
             if changed or reward != 0:
-                _require_restored(world, own)
-                again = list(_step_through(world, [action] * len(steps)))
-                _require_same(f"{world.id}: {world.action_names[action]} after a restore", steps, again)
+                _require_restored(world, saved_attributes)
+                repeated_steps = list(_step_through(world, [action] * len(steps)))
+                _require_same(f"{world.id}: {world.action_names[action]} after a restore", steps, repeated_steps)
                 world.restore(saved)
     search.situations = len(situations)
     return search
 
 
-def _situation(world: World, observation_hash: int) -> Hashable:
-    """Return the agent's rough pose and its observation's hash; in a drawn world, the objects' places instead of it."""
+def _identify_situation(world: World, observation_hash: int) -> Hashable:
+    """Return a key that is equal for states that the search treats as the same situation.
+
+    It has the agent's rough pose and the observation's hash; in a drawn world, whose pictures differ at each pose, it
+    has the objects' rough places instead of the hash.
+    """
     pose = world.pose()
     assert pose is not None
-    place = round(2 * pose.x), round(2 * pose.z), round(4 * pose.yaw_rad / np.pi) % 8
+    rough_pose = round(2 * pose.x), round(2 * pose.z), round(4 * pose.yaw_rad / np.pi) % 8
     if not world.drawn:
-        return place, observation_hash
+        return rough_pose, observation_hash
     plan = world.map()
     assert plan is not None
-    return place, tuple((thing.name, round(thing.x), round(thing.z)) for thing in plan.things)
+    return rough_pose, tuple((thing.name, round(thing.x), round(thing.z)) for thing in plan.things)
 
 
-def _own_attributes(world: World) -> dict[str, bytes]:
-    """Return the pickled values of the attributes that a world's class adds to minihuman's base classes, by name."""
+def _pickle_own_attributes(world: World) -> dict[str, bytes]:
+    """Pickle the attributes that a world's class adds to those of minihuman's base classes; return them by name.
+
+    Raises:
+        ContractError: if an attribute cannot be pickled.
+    """
     env = getattr(world.unwrapped, "team", world.unwrapped)
     if not isinstance(env, NativeWorld | TeamWorld):
         return {}
-    kinds = [kind for kind in type(env).__mro__ if kind.__module__.startswith("minihuman.")]
-    functions = [value for kind in kinds for value in vars(kind).values() if hasattr(value, "__code__")]
-    ours = {name for function in functions for name in function.__code__.co_names}  # what their code may set on self
-    own = {}
-    for name, value in vars(env).items():
-        if name not in ours and not name.startswith("_"):
+    base_classes = [cls for cls in type(env).__mro__ if cls.__module__.startswith("minihuman.")]
+    methods = [member for cls in base_classes for member in vars(cls).values() if hasattr(member, "__code__")]
+    base_names = {name for method in methods for name in method.__code__.co_names}  # what they may set on self
+    pickled_attributes = {}
+    for name, attribute in vars(env).items():
+        if name not in base_names and not name.startswith("_"):
             try:
-                own[name] = pickle.dumps(value)
+                pickled_attributes[name] = pickle.dumps(attribute)
             except Exception as error:
                 raise ContractError(
                     f"{world.id}: attribute {name} cannot be pickled ({error}); "
                     "store only plain values in it, such as numbers and arrays"
                 ) from error
-    return own
+    return pickled_attributes
 
 
 def _check_drawing(world: World, seed: int, actions: list[int]) -> None:
@@ -319,19 +342,23 @@ def _check_drawing(world: World, seed: int, actions: list[int]) -> None:
 
 
 def _check_end(world: World, seed: int) -> bool:
-    """Check that our worlds refuse a step after the end and stay unchanged; return whether an end was reached."""
+    """Check that a world refuses a step after an episode's end and stays unchanged; return whether an end was reached.
+
+    Only worlds written with minihuman's classes are checked; for others, return False.
+    """
     if not isinstance(world.unwrapped, NativeWorld):
         return False
     chance = np.random.default_rng(seed)
     actions = chance.integers(len(world.action_names), size=MAX_STEPS).tolist()
-    steps = _play(world, seed, actions)
-    if not (steps[-1][1] or steps[-1][2]):
+    _, terminated, truncated, *_ = _play(world, seed, actions)[-1]
+    if not (terminated or truncated):
         return False  # an episode without an end in sight
-    before = world.state_hash()
+    final_hash = world.state_hash()
     try:
         world.step(0)
     except WorldError:
-        require(world.state_hash() == before, f"{world.id}: a step after the end is refused, and changes the state")
+        is_unchanged = world.state_hash() == final_hash
+        require(is_unchanged, f"{world.id}: a step after the end is refused, and changes the state")
     else:
         raise ContractError(
             f"{world.id}: step() is accepted after the end of an episode; raise a WorldError that asks for a reset"
@@ -340,7 +367,7 @@ def _check_end(world: World, seed: int) -> bool:
 
 
 def _describe_plan(world: World, seed: int) -> str:
-    """Return a description of the path that the world offers to simulated participants."""
+    """Describe the shortest path that a world offers to simulated participants, or why it offers none."""
     world.reset(seed)
     try:
         path = world.shortest_path()
@@ -368,7 +395,7 @@ def _require_same(when: str, expected: list[Step], actual: list[Step]) -> None:
 
 @contextmanager
 def _register_temporarily(make: str | Callable[..., gymnasium.Env[Any, Any]]) -> Iterator[str]:
-    """Yield the id of a world; a function that makes one is registered meanwhile."""
+    """Yield the id of a world; a class or function that makes a world is registered under an id until the exit."""
     if isinstance(make, str):
         yield make
         return

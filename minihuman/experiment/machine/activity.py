@@ -79,7 +79,7 @@ class SessionContext:
         self._events += events
 
     def move_axis(self, moved: AxisChanged) -> None:
-        """Move an axis: a gamepad's to a value, the mouse's by a number of pixels."""
+        """Move an axis: one of a gamepad or touch stick to a value, one of the mouse by a number of pixels."""
         pixels_before = self.axes.get(moved.axis, 0.0) if moved.axis in MOUSE_AXES else 0.0
         self.axes[moved.axis] = pixels_before + moved.value
 
@@ -100,7 +100,11 @@ class SessionContext:
         return self._world is not None and self._world[0] == (world_id, options)
 
     def world(self, world_id: str, options: dict[str, Any]) -> "World":
-        """Return the world with the given id and options, after opening it in place of another one if necessary."""
+        """Return the world with the given id and options; if another world is open, close it and open this one.
+
+        Raises:
+            WorldFailedError: if the world cannot be made, or the other one fails while it is closed.
+        """
         key = (world_id, options)
         if self._world is None or self._world[0] != key:
             with catch_world_errors():
@@ -179,7 +183,7 @@ class RequestHandler(abc.ABC):
 
 @dataclass(frozen=True, slots=True)
 class AnswerField:
-    """An answer with too many values for a screen of each, such as a text, which a page without a server judges.
+    """A field whose answer a page without a server judges, as it has too many possible values for a screen of each.
 
     Attributes:
         name: the question's name.
@@ -246,14 +250,14 @@ class Activity(abc.ABC):
 
     @property
     def answer_field(self) -> AnswerField | None:
-        """Return the field to type in on the present screen; None if there is none, or no page can judge it alone."""
+        """Return the field to type in on the present screen; None without one, or if only a server can judge it."""
         return None
 
     @property
     def history(self) -> tuple[object, ...]:
-        """Return what else decides how the part goes on, beyond its screen and the texts that it has shown.
+        """Return the state that decides how the part continues, in addition to its screen and the texts shown so far.
 
-        Two runs with equal screens, texts and history go on alike.
+        Two runs of the part with equal screens, texts and history continue in the same way.
         """
         return ()
 

@@ -212,13 +212,14 @@ Input = (
 )
 
 
-_TIMELESS = (Stop, ScreenShown, TextInput, TextEdited, PointerInput)
+_PRECEDING = (Stop, ScreenShown, TextInput, TextEdited, PointerInput)
 
 
-def is_timeless(happened: Input, facts: Mapping[str, str]) -> bool:
-    """Return whether everything that is due by now is processed after an input rather than before it.
+def precedes_due_changes(happened: Input, facts: Mapping[str, str]) -> bool:
+    """Return whether an input is processed before everything that is due by its time, rather than after it.
 
-    Such an input reports the past, such as a screen or a sound that was already displayed or played.
+    Most such inputs report something that has already happened, such as the display of a screen or the start of a
+    sound.
 
     Args:
         happened: the input.
@@ -226,4 +227,4 @@ def is_timeless(happened: Input, facts: Mapping[str, str]) -> bool:
     """
     if isinstance(happened, SoundStarted):
         return facts.get("trial_rules", "1") == TRIAL_RULES
-    return isinstance(happened, _TIMELESS)
+    return isinstance(happened, _PRECEDING)

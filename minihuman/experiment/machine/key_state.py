@@ -44,7 +44,7 @@ class KeyState:
 
     @property
     def end_ns(self) -> int | None:
-        """Return when Escape will have been held long enough to end the session; None while it is not held."""
+        """Return the time at which Escape will have been held for long enough to end the session; None if it is up."""
         if self._escape_since_ns is None:
             return None
         return self._escape_since_ns + HOLD_TO_END_NS

@@ -6,7 +6,7 @@ from typing import Literal
 from minihuman.experiment.machine.events import Event, Noted
 from minihuman.experiment.machine.transitions import Phase
 
-_BEGINNING = "the page was altered: "
+_NOTE_PREFIX = "the page was altered: "
 AlterationKind = Literal[
     "translation",  # the browser says that it translated the page
     "text",  # the text of a screen is not what the session shows
@@ -19,28 +19,32 @@ AlterationKind = Literal[
 
 def format_alteration(kind: AlterationKind, detail: str) -> str:
     """Return the text of a note about an alteration."""
-    return f"{_BEGINNING}{kind} {detail}".rstrip()
+    return f"{_NOTE_PREFIX}{kind} {detail}".rstrip()
 
 
 def read_alteration(note: Noted) -> str:
-    """Return the kind and detail of the alteration that a note is about; "" if it is about something else."""
-    match note:
-        case Noted(kind="page", text=text) if text.startswith(_BEGINNING):
-            return text.removeprefix(_BEGINNING)
+    """Return the kind and detail of the alteration that a note reports; "" for a note about anything else."""
+    if note.kind == "page" and note.text.startswith(_NOTE_PREFIX):
+        return note.text.removeprefix(_NOTE_PREFIX)
     return ""
 
 
-def list_page_alterations(notes: Iterable[Event]) -> list[str]:
-    """List the alterations of a browser's page, each once, in alphabetical order.
+def list_page_alterations(events: Iterable[Event]) -> list[str]:
+    """List the alterations of a browser's page that a session's notes report, each once, in alphabetical order.
 
-    "consent text" is among them if the text or its translation was altered while the consent text was shown.
+    "consent text" is among them if a text was altered or translated while the consent text was shown. Events that are
+    no notes are skipped.
     """
     alterations = set()
     phase = ""
-    for note in notes:
-        if isinstance(note, Noted) and note.kind == "phase":
-            phase = note.text
-        elif isinstance(note, Noted) and (alteration := read_alteration(note)):
+    for event in events:
+        if not isinstance(event, Noted):
+            continue
+        if event.kind == "phase":
+            phase = event.text
+            continue
+        alteration = read_alteration(event)
+        if alteration:
             alterations.add(alteration)
             if phase == Phase.CONSENT and alteration.startswith(("text", "translation")):
                 alterations.add("consent text")

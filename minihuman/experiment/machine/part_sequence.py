@@ -21,25 +21,32 @@ from minihuman.experiment.plan.session_plan import PartPlan, PlannedPart, Sessio
 
 
 def list_parts(plan: SessionPlan) -> tuple[PlannedPart, ...]:
-    """Return the parts of a plan in order; for a plan of an earlier version without parts, let the kinds find them."""
+    """Return the parts of a plan in order.
+
+    A plan of an earlier version has no parts; they are derived by the built-in kinds from the plan's older fields.
+    """
     if plan.parts:
         return plan.parts
-    kinds = [find_kind(name) for name in list_built_in_kinds()]
-    placed = [part for kind in kinds if kind.find_early_parts is not None for part in kind.find_early_parts(plan)]
-    return tuple(part for _, part in sorted(placed, key=itemgetter(0)))
+    positioned_parts: list[tuple[int, PlannedPart]] = []
+    for name in list_built_in_kinds():
+        find_early_parts = find_kind(name).find_early_parts
+        if find_early_parts is not None:
+            positioned_parts += find_early_parts(plan)
+    return tuple(part for _, part in sorted(positioned_parts, key=itemgetter(0)))
 
 
 def list_remaining_parts(plan: SessionPlan, parts: Sequence[PlannedPart]) -> list[int]:
     """Return the indices of the parts still to do, in order; empty if all are done.
 
-    A resumed session begins with the parts that every segment repeats, such as the keyboard check.
+    A resumed session begins with the parts that every segment repeats, such as the keyboard check. If nothing but the
+    closing text would follow them, the session counts as done, unless it was interrupted at the closing text.
     """
-    left = [number for number in range(len(parts)) if not _is_done(number, parts[number], plan)]
-    new = [parts[number] for number in left if not _is_repeated(parts[number])]
-    only_closing = all(_closes_session(part) for part in new)
-    if only_closing and not (new and plan.standing.part):
+    remaining = [number for number in range(len(parts)) if not _is_done(number, parts[number], plan)]
+    not_repeated = [parts[number] for number in remaining if not _is_repeated(parts[number])]
+    has_only_closing = all(_closes_session(part) for part in not_repeated)
+    if has_only_closing and not (not_repeated and plan.standing.part):
         return []
-    return left
+    return remaining
 
 
 def is_only_closing_left(parts: Sequence[PlannedPart], begin: int) -> bool:
@@ -64,7 +71,10 @@ def asks_consent_before_play(plan: SessionPlan) -> bool:
 
 
 def _is_done(number: int, part: PlannedPart, plan: SessionPlan) -> bool:
-    """Return whether earlier segments of a session have completed a part."""
+    """Return whether earlier segments of a session have completed a part; ``number`` is its index.
+
+    Parts before ``plan.standing.part`` are done; if that is 0, ``plan.first_episode`` shows which parts are done.
+    """
     if _is_repeated(part):
         return False
     if number < plan.standing.part:
@@ -109,19 +119,12 @@ class PartSequence:
 
     @property
     def next_part(self) -> int | None:
-        """Return the index of the part that follows the part that has ended; None if the session ends.
-
-        A part that ended with a jump back first puts the parts from there on into the sequence again.
-        """
-        ended = self.part.ended
-        assert ended is not None
-        if ended.reason is not None:
+        """Return the index of the part that follows the part that has ended; None if the session ends."""
+        part_ending = self.part.ended
+        assert part_ending is not None
+        if part_ending.reason is not None or not self._to_do:
             return None
-        if ended.back_to is not None:
-            self._to_do = [*range(ended.back_to, len(self._parts))]
-        if self._to_do:
-            return self._to_do[0]
-        return None
+        return self._to_do[0]
 
     def begin(self) -> None:
         """Start the next part, which may end at once."""
@@ -134,14 +137,19 @@ class PartSequence:
         self.part.begin()
 
     def finish_part(self) -> PartEnding | None:
-        """Log the end of the running part and return how it ended; None if it is still running."""
-        ended = self.part.ended
-        if ended is not None:
-            following = self.next_part
-            if self._context.plan.parts:
-                past = len(self._parts) if following is None else following
-                self._context.emit(PartEnded(self._context.now_ns, self.part.number, ended.end, past))
-        return ended
+        """Log the end of the running part and return how it ended; None if it is still running.
+
+        If the part ended with a jump back, the parts from there on are put into the sequence again.
+        """
+        part_ending = self.part.ended
+        if part_ending is None:
+            return None
+        if part_ending.reason is None and part_ending.back_to is not None:
+            self._to_do = list(range(part_ending.back_to, len(self._parts)))
+        if self._context.plan.parts:  # older logs have no parts
+            next_part = len(self._parts) if self.next_part is None else self.next_part
+            self._context.emit(PartEnded(self._context.now_ns, self.part.number, part_ending.end, next_part))
+        return part_ending
 
     def stop(self) -> None:
         """Stop the running part, if one has begun, because the session ends."""

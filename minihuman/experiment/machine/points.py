@@ -24,7 +24,7 @@ def format_score(words: InterfaceWords, points: float) -> str:
 
 
 def fill_score_fields(context: "SessionContext", text: str) -> str:
-    """Fill in {points}, {bonus} and {currency} in a text that contains any of them."""
+    """Replace {points}, {bonus} and {currency} in a text by the session's points, bonus and currency."""
     if not any(f"{{{field}}}" in text for field in ("points", "bonus", "currency")):
         return text
     bonus = context.plan.bonus or BonusSpec(0.0)
@@ -55,9 +55,9 @@ def compute_bonus(bonus: BonusSpec, points: float, waited_ns: int = 0, stranded:
     return max(earned, least) + (bonus.waiting_per_min or 0.0) * waited_ns / _NS_PER_MIN
 
 
-def format_points(value: float) -> str:
-    """Format a number of points without needless decimals."""
-    rounded = round(value, 1)
+def format_points(points: float) -> str:
+    """Format a number of points with at most one decimal, and none if it is a whole number."""
+    rounded = round(points, 1)
     if rounded:
         return f"{rounded:.1f}".rstrip("0").rstrip(".")
     return "0"
@@ -74,9 +74,10 @@ class PointsNumber(float):
 
 
 def isolate_signs(words: InterfaceWords, text: str) -> str:
-    """Mark signs in a right-to-left text so that they stay before their numbers.
+    """Mark plus and minus signs in a text of a right-to-left language, so that they are shown before their numbers.
 
-    Unicode's rules would move them behind the numbers.
+    Without the marks, which are left-to-right marks, Unicode's rules would move the signs behind the numbers. Texts of
+    other languages are returned unchanged.
     """
     if words.rtl:
         return _SIGNED.sub("\u200e\\g<0>", text)

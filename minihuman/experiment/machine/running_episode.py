@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from minihuman.worlds.adapters.world import World  # imports Gymnasium, which reading a log does not need
 
 NS_PER_MS = 1_000_000
-_MOST_HASHES = 256  # of pictures that are not displayed yet
+_MAX_HASHES = 256  # of pictures that are not displayed yet
 EMPTY_IMAGE = np.zeros((0, 0, 3), dtype=np.uint8)
 
 
@@ -58,17 +58,12 @@ class catch_world_errors:  # noqa: N801 - used as `contextlib.suppress` is
         if error is None:  # every step
             return
         if isinstance(error, WorldCodeError):
-            if isinstance(error.__cause__, Exception):
-                cause = error.__cause__
-            else:
-                cause = error
+            cause = error.__cause__ if isinstance(error.__cause__, Exception) else error
             raise WorldFailedError(error.log_text) from cause
+        if isinstance(error, WorldError):
+            raise WorldFailedError(str(error)) from error
         if isinstance(error, Exception):
-            if isinstance(error, WorldError):
-                message = str(error)
-            else:
-                message = f"{type(error).__name__}: {error}"
-            raise WorldFailedError(message) from error
+            raise WorldFailedError(f"{type(error).__name__}: {error}") from error
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,7 +134,10 @@ class RunningEpisode:
         return len(self.actions)
 
     def describe_correction(self, t_ns: int, step: int, submit_ns: int, flip_ns: int) -> Event | None:
-        """Return an event if a picture that was shown before its step was final turned out to be wrong, or None."""
+        """Return the event that corrects the display of a picture that was shown before its step was final.
+
+        None if the picture was right. Only joint episodes show such pictures, so that other episodes return None.
+        """
         return None
 
     @property
@@ -200,16 +198,22 @@ class RunningEpisode:
         return picture
 
     def keep_picture_hash(self, picture_hash: int) -> None:
-        """Keep the hash of the present picture until it is shown; pictures of joint episodes are not hashed."""
+        """Keep the hash of the present picture for the event of its display; hashes of joint episodes are not kept."""
         if self.is_joint or not picture_hash:
             return
-        self._picture_hashes.pop(self.steps, None)
+        self._picture_hashes.pop(self.steps, None)  # so that the latest step is the last
         self._picture_hashes[self.steps] = picture_hash
-        if len(self._picture_hashes) > _MOST_HASHES:
-            del self._picture_hashes[next(iter(self._picture_hashes))]
+        if len(self._picture_hashes) > _MAX_HASHES:
+            oldest_step = next(iter(self._picture_hashes))
+            del self._picture_hashes[oldest_step]
 
     def picture_between(self, before: Pose, share: float) -> NDArray[np.uint8]:
-        """Return the picture a share (0 to 1) of the way from an earlier pose, in a first-person world."""
+        """Return a first-person world's picture between an earlier pose and the present one.
+
+        Args:
+            before: the earlier pose.
+            share: the share of the way from the earlier pose to the present one, 0 to 1.
+        """
         env: Any = self.world.unwrapped
         assert self._picture_px is not None
         with catch_world_errors():
@@ -219,9 +223,9 @@ class RunningEpisode:
         return picture
 
     def record_shown(self, screen: ScreenShown) -> FrameShown:
-        """Record that a picture reached the display and return its event; by default it is the present picture.
+        """Record that a picture reached the display, by default the picture of the latest step, and return its event.
 
-        The first picture starts the clock of a real-time episode.
+        The first picture starts the clock of a real-time episode, and each new picture a response deadline.
         """
         step = self.steps if screen.step is None else min(screen.step, self.steps)
         if self._shown_step != step:
@@ -235,11 +239,11 @@ class RunningEpisode:
         return FrameShown(screen.t_ns, self.plan.episode, step, screen.submit_ns, screen.flip_ns, picture_hash)
 
     def note_onset(self, flip_ns: int) -> None:
-        """Measure response times from this flip on, in blocks in which not every picture is an onset."""
+        """Measure response times from a stimulus onset at this flip, in blocks in which not every picture is one."""
         self._flips_ns = [flip_ns]
 
     def step_without_key(self, t_ns: int) -> Stepped:
-        """Make a step with the no-op, as a trial that ended without a response."""
+        """Make a step with the no-op action, for a trial that ended without a response, and return its event."""
         assert self._noop is not None, "the protocol's check asks for a no-op"
         return self.step(t_ns, self._noop, key="", key_t_ns=t_ns)
 
@@ -253,7 +257,7 @@ class RunningEpisode:
         assert self._bindings
         assert self._bindings.spot
         with catch_world_errors():
-            return _point_at(self.world, self._bindings.spot, x, y)
+            return _build_click_vector(self.world, self._bindings.spot, x, y)
 
     def queue(self, t_ns: int, key: str, action: "Action") -> None:
         """Keep a key for the next tick. A later key replaces it, unless held keys combine."""
@@ -273,9 +277,11 @@ class RunningEpisode:
         self._shown_step = -1
 
     def tick(self, t_ns: int) -> Stepped | None:
-        """Make a step with the queued key's action or the no-op if a period has passed; return None if no step is due.
+        """Make the step that is due at a tick or deadline, and return its event; return None if no step is due.
 
-        Periods that passed entirely, as on a stalled machine, are skipped, because no pictures were shown in them.
+        The action is that of the queued key or of the keys that are held; without a key, it is the no-op, or there is
+        no step if the plan has none. Periods that passed entirely, as on a stalled machine, are skipped, because no
+        pictures were shown in them.
         """
         if self.next_tick_ns is None or t_ns < self.next_tick_ns:
             return None
@@ -283,7 +289,8 @@ class RunningEpisode:
             if self._noop is None:
                 return None
             return self.step(t_ns, self._noop, key="", key_t_ns=t_ns)
-        self.next_tick_ns += self._period_ns * ((t_ns - self.next_tick_ns) // self._period_ns + 1)
+        n_missed_periods = (t_ns - self.next_tick_ns) // self._period_ns
+        self.next_tick_ns += self._period_ns * (n_missed_periods + 1)
         if self.repeats_held:
             return self._step_held(t_ns)
         press = self._queued
@@ -303,23 +310,23 @@ class RunningEpisode:
         self._pressed = {}
         held_keys = [key for key in self._keys_down if key in self._action_of and key not in pressed]
         keys = [*held_keys, *pressed]  # the latest last
-        shares_of_components = self._moved_components()
+        shares_of_components = self._take_component_shares()
         if not keys and not shares_of_components:
             if self._noop is None:
                 return None
             return self.step(t_ns, self._noop, key="", key_t_ns=t_ns)
         with catch_world_errors():
             actions = [self._action_of[key] for key in keys]
-            number, vector = self.world.actions.combine(actions or [0])
+            number, vector = self.world.actions.combine(actions or [0])  # action 0 of a vector is its rest
             for component, share in shares_of_components.items():
                 vector = self.world.actions.move(vector, component, share)  # type: ignore[union-attr]
         latest = keys[-1] if keys else ""
         return self.step(t_ns, vector or number, key=latest, key_t_ns=pressed.get(latest, t_ns), held_keys=pressed)
 
-    def _moved_components(self) -> dict[int, float]:
-        """Return how far the axes move each component of the action, and use up the mouse's motion.
+    def _take_component_shares(self) -> dict[int, float]:
+        """Return the share (-1 to 1) of the way from rest to its bound by which the axes move each component.
 
-        Components that no axis moves are left out.
+        Components that no axis moves are left out. The mouse's motion is used up.
         """
         shares: dict[int, float] = {}
         if not self._bindings:
@@ -327,7 +334,7 @@ class RunningEpisode:
         values = {**self._axes, **self._take_mouse_motion()}
         for axis, binding in self._bindings.axes.items():
             share = values.get(axis, 0.0) * binding.scale
-            if axis in MOUSE_AXES:  # however fast the mouse moves, a step is no more than a whole one
+            if axis in MOUSE_AXES:  # however fast the mouse moves, a component moves no further than to its bound
                 share = max(-1.0, min(1.0, share))
             if share:
                 shares[binding.component] = shares.get(binding.component, 0.0) + share
@@ -368,8 +375,8 @@ class RunningEpisode:
         if not self.real_time:
             self.next_tick_ns = None  # the deadline runs from the next picture
         self.return_ += transition.reward
-        spent = self.steps >= self.plan.max_steps and not transition.terminated
-        truncated = transition.truncated or spent
+        is_at_limit = self.steps >= self.plan.max_steps and not transition.terminated
+        truncated = transition.truncated or is_at_limit
         answers_picture = bool(key) and (held_keys is None or key in held_keys)
         stepped = Stepped(
             t_ns=t_ns,
@@ -383,7 +390,7 @@ class RunningEpisode:
             terminated=transition.terminated,
             truncated=truncated,
             pose=pose,
-            rt_ms=self._find_rt_ms(key_t_ns) if answers_picture else None,
+            rt_ms=self._compute_rt_ms(key_t_ns) if answers_picture else None,
             state_hash=self._state_hash,
             observation_hash=transition.observation_hash,
             onset=transition.onset,
@@ -394,12 +401,15 @@ class RunningEpisode:
         self.outcome = self._judge.judge_step(stepped)
         return stepped
 
-    def _find_rt_ms(self, key_t_ns: int) -> float | None:
-        """Return the time from the picture on the display to a key press in milliseconds; None without a picture."""
-        earlier_ns = [flip_ns for flip_ns in self._flips_ns if flip_ns <= key_t_ns]
-        if not earlier_ns:
+    def _compute_rt_ms(self, key_t_ns: int) -> float | None:
+        """Compute the time from the display of the picture that a key press answered to the press, in milliseconds.
+
+        None if no picture had been displayed.
+        """
+        earlier_flips_ns = [flip_ns for flip_ns in self._flips_ns if flip_ns <= key_t_ns]
+        if not earlier_flips_ns:
             return None
-        return (key_t_ns - earlier_ns[-1]) / NS_PER_MS
+        return (key_t_ns - earlier_flips_ns[-1]) / NS_PER_MS
 
     def clauses_done(self, t_ns: int) -> list[ClauseDone]:
         """Return the events of the instruction's subgoals that the last step reached."""
@@ -412,7 +422,7 @@ class RunningEpisode:
         ]
 
     def stored_observations(self, t_ns: int) -> list[ObservationStored]:
-        """Return the event of the present observation if the protocol records observations; otherwise an empty list."""
+        """Return the event of the present observation in a list; empty if the protocol records no observations."""
         if not self.plan.record_observations:
             return []
         with catch_world_errors():  # a copy, as a world may use its arrays again
@@ -429,6 +439,7 @@ class RunningEpisode:
         return EpisodeEnded(t_ns, self.plan.episode, self.outcome, self.steps, self.return_, self._state_hash, cause)
 
     def _judge_cause(self, cause: EndCause) -> Outcome:
+        """Return the outcome of an episode that no step has ended, from the cause of its end."""
         if cause == "agent_failed":
             return "agent_failed"
         if cause:
@@ -453,11 +464,15 @@ def check_bindings(world: "World", bindings: "Bindings") -> None:
     for binding in bindings.axes.values():
         world.actions.require_component(binding.component)  # type: ignore[union-attr]
     if bindings.spot is not None:
-        world.actions.value(_point_at(world, bindings.spot, 0.0, 1.0))
+        world.actions.value(_build_click_vector(world, bindings.spot, 0.0, 1.0))
 
 
-def _point_at(world: "World", spot: "SpotBinding", x: float, y: float) -> "ActionVector":
-    """Return the action vector of a click at a spot; x and y are shares of the picture's width and height."""
+def _build_click_vector(world: "World", spot: "SpotBinding", x: float, y: float) -> "ActionVector":
+    """Build the action vector of a click at (x, y), each 0 to 1 of the picture from its top left corner.
+
+    Raises:
+        WorldError: if the world lacks the action that the click also makes.
+    """
     action = 0
     if spot.action:
         if spot.action not in world.action_names:
@@ -472,6 +487,11 @@ def _point_at(world: "World", spot: "SpotBinding", x: float, y: float) -> "Actio
 
 
 def _find_action_number(plan: EpisodePlan, world: "World", name: str) -> int:
+    """Return the number of the action of a given name.
+
+    Raises:
+        WorldError: if the world has no such action.
+    """
     if name not in world.action_names:
         raise WorldError(
             f"{plan.world} has no action {name!r}; its actions are {join_action_names(world.action_names)}"

@@ -22,7 +22,7 @@ _FAILURES = ("disk_full", "world_error", "internal_error")
 
 
 def build_notice_screen(words: InterfaceWords, title: str, body: str, prompt: str = "") -> TextScreen:
-    """Build a screen of a short text, with a prompt if a key leads on, else with the sign of waiting."""
+    """Build a screen of a short text; without a prompt, which names the key to go on, it shows that it waits."""
     return TextScreen(title, body, prompt, locale=words.locale, waits=not prompt)
 
 
@@ -56,27 +56,30 @@ def build_abort_screen(words: InterfaceWords) -> TextScreen:
 
 
 def find_abort_reason(key: str) -> str | None:
-    """Return the reason that a digit key stands for, on the digit row or the keypad; None for any other key."""
+    """Return the abort reason that the key of a digit selects, on the digit row or the keypad; None for other keys."""
     reasons = {str(number): reason for number, reason in enumerate(ABORT_REASONS, start=1)}
     return reasons.get(key.removeprefix("kp_"))
 
 
 def find_stop_code(reason: str, detail: str) -> str:
-    """Return a code that a participant reads out in place of an error's text, such as "W-3F2A".
+    """Return a short code, such as "W-3F2A", by which a participant can tell the experimenter which error occurred.
 
-    The program prints both the code and the text.
+    The program prints the code together with the error's text.
 
     Args:
         reason: the reason why the session ended.
         detail: the details of the end in the log.
     """
     initial = reason[:1].upper()
-    upper_half = zlib.crc32(detail.encode()) >> 16
-    return f"{initial}-{upper_half:04X}"
+    upper_16_bits = zlib.crc32(detail.encode()) >> 16
+    return f"{initial}-{upper_16_bits:04X}"
 
 
 def build_end_screen(words: InterfaceWords, reason: EndReason, detail: str) -> TextScreen:
-    """Build the last screen; after a failure it states what happened and what is saved, and shows the stop code."""
+    """Build the last screen of a session from the reason and details of its end.
+
+    After a failure it states what happened and what is saved, and shows the stop code.
+    """
     title = words["over.title"]
     text = ""
     if reason in _FAILURES:
@@ -93,7 +96,10 @@ def build_end_screen(words: InterfaceWords, reason: EndReason, detail: str) -> T
 def build_overlay_screen(
     words: InterfaceWords, phase: Phase, reason: EndReason, detail: str, *, declining: bool = False
 ) -> TextScreen | None:
-    """Build the screen that covers a part or follows the last; return None while a part is shown."""
+    """Build the screen of a phase in which no part is shown: a pause, a question about the session, or its end.
+
+    Return None in any other phase. The arguments are those of the functions that build the screens.
+    """
     match phase:
         case Phase.PAUSED:
             return build_pause_screen(words)

@@ -133,7 +133,7 @@ class Widget(abc.ABC):
     @property
     @abc.abstractmethod
     def description(self) -> str:
-        """Return the answers that the widget offers in words, for participants that read instead of seeing."""
+        """Describe in words the answers that the widget offers, for screen readers and language models."""
 
     def list_likely_inputs(self) -> Iterator[str]:
         """Yield the names of likely inputs, such as "key:1" or "point:option:0", likeliest first; none by default.
@@ -148,14 +148,14 @@ def _number_lines(texts: Iterable[str]) -> str:
     return "\n".join(f"{number}. {text}" for number, text in enumerate(texts, 1))
 
 
-def _add_ends(lines: str, low: str, high: str) -> str:
-    """Return numbered points, and below them the texts at the ends of their scale."""
+def _append_end_texts(lines: str, low: str, high: str) -> str:
+    """Return the numbered points of a scale as lines, followed by the texts at the scale's low and high end."""
     ends = f"{low} ... {high}"
     return f"{lines.strip()}\n\n{ends.strip()}"
 
 
 def _list_option_inputs(count: int) -> Iterator[str]:
-    """Yield the inputs that choose the options of a question which have a digit key."""
+    """Yield the inputs that choose an option by its digit key or by a click, for the options that have a digit key."""
     for number in range(min(_MAX_DIGIT_KEY, count)):
         yield f"key:{number + 1}"
         yield f"point:option:{number}"
@@ -193,7 +193,7 @@ class RatingScale(Widget):
     @property
     def description(self) -> str:
         """Return the points, numbered from 1, and the texts at the ends."""
-        return _add_ends(_number_lines(self.points), self.low, self.high)
+        return _append_end_texts(_number_lines(self.points), self.low, self.high)
 
     def list_likely_inputs(self) -> Iterator[str]:
         """Yield the inputs that choose a point, and those that move to the next."""
@@ -216,7 +216,7 @@ class RatingMatrix(Widget):
     def description(self) -> str:
         """Return the points of each statement, numbered from 1 row by row, and the texts at the ends."""
         cells = [f"{row}: {point}" for row in self.rows for point in self.points]
-        return _add_ends(_number_lines(cells), self.low, self.high)
+        return _append_end_texts(_number_lines(cells), self.low, self.high)
 
 
 @dataclass(frozen=True, slots=True)

@@ -43,7 +43,7 @@ from minihuman.experiment.machine.inputs import (
     TextEdited,
     TextInput,
     Tick,
-    is_timeless,
+    precedes_due_changes,
 )
 from minihuman.experiment.machine.key_state import KeyState
 from minihuman.experiment.machine.part_sequence import PartSequence
@@ -56,7 +56,6 @@ from minihuman.moved import forward_names
 CONSENT_RULES = "2"  # the fact "consent_rules" of a session: Escape on a consent text declines; before, it quit
 KEY_RULES = "2"  # the fact "key_rules": keys held before the focus, and shortcuts, have no effect; before, they had one
 
-
 PAUSE_KEY = "f8"
 _PAUSE_REASONS: dict[TransitionCause, PauseReason] = {
     TransitionCause.PAUSE: "participant",
@@ -65,13 +64,12 @@ _PAUSE_REASONS: dict[TransitionCause, PauseReason] = {
     TransitionCause.ASK_ABORT: "abort_question",
 }
 
-
-_POINTER_WORDS: dict[type[PointerInput], PointerUse] = {
+_POINTER_USES: dict[type[PointerInput], PointerUse] = {
     PointerPressed: "pressed",
     PointerMoved: "moved",
     PointerReleased: "released",
 }
-_OTHER_POINTER_CAUSES: dict[type[PointerInput], Literal["held_before_focus", "cancelled"]] = {
+_IGNORED_POINTER_CAUSES: dict[type[PointerInput], Literal["held_before_focus", "cancelled"]] = {
     PointerPressed: "held_before_focus",
     PointerReleased: "cancelled",
 }
@@ -119,14 +117,14 @@ class SessionMachine:
         self._parts = PartSequence(self._context)
         self._screen: Screen = TextScreen("", "", "")
         self._is_drawn = True
-        self._came_from: list[Phase] = []
+        self._phases_to_resume: list[Phase] = []  # those that questions about the session interrupted, the latest last
         self._keys = KeyState(self._context.keys_down)
         self._focused = True
         self._pointer_acts = True  # whether the pointer was pressed while the window had the focus
         self._end_reason: EndReason = "complete"
         self._end_detail = ""
 
-    # What the outside looks at
+    # State that windows, pages and simulated participants read
 
     @property
     def phase(self) -> StrEnum:
@@ -235,7 +233,7 @@ class SessionMachine:
 
     def _handle(self, happened: Input) -> None:
         """Process what is due before an input, and pass the input on unless the session has ended."""
-        if not is_timeless(happened, self._facts):
+        if not precedes_due_changes(happened, self._facts):
             self._let_time_pass(happened.t_ns)
             if self.over:
                 return
@@ -254,16 +252,16 @@ class SessionMachine:
                 self._key_up(happened)
             case TextInput():
                 self._context.emit(self.part.typed_event(self.now_ns, happened.text))
-                self._to_part(happened)
+                self._pass_to_part(happened)
             case PointerInput():
                 self._use_pointer(happened)
             case AxisChanged():
                 self._context.move_axis(happened)
                 self._context.emit(AxisMoved(self.now_ns, happened.axis, happened.value, self.now_ns - happened.t_ns))
             case ExperimenterCommand():
-                self._obey(happened)
+                self._execute_command(happened)
             case ScreenShown() | TextEdited() | ActivityInput():
-                self._to_part(happened)
+                self._pass_to_part(happened)
 
     def _stop(self, stop: Stop) -> None:
         """End the session from outside; a session whose closing text is shown still counts as complete."""
@@ -272,31 +270,31 @@ class SessionMachine:
         else:
             self._end(stop.reason, stop.detail)
 
-    def _to_part(self, happened: Input) -> None:
+    def _pass_to_part(self, happened: Input) -> None:
         if self._phase is Phase.PART:
             self.part.receive(happened)
             if self.part.ended is not None:
                 self._follow_part()
 
     def _let_time_pass(self, t_ns: int) -> None:
-        """Process everything that is due before a later input.
+        """Process everything that is due before an input at a time.
 
-        The time for which Escape is held is measured by the inputs' own times: a machine that stalled during a short
-        press must not end the session.
+        The time for which Escape is held is measured by the inputs' own times, so that a machine that stalls during a
+        short press does not end the session.
         """
         if self._phase is Phase.PART:
-            self._to_part(Tick(self.now_ns))
+            self._pass_to_part(Tick(self.now_ns))
         elif self._phase is Phase.QUIT_QUESTION and (due_ns := self.next_tick_ns) is not None and t_ns >= due_ns:
-            if self._declining:
+            if self._is_declining:
                 self._end("declined", "the participant did not agree")
             else:
                 self._end("quit", "the participant ended the session")
 
     @property
-    def _declining(self) -> bool:
+    def _is_declining(self) -> bool:
         """Return whether ending the session now refuses consent; under the first consent rules it did not."""
-        known = self._facts.get("consent_rules", "1") == CONSENT_RULES
-        return known and self._parts.has_begun and self.part.phase is Phase.CONSENT
+        can_decline = self._facts.get("consent_rules", "1") == CONSENT_RULES
+        return can_decline and self._parts.has_begun and self.part.phase is Phase.CONSENT
 
     def _change_focus(self, focused: bool) -> None:
         self._context.emit(Noted(self.now_ns, "focus", "found" if focused else "lost"))
@@ -307,7 +305,7 @@ class SessionMachine:
         self._keys.forget()
         self._move(TransitionCause.FOCUS_LOST)
 
-    def _obey(self, happened: ExperimenterCommand) -> None:
+    def _execute_command(self, happened: ExperimenterCommand) -> None:
         """Log the experimenter's command, and execute it if possible."""
         self._context.emit(Noted(self.now_ns, "experimenter", f"{happened.command}: {happened.text}"))
         match happened.command:
@@ -325,11 +323,10 @@ class SessionMachine:
 
     def _use_pointer(self, happened: PointerInput) -> None:
         """Log a pointer input and pass it to the part, unless its press began before the window had the focus."""
-        other_cause = _OTHER_POINTER_CAUSES.get(type(happened))
-        is_other = self._judges_causes and happened.cause == other_cause
-        use: PointerUse = _POINTER_WORDS[type(happened)]
-        if is_other and other_cause:
-            use = other_cause
+        use: PointerUse = _POINTER_USES[type(happened)]
+        ignored_cause = _IGNORED_POINTER_CAUSES.get(type(happened))
+        if self._judges_causes and ignored_cause is not None and happened.cause == ignored_cause:
+            use = ignored_cause
         if isinstance(happened, PointerPressed):
             self._pointer_acts = use == "pressed"
         self._context.emit(
@@ -344,7 +341,7 @@ class SessionMachine:
             )
         )
         if self._pointer_acts and use != "cancelled":
-            self._to_part(happened)
+            self._pass_to_part(happened)
 
     # Keys
 
@@ -354,23 +351,23 @@ class SessionMachine:
             self._context.emit_key(press, press.cause, self.phase)
             return
         self._keys.down(press.key, press.t_ns)
-        if not press.repeat and self._obey_command(press):
+        if not press.repeat and self._handle_session_key(press):
             return
         if self._phase is Phase.PART:
-            self._to_part(press)
+            self._pass_to_part(press)
         elif press.repeat:
             self._context.emit_key(press, "repeat", self.phase)
         else:
-            self._key_over_part(press)
+            self._handle_overlay_key(press)
 
-    def _obey_command(self, press: KeyDown) -> bool:
-        """Obey a key that aborts, leaves or pauses the session; return False for any other key."""
+    def _handle_session_key(self, press: KeyDown) -> bool:
+        """Handle a key that aborts, leaves or pauses the session, and return True; return False for any other key."""
         if self._keys.completes_chord(press.key) and self._can_ask_abort:
             self._accept_key(press)
             self._move(TransitionCause.ASK_ABORT)
         elif press.key == "escape":
-            self._escape(press)
-        elif press.key == PAUSE_KEY and self._pausable:
+            self._press_escape(press)
+        elif press.key == PAUSE_KEY and self._is_pausable:
             self._accept_key(press)
             self._move(TransitionCause.RESUME if self._phase is Phase.PAUSED else TransitionCause.PAUSE)
         else:
@@ -382,10 +379,10 @@ class SessionMachine:
         return SESSION_TRANSITIONS.find(self._phase, TransitionCause.ASK_ABORT, self) is not None
 
     @property
-    def _pausable(self) -> bool:
+    def _is_pausable(self) -> bool:
         return self._phase is Phase.PAUSED or (self._phase is Phase.PART and self.part.playing)
 
-    def _escape(self, press: KeyDown) -> None:
+    def _press_escape(self, press: KeyDown) -> None:
         """Ask whether to end the session; on that question, a short press returns and a long one ends the session."""
         self._accept_key(press)
         if self._phase is Phase.QUIT_QUESTION:
@@ -404,7 +401,7 @@ class SessionMachine:
         if release.key == "escape" and self._keys.release_escape():
             self._move(TransitionCause.STAY)
 
-    def _key_over_part(self, press: KeyDown) -> None:
+    def _handle_overlay_key(self, press: KeyDown) -> None:
         """Handle a key press on a screen that covers the part; log a key that has no effect there."""
         causes = {
             Phase.PAUSED: TransitionCause.RESUME,
@@ -430,17 +427,20 @@ class SessionMachine:
 
     # Moving on
 
-    def _move(self, cause: TransitionCause, why: PauseReason | None = None) -> bool:
-        """Follow the transition table; return False and do nothing if no row applies. ``why`` is a pause's reason."""
-        move = SESSION_TRANSITIONS.find(self._phase, cause, self)
-        if move is None:
+    def _move(self, cause: TransitionCause, pause_reason: PauseReason | None = None) -> bool:
+        """Move to the phase that follows for a cause in the transition table; return False if no row applies.
+
+        ``pause_reason`` is logged if a part is suspended; by default, it is that of the cause.
+        """
+        transition = SESSION_TRANSITIONS.find(self._phase, cause, self)
+        if transition is None:
             return False
         previous = self._phase
-        if move.end is None:
-            self._phase = self._came_from.pop()
+        if transition.end is None:
+            self._phase = self._phases_to_resume.pop()
         else:
-            assert isinstance(move.end, Phase)
-            self._phase = move.end
+            assert isinstance(transition.end, Phase)
+            self._phase = transition.end
         self._keys.release_escape()
         if self._phase is Phase.OVER:
             self._finish()
@@ -452,9 +452,9 @@ class SessionMachine:
             self._follow_part()
         else:
             if previous is Phase.PART:
-                self.part.suspend(why or _PAUSE_REASONS[cause])
+                self.part.suspend(pause_reason or _PAUSE_REASONS[cause])
             if cause in (TransitionCause.ASK_QUIT, TransitionCause.ASK_ABORT):
-                self._came_from.append(previous)
+                self._phases_to_resume.append(previous)
             self._context.emit(Noted(self.now_ns, "phase", self._phase))
             if self._phase is Phase.UNFOCUSED and self._focused:  # the focus returned while a question was shown
                 self._move(TransitionCause.FOCUS_FOUND)
@@ -462,11 +462,11 @@ class SessionMachine:
 
     def _follow_part(self) -> None:
         """If the running part has ended, continue with the next part or end the session."""
-        ended = self._parts.finish_part()
-        if ended is None:
+        part_ending = self._parts.finish_part()
+        if part_ending is None:
             return
-        if ended.reason is not None:
-            self._end(ended.reason, ended.detail)
+        if part_ending.reason is not None:
+            self._end(part_ending.reason, part_ending.detail)
         else:
             self._move(TransitionCause.DONE)
 
@@ -487,7 +487,7 @@ class SessionMachine:
     def _refresh_screen(self) -> None:
         """Build the present screen, and replace the last one unless the two are equal."""
         overlay = screen_texts.build_overlay_screen(
-            self._context.words, self._phase, self._end_reason, self._end_detail, declining=self._declining
+            self._context.words, self._phase, self._end_reason, self._end_detail, declining=self._is_declining
         )
         screen = overlay or self.part.screen()
         if screen != self._screen:

@@ -52,11 +52,12 @@ def build_allocation_list(protocol: Protocol) -> tuple[AllocationSlot, ...]:
     return _LISTS[key]
 
 
-_LISTS: dict[
-    bytes, tuple[AllocationSlot, ...]
-] = {}  # a list of thousands takes a second, and is asked for again and again
-_DIGESTS: dict[int, tuple[tuple[AllocationSlot, ...], str]] = {}  # by the identity of a list, which it keeps alive
+# lists by the encoded tables that determine them: a list of thousands of slots takes a second, and is often requested
+_LISTS: dict[bytes, tuple[AllocationSlot, ...]] = {}
+# a list and its hash, by the identity of the list, which this keeps alive
+_DIGESTS: dict[int, tuple[tuple[AllocationSlot, ...], str]] = {}
 _MAX_CACHED_LISTS = 8
+_MAX_BLOCK_REPEATS = 3  # the largest size of a permuted block, as a multiple of the smallest
 
 
 def _build_list(protocol: Protocol) -> tuple[AllocationSlot, ...]:
@@ -73,7 +74,7 @@ def _build_list(protocol: Protocol) -> tuple[AllocationSlot, ...]:
 
 
 def _build_stratum_list(protocol: Protocol, suffix: str) -> tuple[AllocationSlot, ...]:
-    """Build the list of all participants or of one stratum; ``suffix`` gives its draws their own random streams."""
+    """Build the list of a study without strata, or of one stratum; ``suffix`` names the stratum's random streams."""
     n_slots = protocol.study.participants
     groups = _draw_groups(protocol, n_slots, suffix)
     draws = [_draw_positions(protocol, f"{draw}{suffix}", groups) for draw in range(_count_draws(protocol))]
@@ -131,20 +132,32 @@ def _count_draws(protocol: Protocol) -> int:
 
 
 def _draw_orders(protocol: Protocol, groups: list[int], suffix: str) -> list[tuple[tuple[int, ...], ...]]:
-    """Draw every order of the protocol for each slot; each group fills its own Latin squares."""
+    """Draw each slot's orders of parts, one for each order of the protocol; each group fills its own Latin squares.
+
+    ``groups`` has the index of each slot's group, and ``suffix`` names the random streams of a stratum.
+    """
     group_sizes: Counter[int] = Counter()
     rows = []
     for index, group in enumerate(groups):
-        place = group_sizes[group]  # the slot's place among those of its group
-        rows.append(tuple(_draw_order(protocol, order, group, place, index, suffix) for order in protocol.orders))
+        group_place = group_sizes[group]
+        rows.append(tuple(_draw_order(protocol, order, group, group_place, index, suffix) for order in protocol.orders))
         group_sizes[group] += 1
     return rows
 
 
 def _draw_order(
-    protocol: Protocol, order: OrderSpec, group: int, place: int, index: int, suffix: str
+    protocol: Protocol, order: OrderSpec, group: int, group_place: int, index: int, suffix: str
 ) -> tuple[int, ...]:
-    """Draw a slot's order of parts; ``place`` counts the slots of its group, ``index`` all slots."""
+    """Draw the sequence in which a slot's participant does the parts of an order, as indices of the parts.
+
+    Args:
+        protocol: the study's protocol.
+        order: the order, whose parts may be fixed, shuffled or in a Latin square.
+        group: the index of the slot's group.
+        group_place: the index of the slot among those of its group.
+        index: the index of the slot in the list.
+        suffix: names the random streams of a stratum.
+    """
     count = len(order.parts)
     seed = protocol.study.seed
     match order.order:
@@ -153,7 +166,7 @@ def _draw_order(
         case "shuffled":
             return draw_permutation(count, seed=seed, purpose=f"order-{order.name}{suffix}", index=index)
     square = build_latin_square(count)
-    n_full_squares, row = divmod(place, len(square))
+    n_full_squares, row = divmod(group_place, len(square))
     shuffled_rows = draw_permutation(
         len(square), seed=seed, purpose=f"order-{order.name}-{group}{suffix}", index=n_full_squares
     )
@@ -165,13 +178,13 @@ def build_latin_square(count: int) -> tuple[tuple[int, ...], ...]:
 
     There are as many rows as elements if that number is even, and twice as many if it is odd (Williams 1949).
     """
-    first = [0]
+    first_row = [0]
     for step in range(1, count):
         shift = step if step % 2 else -step  # alternately forward and back
-        first.append((first[-1] + shift) % count)
+        first_row.append((first_row[-1] + shift) % count)
     rows = []
-    for row in range(count):
-        rows.append(tuple((place + row) % count for place in first))
+    for offset in range(count):
+        rows.append(tuple((element + offset) % count for element in first_row))
     if count % 2:
         rows += [row[::-1] for row in rows]
     return tuple(rows)
@@ -206,35 +219,43 @@ def find_slot(protocol: Protocol, index: int, stratum: str | None = None) -> All
 
 
 def _draw_groups(protocol: Protocol, count: int, suffix: str) -> list[int]:
-    """Draw a group number for each slot, in permuted blocks of varying size."""
+    """Draw the index of the group of each of ``count`` slots, in permuted blocks of varying size.
+
+    A permuted block has each group one to three times, multiplied by the group's allocation ratio.
+    """
     seed = protocol.study.seed
     groups: list[int] = []
-    block = 0
+    n_blocks = 0
     while len(groups) < count:
-        (size_word,) = draw_words(1, seed=seed, purpose=f"group-block-size{suffix}", index=block)
-        repeats = 1 + int(size_word % 3)
-        members: list[int] = []
+        (size_word,) = draw_words(1, seed=seed, purpose=f"group-block-size{suffix}", index=n_blocks)
+        repeats = 1 + int(size_word % _MAX_BLOCK_REPEATS)
+        block: list[int] = []
         for group, spec in enumerate(protocol.groups):
-            members += [group] * (spec.allocation_ratio * repeats)
-        order = draw_permutation(len(members), seed=seed, purpose=f"group-block{suffix}", index=block)
-        groups += [members[place] for place in order]
-        block += 1
+            block += [group] * (spec.allocation_ratio * repeats)
+        order = draw_permutation(len(block), seed=seed, purpose=f"group-block{suffix}", index=n_blocks)
+        groups += [block[position] for position in order]
+        n_blocks += 1
     return groups[:count]
 
 
 def _draw_positions(protocol: Protocol, draw: str, groups: list[int]) -> list[tuple[int, ...]]:
-    """Draw, for each slot, the key position of each action.
+    """Draw a row for each slot: for each action, the index of its key in the pool.
 
-    Rows have as many columns as the block with the most actions needs. In each run of as many slots as the pool has
-    keys, each row of a square is used once, by the slot whose group has used its keys least.
+    A row has as many actions as the block with the most actions. In each run of as many slots as the pool has keys,
+    each row of a square is used once, by the slot whose group has used its keys least.
+
+    Args:
+        protocol: the study's protocol.
+        draw: names the random streams of the draw.
+        groups: the index of each slot's group.
     """
     n_keys = len(protocol.keys.pool)
     n_actions = max((len(block.actions) for block in protocol.blocks), default=0)
     uses_by_group = [_zero_uses(n_actions, n_keys) for _ in protocol.groups]
     positions: list[tuple[int, ...]] = []
-    for square, first in enumerate(range(0, len(groups), n_keys)):
+    for square, first_slot in enumerate(range(0, len(groups), n_keys)):
         rows = _build_key_square(n_keys, n_actions, seed=protocol.study.seed, purpose=f"key-map-{draw}", index=square)
-        for group in groups[first : first + n_keys]:
+        for group in groups[first_slot : first_slot + n_keys]:
             uses = uses_by_group[group]
             row = min(rows, key=partial(_count_uses, uses))
             rows.remove(row)
@@ -249,17 +270,20 @@ def _zero_uses(n_actions: int, n_keys: int) -> list[list[int]]:
     return [[0] * n_keys for _ in range(n_actions)]
 
 
-def _count_uses(counts: list[list[int]], row: tuple[int, ...]) -> int:
-    """Return how often a group has used the keys of a row for the row's actions."""
-    return sum(counts[action][key] for action, key in enumerate(row))
+def _count_uses(uses: list[list[int]], row: tuple[int, ...]) -> int:
+    """Return how often a group has used the keys of a row for the row's actions; ``uses`` is by action and key."""
+    return sum(uses[action][key] for action, key in enumerate(row))
 
 
-def _build_key_square(pool: int, actions: int, *, seed: int, purpose: str, index: int) -> list[tuple[int, ...]]:
-    """Build ``pool`` rows of ``actions`` different keys each, in which every column contains every key exactly once."""
-    keys = draw_permutation(pool, seed=seed, purpose=f"{purpose}-keys", index=index)
-    shifts = draw_permutation(pool, seed=seed, purpose=f"{purpose}-shifts", index=index)
-    column_shifts = shifts[:actions]
+def _build_key_square(n_keys: int, n_actions: int, *, seed: int, purpose: str, index: int) -> list[tuple[int, ...]]:
+    """Draw a row of different keys, one for each action, for each of as many slots as there are keys.
+
+    Each column, which is for an action, contains each key exactly once.
+    """
+    keys = draw_permutation(n_keys, seed=seed, purpose=f"{purpose}-keys", index=index)
+    shifts = draw_permutation(n_keys, seed=seed, purpose=f"{purpose}-shifts", index=index)
+    column_shifts = shifts[:n_actions]
     rows = []
-    for row in draw_permutation(pool, seed=seed, purpose=f"{purpose}-order", index=index):
-        rows.append(tuple(keys[(row + shift) % pool] for shift in column_shifts))
+    for row in draw_permutation(n_keys, seed=seed, purpose=f"{purpose}-order", index=index):
+        rows.append(tuple(keys[(row + shift) % n_keys] for shift in column_shifts))
     return rows

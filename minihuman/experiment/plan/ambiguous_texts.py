@@ -23,13 +23,13 @@ _MAX_NAMED = 6  # texts in a line
 
 
 def list_text_warnings(protocol: Protocol) -> Iterator[str]:
-    """Yield a warning for each missing translation of a protocol's texts, and for each kind of misread texts."""
+    """Yield a warning for each interface text without a translation, and for each kind of misread texts."""
     yield from list_missing_words(protocol)
     yield from list_ambiguous_texts(protocol)
 
 
 def explain_misreading(text: str) -> str:
-    """Return what programs that guess types take a text for; "" if they read it as it is."""
+    """Return what programs that guess types misread a text as, such as "a date"; "" if they do not misread it."""
     if text in _MISSING_WORDS:
         return "a missing value"
     if text in _BOOLEANS:
@@ -47,18 +47,18 @@ def explain_misreading(text: str) -> str:
 
 def list_ambiguous_texts(protocol: Protocol) -> Iterator[str]:
     """Yield a line for each kind of misreading, with the texts of the protocol that are misread."""
-    places: dict[str, list[str]] = {}
+    texts_by_misreading: dict[str, list[str]] = {}
     for place, text in _list_texts(protocol):
         misreading = explain_misreading(text)
         if misreading:
-            places.setdefault(misreading, []).append(f"{place} {text!r}")
-    for misreading, texts in places.items():
-        shown = ", ".join(texts[:_MAX_NAMED])
+            texts_by_misreading.setdefault(misreading, []).append(f"{place} {text!r}")
+    for misreading, texts in texts_by_misreading.items():
+        examples = ", ".join(texts[:_MAX_NAMED])
         if len(texts) > _MAX_NAMED:
-            shown += f" and {len(texts) - _MAX_NAMED} more"
+            examples += f" and {len(texts) - _MAX_NAMED} more"
         yield (
-            f"programs that guess types, such as pandas, R and Excel, read as {misreading}: {shown}; use other words, "
-            "or read exports as their README says"
+            f"programs that guess types, such as pandas, R and Excel, read as {misreading}: {examples}; use other "
+            "words, or read exports as their README says"
         )
 
 

@@ -69,7 +69,10 @@ class Design(ABC):
 
     @abstractmethod
     def decide(self, history: Sequence[PlayedEpisode], draw: Draw) -> DesignDecision:
-        """Decide on the next episode; after the block's last episode, only the estimates of the decision are used."""
+        """Decide on the next episode, from the block's episodes so far and random numbers.
+
+        After the block's last episode, only the estimates of the decision are used.
+        """
 
 
 class GroupAssignment(msgspec.Struct, frozen=True):
@@ -126,7 +129,10 @@ class EnrolmentDesign(ABC):
 
     @abstractmethod
     def decide(self, statistics: Mapping[str, Any], stratum: str, draw: Draw) -> EnrolmentDecision:
-        """Decide from the statistics; ``stratum`` is the next participant's stratum, "" without strata."""
+        """Decide on the next participant's group, or to stop enrolment, from the statistics and random numbers.
+
+        ``stratum`` is the participant's stratum, "" without strata.
+        """
 
 
 def make_design(spec: DesignSpec) -> Design:
@@ -163,7 +169,7 @@ def read_design_settings(settings: Mapping[str, Any], kind: type[SettingsType]) 
 
 
 def require_setting(holds: bool, complaint: str) -> None:
-    """Require that a setting is valid.
+    """Require that a setting is valid; ``complaint`` says what is wrong with it, and what to write instead.
 
     Raises:
         ProtocolError: if ``holds`` is false.
@@ -173,5 +179,5 @@ def require_setting(holds: bool, complaint: str) -> None:
 
 
 def round_estimate(value: float) -> float:
-    """Round to six digits, so that every processor gives the same number."""
+    """Round to six significant digits, so that every processor gives the same number."""
     return float(f"{value:.6g}")

@@ -99,7 +99,7 @@ def list_missing_words(protocol: Protocol) -> Iterator[str]:
 
 
 def describe_strata(protocol: Protocol) -> Iterator[str]:
-    """Yield lines on a study's strata and each group's slots in them; nothing without strata."""
+    """Yield lines that describe a study's strata and how many slots each group has in them; nothing without strata."""
     strata = build_strata(protocol)
     if strata is None:
         return
@@ -143,16 +143,17 @@ def _describe_page(page: PagePlan) -> str:
 
 
 def _describe_questions(questions: QuestionsPlan) -> Iterator[str]:
-    for item in questions.items:
-        right = "" if item.right is None else f", right: {item.right}"
-        yield f"  {item.name}  {item.kind}{right}"
-    if all(item.right is None for item in questions.items):
+    """Yield a line for each question, and one about attempts if any question has a correct answer."""
+    for question in questions.items:
+        correct_answer = "" if question.right is None else f", right: {question.right}"
+        yield f"  {question.name}  {question.kind}{correct_answer}"
+    if all(question.right is None for question in questions.items):
         return
-    back = ""
+    return_note = ""
     if questions.back_to is not None:
-        back = f", wrong answers lead back to part {questions.back_to + 1}"
+        return_note = f", wrong answers lead back to part {questions.back_to + 1}"
     consequence = "the session ends" if questions.failed == "end" else "the session goes on"
-    yield f"  tries  {questions.tries}{back}, then {consequence}"
+    yield f"  tries  {questions.tries}{return_note}, then {consequence}"
 
 
 def _format_count(number: int, noun: str) -> str:
@@ -162,8 +163,8 @@ def _format_count(number: int, noun: str) -> str:
 def _describe_block(plan: SessionPlan, number: int, play: PlayPlan) -> Iterator[str]:
     """Yield lines that describe a block: its world, keys, pace, limits and episodes."""
     episodes = plan.episodes[play.first : play.first + play.count]
-    first, *_ = episodes
-    options = "".join(f", {name}={value!r}" for name, value in first.options.items())
+    first = episodes[0]
+    options = "".join(f", {name}={option!r}" for name, option in first.options.items())
     summary = f"{first.block_name}, {first.world}{options}, {first.view} view, {first.palette}"
     yield f"part {number}: block {first.block + 1}, {summary}"
     yield from _describe_keys(play, first)
@@ -181,37 +182,37 @@ def _describe_block(plan: SessionPlan, number: int, play: PlayPlan) -> Iterator[
         yield f"  rest   {play.rest_s:g} s or longer afterwards"
 
 
-def _describe_keys(play: PlayPlan, first: EpisodePlan) -> Iterator[str]:
+def _describe_keys(play: PlayPlan, episode: EpisodePlan) -> Iterator[str]:
     """Yield a line with the keys of a block, or one for each seat of a team."""
-    visibility = " (shown)" if first.show_keys else ""
+    visibility = " (shown)" if episode.show_keys else ""
     if isinstance(play, TeamPlayPlan) and play.team.seat_keys:
         for seat, actions_by_key in enumerate(play.team.seat_keys):
             yield f"  keys   seat {seat}: {_format_keys(actions_by_key)}{visibility}"
     else:
-        yield f"  keys   {_format_keys(first.key_map.keys)}{visibility}"
+        yield f"  keys   {_format_keys(episode.key_map.keys)}{visibility}"
 
 
 def _format_keys(actions_by_key: Mapping[str, str]) -> str:
     return ", ".join(f"{key} {action}" for key, action in sorted(actions_by_key.items()))
 
 
-def _describe_pace(first: EpisodePlan) -> str:
-    if first.pace == "real_time":
-        return _describe_real_time(first)
+def _describe_pace(episode: EpisodePlan) -> str:
+    if episode.pace == "real_time":
+        return _describe_real_time(episode)
     pace = "one press one step"
-    if first.response_deadline_ms:
-        pace += f", {first.noop} after {first.response_deadline_ms:g} ms"
-    if first.auto_repeat:
+    if episode.response_deadline_ms:
+        pace += f", {episode.noop} after {episode.response_deadline_ms:g} ms"
+    if episode.auto_repeat:
         pace += ", held keys repeat"
     return pace
 
 
-def _describe_real_time(first: EpisodePlan) -> str:
-    pace = f"a step every {first.step_period_ms:g} ms"
-    if first.hold == "repeat":
+def _describe_real_time(episode: EpisodePlan) -> str:
+    pace = f"a step every {episode.step_period_ms:g} ms"
+    if episode.hold == "repeat":
         pace += ", as long as its key is held"
-    onset = "the first picture" if first.onset_at_reset else "the world's info['onset'], NULL where it names none"
-    return f"{pace}, without a key {first.noop or 'none'}; response_ms from {onset}"
+    onset = "the first picture" if episode.onset_at_reset else "the world's info['onset'], NULL where it names none"
+    return f"{pace}, without a key {episode.noop or 'none'}; response_ms from {onset}"
 
 
 def _describe_limits(play: PlayPlan) -> Iterator[str]:
@@ -238,7 +239,7 @@ MOVING_FPS = 15  # frames per second of a world that moves: 15 to 50 in Gymnasiu
 
 
 def check_worlds(protocol: Protocol, source: str = "protocol", *, provable: bool = False) -> list[str]:
-    """Create every block's world, check its actions, and play it; ``source`` names the file in errors.
+    """Create every block's world, check its actions, and play it; ``source`` names the protocol's file in errors.
 
     If ``provable`` is true, a foreign world whose logs could not be proven is refused too. Callers set it before a
     study begins; a study that is running is not stopped by it.
@@ -253,34 +254,37 @@ def check_worlds(protocol: Protocol, source: str = "protocol", *, provable: bool
     notices: dict[str, None] = {}
     examined: dict[bytes, ConformanceReport] = {}
     for number, block in enumerate(protocol.blocks):
-        place = f"{source}: $.blocks[{number}].world: {block.world}"
+        path = f"{source}: $.blocks[{number}].world: {block.world}"
         try:
             try_world(block)
         except Exception as error:  # a bug of ours, as foreign worlds' errors are WorldErrors
-            if isinstance(error, WorldError):
-                reason = str(error)
-            else:
-                reason = f"{type(error).__name__}: {error}"
-            raise ProtocolError(f"{place} cannot be played ({reason.removeprefix(f'{block.world}: ')})") from error
+            reason = str(error) if isinstance(error, WorldError) else f"{type(error).__name__}: {error}"
+            raise ProtocolError(f"{path} cannot be played ({reason.removeprefix(f'{block.world}: ')})") from error
         report = _examine_block(block, examined, provable=provable)
-        if report.broken:
-            raise ProtocolError(f"{place} cannot be played ({report.broken[0]})")
-        faults = list(report.unsound)
-        lines = list(report.notices)
-        if block.record_observations:  # recorded observations replace the proof of a world that cannot be replayed
-            lines += report.unprovable
-        else:
-            faults += report.unprovable
-        if provable and faults:
-            raise ProtocolError(f"{place}: {faults[0]}")
-        notices |= dict.fromkeys(f"{block.world}: {notice}" for notice in lines)
+        world_notices = _judge_report(report, block, path, provable=provable)
+        notices |= dict.fromkeys(f"{block.world}: {notice}" for notice in world_notices)
         notices |= dict.fromkeys(_list_block_notices(block))
     notices |= dict.fromkeys(check_stimuli(protocol, source))
     return list(notices)
 
 
+def _judge_report(report: ConformanceReport, block: BlockSpec, path: str, *, provable: bool) -> list[str]:
+    """Return the notices in the report on a block's world; raise ProtocolError if the world must be refused."""
+    if report.broken:
+        raise ProtocolError(f"{path} cannot be played ({report.broken[0]})")
+    faults = list(report.unsound)
+    notices = list(report.notices)
+    if block.record_observations:  # recorded observations replace the proof of a world that cannot be replayed
+        notices += report.unprovable
+    else:
+        faults += report.unprovable
+    if provable and faults:
+        raise ProtocolError(f"{path}: {faults[0]}")
+    return notices
+
+
 def _examine_block(block: BlockSpec, examined: dict[bytes, ConformanceReport], *, provable: bool) -> ConformanceReport:
-    """Play a block's world as its participants will, once for all blocks that play it alike."""
+    """Return the report on a block's world, played as participants will; ``examined`` keeps reports of equal blocks."""
     rehearsal = _build_rehearsal(block, N_CHECKED_STEPS if provable else N_STARTED_STEPS)
     key = msgspec.json.encode(rehearsal)
     if key not in examined:
@@ -294,8 +298,8 @@ def _build_rehearsal(block: BlockSpec, steps: int) -> Rehearsal:
     options = list_world_options(block)
     with closing(World(block.world, options)) as world:
         world.name_actions(block.actions)
-        named = dict.fromkeys((*block.actions, *block.distractors, *filter(None, (block.noop_action,))))
-        numbers = tuple(world.action_names.index(name) for name in named)
+        names = dict.fromkeys((*block.actions, *block.distractors, *filter(None, (block.noop_action,))))
+        numbers = tuple(world.action_names.index(name) for name in names)
     return Rehearsal(
         block.world,
         options,
@@ -341,12 +345,10 @@ def _list_block_notices(block: BlockSpec) -> Iterator[str]:
 
 
 def describe_worlds(protocol: Protocol, notices: Sequence[str] | None = None) -> Iterator[str]:
-    """Yield the given or new notices of `check_worlds`, then actions blocks lack and whether rules are compiled."""
-    if notices is None:
-        notices = check_worlds(protocol)
-    yield from notices
+    """Yield the notices of `check_worlds` (by default computed here), actions that blocks lack, and compiled rules."""
+    yield from check_worlds(protocol) if notices is None else notices
     for block in protocol.blocks:
-        missing_actions = sorted(_find_missed_actions(block))
+        missing_actions = sorted(_find_missing_actions(block))
         if missing_actions:
             yield (
                 f"block {block.name!r}: the shortest path to success uses {', '.join(missing_actions)}, which its "
@@ -357,7 +359,7 @@ def describe_worlds(protocol: Protocol, notices: Sequence[str] | None = None) ->
 
 
 def _describe_rules(block: BlockSpec) -> Iterator[str]:
-    """Yield whether the rules of a block's world are compiled, if they were written in Python for a grid."""
+    """Yield a line on whether the rules of a block's world are compiled, if they were written in Python for a grid."""
     with closing(World(block.world, block.options)) as world:
         env = world.unwrapped
         if world.is_built_in or not hasattr(env, "own_fields"):
@@ -368,8 +370,8 @@ def _describe_rules(block: BlockSpec) -> Iterator[str]:
         yield f"block {block.name!r}: layout and rules of {type(env).__name__}: {describe_rules(env)}"
 
 
-def _find_missed_actions(block: BlockSpec) -> set[str]:
-    """Return the actions on the shortest paths of a block's first layouts that its participants do not have."""
+def _find_missing_actions(block: BlockSpec) -> set[str]:
+    """Return the actions on the shortest paths of a block's first layouts that are not among the block's actions."""
     seeds = _list_tried_seeds(block)
     with closing(World(block.world, block.options)) as world:
         return find_needed_actions(world, seeds) - set(block.actions)
@@ -427,6 +429,7 @@ def _check_actions(protocol: Protocol, source: str) -> None:
 
 
 def _find_world_errors(block: BlockSpec) -> Iterator[tuple[str, str]]:
+    """Yield a (field, message) for each field of a block that contradicts the block's world."""
     try:
         world = World(block.world, list_world_options(block))
         limit = world.step_limit
@@ -435,9 +438,9 @@ def _find_world_errors(block: BlockSpec) -> Iterator[tuple[str, str]]:
         return
     with closing(world):
         world.name_actions(block.actions)
-        known = world.action_names
+        action_names = world.action_names
         yield from _find_misused_fields(block, world)
-    yield from _find_unknown_actions(block, known)
+    yield from _find_unknown_actions(block, action_names)
     if limit is not None and block.max_steps > limit:
         more = f"options = {{ max_steps = {block.max_steps} }} if it has that option"
         advice = f"ask for {limit} or fewer, or give the world more with {more}"
@@ -445,12 +448,10 @@ def _find_world_errors(block: BlockSpec) -> Iterator[tuple[str, str]]:
 
 
 def _find_misused_fields(block: BlockSpec, world: World) -> Iterator[tuple[str, str]]:
-    """Yield the fields of a block that require something its world cannot do."""
+    """Yield a (field, message) for each field of a block that requires something its world cannot do."""
     if not find_kind(block.kind).is_played_alone and not world.actions.is_discrete:
-        yield (
-            "kind",
-            f"is {block.kind!r}, but {block.world} has {world.action_space}; its agents choose Discrete actions",
-        )
+        reason = f"but {block.world} has {world.action_space}; its agents choose Discrete actions"
+        yield "kind", f"is {block.kind!r}, {reason}"
     if block.computed == "page" and not world.is_compiled:
         reason = "but its rules or pictures are Python, or it lacks options.trig = 1; leave it out, or use 'server'"
         yield "computed", f"is 'page' for {block.world}, {reason}"
@@ -466,23 +467,23 @@ def _find_misused_fields(block: BlockSpec, world: World) -> Iterator[tuple[str, 
             yield "spot" if block.spot else "axes", f"cannot act: {error}"
 
 
-def _find_unknown_actions(block: BlockSpec, known: Sequence[str]) -> Iterator[tuple[str, str]]:
-    """Yield an error for each action of a block that its world does not have, with a suggestion."""
-    named = [("actions", name) for name in block.actions]
-    named += [("distractors", name) for name in block.distractors]
+def _find_unknown_actions(block: BlockSpec, action_names: Sequence[str]) -> Iterator[tuple[str, str]]:
+    """Yield a (field, message) for each action of a block that is not among its world's actions."""
+    fields_and_names = [("actions", name) for name in block.actions]
+    fields_and_names += [("distractors", name) for name in block.distractors]
     if block.noop_action:
-        named.append(("noop", block.noop_action))
-    for field, name in named:
-        if name in known:
+        fields_and_names.append(("noop", block.noop_action))
+    for field, name in fields_and_names:
+        if name in action_names:
             continue
-        message = f"names {name!r}, which {block.world} does not have; its actions are {', '.join(known)}"
-        for similar in difflib.get_close_matches(name, known, n=1):
+        message = f"names {name!r}, which {block.world} does not have; its actions are {', '.join(action_names)}"
+        for similar in difflib.get_close_matches(name, action_names, n=1):
             message += f"; did you mean {similar!r}?"
         yield field, message
 
 
 def _explain_world_error(block: BlockSpec, error: WorldError) -> str:
-    """Explain why a world could not be made, with a suggestion of a similar name."""
+    """Explain why a block's world could not be made; for an unknown id, suggest a similar one."""
     reason = str(error).removeprefix(f"{block.world}: ")
     own_ids = [entry.id for entry in (*WORLDS, *TEAM_WORLDS)]
     if block.world in own_ids or not isinstance(error.__cause__, gymnasium.error.UnregisteredEnv):

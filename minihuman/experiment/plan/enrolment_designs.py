@@ -20,6 +20,7 @@ from minihuman.experiment.plan.designs import (
 )
 
 _COMPARED_DIGITS = 9  # decimals of the numbers that a decision compares, so that all processors decide alike
+_MIN_PARTICIPANTS_AT_LOOK = 4  # of a group-sequential study: two in each of its two groups, for a variance
 
 
 class MinimisationSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -41,25 +42,30 @@ class Minimisation(EnrolmentDesign):
 
     def compute_statistics(self, enrolled: Sequence[EnrolledParticipant], groups: Mapping[str, int]) -> dict[str, Any]:
         """Count the participants by group, in the whole study and in each stratum."""
-        strata = sorted({participant.stratum for participant in enrolled if participant.stratum})
-
-        def count(stratum: str | None) -> dict[str, int]:
-            among = [participant.group for participant in enrolled if stratum in (None, participant.stratum)]
-            return {group: among.count(group) for group in groups}
-
-        return {"ratios": dict(groups), "all": count(None), "strata": {name: count(name) for name in strata}}
+        participants_by_stratum: dict[str, list[EnrolledParticipant]] = {}
+        for participant in enrolled:
+            if participant.stratum:
+                participants_by_stratum.setdefault(participant.stratum, []).append(participant)
+        return {
+            "ratios": dict(groups),
+            "all": _count_by_group(enrolled, groups),
+            "strata": {
+                stratum: _count_by_group(participants, groups)
+                for stratum, participants in sorted(participants_by_stratum.items())
+            },
+        }
 
     def decide(self, statistics: Mapping[str, Any], stratum: str, draw: Draw) -> EnrolmentDecision:
         """Choose the group that leaves the least imbalance with the coin's probability, and otherwise another group."""
         ratios: dict[str, int] = statistics["ratios"]
-        margins: list[tuple[float, Mapping[str, int]]] = [(1.0, statistics["all"])]
+        weighted_counts: list[tuple[float, Mapping[str, int]]] = [(1.0, statistics["all"])]
         if stratum:
-            margins.append((self.settings.stratum_weight, statistics["strata"].get(stratum, {})))
+            weighted_counts.append((self.settings.stratum_weight, statistics["strata"].get(stratum, {})))
         imbalances = {}
         for group in ratios:
             imbalance = 0.0
-            for weight, counts in margins:
-                imbalance += weight * _find_imbalance(counts, ratios, group)
+            for weight, counts in weighted_counts:
+                imbalance += weight * _compute_imbalance(counts, ratios, group)
             imbalances[group] = round(imbalance, _COMPARED_DIGITS)
         least = min(imbalances.values())
         best_groups = [group for group in ratios if imbalances[group] == least]
@@ -73,8 +79,17 @@ class Minimisation(EnrolmentDesign):
         return EnrolmentDecision(group, estimates={"imbalance": least})
 
 
-def _find_imbalance(counts: Mapping[str, int], ratios: Mapping[str, int], new_group: str) -> float:
-    """Return the range of the groups' counts, each divided by its ratio, once a participant joins ``new_group``."""
+def _count_by_group(participants: Sequence[EnrolledParticipant], groups: Mapping[str, int]) -> dict[str, int]:
+    """Return the number of participants in each of the groups."""
+    names = [participant.group for participant in participants]
+    return {group: names.count(group) for group in groups}
+
+
+def _compute_imbalance(counts: Mapping[str, int], ratios: Mapping[str, int], new_group: str) -> float:
+    """Compute the imbalance of the groups after a participant has joined ``new_group``.
+
+    It is the range of the groups' counts, each divided by the group's allocation ratio.
+    """
     filled_shares = []
     for group, ratio in ratios.items():
         count = counts.get(group, 0)
@@ -120,7 +135,7 @@ class Thompson(EnrolmentDesign):
 
     def decide(self, statistics: Mapping[str, Any], stratum: str, draw: Draw) -> EnrolmentDecision:
         """Draw a probability of success from each group's beta distribution, and choose the group with the highest."""
-        from scipy.special import betaincinv  # only an enrolment needs it
+        from scipy.special import betaincinv  # imported here, since only an enrolment needs SciPy
 
         prior = self.settings.prior
         chances = dict[str, float]()
@@ -155,12 +170,15 @@ class GroupSequential(EnrolmentDesign):
         self.outcome = self.settings.outcome
         looks = list(self.settings.looks)
         alpha = self.settings.alpha
-        rising = len(looks) > 0 and looks[0] >= 4 and looks == sorted(set(looks))
-        require_setting(rising, f"looks is {looks}; use rising numbers of participants from 4 on")
+        is_rising = looks == sorted(set(looks))
+        is_large_enough = len(looks) > 0 and looks[0] >= _MIN_PARTICIPANTS_AT_LOOK
+        require_setting(
+            is_rising and is_large_enough, f"looks is {looks}; use rising numbers of participants from 4 on"
+        )
         require_setting(0 < alpha < 0.5, f"alpha is {alpha:g}; use 0.05")
 
     def compute_statistics(self, enrolled: Sequence[EnrolledParticipant], groups: Mapping[str, int]) -> dict[str, Any]:
-        """Compute n, mean and variance by group of the complete participants up to the latest look."""
+        """Compute the number of the latest look, and the n, mean and variance of each group's outcomes up to it."""
         complete = [participant for participant in enrolled if participant.value is not None]
         reached = [look for look in self.settings.looks if look <= len(complete)]
         participants_at_look = complete[: reached[-1]] if reached else []
@@ -195,8 +213,8 @@ class GroupSequential(EnrolmentDesign):
 
 def _summarize_group(enrolled: Sequence[EnrolledParticipant], group: str) -> list[float]:
     """Return the number, mean and variance of the outcomes of a group's participants."""
-    of_group = [participant.value for participant in enrolled if participant.group == group]
-    outcomes = [outcome for outcome in of_group if outcome is not None]
+    group_outcomes = [participant.value for participant in enrolled if participant.group == group]
+    outcomes = [outcome for outcome in group_outcomes if outcome is not None]
     mean = np.mean(outcomes or [0.0])
     variance = np.var(outcomes, ddof=1) if len(outcomes) > 1 else 0.0
     return [len(outcomes), round_estimate(float(mean)), round_estimate(float(variance))]

@@ -40,46 +40,43 @@ class Staircase(Design):
         require_setting(
             0 <= spec.start < len(spec.values), f"start is {spec.start}; use a place in values, the first is 0"
         )
-        sizes = bool(spec.step_sizes) and min(spec.step_sizes) > 0
+        are_sizes_positive = bool(spec.step_sizes) and min(spec.step_sizes) > 0
         require_setting(
-            sizes and spec.down > 0 and spec.averaged_reversals > 0,
+            are_sizes_positive and spec.down > 0 and spec.averaged_reversals > 0,
             "down, step_sizes and averaged_reversals are 1 or more",
         )
 
     def decide(self, history: Sequence[PlayedEpisode], draw: Draw) -> DesignDecision:
         """Choose the value that follows from all counted episodes, and estimate the threshold from the reversals."""
         settings = self.settings
-        place = settings.start
-        run = 0
-        direction = 0
-        reversals: list[int] = []
+        last_index = len(settings.values) - 1
+        index = settings.start  # of the present value
+        n_successes = 0  # in a row, at the present value
+        direction = 0  # of the last move: 1 to harder values, -1 to easier ones, 0 before the first
+        reversals: list[int] = []  # the index of the value at each reversal
         for episode in history:
-            if any(episode.options.get(name) != value for name, value in settings.only.items()):
+            if any(episode.options.get(name) != option for name, option in settings.only.items()):
                 continue
             if episode.success:
-                run += 1
-                move = 1 if run == settings.down else 0
+                n_successes += 1
+                move = 1 if n_successes == settings.down else 0
             else:
-                run = 0
                 move = -1
             if not move:
                 continue
-            run = 0
+            n_successes = 0
             if direction not in (0, move):
-                reversals.append(place)
+                reversals.append(index)
             direction = move
-            last_size = len(settings.step_sizes) - 1
-            step_size = settings.step_sizes[min(len(reversals), last_size)]
-            last_place = len(settings.values) - 1
-            place = min(max(place + move * step_size, 0), last_place)
+            step_size = settings.step_sizes[min(len(reversals), len(settings.step_sizes) - 1)]
+            index = min(max(index + move * step_size, 0), last_index)
         estimates = {"reversals": float(len(reversals))}
-        averaged_values = [settings.values[at] for at in reversals[-settings.averaged_reversals :]]
+        averaged_values = [settings.values[reversal] for reversal in reversals[-settings.averaged_reversals :]]
         if len(averaged_values) > 1 and not any(isinstance(value, str) for value in averaged_values):
             estimates["threshold"] = round_estimate(sum(map(float, averaged_values)) / len(averaged_values))
         stop = bool(settings.stop_reversals) and len(reversals) >= settings.stop_reversals
-        return DesignDecision(
-            {settings.option: settings.values[place]}, None, stop, estimates, (place, run, direction, reversals)
-        )
+        posterior = (index, n_successes, direction, reversals)
+        return DesignDecision({settings.option: settings.values[index]}, None, stop, estimates, posterior)
 
 
 class QuestPlusSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -97,6 +94,8 @@ class QuestPlusSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True)
 
 
 _LOG_UNIT = 2.0**20  # units per nat in which log-likelihoods are whole numbers, so that sums are exact
+_MIN_CHANCE = 1e-6  # of success and of failure, so that no episode excludes a threshold
+_MAX_EXPONENT = 50.0  # beyond which the Weibull function is 1 and its inner exponential would overflow
 
 
 class QuestPlus(Design):
@@ -116,55 +115,55 @@ class QuestPlus(Design):
         require_setting(0 <= spec.guess < 1 - spec.lapse <= 1, "guess and lapse are shares whose sum is below 1")
         grid_step = np.log(high / low) / (spec.grid - 1)
         self._log_thresholds = np.log(low) + np.arange(spec.grid) * grid_step
-        self._chance = np.clip(self._compute_success_chance(), 1e-6, 1 - 1e-6)  # [value, threshold, slope]
-        self._log_chance = (_count_log_units(1 - self._chance), _count_log_units(self._chance))  # of failure, success
+        # of success: float64[values, thresholds, slopes]
+        self._chance = np.clip(self._compute_success_chance(), _MIN_CHANCE, 1 - _MIN_CHANCE)
+        self._log_chance = (_compute_log_units(1 - self._chance), _compute_log_units(self._chance))  # failure, success
 
     def _compute_success_chance(self) -> NDArray[np.float64]:
-        """Compute the psychometric function, a Weibull; shape (values, thresholds, slopes)."""
+        """Compute the probability of success by a Weibull function, float64[values, thresholds, slopes]."""
         spec = self.settings
-        distance = np.log(np.array(spec.values))[:, None, None] - self._log_thresholds[:, None]
+        log_ratio = np.log(np.array(spec.values))[:, None, None] - self._log_thresholds[:, None]
         direction = 1 if spec.harder == "smaller" else -1
-        distance = distance * np.array(spec.slopes) * direction
-        weibull = -np.expm1(-np.exp(np.minimum(distance, 50.0)))
+        exponent = log_ratio * np.array(spec.slopes) * direction
+        weibull = -np.expm1(-np.exp(np.minimum(exponent, _MAX_EXPONENT)))
         return np.asarray(spec.guess + (1 - spec.guess - spec.lapse) * weibull)
 
     def decide(self, history: Sequence[PlayedEpisode], draw: Draw) -> DesignDecision:
         """Choose the value that is expected to leave the least entropy of the threshold, and estimate the threshold."""
         settings = self.settings
-        places = {value: place for place, value in enumerate(settings.values)}
-        scores = np.zeros(self._chance.shape[1:], np.int64)
+        index_of_value = {value: index for index, value in enumerate(settings.values)}
+        log_likelihood = np.zeros(self._chance.shape[1:], np.int64)  # in units of `_LOG_UNIT`
         for episode in history:
-            if (place := places.get(episode.options.get(settings.option, 0.0))) is not None:
-                scores = scores + self._log_chance[episode.success][place]
-        weights = np.exp((scores - scores.max()) / _LOG_UNIT)
-        weights /= weights.sum()
-        share = weights.sum(axis=1)
+            if (index := index_of_value.get(episode.options.get(settings.option, 0.0))) is not None:
+                log_likelihood = log_likelihood + self._log_chance[episode.success][index]
+        posterior = np.exp((log_likelihood - log_likelihood.max()) / _LOG_UNIT)
+        posterior /= posterior.sum()
+        threshold_share = posterior.sum(axis=1)
         log_thresholds = self._log_thresholds
-        mean = float(share @ log_thresholds)
-        sd = float(np.sqrt(max(share @ (log_thresholds - mean) ** 2, 0.0)))
-        estimates = (
-            ("threshold", float(np.exp(mean))),
-            ("threshold_log_sd", sd),
-            ("slope", float(weights.sum(axis=0) @ np.array(settings.slopes))),
-        )
-        rounded = {name: round_estimate(value) for name, value in estimates}
-        best = int(np.argmin(np.round(self._expected_entropy(weights), 9)))
-        stop = bool(history) and rounded["threshold_log_sd"] < settings.stop_sd
-        return DesignDecision({settings.option: settings.values[best]}, None, stop, rounded, scores)
+        mean = float(threshold_share @ log_thresholds)
+        sd = float(np.sqrt(max(threshold_share @ (log_thresholds - mean) ** 2, 0.0)))
+        estimates = {
+            "threshold": round_estimate(float(np.exp(mean))),
+            "threshold_log_sd": round_estimate(sd),
+            "slope": round_estimate(float(posterior.sum(axis=0) @ np.array(settings.slopes))),
+        }
+        best = int(np.argmin(np.round(self._compute_expected_entropy(posterior), 9)))
+        stop = bool(history) and estimates["threshold_log_sd"] < settings.stop_sd
+        return DesignDecision({settings.option: settings.values[best]}, None, stop, estimates, log_likelihood)
 
-    def _expected_entropy(self, weights: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the threshold's expected entropy in nats after an episode at each value, float64[values].
+    def _compute_expected_entropy(self, posterior: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Compute the threshold's expected entropy in nats after an episode at each value, float64[values].
 
-        ``weights`` is the posterior, float64[thresholds, slopes].
+        ``posterior`` is float64[thresholds, slopes].
         """
-        success = (self._chance * weights).sum(axis=2)
-        failure = weights.sum(axis=1) - success
-        return sum(_entropy(joint) for joint in (success, failure))  # type: ignore[return-value]
+        success = (self._chance * posterior).sum(axis=2)
+        failure = posterior.sum(axis=1) - success
+        return sum(_compute_weighted_entropy(joint) for joint in (success, failure))  # type: ignore[return-value]
 
 
-def _entropy(joint: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the entropy of each row's distribution, multiplied by the row's sum."""
-    joint = np.maximum(joint, 1e-300)
+def _compute_weighted_entropy(joint: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Compute the entropy of the distribution in each row in nats, multiplied by the row's sum."""
+    joint = np.maximum(joint, 1e-300)  # as 0 has no logarithm
     total = joint.sum(axis=1)
     entropy: NDArray[np.float64] = total * np.log(total) - (joint * np.log(joint)).sum(axis=1)
     return entropy
@@ -197,8 +196,8 @@ class LevelReplay(Design):
         require_setting(spec.temperature >= 0.01, f"temperature is {spec.temperature:g}; use 0.01 or more")
 
     def decide(self, history: Sequence[PlayedEpisode], draw: Draw) -> DesignDecision:
-        """Choose a new level, or one to replay."""
-        regrets = dict[int, tuple[float, int]]()  # regret and episode of each played level's latest episode
+        """Choose a level at random among those that were not played yet, or a played one to replay."""
+        regrets: dict[int, tuple[float, int]] = {}  # of each played level: the regret and index of its latest episode
         for number, episode in enumerate(history):
             played_level = self._find_level(episode)
             if played_level is not None:
@@ -215,10 +214,19 @@ class LevelReplay(Design):
         if regrets:
             mean_regret = sum(regret for regret, _ in regrets.values()) / len(regrets)
             estimates["regret"] = round_estimate(mean_regret)
-        return DesignDecision(*self._levels[level], False, estimates, sorted(regrets.items()))
+        options, seed = self._levels[level]
+        return DesignDecision(options, seed, False, estimates, sorted(regrets.items()))
 
-    def _choose_played_level(self, regrets: Mapping[int, tuple[float, int]], now: int, level_share: float) -> int:
-        """Choose among the played levels by the rank of their regret and the time since they were played."""
+    def _choose_played_level(
+        self, regrets: Mapping[int, tuple[float, int]], n_episodes: int, level_share: float
+    ) -> int:
+        """Choose among the played levels by the rank of their regret and the time since they were played.
+
+        Args:
+            regrets: the regret and the index of the latest episode, by level.
+            n_episodes: the number of episodes so far.
+            level_share: a random number in [0, 1), which selects the level.
+        """
 
         def rank_by_regret(level: int) -> tuple[float, int]:
             regret, _ = regrets[level]
@@ -227,27 +235,22 @@ class LevelReplay(Design):
         staleness = self.settings.staleness
         levels = sorted(regrets, key=rank_by_regret)
         ranks = np.arange(1.0, len(levels) + 1)
-        by_regret = ranks ** (-1 / self.settings.temperature)
-        last_played = []
-        for level in levels:
-            _, episode = regrets[level]
-            last_played.append(episode)
-        age = now - np.array(last_played, float)
-        share = (1 - staleness) * by_regret / by_regret.sum() + staleness * age / age.sum()
+        regret_weights = ranks ** (-1 / self.settings.temperature)
+        latest_episodes = [regrets[level][1] for level in levels]
+        age = n_episodes - np.array(latest_episodes, float)
+        share = (1 - staleness) * regret_weights / regret_weights.sum() + staleness * age / age.sum()
         cumulative_share = np.round(np.cumsum(share), 9)
-        place = int(np.searchsorted(cumulative_share, level_share, side="right"))
-        last_place = len(levels) - 1
-        return levels[min(place, last_place)]
+        index = int(np.searchsorted(cumulative_share, level_share, side="right"))
+        return levels[min(index, len(levels) - 1)]
 
     def _find_level(self, episode: PlayedEpisode) -> int | None:
-        """Return the level that an episode played; None if it is none of the levels."""
-        episode_options = episode.options.items()
-        levels = enumerate(self._levels)
-        return next(
-            (at for at, (options, seed) in levels if seed == episode.seed and options.items() <= episode_options), None
-        )
+        """Return the index of the level that an episode played; None if it is none of the levels."""
+        for level, (options, seed) in enumerate(self._levels):
+            if seed == episode.seed and options.items() <= episode.options.items():
+                return level
+        return None
 
 
-def _count_log_units(chance: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Return the logarithms of probabilities in whole units, whose sums are exact on every machine."""
+def _compute_log_units(chance: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Compute the logarithms of probabilities in whole units of `_LOG_UNIT`, whose sums are exact on every machine."""
     return np.rint(np.log(chance) * _LOG_UNIT).astype(np.int64)

@@ -4,6 +4,7 @@ Groups, orders and sessions become parts, texts become pages, and blocks become 
 """
 
 import hashlib
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import msgspec
@@ -35,9 +36,9 @@ MAX_SESSION_EPISODES = 20_000  # since the plan is expanded and logged as a whol
 def enrol_participant(
     protocol: Protocol, index: int, group: str | None = None, *, stratum: str | None = None
 ) -> Participant:
-    """Enrol the participant at an index of the allocation list; ``group`` overrides the list's group.
+    """Return the participant at an index of the allocation list; ``group`` overrides the list's group.
 
-    If groups are drawn after an answer, the index refers to a stratum's list, by default that of the first stratum.
+    In a study with strata, the index refers to the list of ``stratum``, or of the first stratum if it is None.
 
     Raises:
         AllocationError: if the list is too short or there is no such stratum.
@@ -48,7 +49,7 @@ def enrol_participant(
 
 
 def assign_slot(protocol: Protocol, participant: Participant, slot: AllocationSlot) -> Participant:
-    """Assign a slot to a participant, with its group unless the participant already has one.
+    """Return a participant with a slot, and with the slot's group unless the participant already has one.
 
     Raises:
         ProtocolError: if there is no such group.
@@ -71,8 +72,9 @@ def expand_protocol(
     """Plan everything that a session contains, before its first key press.
 
     A plan made before the participant's group is drawn is valid only up to the draw. ``overridden`` means that the
-    participant or the group was chosen by hand. A resumed session begins at ``first_episode``, in a ``segment`` after
-    the first. ``outcome_rules`` is the version of the rules, 0 in a study that began before there were any.
+    participant or the group was chosen by hand. A resumed session begins at the episode of index ``first_episode``, in
+    a ``segment`` after the first. ``outcome_rules`` is the version of the rules that define outcomes, 0 in a study that
+    began before there were any.
     """
     slots = build_allocation_list(protocol)
     slot = slots[participant.place if participant.group else 0]
@@ -81,15 +83,14 @@ def expand_protocol(
     names = list_part_names(protocol, slot, participant.group, session)
     blocks = [protocol.block_for(name, participant.group) for name in names if is_block(protocol, name)]
     _require_few_episodes(blocks, session)
-    planned = _plan_blocks(protocol, blocks, participant, session, slot)
     rules = [find_outcome_rule(block, outcome_rules=outcome_rules).rule for block in blocks]
-    episodes = [_state_outcome_rule(episode, rules[episode.block]) for episode in planned]
+    episodes = [
+        _set_outcome_rule(episode, rules[episode.block])
+        for episode in _plan_blocks(protocol, blocks, participant, session, slot)
+    ]
     parts = tuple(plan_parts(protocol, participant, session, names, blocks, episodes))
-    agreed = [part.plan for part in parts if isinstance(part.plan, PagePlan) and part.plan.agree]
-    if agreed:
-        consent_text = find_consent_text(protocol, participant.group, names)
-    else:
-        consent_text = ""
+    asks_consent = any(isinstance(part.plan, PagePlan) and part.plan.agree for part in parts)
+    consent_text = find_consent_text(protocol, participant.group, names) if asks_consent else ""
     return SessionPlan(
         study=protocol.study.name,
         study_version=protocol.study.version,
@@ -104,7 +105,7 @@ def expand_protocol(
         consent_sha256=hashlib.sha256(consent_text.encode()).hexdigest(),
         key_pool=protocol.keys.pool,
         keyboard_check=KEYBOARD in names,
-        texts=tuple(_list_texts(protocol, block) for block in blocks),
+        texts=tuple(_build_block_text(protocol, block) for block in blocks),
         closing_text=_find_closing_text(protocol),
         episodes=tuple(episodes),
         first_episode=first_episode,
@@ -125,20 +126,23 @@ def _require_few_episodes(blocks: list[BlockSpec], session: int) -> None:
         raise ProtocolError(f"session {session} has {count} episodes; use at most {MAX_SESSION_EPISODES}")
 
 
-def _state_outcome_rule(episode: EpisodePlan, rule: str) -> EpisodePlan:
+def _set_outcome_rule(episode: EpisodePlan, rule: str) -> EpisodePlan:
+    """Return an episode's plan with an outcome rule; unchanged if the rule is ""."""
     if rule:
         return msgspec.structs.replace(episode, outcome_rule=rule)
     return episode
 
 
 def _find_closing_text(protocol: Protocol) -> str:
+    """Return the closing text in [study], or that of the study's language if it states none."""
     closing = protocol.study.closing
     if closing is None:
         return load_study_words(protocol)["closing.text"]
     return closing
 
 
-def _list_texts(protocol: Protocol, block: BlockSpec) -> BlockText:
+def _build_block_text(protocol: Protocol, block: BlockSpec) -> BlockText:
+    """Build the texts around a block; feedback that depends on the outcome is left out."""
     feedback = block.feedback if isinstance(block.feedback, str) else ""
     return BlockText(block.instructions, feedback, block.rest_text, protocol.study.min_rest_s)
 
@@ -152,39 +156,42 @@ def _plan_blocks(
     for number, block in enumerate(blocks):
         draw = _find_draw(protocol, block, number)
         key_map = key_maps.plan(block, draw)
-        episodes += _plan_episodes(protocol, block, number, draw, key_map, participant, session, len(episodes))
+        stimuli = trials.plan_stimuli(protocol, block, f"{block.name}-session-{session}", participant.index)
+        seeds = _find_reset_seeds(protocol, block, draw, participant, session)
+        episodes += _plan_episodes(block, number, key_map, stimuli, seeds, len(episodes))
     return episodes
 
 
 def _find_draw(protocol: Protocol, block: BlockSpec, number: int) -> int:
-    """Return the index of a block's draw: the block's position in its group, or in the file if sessions list parts."""
+    """Return the index of a block's draw of keys and seeds.
+
+    It is the block's index in its session, ``number``, or its index in the file if the protocol lists parts.
+    """
     if not protocol.lists_parts:
         return number
-    return next(place for place, other in enumerate(protocol.blocks) if other.name == block.name)
+    return [candidate.name for candidate in protocol.blocks].index(block.name)
 
 
 def _plan_episodes(
-    protocol: Protocol,
     block: BlockSpec,
     number: int,
-    draw: int,
     key_map: KeyMap,
-    participant: Participant,
-    session: int,
-    first: int,
+    stimuli: Sequence[trials.TrialStimulus],
+    seeds: Sequence[int],
+    first_episode: int,
 ) -> list[EpisodePlan]:
-    stimuli = trials.plan_stimuli(protocol, block, f"{block.name}-session-{session}", participant.index)
+    """Plan the episodes of a session's block ``number``, each with its stimulus and reset seed."""
     return [
         EpisodePlan(
-            episode=first + place,
+            episode=first_episode + index,
             block=number,
             block_name=block.name,
-            episode_in_block=place,
+            episode_in_block=index,
             episodes_in_block=block.episodes,
             world=block.world,
-            options=list_world_options(block) | stimuli[place].options,
-            labels=stimuli[place].labels,
-            seed=layout,
+            options=list_world_options(block) | stimuli[index].options,
+            labels=stimuli[index].labels,
+            seed=seed,
             actions=block.actions,
             key_map=key_map,
             show_keys=block.key_map == "shown" or block.show_keys,
@@ -201,17 +208,17 @@ def _plan_episodes(
             hold=block.hold,
             response_deadline_ms=block.response_deadline_ms,
         )
-        for place, layout in enumerate(_draw_layout_seeds(protocol, block, draw, participant, session))
+        for index, seed in enumerate(seeds)
     ]
 
 
-def _draw_layout_seeds(
-    protocol: Protocol, block: BlockSpec, number: int, participant: Participant, session: int
+def _find_reset_seeds(
+    protocol: Protocol, block: BlockSpec, draw: int, participant: Participant, session: int
 ) -> tuple[int, ...]:
-    """Draw the seed of the layout of each of a block's episodes."""
+    """Return the world's reset seed of each of a block's episodes: those that the protocol lists, or drawn ones."""
     if isinstance(block.seeds, tuple):
         return block.seeds
-    purpose = f"layouts-{number}-{block.name}-session-{session}"
+    purpose = f"layouts-{draw}-{block.name}-session-{session}"
     seeds = draw_seeds(block.episodes, seed=protocol.study.seed, purpose=purpose, index=participant.index)
     if block.seeds == "new":
         return seeds

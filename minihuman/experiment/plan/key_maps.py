@@ -1,5 +1,7 @@
 """Key maps of a session's blocks: fixed, drawn or carried over, with the actions of spare keys."""
 
+from itertools import cycle
+
 from minihuman.errors import ProtocolError
 from minihuman.experiment.plan.allocation import AllocationSlot
 from minihuman.experiment.plan.random_streams import draw_permutation
@@ -26,7 +28,7 @@ class KeyMapPlanner:
         self._latest: tuple[BlockSpec, KeyMap] | None = None  # the previous block and its key map
 
     def plan(self, block: BlockSpec, draw: int) -> KeyMap:
-        """Plan the key map of the next block; ``draw`` is the index of the block's draw.
+        """Plan the key map of the session's next block; ``draw`` is the index of the block's draw of keys.
 
         Raises:
             ProtocolError: if the block would carry over a map for a different number of actions.
@@ -50,30 +52,39 @@ class KeyMapPlanner:
         return self._map_row(block, draw, self._permute(len(self._pool), f"key-map-{draw}"))
 
     def _map_row(self, block: BlockSpec, draw: int, row: tuple[int, ...]) -> KeyMap:
-        """Build the key map in which each action gets the key at its position in the pool."""
-        keys = {self._pool[place]: action for place, action in zip(row, block.actions, strict=False)}
+        """Build the key map in which each action gets the pool's key at the index in ``row`` for the action."""
+        keys = {self._pool[key_index]: action for key_index, action in zip(row, block.actions, strict=False)}
         return self._deal_spare_keys(block, draw, keys)
 
-    def _carry_over(self, block: BlockSpec, draw: int, before: BlockSpec, key_map: KeyMap) -> KeyMap:
-        """Carry over the previous block's keys, matching actions by their position in the two blocks' lists."""
-        if len(before.actions) != len(block.actions):  # only in an earlier log, since such a protocol is refused now
-            counts = f"{len(block.actions)} actions for a key map with {len(before.actions)}"
+    def _carry_over(self, block: BlockSpec, draw: int, previous_block: BlockSpec, key_map: KeyMap) -> KeyMap:
+        """Carry over the previous block's keys, matching actions by their position in the two blocks' lists.
+
+        Raises:
+            ProtocolError: if the blocks differ in their number of actions.
+        """
+        previous_actions = previous_block.actions
+        if len(previous_actions) != len(block.actions):  # only in an earlier log, as such a protocol is refused now
+            counts = f"{len(block.actions)} actions for a key map with {len(previous_actions)}"
             raise ProtocolError(f"block {block.name!r} has {counts}; give the block its own key map")
-        renamed = dict(zip(before.actions, block.actions, strict=True))
-        keys = {key: renamed[action] for key, action in key_map.keys.items() if action in renamed}
+        new_actions = dict(zip(previous_actions, block.actions, strict=True))
+        keys = {key: new_actions[action] for key, action in key_map.keys.items() if action in new_actions}
         return self._deal_spare_keys(block, draw, keys)
 
     def _deal_spare_keys(self, block: BlockSpec, draw: int, keys: dict[str, str]) -> KeyMap:
-        """Build a key map in which a block's distractors, if any, are dealt to the spare keys in random order."""
-        spare = tuple(key for key in self._pool if key not in keys)
+        """Build a key map from the action of each key, with a block's distractors dealt to the spare keys.
+
+        The distractors are dealt in turn to the spare keys in random order; without distractors the keys stay spare.
+        """
+        spare_keys = tuple(key for key in self._pool if key not in keys)
         if block.distractors:
-            order = self._permute(len(spare), f"distractors-{draw}")
-            dealt = {spare[place]: block.distractors[turn % len(block.distractors)] for turn, place in enumerate(order)}
-            keys = {**keys, **dealt}
-            spare = ()
+            order = self._permute(len(spare_keys), f"distractors-{draw}")
+            shuffled_keys = [spare_keys[index] for index in order]
+            keys = {**keys, **dict(zip(shuffled_keys, cycle(block.distractors), strict=False))}
+            spare_keys = ()
         seed = self._protocol.study.seed
-        return KeyMap(keys=keys, spare_keys=spare, spare=self._protocol.keys.spare_keys, seed=seed)
+        return KeyMap(keys=keys, spare_keys=spare_keys, spare=self._protocol.keys.spare_keys, seed=seed)
 
     def _permute(self, count: int, purpose: str) -> tuple[int, ...]:
+        """Draw a permutation of 0 to count - 1 for a purpose in the participant's session."""
         purpose = f"{purpose}-session-{self._session}"
         return draw_permutation(count, seed=self._protocol.study.seed, purpose=purpose, index=self._participant.index)

@@ -24,6 +24,7 @@ from minihuman.worlds.outcomes import WORLD_RULE, parse_outcome_rule
 
 _N_EXAMPLE_KEYS = 3
 N_TRIED_STEPS = 100  # in which a world's ``info`` is collected
+_N_REPETITIONS = 3  # of each action in a row, so that the world changes
 SUCCESS_MEASURES = frozenset(
     {
         *("success", "spl_mean", "steps_at_limit_mean"),
@@ -39,8 +40,11 @@ class TriedWorld:
     is_own: bool  # whether the world is written with our classes, whose rewards define success
     values: Mapping[str, Any] = field(default_factory=dict)  # the first value of each key
 
-    def says_success(self, rule: StatedRule) -> bool:
-        """Return whether the world reported, or may report, what a rule reads."""
+    def can_know_success(self, rule: StatedRule) -> bool:
+        """Return whether success can be known under an outcome rule in the world.
+
+        A key of ``info`` that was not there during the trial steps may still come, as at an episode's end.
+        """
         parsed = parse_outcome_rule(rule.rule)
         if not parsed.may_be_unknown:
             return True
@@ -52,16 +56,17 @@ class TriedWorld:
 
 
 def check_outcome_rules(protocol: Protocol, source: str) -> tuple[str, ...]:
-    """Describe the outcome rules of a protocol's blocks and the ``info`` that is kept, after checking them.
+    """Check the outcome rules of a protocol's blocks; return lines that describe them and the ``info`` that is kept.
 
     Raises:
-        ProtocolError: if something needs success in a block without a rule for it, or the world cannot answer a rule.
+        ProtocolError: if something needs success in a block in which it is unknown, or a rule reads a key of ``info``
+            that is no yes or no.
     """
     lines: list[str] = []
     for block in _list_variants(protocol):
         rule = find_outcome_rule(block)
         tried = try_world_info(block)
-        if not tried.says_success(rule):
+        if not tried.can_know_success(rule):
             _refuse_unknown_success(protocol, block, rule, tried, source)
         lines.append(f"outcome of block {block.name!r}: {_describe_rule(rule, tried)}")
         lines += _describe_info(block, rule, tried)
@@ -71,18 +76,22 @@ def check_outcome_rules(protocol: Protocol, source: str) -> tuple[str, ...]:
 def _refuse_unknown_success(
     protocol: Protocol, block: BlockSpec, rule: StatedRule, tried: TriedWorld, source: str
 ) -> None:
-    """Raise a ProtocolError if a rule's key holds no yes or no, or if something needs the unknown success."""
-    place = f"{source}: block {block.name!r}"
+    """Refuse a block whose success is unknown, unless nothing needs it.
+
+    Raises:
+        ProtocolError: if the rule's key of ``info`` holds no yes or no, or if something in the protocol needs success.
+    """
+    location = f"{source}: block {block.name!r}"
     key = parse_outcome_rule(rule.rule).info_key
     if key:
         content = _describe_content(find_info(tried.values, key))
         raise ProtocolError(
-            f"{place}: success is info[{key!r}], which is {content}; name a key, or KEY.PART of a dictionary, that is "
-            "one yes or no"
+            f"{location}: success is info[{key!r}], which is {content}; name a key, or KEY.PART of a dictionary, that "
+            "is one yes or no"
         )
     if needs := list_success_needs(protocol, block):
         raise ProtocolError(
-            f"{place}: {needs[0]} needs success, but no rule says what success is in {block.world}; "
+            f"{location}: {needs[0]} needs success, but no rule says what success is in {block.world}; "
             f"{HOW_TO_STATE_A_RULE}"
         )
 
@@ -90,33 +99,34 @@ def _refuse_unknown_success(
 def _describe_rule(rule: StatedRule, tried: TriedWorld) -> str:
     if rule.rule.startswith(WORLD_RULE) and tried.is_own:
         return "success if terminated and reward > 0, as its reward_and_done says; info['is_success'] overrides it"
-    if rule.rule.startswith(WORLD_RULE) and not tried.says_success(rule):
+    if rule.rule.startswith(WORLD_RULE) and not tried.can_know_success(rule):
         return f"unknown: every end is 'ended', success is empty; {HOW_TO_STATE_A_RULE}"
     return rule.describe()
 
 
 def _describe_info(block: BlockSpec, rule: StatedRule, tried: TriedWorld) -> Iterator[str]:
     """Yield notices about keys of ``info``: those that are missing, cannot be logged, or are not recorded."""
-    place = f"block {block.name!r}"
+    prefix = f"block {block.name!r}"
     success_key = parse_outcome_rule(rule.rule).info_key
     if success_key and not has_info(tried.values, success_key):
-        yield f"{place}: info[{success_key!r}] was not there in {N_TRIED_STEPS} steps; {_list_keys(tried)}"
+        yield f"{prefix}: info[{success_key!r}] was not there in {N_TRIED_STEPS} steps; {_describe_keys(tried)}"
     for key in block.record_info:
         if not has_info(tried.values, key):
-            yield f"{place}: record_info names {key!r}, which the world did not say; {_list_keys(tried)}"
+            yield f"{prefix}: record_info names {key!r}, which the world did not say; {_describe_keys(tried)}"
             continue
         content = find_info(tried.values, key)
         if not can_keep(content):
-            yield f"{place}: info[{key!r}] is {_describe_content(content)}, of which a log keeps null"
+            yield f"{prefix}: info[{key!r}] is {_describe_content(content)}, of which a log keeps null"
     recorded = {key.partition(".")[0] for key in block.record_info}
-    left_out = [key for key in tried.values if key not in recorded]
-    if left_out:
-        names = ", ".join(left_out)
-        example = msgspec.json.encode(left_out[:_N_EXAMPLE_KEYS]).decode()
-        yield f"{place}: not kept of the world's info: {names}; record_info = {example} keeps them"
+    unrecorded_keys = [key for key in tried.values if key not in recorded]
+    if unrecorded_keys:
+        names = ", ".join(unrecorded_keys)
+        example = msgspec.json.encode(unrecorded_keys[:_N_EXAMPLE_KEYS]).decode()
+        yield f"{prefix}: not kept of the world's info: {names}; record_info = {example} keeps them"
 
 
-def _list_keys(tried: TriedWorld) -> str:
+def _describe_keys(tried: TriedWorld) -> str:
+    """Return a clause with the keys that a world's ``info`` had."""
     if tried.values:
         return f"info had {', '.join(tried.values)}"
     return "info was empty"
@@ -133,7 +143,7 @@ def _describe_content(content: Any) -> str:
 
 
 def list_success_needs(protocol: Protocol, block: BlockSpec) -> list[str]:
-    """Return the parts of a protocol that need to know success in a block."""
+    """Return names of what needs success in a block: its stop criterion, points, designs and the analysis."""
     needs: list[str] = []
     if block.stop_criterion is not None:
         needs.append("stop_criterion")
@@ -157,7 +167,7 @@ def list_success_needs(protocol: Protocol, block: BlockSpec) -> list[str]:
 
 
 def try_world_info(block: BlockSpec) -> TriedWorld:
-    """Play a block's world for some steps, with every action of the block in turn, and collect its ``info``.
+    """Play a block's world for some steps, with every action of the block in turn, and return its ``info``.
 
     A world of the catalogue is not played if the block states no rule for success and records no ``info``.
     """
@@ -172,15 +182,20 @@ def try_world_info(block: BlockSpec) -> TriedWorld:
         numbers = [world.action_names.index(name) for name in names]
         world.reset(0)
         for step in range(N_TRIED_STEPS):
-            place = step // 3 % len(numbers)  # each action three times in a row, so that the world changes
-            transition = world.step(numbers[place])
-            values = {**transition.info, **values}
+            turn = step // _N_REPETITIONS % len(numbers)
+            transition = world.step(numbers[turn])
+            values = {**transition.info, **values}  # the first value of each key is kept
             if transition.terminated or transition.truncated:
                 world.reset(step + 1)
     return TriedWorld(is_own, {key: content for key, content in values.items() if isinstance(key, str)})
 
 
 def _list_variants(protocol: Protocol) -> list[BlockSpec]:
-    """Return every block as each group plays it, each variant once."""
-    variants = [apply_overrides(block, group.name) for block in protocol.blocks for group in protocol.groups]
-    return [block for place, block in enumerate(variants) if block not in variants[:place]]
+    """Return the blocks with the overrides of each group, each variant of a block once."""
+    variants: list[BlockSpec] = []
+    for block in protocol.blocks:
+        for group in protocol.groups:
+            variant = apply_overrides(block, group.name)
+            if variant not in variants:
+                variants.append(variant)
+    return variants

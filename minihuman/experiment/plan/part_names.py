@@ -24,19 +24,20 @@ def list_part_names(protocol: Protocol, slot: AllocationSlot, group: str, sessio
                 f"study {protocol.study.name!r} has {len(protocol.sessions)} sessions, not {session}; "
                 "choose another number with --session, or add one to [[sessions]]"
             )
-        listed = protocol.sessions[session - 1].parts
+        listed_names = protocol.sessions[session - 1].parts
     else:
-        listed = protocol.group(group).parts
+        listed_names = protocol.group(group).parts
     replacements = protocol.group(group).replace_parts
     names: list[str] = []
-    for name in listed:
-        chosen = replacements.get(name, name)
-        inside = _apply_order(protocol, slot, chosen)
-        if inside is None:
-            names.append(chosen)
+    for listed_name in listed_names:
+        name = replacements.get(listed_name, listed_name)
+        ordered_names = _apply_order(protocol, slot, name)
+        if ordered_names is None:
+            names.append(name)
         else:
-            names += [replacements.get(part, part) for part in inside]
-    return _add_debrief(protocol, _add_default_parts(protocol, [name for name in names if name], session), group)
+            names += [replacements.get(ordered_name, ordered_name) for ordered_name in ordered_names]
+    names = [name for name in names if name]  # a part that is replaced by "" is left out
+    return _add_debrief(protocol, _add_default_parts(protocol, names, session), group)
 
 
 def _surround_blocks(protocol: Protocol, group: str) -> list[str]:
@@ -56,17 +57,19 @@ def _apply_order(protocol: Protocol, slot: AllocationSlot, name: str) -> list[st
     """Return the parts that an order stands for, in the slot's order; None if the name is not an order's."""
     for number, order in enumerate(protocol.orders):
         if order.name == name:
-            return [part for place in slot.orders[number] for part in order.units[place]]
+            return [part for index in slot.orders[number] for part in order.units[index]]
     return None
 
 
 def _add_default_parts(protocol: Protocol, names: list[str], session: int) -> list[str]:
-    """Add consent to the first session, a keyboard check before the first block, and a closing page."""
-    blocks = {block.name for block in protocol.blocks}
+    """Return a session's parts with consent at the beginning, a keyboard check before the first block, and closing.
+
+    Consent is added to the first session only. A part is added only if the protocol asks for it and lists none like it.
+    """
     if protocol.keys.keyboard_check and KEYBOARD not in names:
-        first = next((place for place, name in enumerate(names) if name in blocks), None)
-        if first is not None:
-            names = [*names[:first], KEYBOARD, *names[first:]]
+        first_block = next((index for index, name in enumerate(names) if is_block(protocol, name)), None)
+        if first_block is not None:
+            names = [*names[:first_block], KEYBOARD, *names[first_block:]]
     if protocol.study.consent and session == 1 and not _has_page(protocol, names, "asks_consent"):
         names = [CONSENT, *names]
     if protocol.study.closing != "" and not _has_page(protocol, names, "closing"):
@@ -86,6 +89,7 @@ def _add_debrief(protocol: Protocol, names: list[str], group: str) -> list[str]:
 
 
 def _has_page(protocol: Protocol, names: list[str], role: str) -> bool:
+    """Return whether any of the named parts is a page with a role, "asks_consent" or "closing"."""
     return any(page.name in names and getattr(page, role) for page in protocol.pages)
 
 

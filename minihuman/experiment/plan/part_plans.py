@@ -53,12 +53,12 @@ def load_study_words(protocol: Protocol) -> InterfaceWords:
 
 
 def find_consent_text(protocol: Protocol, group: str, names: Sequence[str]) -> str:
-    """Return the text that participants agree to in a session with the given parts."""
-    texts = (protocol.page_for(name, group) for name in names)
-    agreed = next((page.text for page in texts if page and page.asks_consent), None)
-    if agreed is None:
-        return protocol.study.consent
-    return agreed
+    """Return the text of the first consent page among a group's parts, or the consent text in [study] without one."""
+    for name in names:
+        page = protocol.page_for(name, group)
+        if page is not None and page.asks_consent:
+            return page.text
+    return protocol.study.consent
 
 
 def plan_parts(
@@ -76,7 +76,7 @@ def plan_parts(
     """
     words = load_study_words(protocol)
     group = participant.group
-    number = 0
+    block_number = 0
     for name in names:
         page = protocol.page_for(name, group)
         questionnaire = next((spec for spec in protocol.questions if spec.name == name), None)
@@ -86,11 +86,12 @@ def plan_parts(
             spec = apply_overrides(questionnaire, group)
             yield PlannedPart("questions", name, _plan_questionnaire(protocol, participant, session, spec, names))
         elif any(block.name == name for block in protocol.blocks):
-            kind = find_kind(blocks[number].kind)
-            play = _plan_block(kind, protocol, blocks, number, episodes, words)
-            extras = _plan_extras(protocol, participant, session, blocks[number])
-            yield PlannedPart(kind.name, name, msgspec.structs.replace(play, **extras))
-            number += 1
+            block = blocks[block_number]
+            kind = find_kind(block.kind)
+            play = _plan_block(kind, protocol, blocks, block_number, episodes, words)
+            optional_fields = _plan_optional_fields(protocol, participant, session, block)
+            yield PlannedPart(kind.name, name, msgspec.structs.replace(play, **optional_fields))
+            block_number += 1
         elif (activity := next((spec for spec in protocol.activities if spec.name == name), None)) is not None:
             yield PlannedPart(activity.kind, name, find_kind(activity.kind).read(activity.settings))
         elif name == DEBRIEF:
@@ -101,8 +102,13 @@ def plan_parts(
             yield PlannedPart("page", name, _plan_page(protocol, _build_default_page(protocol, name, words), words))
 
 
-def _plan_extras(protocol: Protocol, participant: Participant, session: int, block: BlockSpec) -> dict[str, Any]:
-    """Plan the optional fields of a block: rules of trials, bindings and a design; fields it lacks stay unset."""
+def _plan_optional_fields(
+    protocol: Protocol, participant: Participant, session: int, block: BlockSpec
+) -> dict[str, Any]:
+    """Plan the fields of a block's plan that only some blocks have: rules of trials, bindings and a design.
+
+    Fields that the block lacks are unset.
+    """
     purpose = f"{block.name}-session-{session}"
     bindings = Bindings(block.axes, block.spot)
     return {
@@ -132,7 +138,11 @@ def _build_default_page(protocol: Protocol, name: str, words: InterfaceWords) ->
 
 
 def _plan_page(protocol: Protocol, page: PageSpec, words: InterfaceWords) -> PagePlan:
-    """Plan a page of text; a consent page is identified by the SHA-256 of its text."""
+    """Plan a page of text; a consent page is identified by the SHA-256 of its text.
+
+    Raises:
+        ProtocolError: if a picture of the page is missing.
+    """
     title = page.title
     sha256 = ""
     if page.asks_consent:
@@ -160,7 +170,7 @@ def _plan_page(protocol: Protocol, page: PageSpec, words: InterfaceWords) -> Pag
 
 
 def _find_pagination_rules(pages: Sequence[str]) -> int | msgspec.UnsetType:
-    """Return the version of the rules that divided a text into pages; unset if there is no text."""
+    """Return the version of the rules that divided a text into pages; unset for a text of one page, or without text."""
     if len(pages) > 1:
         return PAGINATION_RULES
     return msgspec.UNSET
@@ -179,6 +189,11 @@ def find_paged_text(protocol: Protocol, name: str, group: str) -> str | None:
 def _plan_questionnaire(
     protocol: Protocol, participant: Participant, session: int, spec: QuestionnaireSpec, names: Sequence[str]
 ) -> QuestionsPlan:
+    """Plan a questionnaire, with the items of its shipped form, in the participant's order.
+
+    Raises:
+        ProtocolError: if the questions return to a part that is not among the session's ``names``.
+    """
     title = spec.title
     items = spec.items
     if spec.form:
@@ -188,7 +203,7 @@ def _plan_questionnaire(
     if spec.shuffle:
         purpose = f"items-{spec.name}-session-{session}"
         order = draw_permutation(len(items), seed=protocol.study.seed, purpose=purpose, index=participant.index)
-        items = tuple(items[place] for place in order)
+        items = tuple(items[index] for index in order)
     back_to = protocol.group(participant.group).replace_parts.get(spec.return_to, spec.return_to)
     if back_to and back_to not in names:
         raise ProtocolError(
@@ -212,29 +227,32 @@ def _plan_block(
     episodes: Sequence[EpisodePlan],
     words: InterfaceWords,
 ) -> PlayPlan:
-    """Build the plan of a block by its kind."""
+    """Plan the block of a given number: the fields that all blocks have, and those that its kind adds."""
     play = _plan_play(protocol, blocks, number, episodes, words)
     if kind.plan is PlayPlan:
         return play
     block = blocks[number]
-    tables = {
+    kind_fields = {
         "agent": block.agent,
         "team": block.team,
         "timeline": block.timeline,
         "seeds": "listed" if isinstance(block.seeds, tuple) else block.seeds,
     }
-    own_fields: dict[str, Any] = {
-        name: table for name, table in tables.items() if name in kind.plan_fields and table is not None
+    added_fields: dict[str, Any] = {
+        name: content for name, content in kind_fields.items() if name in kind.plan_fields and content is not None
     }
-    if "timeline" in own_fields:
-        own_fields["hold_ms"] = 0.0  # the timeline defines what is shown until the trial ends
-    plan = kind.plan(**msgspec.structs.asdict(play) | own_fields)
+    if "timeline" in added_fields:
+        added_fields["hold_ms"] = 0.0  # the timeline defines what is shown until the trial ends
+    plan = kind.plan(**msgspec.structs.asdict(play) | added_fields)
     assert isinstance(plan, PlayPlan), "the protocol's check refuses other kinds for blocks"
     return plan
 
 
 def _find_fixed_interval_ms(block: BlockSpec) -> float:
-    """Return the interval between a block's episodes in milliseconds; 0 if each is drawn, as `TrialRules` has it."""
+    """Return the interval between a block's episodes in milliseconds; 0 if each is drawn from a range.
+
+    Drawn intervals are in the block's `TrialRules`.
+    """
     if isinstance(block.inter_trial_interval_ms, tuple):
         return 0.0
     return block.inter_trial_interval_ms
@@ -247,25 +265,22 @@ def _plan_play(
     episodes: Sequence[EpisodePlan],
     words: InterfaceWords,
 ) -> PlayPlan:
+    """Plan the fields that blocks of all kinds have, for the block of a given number."""
     block = blocks[number]
-    count = len(blocks)
-    own_episodes = [episode for episode in episodes if episode.block == number]
-    rest_text = ""
-    rest_s = 0.0
-    if number + 1 < count:
-        rest_text = block.rest_text
-        rest_s = protocol.study.min_rest_s
+    n_blocks = len(blocks)
+    block_episodes = [episode for episode in episodes if episode.block == number]
+    is_last = number + 1 == n_blocks
     instruction = paginate_text(block.instructions) if block.instructions else ()
     return PlayPlan(
         block=number,
-        blocks=count,
-        first=own_episodes[0].episode,
-        count=len(own_episodes),
-        title=block.title or _number_part(words, number, count),
+        blocks=n_blocks,
+        first=block_episodes[0].episode,
+        count=len(block_episodes),
+        title=block.title or _format_block_number(words, number, n_blocks),
         instruction=instruction,
         feedback=_plan_feedback(block),
-        rest=rest_text,
-        rest_s=rest_s,
+        rest="" if is_last else block.rest_text,
+        rest_s=0.0 if is_last else protocol.study.min_rest_s,
         interval_ms=_find_fixed_interval_ms(block),
         fixation_ms=block.fixation_ms,
         hold_ms=block.final_frame_ms,
@@ -276,17 +291,17 @@ def _plan_play(
         points=block.points,
         show_points=block.show_points,
         mission=block.mission,
-        computed=_find_computer(block),
+        computed=_choose_computer(block),
         motion_ms=block.motion_ms or msgspec.UNSET,
         pagination=_find_pagination_rules(instruction),
     )
 
 
-def _number_part(words: InterfaceWords, number: int, count: int) -> str:
-    """Format "Part 1 of 2" as a block's title; "" if there is only one block."""
-    if count < 2:
+def _format_block_number(words: InterfaceWords, number: int, n_blocks: int) -> str:
+    """Format the title of a block without one, such as "Part 1 of 2"; "" if there is only one block."""
+    if n_blocks < 2:
         return ""
-    return words.fill("progress.part", part=number + 1, parts=count)
+    return words.fill("progress.part", part=number + 1, parts=n_blocks)
 
 
 def _plan_feedback(block: BlockSpec) -> dict[str, str]:
@@ -295,10 +310,10 @@ def _plan_feedback(block: BlockSpec) -> dict[str, str]:
     return {outcome: text for outcome, text in texts.items() if text}
 
 
-def _find_computer(block: BlockSpec) -> ComputedBy:
-    """Return whether the page or the server computes a block in a browser.
+def _choose_computer(block: BlockSpec) -> ComputedBy:
+    """Return whether the page or the server computes a block's worlds if it is played in a browser.
 
-    The default is the page for an ordinary block in a built-in world, and the server for any other block.
+    If the block does not state it, a page computes plain play in most built-in worlds, and the server anything else.
     """
     if block.computed:
         return block.computed
@@ -312,8 +327,11 @@ def _find_computer(block: BlockSpec) -> ComputedBy:
 
 
 def list_world_options(block: BlockSpec) -> dict[str, Any]:
-    """Return a block's options for its world; worlds that a page computes get the portable sine."""
+    """Return the options with which a block makes its world.
+
+    A first-person world that a page computes gets ``trig = 1`` by default: sines that are equal on every machine.
+    """
     options: dict[str, Any] = {}
-    if is_first_person(block.world) and _find_computer(block) == "page":
+    if is_first_person(block.world) and _choose_computer(block) == "page":
         options["trig"] = 1
     return options | dict(block.options)

@@ -11,7 +11,9 @@ MAX_SLOTS = 100_000  # in an allocation list; higher numbers are codes of partic
 
 
 def parse_participant_code(code: str) -> int:
-    """Return the slot of a participant's code: 6 for "sub-07", and also for "sub-100007", who took the slot over.
+    """Return the index of the allocation slot that a participant's code names.
+
+    It is 6 for "sub-07", and also for "sub-100007", the code of a participant who took over that slot.
 
     Raises:
         AllocationError: if the text is no participant code.
@@ -23,8 +25,11 @@ def parse_participant_code(code: str) -> int:
 
 
 def format_participant_code(index: int, before: int = 0, *, prefix: str = "sub") -> str:
-    """Format the code of a slot's participant: "sub-07" for 6, "sub-100007" for the next after one who left it.
+    """Format the code of the participant in an allocation slot, such as "sub-07".
 
-    ``prefix`` is "model" for a language model in a participant's place.
+    Args:
+        index: the slot's index, from 0.
+        before: the number of participants who had the slot before; with 1, the code for index 6 is "sub-100007".
+        prefix: "sub", or "model" for a language model in a participant's place.
     """
     return f"{prefix}-{before * MAX_SLOTS + index + 1:02d}"

@@ -18,22 +18,24 @@ def draw_words(count: int, *, seed: int, purpose: str, index: int = 0) -> NDArra
 
 
 def make_draw(seed: int, purpose: str, index: int) -> Callable[[int], tuple[float, ...]]:
-    """Return a function of ``count`` that returns the first ``count`` random numbers, in [0, 1), of a stream."""
+    """Return a function that returns the first random numbers in [0, 1) of the stream (seed, purpose, index).
+
+    Its argument is their number; it returns the same numbers at each call.
+    """
 
     def draw(count: int) -> tuple[float, ...]:
         words = draw_words(count, seed=seed, purpose=purpose, index=index)
-        return tuple((int(word) >> 11) / 2**53 for word in words)
+        return tuple((int(word) >> 11) / 2**53 for word in words)  # the upper 53 bits, as many as a float holds
 
     return draw
 
 
 def draw_seeds(count: int, *, seed: int, purpose: str, index: int = 0) -> tuple[int, ...]:
-    """Draw reset seeds in [0, 2**63)."""
+    """Draw ``count`` reset seeds of worlds, in [0, 2**31), from the stream (seed, purpose, index)."""
     return tuple(int(word) >> 33 for word in draw_words(count, seed=seed, purpose=purpose, index=index))
 
 
 def draw_permutation(count: int, *, seed: int, purpose: str, index: int = 0) -> tuple[int, ...]:
-    """Draw a random permutation of 0 to count - 1."""
-    return tuple(
-        int(place) for place in np.argsort(draw_words(count, seed=seed, purpose=purpose, index=index), kind="stable")
-    )
+    """Draw a random permutation of 0 to count - 1 from the stream (seed, purpose, index)."""
+    words = draw_words(count, seed=seed, purpose=purpose, index=index)
+    return tuple(np.argsort(words, kind="stable").tolist())

@@ -23,7 +23,7 @@ HOW_TO_STATE_A_RULE = (
 
 
 class StatedRule(NamedTuple):
-    """A block's outcome rule as its plan contains it, who stated it, and where it is documented."""
+    """A block's outcome rule as its plan contains it, who stated it, why, and where it is documented."""
 
     rule: str
     stated_by: Literal["block", "catalogue", "table", "world", "study"]
@@ -68,13 +68,14 @@ def find_outcome_rule(block: BlockSpec, *, outcome_rules: int = OUTCOME_RULES) -
     Raises:
         ProtocolError: if the rule that the block states is not valid.
     """
-    stated = _find_stated(block, outcome_rules)
+    stated = _find_stated_rule(block, outcome_rules)
     if block.success is None and block.success_at == "any" and stated.stated_by != "study":
         return stated._replace(rule=add_any_step(stated.rule))
     return stated
 
 
-def _find_stated(block: BlockSpec, outcome_rules: int) -> StatedRule:
+def _find_stated_rule(block: BlockSpec, outcome_rules: int) -> StatedRule:
+    """Return the rule that a block states, or else its world's rule, to which ``success_at`` is not applied yet."""
     if block.success is not None:
         rule = normalize_outcome_rule(block.success, at_any_step=block.success_at == "any")
         return StatedRule(rule, "block")
@@ -84,7 +85,7 @@ def _find_stated(block: BlockSpec, outcome_rules: int) -> StatedRule:
 
 
 def find_world_rule(world_id: str) -> StatedRule:
-    """Return the outcome rule of a world for blocks that state none."""
+    """Return the outcome rule that a world has in blocks that state no rule."""
     if is_of_catalogue(world_id):
         return StatedRule(LAST_REWARD, "catalogue")
     entry = find_table_entry(world_id)
@@ -94,6 +95,6 @@ def find_world_rule(world_id: str) -> StatedRule:
 
 
 def is_of_catalogue(world_id: str) -> bool:
-    """Return whether a world is one of this package's, by its id."""
+    """Return whether an id names a world of this package's catalogue."""
     module, _, name = world_id.rpartition(":")
     return module in ("", "minihuman") and name.startswith("minihuman/")

@@ -29,16 +29,19 @@ from minihuman.experiment.protocol.specs import apply_overrides
 from minihuman.experiment.sounds import SoundContent, render_sound
 from minihuman.worlds.adapters.world import World
 
-_MOST_LINES = 20  # listed mistakes of a table, as a wrong column is wrong in every row
-_MOST_STEPS = 10  # of a trial that is played
+_MAX_LINES = 20  # listed mistakes of a table, as a wrong column is wrong in every row
+_MAX_STEPS = 10  # of a trial that is played
 _DRAWN_PX = (320, 240)  # size of a timeline's pictures
-_HEARD_HZ = 8_000  # rate at which sounds are rendered
+_RENDERED_HZ = 8_000  # rate at which sounds are rendered
 _SHARES = (0.0, 1.0)  # random numbers that draw the least and the most of a range
-_CLOSE = 0.8  # similarity of names from which a column probably is a misspelt option
+_MIN_SIMILARITY = 0.8  # of names, from which a column probably is a misspelt option
+_MAX_NAMED_LEVELS = 10  # in a message
 
 
 def check_stimuli(protocol: Protocol, source: str) -> list[str]:
-    """Play every row of every stimulus table once, as each group has it; ``source`` names the file in errors.
+    """Play every row of every stimulus table once, as each group has it, and draw the timelines.
+
+    ``source`` names the protocol's file in errors.
 
     Returns:
         Notices about tables that can be played, one per line.
@@ -46,7 +49,7 @@ def check_stimuli(protocol: Protocol, source: str) -> list[str]:
     Raises:
         ProtocolError: if a row cannot be played, with a line for each that names row, column, value and correction.
     """
-    _check_uses(protocol, source)
+    _check_used_labels(protocol, source)
     notices: dict[str, None] = {}
     for number, block in enumerate(protocol.blocks):
         place = f"{source}: $.blocks[{number}].stimuli"
@@ -54,7 +57,7 @@ def check_stimuli(protocol: Protocol, source: str) -> list[str]:
             block_of_group = apply_overrides(block, group)
             if block_of_group.stimuli is not None:
                 _check_table(protocol, block_of_group, place)
-                notices |= dict.fromkeys(_list_notices(protocol, block_of_group))
+                notices |= dict.fromkeys(_list_table_notices(protocol, block_of_group))
             elif mistakes := _find_timeline_mistakes(protocol, block_of_group):
                 _refuse(f"{source}: $.blocks[{number}].timeline", mistakes)
             notices |= dict.fromkeys(_list_timeline_notices(protocol, block_of_group))
@@ -62,6 +65,11 @@ def check_stimuli(protocol: Protocol, source: str) -> list[str]:
 
 
 def _check_table(protocol: Protocol, block: BlockSpec, place: str) -> None:
+    """Check a block's table of stimuli; ``place`` is where the table is, for errors.
+
+    Raises:
+        ProtocolError: if the table has mistakes, with a line for each of the first ones.
+    """
     mistakes = [*_find_misspelt_columns(protocol, block), *_find_unnameable_labels(protocol, block)]
     mistakes += _find_empty_rows(protocol, block)
     mistakes += _find_unplayable_rows(block, read_stimuli(protocol, block))
@@ -76,54 +84,63 @@ def _refuse(place: str, mistakes: Sequence[str]) -> None:
     Raises:
         ProtocolError: always, with a line for each of the first mistakes.
     """
-    lines = [f"{place}: {mistake}" for mistake in mistakes[:_MOST_LINES]]
-    if len(mistakes) > _MOST_LINES:
-        lines.append(f"{place}: {len(mistakes) - _MOST_LINES} more mistakes of this table are not listed")
+    lines = [f"{place}: {mistake}" for mistake in mistakes[:_MAX_LINES]]
+    if len(mistakes) > _MAX_LINES:
+        lines.append(f"{place}: {len(mistakes) - _MAX_LINES} more mistakes of this table are not listed")
     raise ProtocolError("\n".join(lines))
 
 
-def _check_uses(protocol: Protocol, source: str) -> None:
-    """Check that the labels and levels that the analysis and the exclusions name are in a table.
+def _check_used_labels(protocol: Protocol, source: str) -> None:
+    """Check that each label and level that the analysis or an exclusion rule names is in a table of stimuli.
 
     Raises:
         ProtocolError: if any is not, with a line for each.
     """
     levels = list_levels(protocol)
     if levels:
-        known = f"its labels are {', '.join(levels)}"
+        labels_text = f"its labels are {', '.join(levels)}"
     else:
-        known = "its tables of stimuli have no labels"
+        labels_text = "its tables of stimuli have no labels"
     mistakes = []
     if (label := protocol.analysis.condition_label) and label not in levels:
-        mistakes.append(f"$.analysis.conditions: has 'label:{label}', which is no label; {known}")
+        mistakes.append(f"$.analysis.conditions: has 'label:{label}', which is no label; {labels_text}")
     elif label:
-        mistakes += _find_unknown_levels(protocol, list(map(str, levels[label])))
-    for number, rule in enumerate(protocol.exclusions):
-        path = f"$.exclusions[{number}]"
-        if rule.measured_label and rule.measured_label not in levels:
-            mistakes.append(f"{path}.measure: is {rule.measure!r}, which is no label; {known}")
-        for name, level in rule.where.items():
-            if name not in levels:
-                mistakes.append(f"{path}.where: has {name!r}, which is no label; {known}")
-            elif level not in levels[name]:
-                known_levels = ", ".join(map(repr, list(levels[name])[:10]))
-                mistakes.append(
-                    f"{path}.where: has {name} = {level!r}, which no row has; its levels are {known_levels}"
-                )
+        mistakes += _find_unknown_conditions(protocol, list(map(str, levels[label])))
+    mistakes += _find_unknown_exclusion_labels(protocol, levels, labels_text)
     if mistakes:
         raise ProtocolError("\n".join(f"{source}: {mistake}" for mistake in mistakes))
 
 
-def _find_unknown_levels(protocol: Protocol, levels: list[str]) -> Iterator[str]:
-    """Yield an error for each name in a contrast that is no level of the label whose levels are compared."""
+def _find_unknown_exclusion_labels(protocol: Protocol, levels: dict[str, list[Any]], labels_text: str) -> Iterator[str]:
+    """Yield an error for each label or level in an exclusion rule that is in no table.
+
+    Args:
+        protocol: the protocol.
+        levels: the levels of each label in its tables.
+        labels_text: the clause of the errors that lists the labels.
+    """
+    for number, rule in enumerate(protocol.exclusions):
+        path = f"$.exclusions[{number}]"
+        if rule.measured_label and rule.measured_label not in levels:
+            yield f"{path}.measure: is {rule.measure!r}, which is no label; {labels_text}"
+        for name, level in rule.where.items():
+            if name not in levels:
+                yield f"{path}.where: has {name!r}, which is no label; {labels_text}"
+            elif level not in levels[name]:
+                examples = ", ".join(map(repr, levels[name][:_MAX_NAMED_LEVELS]))
+                yield f"{path}.where: has {name} = {level!r}, which no row has; its levels are {examples}"
+
+
+def _find_unknown_conditions(protocol: Protocol, levels: list[str]) -> Iterator[str]:
+    """Yield an error for each condition in a contrast that is none of the compared label's levels."""
     for number, contrast in enumerate(protocol.design.contrasts):
-        place = f"$.design.contrasts[{number}].weights"
-        for path, message in check_weighted_conditions(place, contrast.weights, levels):
+        weights_path = f"$.design.contrasts[{number}].weights"
+        for path, message in check_weighted_conditions(weights_path, contrast.weights, levels):
             yield f"{path}: {message}"
 
 
 def list_levels(protocol: Protocol) -> dict[str, list[Any]]:
-    """Return the levels of each label of a protocol's tables."""
+    """Return the levels of each label in a protocol's tables of stimuli, in any group."""
     levels: dict[str, list[Any]] = {}
     for block in protocol.blocks:
         for group in ("", *block.group_overrides):
@@ -137,39 +154,40 @@ def list_levels(protocol: Protocol) -> dict[str, list[Any]]:
     return levels
 
 
-def _name_header(stimuli: StimuliSpec, place: str) -> str:
-    """Return where a table's column names are: the file's first row, or ``place`` for rows in the protocol."""
+def _find_header_place(stimuli: StimuliSpec, rows_place: str) -> str:
+    """Return the place of a table's column names in errors: the file's first row, or ``rows_place`` without a file."""
     if stimuli.file:
         return f"{stimuli.file}:1"
-    return place
+    return rows_place
 
 
 def _find_unnameable_labels(protocol: Protocol, block: BlockSpec) -> Iterator[str]:
     """Yield an error for each label that cannot be a table column or whose column would clash with another."""
     assert block.stimuli is not None
-    columns: dict[str, str] = {}
-    place = _name_header(block.stimuli, "rows[0]")
+    label_of_column: dict[str, str] = {}
+    place = _find_header_place(block.stimuli, "rows[0]")
     for label in list_label_columns(protocol, block):
         column = name_label_column(label)
         if '"' in label or column == "label_":
             yield f"{place}: column {label!r}: a label's name has letters or digits and no quotation marks"
-        elif (other := columns.setdefault(column, label)) != label:
-            yield f"{place}: column {label!r}: in tables it would be {column}, as column {other!r}; rename one"
+        elif (first_label := label_of_column.setdefault(column, label)) != label:
+            yield f"{place}: column {label!r}: in tables it would be {column}, as column {first_label!r}; rename one"
 
 
 def _find_misspelt_columns(protocol: Protocol, block: BlockSpec) -> Iterator[str]:
-    """Yield an error for each label that resembles an option, since a misspelt stimulus would silently not be shown."""
+    """Yield an error for each label that resembles an option, since a misspelt option would silently have no effect."""
     assert block.stimuli is not None
     options = find_option_names(block.world) or OptionNames(())
-    known = (*options.names, COUNT, IMAGE)
-    first = read_table(block.stimuli, protocol.files)[:1]
+    option_names = (*options.names, COUNT, IMAGE)
+    declared_columns = (*block.stimuli.labels, *_list_shown_columns(block))
+    rows = read_table(block.stimuli, protocol.files)
     for column in list_label_columns(protocol, block):
-        close = difflib.get_close_matches(column.strip().lower(), known, n=1, cutoff=_CLOSE)
-        if column not in (*block.stimuli.labels, *_list_shown_columns(block)) and close:
-            place = _name_header(block.stimuli, first[0].place)
+        similar = difflib.get_close_matches(column.strip().lower(), option_names, n=1, cutoff=_MIN_SIMILARITY)
+        if similar and column not in declared_columns:
+            place = _find_header_place(block.stimuli, rows[0].place)
             yield (
-                f"{place}: column {column!r}: {block.world} has no such option; did you mean {close[0]!r}? If it is a "
-                f"label, say so: labels = [{json.dumps(column)}]"
+                f"{place}: column {column!r}: {block.world} has no such option; did you mean {similar[0]!r}? If it is "
+                f"a label, say so: labels = [{json.dumps(column)}]"
             )
 
 
@@ -182,77 +200,85 @@ def _find_empty_rows(protocol: Protocol, block: BlockSpec) -> Iterator[str]:
 
 def _find_unplayable_rows(block: BlockSpec, stimuli: list[TrialStimulus]) -> Iterator[str]:
     """Yield an error for each column of a row because of which the block's world cannot be played."""
-    shared = list_world_options(block)
-    needs_table = bool(_try_options(block, shared))
+    block_options = list_world_options(block)
+    needs_table = bool(_try_options(block, block_options))
     mistakes: dict[str, list[str]] = {}  # by the row's options: equal rows have equal mistakes
-    for stimulus in {stimulus.place: stimulus for stimulus in stimuli}.values():
+    for stimulus in {stimulus.place: stimulus for stimulus in stimuli}.values():  # a repeated row once
         key = json.dumps(stimulus.options, sort_keys=True)
         if key not in mistakes:
-            mistakes[key] = list(_explain_unplayable(block, shared, stimulus.options, needs_table=needs_table))
+            mistakes[key] = list(_explain_unplayable(block, block_options, stimulus.options, needs_table=needs_table))
         yield from (f"{stimulus.place}: {mistake}" for mistake in mistakes[key])
 
 
 def _explain_unplayable(
-    block: BlockSpec, shared: dict[str, Any], options: dict[str, Any], *, needs_table: bool
+    block: BlockSpec, block_options: dict[str, Any], row_options: dict[str, Any], *, needs_table: bool
 ) -> Iterator[str]:
-    """Yield which columns of a row are wrong and why; nothing if the row can be played."""
-    reason = _try_options(block, shared | options)
+    """Yield which columns of a row are wrong and why; nothing if the row can be played.
+
+    Args:
+        block: the block.
+        block_options: the options of the block's world that are not in the table.
+        row_options: the row's options, by column.
+        needs_table: whether the world cannot be played with the block's options alone.
+    """
+    reason = _try_options(block, block_options | row_options)
     if not reason:
         return
     reasons: dict[str, str] = {}  # by column
     if not needs_table:
-        reasons = _try_each_column(block, shared, options)
+        reasons = _try_each_column(block, block_options, row_options)
     if not reasons:  # no column is wrong by itself, so name those without which the others can be played
-        for column in options:
-            others = {name: option for name, option in options.items() if name != column}
-            if not _try_options(block, shared | others):
+        for column in row_options:
+            other_options = {name: option for name, option in row_options.items() if name != column}
+            if not _try_options(block, block_options | other_options):
                 reasons[column] = reason
     for column, column_reason in reasons.items():
-        yield f"column {column!r}, value {options[column]!r}: {column_reason}"
+        yield f"column {column!r}, value {row_options[column]!r}: {column_reason}"
     if not reasons:
-        yield f"columns {', '.join(map(repr, options))}: {reason}"
+        yield f"columns {', '.join(map(repr, row_options))}: {reason}"
 
 
-def _try_each_column(block: BlockSpec, shared: dict[str, Any], options: dict[str, Any]) -> dict[str, str]:
-    """Return the columns that cannot be played even by themselves, each with the reason."""
-    reasons = {column: _try_options(block, shared | {column: option}) for column, option in options.items()}
+def _try_each_column(block: BlockSpec, block_options: dict[str, Any], row_options: dict[str, Any]) -> dict[str, str]:
+    """Return the columns of a row that cannot be played even without the row's other columns, each with the reason."""
+    reasons = {column: _try_options(block, block_options | {column: option}) for column, option in row_options.items()}
     return {column: reason for column, reason in reasons.items() if reason}
 
 
 def _try_options(block: BlockSpec, options: dict[str, Any]) -> str:
-    """Draw a world with these options, and play a trial with each of the block's actions; return the error or ""."""
+    """Draw a block's world with the given options, and play a trial with each of the block's actions.
+
+    Return the text of the error if this fails, otherwise "".
+    """
     try:
         with closing(World(block.world, options)) as world:
             world.name_actions(block.actions)
             world.reset(0)
             world.frame(block.view, palette=block.palette)
             for action in dict.fromkeys((*block.actions, *block.distractors, *filter(None, (block.noop_action,)))):
-                _play_trial(world, world.action_names.index(action), min(block.max_steps, _MOST_STEPS))
+                _play_trial(world, world.action_names.index(action), min(block.max_steps, _MAX_STEPS))
     except Exception as error:  # whatever a world raises would end a participant's session
         if isinstance(error, WorldError):
             cause = error.__cause__
-            if isinstance(cause, WorldError | TypeError | ValueError):
-                reason = cause
-            else:
-                reason = error
+            reason = cause if isinstance(cause, WorldError | TypeError | ValueError) else error
             return str(reason).removeprefix(f"{block.world}: ")
         return f"{type(error).__name__}: {error}"
     return ""
 
 
-def _play_trial(world: World, action: int, most_steps: int) -> None:
+def _play_trial(world: World, action: int, max_steps: int) -> None:
+    """Reset a world and repeat an action until the trial ends, for at most a number of steps."""
     world.reset(0)
-    for _ in range(most_steps):
+    for _ in range(max_steps):
         step = world.step(action)
         if step.terminated or step.truncated:
             break
 
 
-def _list_notices(protocol: Protocol, block: BlockSpec) -> Iterator[str]:
+def _list_table_notices(protocol: Protocol, block: BlockSpec) -> Iterator[str]:
     """Yield notices about a table's labels, which are not shown, and about correct responses that have no key."""
     assert block.stimuli is not None
-    shown = _list_shown_columns(block)
-    if labels := [column for column in list_label_columns(protocol, block) if column not in shown]:
+    shown_columns = _list_shown_columns(block)
+    if labels := [column for column in list_label_columns(protocol, block) if column not in shown_columns]:
         yield f"block {block.name!r}: its table of stimuli has labels, which are not shown: {', '.join(labels)}"
     for row in read_table(block.stimuli, protocol.files):
         correct = row.cells.get("correct")
@@ -263,20 +289,20 @@ def _list_notices(protocol: Protocol, block: BlockSpec) -> Iterator[str]:
 
 
 def _find_timeline_mistakes(protocol: Protocol, block: BlockSpec) -> list[str]:
-    """Return what prevents a block's timeline from being played, with row, stimulus and field; empty without one."""
+    """Return the errors because of which a block's timeline cannot be played; empty if the block has no timeline."""
     if block.timeline is None:
         return []
-    shared = list_world_options(block)
+    options = list_world_options(block)
     rows = read_table(block.stimuli, protocol.files) if block.stimuli is not None else []
-    mistakes = _find_missing_columns(block, {column for row in rows for column in row.cells} | shared.keys())
+    mistakes = _find_missing_columns(block, {column for row in rows for column in row.cells} | options.keys())
     if closed := find_closed_window(block.timeline, block.response_deadline_ms):
         mistakes.append(f"block {block.name!r}: {closed}")
     if mistakes:
         return mistakes
     if not rows:
-        return _find_row_mistakes(protocol, block, shared, "every trial")
+        return _find_row_mistakes(protocol, block, options, "every trial")
     for row in rows:
-        mistakes += _find_row_mistakes(protocol, block, shared | row.cells, row.place)
+        mistakes += _find_row_mistakes(protocol, block, options | row.cells, row.place)
     return mistakes
 
 
@@ -291,38 +317,41 @@ def _list_shown_columns(block: BlockSpec) -> dict[str, str]:
 
 def _find_missing_columns(block: BlockSpec, columns: set[str]) -> list[str]:
     """Return an error for each column that the timeline names and neither the table nor the design has."""
-    known = set(columns)
+    available = set(columns)
     if block.design is not None:
-        known.add(str(block.design.settings.get("option", "")))
+        available.add(str(block.design.settings.get("option", "")))
     options = find_option_names(block.world)
     mistakes = []
-    place = f"{block.stimuli.file}:1: " if block.stimuli is not None and block.stimuli.file else ""
+    prefix = f"{block.stimuli.file}:1: " if block.stimuli is not None and block.stimuli.file else ""
     for column, user in _list_shown_columns(block).items():
         has_default = column == "delay_ms" and options is not None
-        if column not in known and not has_default:
-            names = ", ".join(sorted(known - {COUNT, "", "responses"})) or "none"
-            mistakes.append(f"{place}timeline: {user}: there is no column {column!r}; the columns are {names}")
+        if column not in available and not has_default:
+            names = ", ".join(sorted(available - {COUNT, "", "responses"})) or "none"
+            mistakes.append(f"{prefix}timeline: {user}: there is no column {column!r}; the columns are {names}")
     return mistakes
 
 
 def _find_row_mistakes(protocol: Protocol, block: BlockSpec, cells: dict[str, Any], place: str) -> list[str]:
-    """Return what prevents a row's trial from being drawn, heard or ended, with its drawn times short and long."""
+    """Return the errors because of which a row's trial cannot be drawn, heard or ended.
+
+    The trial is tried twice: with each drawn time at the least and at the most of its range.
+    """
     assert block.timeline is not None
     design_option = str(block.design.settings.get("option", "")) if block.design is not None else ""
     cells = {"delay_ms": 0.0, design_option: 0.0} | cells
     mistakes: dict[str, None] = {}
     for share in _SHARES:
         try:
-            schedule = resolve_trial(block.timeline, cells, block.response_deadline_ms, _draw_always(share))
+            schedule = resolve_trial(block.timeline, cells, block.response_deadline_ms, _make_constant_draw(share))
             for time_ns in schedule.changes_ns:
                 contents = [stimulus.content for stimulus in schedule.find_visible(time_ns)]
                 draw_stimuli(contents, _DRAWN_PX, protocol.files, protocol.study.language)
             for content in schedule.sound_contents:
-                render_sound(content, protocol.files, _HEARD_HZ)
+                render_sound(content, protocol.files, _RENDERED_HZ)
         except WorldError as error:
             mistakes[f"{place}: {error}"] = None
             continue
-        if excess := _find_excess(block, schedule):
+        if excess := _describe_excess(block, schedule):
             mistakes[f"{place}: {excess}"] = None
         if endless := find_endless_trial(schedule):
             mistakes[f"{place}: block {block.name!r}: {endless}"] = None
@@ -336,10 +365,10 @@ def _list_timeline_notices(protocol: Protocol, block: BlockSpec) -> Iterator[str
 
     @cache
     def find_duration_ms(content: SoundContent) -> float:
-        return 1000 * len(render_sound(content, protocol.files, _HEARD_HZ)) / _HEARD_HZ
+        return 1000 * len(render_sound(content, protocol.files, _RENDERED_HZ)) / _RENDERED_HZ
 
     trials = [
-        (place, resolve_trial(block.timeline, cells, block.response_deadline_ms, _draw_always(share)))
+        (place, resolve_trial(block.timeline, cells, block.response_deadline_ms, _make_constant_draw(share)))
         for place, cells in list_trial_cells(protocol, block)
         for share in _SHARES
     ]
@@ -347,13 +376,13 @@ def _list_timeline_notices(protocol: Protocol, block: BlockSpec) -> Iterator[str
         yield f"block {block.name!r}: {notice}"
 
 
-def _draw_always(share: float) -> DrawShare:
-    """Return a function that ignores how many random numbers are requested and always draws the same share."""
+def _make_constant_draw(share: float) -> DrawShare:
+    """Return a function that draws the same random share, 0 to 1, for each place in a timeline."""
     return lambda place: share
 
 
-def _find_excess(block: BlockSpec, schedule: TrialSchedule) -> str:
-    """Return why a trial lasts too long for the timeline's ``soa_ms``; "" if it does not."""
+def _describe_excess(block: BlockSpec, schedule: TrialSchedule) -> str:
+    """Describe a trial that lasts too long for the timeline's ``soa_ms``; return "" for any other trial."""
     assert block.timeline is not None
     soa_ms = block.timeline.soa_ms
     if not soa_ms or schedule.end_ns is None:

@@ -41,7 +41,14 @@ class TrialStimulus(msgspec.Struct, frozen=True):
 
 
 def plan_rules(block: BlockSpec, seed: int, purpose: str, participant: int) -> TrialRules | msgspec.UnsetType:
-    """Plan the rules of a block of trials, with drawn intervals; unset for other blocks."""
+    """Plan the rules of a block's trials, with drawn intervals; unset for a block in which all rules are the defaults.
+
+    Args:
+        block: the block.
+        seed: the study's seed.
+        purpose: names the random stream, together with the participant.
+        participant: the participant's index.
+    """
     intervals_ms: tuple[float, ...] = ()
     if isinstance(block.inter_trial_interval_ms, tuple):
         shortest_ms, longest_ms = block.inter_trial_interval_ms
@@ -108,17 +115,26 @@ def read_stimuli(protocol: Protocol, block: BlockSpec) -> list[TrialStimulus]:
 
 
 def _read_count(block: BlockSpec, row: TableRow) -> int:
-    times = row.cells.get(COUNT, 1)
-    if not isinstance(times, int) or isinstance(times, bool) or not 0 < times <= _MAX_ROWS:
+    """Return how often a row of a block's table is repeated.
+
+    Raises:
+        ProtocolError: if the row's count is not a whole number from 1 on.
+    """
+    count = row.cells.get(COUNT, 1)
+    if not isinstance(count, int) or isinstance(count, bool) or not 0 < count <= _MAX_ROWS:
         raise ProtocolError(
-            f"block {block.name!r}: {row.place}: column {COUNT!r}: one of its stimuli has times = {times!r}; use a "
+            f"block {block.name!r}: {row.place}: column {COUNT!r}: one of its stimuli has times = {count!r}; use a "
             "whole number of 1 or more"
         )
-    return times
+    return count
 
 
 def _build_stimulus(protocol: Protocol, block: BlockSpec, row: TableRow) -> TrialStimulus:
-    """Build the stimulus of a row: separate options from labels, and refer to the image by its content."""
+    """Build the stimulus of a row: separate options from labels, and refer to the image by its content.
+
+    Raises:
+        ProtocolError: if the image is missing.
+    """
     assert block.stimuli is not None
     options: Row = {}
     labels: Row = {}
@@ -148,34 +164,36 @@ def list_label_columns(protocol: Protocol, block: BlockSpec) -> tuple[str, ...]:
 
 
 def find_files(protocol: Protocol) -> dict[str, bytes]:
-    """Return a protocol's stimulus tables and their images, by file name."""
-    names = set(_find_file_names(protocol))
+    """Return a protocol's tables of stimuli, and the images and sounds of its stimuli and timelines, by file name."""
+    names = set(_list_stimulus_files(protocol))
     return {name: protocol.files[name] for name in sorted(names)}
 
 
-def _find_file_names(protocol: Protocol) -> Iterator[str]:
+def _list_stimulus_files(protocol: Protocol) -> Iterator[str]:
+    """Yield the names of the files that a protocol's stimuli and timelines use, in any group; names may repeat."""
     for block in protocol.blocks:
         if block.stimuli is not None:
-            yield from _list_file_names(block.stimuli, protocol.files)
+            yield from _list_table_files(block.stimuli, protocol.files)
         for group in ("", *block.group_overrides):
             block_of_group = apply_overrides(block, group)
-            named = read_timeline_images(block_of_group, protocol.files)
-            named += read_timeline_sounds(block_of_group, protocol.files)
-            yield from (name for name, _ in named if name in protocol.files)
+            timeline_files = read_timeline_images(block_of_group, protocol.files)
+            timeline_files += read_timeline_sounds(block_of_group, protocol.files)
+            yield from (name for name, _ in timeline_files if name in protocol.files)
         for group in block.group_overrides:
             spec = apply_overrides(block, group).stimuli
             if spec is not None and (not spec.file or spec.file in protocol.files):  # earlier plans lack these files
-                yield from _list_file_names(spec, protocol.files)
+                yield from _list_table_files(spec, protocol.files)
 
 
-def _list_file_names(spec: StimuliSpec, files: Mapping[str, bytes]) -> Iterator[str]:
+def _list_table_files(spec: StimuliSpec, files: Mapping[str, bytes]) -> Iterator[str]:
+    """Yield the names of the file of a table of stimuli, if it has one, and of the images in the table."""
     if spec.file:
         yield spec.file
     yield from (name for name in list_images(read_table(spec, files)) if name in files)
 
 
 def read_images(spec: StimuliSpec, files: Mapping[str, bytes]) -> list[tuple[str, str]]:
-    """Return the images that a table names, each with the first row that names it."""
+    """Return the file names of the images in a table of stimuli, each with the place of the first row that has it."""
     places: dict[str, str] = {}
     for row in read_table(spec, files):
         if name := row.cells.get(IMAGE):
@@ -184,7 +202,7 @@ def read_images(spec: StimuliSpec, files: Mapping[str, bytes]) -> list[tuple[str
 
 
 def read_timeline_images(block: BlockSpec, files: Mapping[str, bytes]) -> list[tuple[str, str]]:
-    """Return the images of a block's timeline, each with the first row or stimulus that names it."""
+    """Return the image files of a block's timeline, each with the first row or stimulus that names it."""
     return list(_read_timeline_files(block, files, "image").items())
 
 
@@ -197,19 +215,22 @@ def read_timeline_sounds(block: BlockSpec, files: Mapping[str, bytes]) -> list[t
 def _read_timeline_files(
     block: BlockSpec, files: Mapping[str, bytes], field: Literal["image", "sound"]
 ) -> dict[str, str]:
-    """Return the files that a field of a timeline's stimuli names, with the first row or stimulus that does."""
+    """Return the names in a field of a timeline's stimuli, each with the place of the first row or stimulus with it.
+
+    References to columns in the field are replaced by the cells of each row of the block's table.
+    """
     if block.timeline is None:
         return {}
     rows = read_table(block.stimuli, files) if block.stimuli is not None else []
     places: dict[str, str] = {}
     for stimulus in block.timeline.stimuli:
-        written = getattr(stimulus, field)
-        if not written:
+        template = getattr(stimulus, field)
+        if not template:
             continue
         if not list_columns(stimulus):
-            places.setdefault(written, f"timeline, stimulus {stimulus.name!r}")
+            places.setdefault(template, f"timeline, stimulus {stimulus.name!r}")
         for row in rows:
-            if name := str(fill_references(written, row.cells)).strip():
+            if name := str(fill_references(template, row.cells)).strip():
                 places.setdefault(name, f"{row.place}: stimulus {stimulus.name!r}")
     return places
 
@@ -236,9 +257,11 @@ def list_protocol_sounds(protocol: Protocol) -> list[SoundContent]:
 
 
 def _list_block_sounds(protocol: Protocol, block: BlockSpec) -> Iterator[SoundContent]:
+    """Yield the sounds of each trial that a block can have; sounds may repeat."""
     if block.timeline is None or not any(stimulus.sound for stimulus in block.timeline.stimuli):
         return
     for _, cells in list_trial_cells(protocol, block):
+        # with the middle of each range from which a time is drawn
         schedule = resolve_trial(block.timeline, cells, block.response_deadline_ms, lambda place: 0.5)
         yield from schedule.sound_contents
 
@@ -249,8 +272,9 @@ def list_trial_cells(protocol: Protocol, block: BlockSpec) -> Iterator[tuple[str
     if block.stimuli is not None:
         stimuli = list({stimulus.place: stimulus for stimulus in read_stimuli(protocol, block)}.values())
     for stimulus in stimuli:
-        for chosen in _list_design_cells(block):
-            yield stimulus.place, {"delay_ms": 0.0} | block.options | stimulus.labels | stimulus.options | chosen
+        for design_cells in _list_design_cells(block):
+            row_cells = stimulus.labels | stimulus.options
+            yield stimulus.place, {"delay_ms": 0.0} | block.options | row_cells | design_cells
 
 
 def _list_design_cells(block: BlockSpec) -> list[Row]:
@@ -261,4 +285,5 @@ def _list_design_cells(block: BlockSpec) -> list[Row]:
     if block.design is None or "option" not in block.design.settings:
         return [{}]
     settings = block.design.settings
-    return [{str(settings["option"]): chosen} for chosen in settings.get("values") or (0.0,)]
+    option = str(settings["option"])
+    return [{option: option_value} for option_value in settings.get("values") or (0.0,)]

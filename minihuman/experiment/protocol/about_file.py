@@ -20,7 +20,12 @@ class _AboutFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def replace_study_facts(logged: AboutSpec, text: str, source: str) -> AboutSpec:
-    """Return a study's facts with the fields of an `about.toml` in place of those of the protocol.
+    """Return the table [about] of a protocol, with each field that an `about.toml` has replaced by that file's.
+
+    Args:
+        logged: the table of the protocol.
+        text: the content of the file.
+        source: the name of the file in errors.
 
     Raises:
         ProtocolError: if the text is no valid TOML, or has a field or value that `[about]` does not allow.
@@ -32,9 +37,9 @@ def replace_study_facts(logged: AboutSpec, text: str, source: str) -> AboutSpec:
     errors = list(find_structural_errors(tree, _AboutFile))
     facts = logged
     if not errors:
-        stated = msgspec.convert(tree, _AboutFile).about
-        errors = [*check_about(stated), *check_newer_person_columns(stated)]
-        facts = msgspec.structs.replace(logged, **{name: getattr(stated, name) for name in tree.get("about", {})})
+        table = msgspec.convert(tree, _AboutFile).about
+        errors = [*check_about(table), *check_newer_person_columns(table)]
+        facts = msgspec.structs.replace(logged, **{field: getattr(table, field) for field in tree.get("about", {})})
     protocol_error = build_protocol_error(errors, source=source, text=text, tree=tree)
     if protocol_error:
         raise protocol_error

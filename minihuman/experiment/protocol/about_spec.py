@@ -58,7 +58,7 @@ class AboutSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def check_about(table: AboutSpec) -> Iterator[FieldError]:
-    """Yield an error for each value that has the right type but is not valid."""
+    """Yield an error for each value of the table [about] that has the right type but is not valid."""
     if table.licence and not _LICENCE.fullmatch(table.licence):
         yield (
             "$.about.licence",
@@ -103,7 +103,7 @@ def _check_participant_columns(columns: tuple[ParticipantColumnSpec, ...]) -> It
 
 
 def check_newer_person_columns(table: AboutSpec) -> Iterator[FieldError]:
-    """Yield an error for each column of ``participants.csv`` that has the name of one of minihuman's own."""
+    """Yield an error for each declared column of ``participants.csv`` whose name minihuman uses for a column."""
     for number, column in enumerate(table.participant_columns):
         if column.name in RESERVED_PERSON_COLUMNS - {"participant", "participant_id"}:
             other_name = name_person_column(column.name)
@@ -112,9 +112,10 @@ def check_newer_person_columns(table: AboutSpec) -> Iterator[FieldError]:
 
 
 def name_person_column(name: str) -> str:
-    """Return the name of a laboratory's column in tables, with a prefix if minihuman has a column of that name.
+    """Return the name that a laboratory's column of participants has in tables.
 
-    Such names are refused now, but earlier studies may have them.
+    It has the prefix ``person_`` if minihuman has a column of the same name; `check_newer_person_columns` refuses such
+    names, but earlier studies may have them.
     """
     if name in RESERVED_PERSON_COLUMNS:
         return f"person_{name}"

@@ -96,54 +96,62 @@ class CurrentNames:
     conflicts: list[tuple[str, str]] = field(default_factory=list)
 
     def written_path(self, path: str) -> str:
-        """Return the path in the file of a path in present names."""
-        tail = ""
+        """Translate a path in present names to the path with the names that the file uses."""
+        inner_path = ""  # the last steps of the path, whose names are the same in the file
         while path not in self.file_paths and (step := LAST_STEP.search(path)):
             path = path[: step.start()]
-            tail = step[0] + tail
-        return self.file_paths.get(path, path) + tail
+            inner_path = step[0] + inner_path
+        return self.file_paths.get(path, path) + inner_path
 
 
 def use_current_names(tree: dict[str, Any]) -> CurrentNames:
-    """Return a protocol file's tree with present names of fields and values; the given tree is not changed."""
+    """Replace old names of fields and values by present names in a copy of a protocol file's tree."""
     names = CurrentNames()
     names.tree = _rename_fields(tree, "", "$", "$", names)
     return names
 
 
-def _rename_fields(value: Any, table: str, path: str, file_path: str, names: CurrentNames) -> Any:
-    """Return a part of a protocol's tree under current names, noting in ``names`` what was renamed.
+def _rename_fields(node: Any, table: str, path: str, file_path: str, names: CurrentNames) -> Any:
+    """Return a node of a protocol's tree with present names.
 
-    ``path`` has the current names, and ``file_path`` those in the file.
+    Args:
+        node: a table, a list or a plain value.
+        table: the path of the table or field in `FIELD_ALIASES` or `VALUE_ALIASES`; "" for the whole file.
+        path: the node's path in present names.
+        file_path: the node's path in the names of the file.
+        names: receives what was renamed, and conflicts.
     """
     if path != file_path:
         names.file_paths[path] = file_path
-    if isinstance(value, list):
+    if isinstance(node, list):
         return [
-            _rename_fields(element, table, f"{path}[{place}]", f"{file_path}[{place}]", names)
-            for place, element in enumerate(value)
+            _rename_fields(element, table, f"{path}[{index}]", f"{file_path}[{index}]", names)
+            for index, element in enumerate(node)
         ]
-    if isinstance(value, str):
-        current_value = VALUE_ALIASES.get(table, {}).get(value)
+    if isinstance(node, str):
+        current_value = VALUE_ALIASES.get(table, {}).get(node)
         if current_value:
-            names.renamed.append((file_path, f"is {value!r}, which is now called {current_value!r}"))
+            names.renamed.append((file_path, f"is {node!r}, which is now called {current_value!r}"))
             return current_value
-    if not isinstance(value, dict):
-        return value
+    if not isinstance(node, dict):
+        return node
     if table.endswith(".group_overrides"):  # group -> fields of the table itself
         table = table.removesuffix(".group_overrides")
         return {
             group: _rename_fields(fields, table, f"{path}.{group}", f"{file_path}.{group}", names)
-            for group, fields in value.items()
+            for group, fields in node.items()
         }
-    return _rename_table(value, table, path, file_path, names)
+    return _rename_table(node, table, path, file_path, names)
 
 
 def _rename_table(fields: dict[str, Any], table: str, path: str, file_path: str, names: CurrentNames) -> dict[str, Any]:
-    """Return a table under current names, noting in ``names`` what was renamed or given under both names."""
+    """Return the fields of a table under present names, and add to ``names`` what was renamed, and conflicts.
+
+    The arguments are those of `_rename_fields`.
+    """
     aliases = FIELD_ALIASES.get(table, {})
     renamed = {}
-    for name, inner in fields.items():
+    for name, inner_node in fields.items():
         current_name = aliases.get(name, name)
         if current_name != name and current_name in fields:
             names.conflicts.append(
@@ -154,5 +162,5 @@ def _rename_table(fields: dict[str, Any], table: str, path: str, file_path: str,
             names.renamed.append((f"{file_path}.{name}", f"is now called {current_name!r}"))
         inner_table = f"{table}.{current_name}".lstrip(".")
         inner_path = f"{path}.{current_name}"
-        renamed[current_name] = _rename_fields(inner, inner_table, inner_path, f"{file_path}.{name}", names)
+        renamed[current_name] = _rename_fields(inner_node, inner_table, inner_path, f"{file_path}.{name}", names)
     return renamed

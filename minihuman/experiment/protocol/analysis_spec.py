@@ -30,13 +30,12 @@ class AnalysisSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     @property
     def condition_label(self) -> str:
         """Return the label of trials whose levels are the conditions; "" if blocks are the conditions."""
-        (name,) = self.conditions if len(self.conditions) == 1 else ("",)
-        if name.startswith("label:"):
-            return name.removeprefix("label:")
+        if len(self.conditions) == 1 and self.conditions[0].startswith("label:"):
+            return self.conditions[0].removeprefix("label:")
         return ""
 
     def find_plugin_measures(self) -> tuple[str, ...]:
-        """Return the named measures that are not columns of the table of blocks, each once."""
+        """Return the measures and covariates that are not columns of the table of blocks ("answer:NAME"), each once."""
         named = (self.primary_measure, *self.secondary_measures, *self.covariates)
         return tuple(dict.fromkeys(name for name in named if ":" in name))
 
@@ -44,7 +43,13 @@ class AnalysisSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 def check_analysis(
     analysis: AnalysisSpec, blocks: tuple[str, ...], *, practice: tuple[str, ...] = ()
 ) -> Iterator[FieldError]:
-    """Yield the errors of an analysis."""
+    """Yield an error for each value of the table [analysis] that has the right type but is not valid.
+
+    Args:
+        analysis: the table [analysis].
+        blocks: the names of the study's blocks.
+        practice: the names of its blocks with ``analysed = false``, in which groups cannot be compared.
+    """
     yield from _check_measures(analysis)
     yield from _check_conditions(analysis, blocks)
     yield from _check_margin(analysis)
@@ -57,16 +62,16 @@ def check_analysis(
 
 def _check_measures(analysis: AnalysisSpec) -> Iterator[FieldError]:
     primary = analysis.primary_measure
-    named = (
-        ("primary_measure", (primary,)),
-        ("secondary_measures", analysis.secondary_measures),
-        ("covariates", analysis.covariates),
-    )
-    for field, names in named:
+    measures_by_field = {
+        "primary_measure": (primary,) if primary else (),
+        "secondary_measures": analysis.secondary_measures,
+        "covariates": analysis.covariates,
+    }
+    for field, names in measures_by_field.items():
         for name in names:
             if name and name not in COMPARABLE_MEASURES and not _NAMED_MEASURE.fullmatch(name):
-                known = ", ".join(COMPARABLE_MEASURES)
-                yield f"$.analysis.{field}", f"is {name!r}, which is not a measure; there are {known}"
+                measures = ", ".join(COMPARABLE_MEASURES)
+                yield f"$.analysis.{field}", f"is {name!r}, which is not a measure; there are {measures}"
     if analysis.covariates and not primary:
         yield "$.analysis.covariates", "adjust the primary measure; name one"
     if primary and primary in analysis.secondary_measures:

@@ -32,7 +32,7 @@ def check_answer_exclusions(protocol: Protocol) -> Iterator[FieldError]:
 
 
 def describe_answer_exclusion(rule: ExclusionSpec) -> str:
-    """Describe the participants that a rule excludes: "whose answer to attention.colour is none of 'blue'"."""
+    """Describe the participants that a rule on an answer excludes: "whose answer to attention.colour is missing"."""
     comparisons = []
     if rule.is_one_of:
         comparisons.append(f"is one of {', '.join(map(repr, rule.is_one_of))}")
@@ -55,8 +55,8 @@ def _check_rule(protocol: Protocol, rule: ExclusionSpec, path: str) -> Iterator[
     questions = _list_questions(protocol)
     question = questions.get(rule.question)
     if question is None:
-        known = ", ".join(f"answer:{name}" for name in questions) or "no questions"
-        yield f"{path}.measure", f"is {rule.measure!r}, which is not a question; there are {known}"
+        names = ", ".join(f"answer:{name}" for name in questions) or "no questions"
+        yield f"{path}.measure", f"is {rule.measure!r}, which is not a question; there are {names}"
         return
     yield from _check_comparison(rule, question, path)
 
@@ -65,47 +65,47 @@ def _check_comparison(rule: ExclusionSpec, question: QuestionItemSpec, path: str
     """Yield an error for each comparison of a rule that the question's kind does not allow."""
     try:
         answer_type = find_question_kind(question.kind).answer_type
-    except ProtocolError:  # the question's own check names it
+    except ProtocolError:  # the question's own check reports it
         return
-    measured = f"{rule.measure!r} is of kind {question.kind!r}"
+    measure_and_kind = f"{rule.measure!r} is of kind {question.kind!r}"
     for field in ("below", "above"):
         if getattr(rule, field) is not None and answer_type not in _ORDERED:
-            yield f"{path}.{field}", f"compares numbers, but {measured}; {_suggest_comparison(answer_type)}"
+            yield f"{path}.{field}", f"compares numbers, but {measure_and_kind}; {_suggest_comparison(answer_type)}"
     for field in ("is_one_of", "is_none_of"):
-        problem = _find_code_problem(getattr(rule, field), question, answer_type, measured)
+        problem = _describe_impossible_code(getattr(rule, field), question, answer_type, measure_and_kind)
         if problem:
             yield f"{path}.{field}", problem
     if rule.is_missing and question.required:
         yield f"{path}.is_missing", f"is true, but {rule.question} is required; set required = false in the question"
 
 
-def _find_code_problem(
-    codes: Sequence[str | float], question: QuestionItemSpec, answer_type: str, measured: str
+def _describe_impossible_code(
+    codes: Sequence[str | float], question: QuestionItemSpec, answer_type: str, measure_and_kind: str
 ) -> str:
-    """Say why an answer can be none of the codes that a rule names; "" if it can.
+    """Describe why a question cannot have one of the answers with which a rule compares it; "" if it can have all.
 
     Args:
-        codes: what the rule names.
-        question: the question that is asked.
-        answer_type: the type of its answers.
-        measured: what the rule measures, and of which kind it is, for the sentence.
+        codes: the answers in the rule: codes of options, or numbers.
+        question: the question.
+        answer_type: the type of the question's answers.
+        measure_and_kind: a clause with the rule's measure and the question's kind, for the description.
     """
     if codes and answer_type == "text":
-        return f"compares codes, but {measured}; use is_missing, or ask a choice"
+        return f"compares codes, but {measure_and_kind}; use is_missing, or ask a choice"
     if answer_type in ANSWER_TYPES_WITH_CODES:
-        known = list_codes(question)
-        unknown = [code for code in codes if code not in known]
+        option_codes = list_codes(question)
+        unknown = [code for code in codes if code not in option_codes]
         if unknown:
-            return f"has {unknown[0]!r}, which is not an option's code; codes: {', '.join(map(repr, known))}"
+            return f"has {unknown[0]!r}, which is not an option's code; codes: {', '.join(map(repr, option_codes))}"
     elif answer_type == "number":
         texts = [code for code in codes if isinstance(code, str)]
         if texts:
-            return f"has {texts[0]!r}, but {measured}; give numbers"
+            return f"has {texts[0]!r}, but {measure_and_kind}; give numbers"
     return ""
 
 
 def _suggest_comparison(answer_type: str) -> str:
-    """Return the advice for a rule that compares an answer without an order."""
+    """Return the advice for a rule that compares a text, or an option without an order, as if it were a number."""
     if answer_type == "text":
         return "use is_missing, or ask for a number"
     return "use is_one_of or is_none_of"
@@ -118,7 +118,7 @@ def _list_questions(protocol: Protocol) -> dict[str, QuestionItemSpec]:
         for group in ("", *questionnaire.group_overrides):
             try:
                 questionnaire_of_group = apply_overrides(questionnaire, group)
-            except msgspec.ValidationError:  # the override's own check names it
+            except msgspec.ValidationError:  # the override's own check reports it
                 continue
             for item in _list_items(questionnaire_of_group, protocol.study.language):
                 questions |= {f"{questionnaire.name}.{name}": item for name in item.asked}
@@ -126,12 +126,12 @@ def _list_questions(protocol: Protocol) -> dict[str, QuestionItemSpec]:
 
 
 def _list_items(questionnaire: QuestionnaireSpec, language: str) -> tuple[QuestionItemSpec, ...]:
-    """Return a questionnaire's items, including those of a shipped form; () if the form does not exist."""
+    """Return a questionnaire's items, or those of its shipped form; () if the form does not exist in the language."""
     if not questionnaire.form:
         return questionnaire.items
     if questionnaire.form not in SHIPPED_FORMS:
         return ()
     try:
         return load_form(questionnaire.form, language).items
-    except ProtocolError:  # not in this language: the form's own check says so
+    except ProtocolError:  # not in this language, which the form's own check reports
         return ()

@@ -28,6 +28,8 @@ def check_block(block: BlockSpec, protocol: Protocol) -> Iterator[FieldError]:
     if not block.world:
         yield "world", "is empty; `minihuman worlds` lists ours"
     yield from _check_episodes(block)
+    yield from _check_seeds(block)
+    yield from _check_stop_criterion(block)
     yield from _check_actions(block, protocol.keys)
     yield from _check_fixed_keys(block, protocol.keys.pool)
     yield from _check_pace(block)
@@ -48,18 +50,20 @@ def check_useless_fields(block: BlockSpec, keys: KeysSpec) -> Iterator[FieldErro
     if block.response_deadline_ms and block.noop_action is None:
         yield "response_deadline_ms", "needs noop_action, which is done at the deadline; name one"
     if block.pace == "on_key":
-        yield from _check_fields_of_time(block)
+        yield from _refuse_real_time_fields(block)
     elif block.pace == "real_time":
-        yield from _check_fields_of_presses(block)
+        yield from _refuse_on_key_fields(block)
     yield from _check_axes(block)
 
 
 def check_unused_tables(block: BlockSpec) -> Iterator[FieldError]:
-    """Yield a (field, message) for each field that is given but used by no group."""
+    """Yield a (field, message) for each table of a block that is given but has no effect for any group.
+
+    A group's overrides may change the block's key map or kind, and so give the table an effect.
+    """
     overrides_of_groups = ({}, *block.group_overrides.values())
-    if block.fixed_keys and not any(
-        overrides.get("key_map", block.key_map) == "fixed" for overrides in overrides_of_groups
-    ):
+    key_maps = [overrides.get("key_map", block.key_map) for overrides in overrides_of_groups]
+    if block.fixed_keys and "fixed" not in key_maps:
         yield "fixed_keys", f"is given, but key_map is {block.key_map!r}; set it to 'fixed'"
     kinds = [overrides.get("kind", block.kind) for overrides in overrides_of_groups]
     for table in ("agent", "team", "timeline"):
@@ -72,11 +76,18 @@ def _check_episodes(block: BlockSpec) -> Iterator[FieldError]:
         yield "episodes", f"is {block.episodes}; an episode count is 1 to 10000"
     if not 1 <= block.max_steps <= 1_000_000:
         yield "max_steps", f"is {block.max_steps}; use 1 to 1000000"
-    if isinstance(block.seeds, tuple):
-        if len(block.seeds) != block.episodes:
-            yield "seeds", f"has {len(block.seeds)} seeds for {block.episodes} episodes; give one per episode"
-        if any(not 0 <= seed <= MAX_SEED for seed in block.seeds):
-            yield "seeds", f"has a seed that is not from 0 to {MAX_SEED}; a seed is 0 or more"
+
+
+def _check_seeds(block: BlockSpec) -> Iterator[FieldError]:
+    if not isinstance(block.seeds, tuple):
+        return
+    if len(block.seeds) != block.episodes:
+        yield "seeds", f"has {len(block.seeds)} seeds for {block.episodes} episodes; give one per episode"
+    if any(not 0 <= seed <= MAX_SEED for seed in block.seeds):
+        yield "seeds", f"has a seed that is not from 0 to {MAX_SEED}; a seed is 0 or more"
+
+
+def _check_stop_criterion(block: BlockSpec) -> Iterator[FieldError]:
     criterion = block.stop_criterion
     if criterion and not 1 <= criterion.successes <= criterion.of <= block.episodes:
         asked_for = f"asks for {criterion.successes} of {criterion.of} in {block.episodes} episodes"
@@ -84,15 +95,14 @@ def _check_episodes(block: BlockSpec) -> Iterator[FieldError]:
 
 
 def _check_actions(block: BlockSpec, keys: KeysSpec) -> Iterator[FieldError]:
-    n_keys = len(keys.pool)
-    counts = Counter(block.actions + block.distractors)
-    duplicates = [name for name, count in counts.items() if count > 1]
     if not block.actions:
         yield "actions", "is empty; name the actions that get a key"
+    counts = Counter(block.actions + block.distractors)
+    duplicates = [name for name, count in counts.items() if count > 1]
     if duplicates:
         yield "actions", f"and distractors name {', '.join(map(repr, duplicates))} twice; name each once"
-    if len(block.actions) > n_keys:
-        yield "actions", f"has {len(block.actions)} for {n_keys} keys in $.keys.pool; add keys"
+    if len(block.actions) > len(keys.pool):
+        yield "actions", f"has {len(block.actions)} for {len(keys.pool)} keys in $.keys.pool; add keys"
     if keys.spare_keys == "distractor" and not block.distractors:
         yield "distractors", "is empty, but $.keys.spare_keys is 'distractor'; name the actions to deal out"
 
@@ -117,9 +127,9 @@ def _check_pace(block: BlockSpec) -> Iterator[FieldError]:
 
 def _check_times(block: BlockSpec) -> Iterator[FieldError]:
     for field in _TIMES:
-        time = getattr(block, field)
-        if not isinstance(time, tuple) and not 0 <= time <= _DAY_MS:
-            yield field, f"is {time:g}; use 0 to {_DAY_MS}"
+        duration = getattr(block, field)
+        if not isinstance(duration, tuple) and not 0 <= duration <= _DAY_MS:
+            yield field, f"is {duration:g}; use 0 to {_DAY_MS}"
     interval = block.inter_trial_interval_ms
     if isinstance(interval, tuple) and not 0 <= interval[0] <= interval[1] <= _DAY_MS:
         yield "inter_trial_interval_ms", f"is {list(interval)}; give the shortest, then the longest, up to {_DAY_MS}"
@@ -162,10 +172,12 @@ def _check_feedback(block: BlockSpec) -> Iterator[FieldError]:
 
 
 def _require_short_placeholders(text: str) -> None:
-    """Refuse placeholders that are more than a field and a short format, since these could ask for a text of any size.
+    """Check that each placeholder in a template is only a field's name and a short format.
+
+    Other placeholders could produce a text of any size.
 
     Raises:
-        ValueError: if there is such a placeholder.
+        ValueError: if a placeholder has a conversion, a longer format or anything else than a name.
     """
     for _, field, format_spec, conversion in Formatter().parse(text):
         if field is None:  # text without a placeholder
@@ -177,7 +189,7 @@ def _require_short_placeholders(text: str) -> None:
 
 
 def _check_kind(block: BlockSpec, pool: tuple[str, ...]) -> Iterator[FieldError]:
-    """Check that a block's kind exists and is for blocks, and that the block meets the kind's requirements."""
+    """Yield an error if a block's kind does not exist or is not for blocks; else the errors by the kind's own check."""
     try:
         kind = find_kind(block.kind)
     except ProtocolError as error:
@@ -190,6 +202,7 @@ def _check_kind(block: BlockSpec, pool: tuple[str, ...]) -> Iterator[FieldError]
 
 
 def _check_page_computation(block: BlockSpec) -> Iterator[FieldError]:
+    """Yield an error for each reason why a page cannot compute a block that is to be computed by the page."""
     if block.computed != "page":
         return
     if not _can_page_compute(block.kind):
@@ -201,7 +214,7 @@ def _check_page_computation(block: BlockSpec) -> Iterator[FieldError]:
 
 
 def _check_outcome(block: BlockSpec) -> Iterator[FieldError]:
-    """Check the block's rule for success and the keys of ``info`` that it keeps."""
+    """Yield the errors of a block's rule for success, and of the keys of the world's ``info`` that it records."""
     if block.success is not None:
         try:
             normalize_outcome_rule(block.success, at_any_step=False)
@@ -221,8 +234,8 @@ def _check_design(block: BlockSpec) -> Iterator[FieldError]:
         yield "design", f"{block.design.name!r}: {error}"
 
 
-def _check_fields_of_time(block: BlockSpec) -> Iterator[FieldError]:
-    """Check that a block paced by key presses has no fields that only real time uses."""
+def _refuse_real_time_fields(block: BlockSpec) -> Iterator[FieldError]:
+    """Yield an error for each field of a block paced by key presses that only real-time blocks use."""
     if block.step_period_ms or (block.noop_action and not block.response_deadline_ms):
         yield "pace", "is 'on_key', which has no step_period_ms and no noop_action; remove them or use 'real_time'"
     if block.hold != "once":
@@ -231,8 +244,8 @@ def _check_fields_of_time(block: BlockSpec) -> Iterator[FieldError]:
         yield "stimulus_onset", "is for 'real_time'; in 'on_key' every picture is an onset; remove it"
 
 
-def _check_fields_of_presses(block: BlockSpec) -> Iterator[FieldError]:
-    """Check that a real-time block has no fields that only pacing by key presses uses."""
+def _refuse_on_key_fields(block: BlockSpec) -> Iterator[FieldError]:
+    """Yield an error for each field of a real-time block that only blocks paced by key presses use."""
     if block.response_deadline_ms:
         yield "response_deadline_ms", "is for 'on_key'; in 'real_time' a tick decides: remove it"
     if block.auto_repeat:
@@ -265,14 +278,15 @@ def is_played_alone(kind: str) -> bool:
 
 
 def _can_page_compute(kind: str) -> bool:
+    """Return whether a page can compute blocks of a kind; true for a kind that is not installed."""
     installed = find_installed_kind(kind)
     return installed is None or installed.is_plain_play
 
 
 def _has_table(kind: str, table: str) -> bool:
-    """Return whether blocks of a kind have a table of that name; true for any other kind.
+    """Return whether blocks of a kind can have a table of a given name, such as "agent".
 
-    A kind that is not for blocks, or not installed, is reported as an error elsewhere.
+    Return True for a kind that is not for blocks or not installed, which is reported as an error elsewhere.
     """
     installed = find_installed_kind(kind)
     return installed is None or not issubclass(installed.plan, PlayPlan) or table in installed.plan_fields

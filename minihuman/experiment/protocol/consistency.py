@@ -1,11 +1,11 @@
 """Validation rules across a protocol's tables: names, parts, orders, questions and overrides per group."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import chain
 
 import msgspec
 
-from minihuman.activities.questions.question import check_item, find_question_kind
+from minihuman.activities.questions.question import QuestionItemSpec, check_item, find_question_kind
 from minihuman.errors import ProtocolError
 from minihuman.experiment.machine.activity import find_kind
 from minihuman.experiment.protocol.block_rules import check_unused_tables
@@ -47,7 +47,7 @@ def check_design(protocol: Protocol) -> list[FieldError]:
 
 
 def check_newer_design_rules(protocol: Protocol) -> list[FieldError]:
-    """Return the errors by rules that were added after studies had been run without them."""
+    """Return the errors found by newer rules, which are not applied to the protocols of recorded sessions."""
     return [
         *_check_reserved_names(protocol),
         *_check_missing_words(protocol),
@@ -64,45 +64,47 @@ def check_newer_design_rules(protocol: Protocol) -> list[FieldError]:
 
 
 def _check_words(protocol: Protocol) -> Iterator[FieldError]:
-    stated_words = flatten_words(protocol.words)
-    known = {**load_words("en")}
+    """Yield an error for each interface text in the table [words] that does not exist or is no text."""
+    interface_words = {**load_words("en")}
     for kind in list_question_kinds(protocol.questions, [group.name for group in protocol.groups]):
-        known |= load_kind_words(kind, "en")
-    for key, value in stated_words.items():
-        if key not in known and not key.startswith(("action.", "mission.", "prompt.")):
+        interface_words |= load_kind_words(kind, "en")
+    for key, text in flatten_words(protocol.words).items():
+        if key not in interface_words and not key.startswith(("action.", "mission.", "prompt.")):
             yield f"$.words.{key}", "is not a word of the interface; minihuman/experiment/words/en.toml has them all"
-        elif not isinstance(value, str):
-            yield f"$.words.{key}", f"is {value!r}; a word is a text in quotes"
+        elif not isinstance(text, str):
+            yield f"$.words.{key}", f"is {text!r}; a word is a text in quotes"
 
 
 def _check_missing_words(protocol: Protocol) -> Iterator[FieldError]:
-    """Yield the interface texts that a study's own language lacks.
+    """Yield an error if a study in a language that is not included lacks some of the interface texts in [words].
 
-    A recorded session's protocol may lack newer texts, for which English is used.
+    The rule is not applied to a recorded session's protocol, which may lack newer texts; English replaces them.
     """
     language = protocol.study.language
-    stated_words = flatten_words(protocol.words)
     if language in LANGUAGES:
         return
-    unused: tuple[str, ...] = ("action.", "mission.", "key.", *LATER_WORDS, *_list_built_in_kind_words())
+    stated_words = flatten_words(protocol.words)
+    optional: tuple[str, ...] = ("action.", "mission.", "key.", *LATER_WORDS, *_list_built_in_kind_words())
     if all(block.team is None for block in protocol.blocks):
-        unused += ("team.",)
-    missing = [key for key in load_words("en") if key not in stated_words and not key.startswith(unused)]
+        optional += ("team.",)
+    missing = [key for key in load_words("en") if key not in stated_words and not key.startswith(optional)]
     if missing:
         message = f"is {language!r}, which is none of {', '.join(LANGUAGES)}; give its words under [words], "
         yield "$.study.language", f"{message}{len(missing)} are missing, the first is {missing[0]}"
 
 
 def _list_built_in_kind_words() -> Iterator[str]:
-    """Yield the words of the built-in kinds of question, which a study's own language may lack.
+    """Yield the keys of the interface texts of the built-in kinds of question.
 
-    English replaces them, as kinds may be newer than the study, and `check` warns of them.
+    A study in a language that is not included may lack them, as kinds may be newer than the study: English replaces
+    them, and `check` warns of them.
     """
     for kind in list_plugin_names(QUESTION_GROUP, built_in=True):
         yield from load_kind_words(kind, "en")
 
 
 def _check_names(protocol: Protocol) -> Iterator[FieldError]:
+    """Yield an error for each part or order that has the name of an earlier one; blocks are checked elsewhere."""
     path_of_name: dict[str, str] = {}
     for field in _NAMED:
         for number, part in enumerate(getattr(protocol, field)):
@@ -115,11 +117,12 @@ def _check_names(protocol: Protocol) -> Iterator[FieldError]:
 
 
 def _check_reserved_names(protocol: Protocol) -> Iterator[FieldError]:
-    """Refuse the names of parts that minihuman adds itself.
+    """Yield an error for each part or order that has the name of a part that minihuman adds.
 
-    The study's own part would be shown in their place.
+    The study's part would be shown in place of the added part. A page may replace the added one if it has the field
+    that marks it as a consent or closing page.
     """
-    added_parts = {
+    added_parts = {  # name -> field of a page that may replace it, setting that adds the part, whether it is added
         "consent": ("asks_consent", "$.study.consent", bool(protocol.study.consent)),
         "closing": ("closing", "$.study.closing", protocol.study.closing != ""),
         "keyboard_check": ("", "$.keys.keyboard_check", protocol.keys.keyboard_check),
@@ -155,31 +158,39 @@ def _check_activities(protocol: Protocol) -> Iterator[FieldError]:
 
 
 def _check_part_lists(protocol: Protocol) -> Iterator[FieldError]:
+    """Yield the errors of the lists of parts in a protocol's sessions, groups and orders."""
     parts = {part.name for field in _PARTS for part in getattr(protocol, field)}
     parts_and_orders = parts | {order.name for order in protocol.orders}
-    known = ", ".join(sorted(parts_and_orders)) or "none"
     for number, session in enumerate(protocol.sessions):
-        yield from _check_known_parts(f"$.sessions[{number}].parts", session.parts, parts_and_orders)
+        yield from _check_part_names(f"$.sessions[{number}].parts", session.parts, parts_and_orders)
         yield from _check_session(session, number)
     for number, group in enumerate(protocol.groups):
-        yield from _check_known_parts(f"$.groups[{number}].parts", group.parts, parts_and_orders)
-        replaced_and_replacing = chain.from_iterable(group.replace_parts.items())
-        for name in replaced_and_replacing:
-            if name and name not in parts_and_orders:
-                yield f"$.groups[{number}].replace_parts", f"names {name!r}, which is not a part; parts: {known}"
+        yield from _check_part_names(f"$.groups[{number}].parts", group.parts, parts_and_orders)
+        yield from _check_replaced_parts(f"$.groups[{number}].replace_parts", group.replace_parts, parts_and_orders)
     blocks = {block.name for block in protocol.blocks}
     for number, order in enumerate(protocol.orders):
         path = f"$.orders[{number}].parts"
-        for place, unit in _list_units(order):
-            yield from _check_known_parts(f"{path}{place}", unit, parts)
+        for path_suffix, names in _list_units(order):
+            yield from _check_part_names(f"{path}{path_suffix}", names, parts)
         yield from _check_order(order, path, blocks)
 
 
-def _check_known_parts(path: str, names: Sequence[str], known: set[str]) -> Iterator[FieldError]:
-    for place, name in enumerate(names):
-        if name not in known:
-            parts = ", ".join(sorted(known)) or "none"
-            yield f"{path}[{place}]", f"is {name!r}, which is not a part; parts: {parts}"
+def _check_part_names(path: str, names: Sequence[str], parts: set[str]) -> Iterator[FieldError]:
+    """Yield an error for each name in a list that is not among the names of parts."""
+    for index, name in enumerate(names):
+        if name not in parts:
+            yield f"{path}[{index}]", f"is {name!r}, which is not a part; parts: {_join_sorted(parts)}"
+
+
+def _check_replaced_parts(path: str, replace_parts: Mapping[str, str], parts: set[str]) -> Iterator[FieldError]:
+    """Yield an error for each replaced or replacing part of a group that is not among the names of parts."""
+    for name in chain.from_iterable(replace_parts.items()):
+        if name and name not in parts:
+            yield path, f"names {name!r}, which is not a part; parts: {_join_sorted(parts)}"
+
+
+def _join_sorted(names: set[str]) -> str:
+    return ", ".join(sorted(names)) or "none"
 
 
 def _check_session(session: SessionSpec, number: int) -> Iterator[FieldError]:
@@ -204,12 +215,15 @@ def _check_order(order: OrderSpec, path: str, blocks: set[str]) -> Iterator[Fiel
 
 
 def _list_units(order: OrderSpec) -> Iterator[tuple[str, Sequence[str]]]:
-    """Yield the lists of part names in an order, each with its position."""
+    """Yield the lists of part names in an order, each with the suffix that it adds to the path of the order's parts.
+
+    Parts that are all given as names form one list without a suffix.
+    """
     names = [unit for unit in order.parts if isinstance(unit, str)]
     if len(names) == len(order.parts):
         yield "", names
     else:
-        yield from ((f"[{place}]", unit) for place, unit in enumerate(order.units))
+        yield from ((f"[{index}]", unit) for index, unit in enumerate(order.units))
 
 
 def _check_questionnaire(questionnaire: QuestionnaireSpec, protocol: Protocol) -> Iterator[FieldError]:
@@ -229,27 +243,31 @@ def _check_questionnaire(questionnaire: QuestionnaireSpec, protocol: Protocol) -
 
 
 def _check_items(questionnaire: QuestionnaireSpec) -> Iterator[FieldError]:
-    """Yield an error for each question whose name is taken, or that depends on no earlier question."""
-    earlier: list[str] = []
-    for place, question in enumerate(questionnaire.items):
+    """Yield the errors of a questionnaire's questions: taken names, conditions on later answers, and wrong fields."""
+    earlier: list[str] = []  # the names of the answers to earlier questions
+    for index, question in enumerate(questionnaire.items):
         duplicates = [name for name in question.asked if name in earlier]
         if duplicates:
-            yield f"items[{place}].name", f"is {duplicates[0]!r} again; give each its own name"
-        answerable = [] if questionnaire.shuffle else earlier
-        for name in question.only_if or {}:
-            if name not in answerable:
-                known = ", ".join(earlier) or "none"
-                if questionnaire.shuffle:
-                    known = "none, as they are shuffled"
-                yield f"items[{place}].only_if", f"names {name!r}, which is no earlier question; earlier ones: {known}"
+            yield f"items[{index}].name", f"is {duplicates[0]!r} again; give each its own name"
+        for message in _check_condition(question, earlier, is_shuffled=questionnaire.shuffle):
+            yield f"items[{index}].only_if", message
         earlier += question.asked
         for field, message in check_item(question):
-            yield f"items[{place}].{field}", message
+            yield f"items[{index}].{field}", message
+
+
+def _check_condition(question: QuestionItemSpec, earlier: Sequence[str], *, is_shuffled: bool) -> Iterator[str]:
+    """Yield a message for each answer on which a question depends that no earlier question gives."""
+    answerable = () if is_shuffled else earlier
+    for name in question.only_if or {}:
+        if name not in answerable:
+            names = "none, as they are shuffled" if is_shuffled else ", ".join(earlier) or "none"
+            yield f"names {name!r}, which is no earlier question; earlier ones: {names}"
 
 
 def _check_correct_answers(questionnaire: QuestionnaireSpec) -> Iterator[FieldError]:
-    """Yield an error for each correct answer of a type that a participant cannot give."""
-    for place, question in enumerate(questionnaire.items):
+    """Yield an error for each correct answer that is a text where participants enter a number, or the reverse."""
+    for index, question in enumerate(questionnaire.items):
         kind = question.kind
         try:
             answer_type = find_question_kind(kind).answer_type
@@ -258,10 +276,10 @@ def _check_correct_answers(questionnaire: QuestionnaireSpec) -> Iterator[FieldEr
         for right in question.right_answers:
             if answer_type == "number" and isinstance(right, str):
                 message = f"is {right!r}, a text, but kind {kind!r} is answered with a number; write it without quotes"
-                yield f"items[{place}].right", message
+                yield f"items[{index}].right", message
             elif answer_type == "text" and not isinstance(right, str):
                 message = f"is {right!r}, a number, but kind {kind!r} is answered with text; write it in quotes"
-                yield f"items[{place}].right", message
+                yield f"items[{index}].right", message
 
 
 def _check_groups(protocol: Protocol) -> Iterator[FieldError]:

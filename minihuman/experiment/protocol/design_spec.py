@@ -32,9 +32,12 @@ class StudyDesignSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 def name_conditions(
     condition: str, blocks: Iterable[str], options_by_block: Mapping[str, Mapping[str, Any]]
 ) -> dict[str, str]:
-    """Return the condition of each block that is compared: its own name, or its value of an option.
+    """Return the condition of each block, by the block's name.
 
-    A block without the option is left out.
+    Args:
+        condition: "option:NAME" if a block's value of an option is its condition; "" if its own name is.
+        blocks: the names of the blocks that are compared.
+        options_by_block: the options of each block; a block without the option is left out of the result.
     """
     if not condition:
         return {block: block for block in blocks}
@@ -52,9 +55,17 @@ def check_study_design(
     options_by_block: Mapping[str, Mapping[str, Any]],
     has_groups: bool,
 ) -> Iterator[FieldError]:
-    """Yield a (path, message) for each part of the design that does not fit the study.
+    """Yield a (path, message) for each field of the table [design] that does not fit the study.
 
-    The levels of a label are in tables of stimuli, so ``check_stimuli`` compares the names in contrasts with them.
+    If conditions are the levels of a label, the conditions in contrasts are not checked here: the levels are in tables
+    of stimuli, with which ``check_stimuli`` compares them.
+
+    Args:
+        design: the table [design].
+        compared_blocks: the names of the blocks whose conditions are compared.
+        condition_label: the label of trials whose levels are the conditions; "" if blocks are the conditions.
+        options_by_block: the options of each block.
+        has_groups: whether the study has two or more groups.
     """
     needs_groups = design.primary_effect in ("groups", "interaction")
     needs_conditions = design.primary_effect in ("conditions", "interaction") or design.contrasts or design.condition
@@ -77,7 +88,7 @@ def check_study_design(
 
 
 def _check_contrasts(contrasts: tuple[ContrastSpec, ...], conditions: set[str] | None) -> Iterator[FieldError]:
-    """Yield the errors of contrasts; without ``conditions``, names of conditions are not checked."""
+    """Yield the errors of contrasts; if ``conditions`` is None, names of conditions are not checked."""
     names = [contrast.name for contrast in contrasts]
     for number, contrast in enumerate(contrasts):
         path = f"$.design.contrasts[{number}]"
@@ -97,9 +108,9 @@ def _check_condition(
     if option == condition or not option:
         yield "$.design.condition", f"is {condition!r}; write option:NAME, an option of the blocks that are compared"
         return
-    without = [block for block in blocks if option not in options_by_block.get(block, {})]
-    if without:
-        yield "$.design.condition", f"is {condition!r}, which block {without[0]!r} does not set; add it to its options"
+    unset = [block for block in blocks if option not in options_by_block.get(block, {})]
+    if unset:
+        yield "$.design.condition", f"is {condition!r}, which block {unset[0]!r} does not set; add it to its options"
     elif len(set(name_conditions(condition, blocks, options_by_block).values())) < 2:
         yield "$.design.condition", f"is {condition!r}, which is the same in all blocks that are compared; name another"
 
@@ -107,7 +118,7 @@ def _check_condition(
 def check_weighted_conditions(
     path: str, weights: Mapping[str, float], conditions: Collection[str]
 ) -> Iterator[FieldError]:
-    """Yield a (path, message) for each name in a contrast that is no condition."""
+    """Yield a (path, message) for each weighted name in a contrast that is not a condition."""
     for name in weights:
         if name not in conditions:
             yield path, f"has {name!r}, which is not a condition; conditions: {', '.join(sorted(conditions))}"

@@ -43,7 +43,7 @@ _BOUNDS: tuple[Bound, ...] = (
 
 
 def check_model(model: ModelSpec) -> Iterator[FieldError]:
-    """Yield an error for each value that has the right type but is not valid."""
+    """Yield an error for each value of the table [model] that has the right type but is not valid."""
     if not all(64 <= side <= 4096 for side in model.size_px):
         yield "$.model.size_px", f"is {list(model.size_px)}; use 64 to 4096 px a side"
     yield from check_bounds("$.model", model, _BOUNDS)

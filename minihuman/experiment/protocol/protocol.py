@@ -67,7 +67,7 @@ def decode_protocol(toml: bytes, source: str = "protocol", files: Mapping[str, b
 
 
 def decode_logged_protocol(toml: bytes, source: str = "the protocol in a log") -> Protocol:
-    """Decode the protocol of a recorded session, without the rules that were added after sessions had been recorded.
+    """Decode the protocol of a recorded session, without checking newer rules, which the protocol may break.
 
     Raises:
         ProtocolError: as `decode_protocol`.
@@ -87,7 +87,11 @@ def _decode_safely(toml: bytes, source: str, files: Mapping[str, bytes], rules: 
 
 
 def _decode_tree(toml: bytes, source: str, files: Mapping[str, bytes], rules: Sequence[_Rules]) -> Protocol:
-    """Decode a protocol and check it by some rules; the rules are skipped if fields or types are wrong."""
+    """Decode a protocol and check it by the given rules, which are skipped if fields or types are wrong.
+
+    Raises:
+        ProtocolError: if the file cannot be decoded or has errors.
+    """
     try:
         text = toml.decode("utf-8-sig")  # an editor may begin the file with a byte-order mark
         tree = tomllib.loads(text)
@@ -143,7 +147,7 @@ def _check_exclusions(protocol: Protocol) -> Iterator[FieldError]:
 
 
 def _check_newer_rules(protocol: Protocol) -> list[FieldError]:
-    """Return the errors by rules that were added after studies had been run without them."""
+    """Return the errors found by newer rules, which are not applied to the protocols of recorded sessions."""
     return [
         *check_each_override("blocks", protocol.blocks, lambda block: check_block(block, protocol)),
         *check_carried_key_maps(protocol),
@@ -155,6 +159,7 @@ def _check_newer_rules(protocol: Protocol) -> list[FieldError]:
 
 
 def _check_study_design(protocol: Protocol) -> list[FieldError]:
+    """Return the errors of the table [design] of a protocol."""
     return list(
         check_study_design(
             protocol.design,
@@ -218,18 +223,19 @@ def _check_groups(protocol: Protocol) -> Iterator[FieldError]:
     yield from specs.check_names("blocks", protocol.blocks)
     names = [block.name for block in protocol.blocks]
     for number, group in enumerate(protocol.groups):
+        path = f"$.groups[{number}].blocks"
         if not group.blocks and not protocol.lists_parts:
-            yield f"$.groups[{number}].blocks", "is empty; a group plays one block or more"
-        for place, name in enumerate(group.blocks):
+            yield path, "is empty; a group plays one block or more"
+        for index, name in enumerate(group.blocks):
             if name not in names:
-                yield (
-                    f"$.groups[{number}].blocks[{place}]",
-                    f"is {name!r}, which is not a block; blocks: {', '.join(names)}",
-                )
+                yield f"{path}[{index}]", f"is {name!r}, which is not a block; blocks: {', '.join(names)}"
 
 
 def list_old_names(protocol: Protocol, source: str) -> list[str]:
-    """Return a line for each old name of a field or value in a protocol's file, with its present name."""
+    """Return a line for each old name of a field or value in a protocol's file, with its present name.
+
+    ``source`` is the name of the file in the lines.
+    """
     text = protocol.toml.decode("utf-8-sig")
     tree = tomllib.loads(text)
     return format_field_errors(use_current_names(tree).renamed, source=source, text=text, tree=tree)
@@ -292,15 +298,19 @@ def _list_fields(table: str, definition: dict[str, Any], schema: dict[str, Any])
 
 @cache
 def _read_fields() -> dict[str, dict[str, tuple[str, str]]]:
+    """Read the meaning and example of each field of a protocol, by table and field.
+
+    The meaning of a field that only some kinds of question use begins with the names of these kinds.
+    """
     text = (files(__package__) / "fields.toml").read_text(encoding="utf-8")
     names = list_plugin_names(QUESTION_GROUP, built_in=True)
     tables: dict[str, dict[str, tuple[str, str]]] = tomllib.loads(text.replace("{question_kinds}", _join_names(names)))
-    items = tables["questions.items"]
-    registered = {name: load_plugin(QUESTION_GROUP, name, ProtocolError, noun="question kind") for name in names}
-    for field, (meaning, example) in items.items():
-        kinds = [name for name, kind in registered.items() if field in (kind.item_fields or ())]
-        if kinds:
-            items[field] = (f"of {_join_names(kinds)}: {meaning}", example)
+    item_fields = tables["questions.items"]
+    question_kinds = {name: load_plugin(QUESTION_GROUP, name, ProtocolError, noun="question kind") for name in names}
+    for field, (meaning, example) in item_fields.items():
+        users = [name for name, kind in question_kinds.items() if field in (kind.item_fields or ())]
+        if users:
+            item_fields[field] = (f"of {_join_names(users)}: {meaning}", example)
     return tables
 
 
@@ -309,23 +319,29 @@ def _join_names(names: Iterable[str]) -> str:
 
 
 def walk_tables(schema: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any], bool]]:
-    """Yield each table's path, its definition, and whether the file can contain it several times."""
-    waiting = [("", "Protocol", False)]
-    while waiting:
-        path, name, repeated = waiting.pop(0)
+    """Yield the tables of a protocol's JSON schema, depth first, each followed by the tables in it.
+
+    Each table is yielded with its path, its definition, and whether the file can contain it several times.
+    """
+    unvisited = [("", "Protocol", False)]
+    while unvisited:
+        path, name, is_repeated = unvisited.pop(0)
         definition = schema["$defs"][name]
         if path:
-            yield path, definition, repeated
+            yield path, definition, is_repeated
         inner_tables = []
         for field, field_schema in definition["properties"].items():
             table = _find_definition(field_schema)
             if table is not None:
                 inner_tables.append((f"{path}.{field}".lstrip("."), table, "items" in field_schema))
-        waiting = [*inner_tables, *waiting]
+        unvisited = [*inner_tables, *unvisited]
 
 
 def _find_definition(field: dict[str, Any]) -> str | None:
-    """Return the name of the struct that is a field's type, alone, in a list or as a choice; None if there is none."""
+    """Return the name of the struct in the type of a field, alone, in a list or as an alternative; None without one.
+
+    ``field`` is the field's JSON schema.
+    """
     schemas = [field, field.get("items") or {}]
     schemas += field.get("anyOf", ())
     for schema in schemas:
@@ -335,18 +351,15 @@ def _find_definition(field: dict[str, Any]) -> str | None:
 
 
 def _describe_type(field: dict[str, Any], schema: dict[str, Any]) -> str:
-    """Describe the type of a field as people write it: "integer or number", "list of texts"."""
+    """Describe the type in a field's JSON schema in words: "integer or number", "list of strings"."""
     if "$ref" in field:
         return "table"
     if "enum" in field:
-        words = [f'`"{word}"`' for word in field["enum"]]
-        if len(words) == 1:
-            return words[0]
-        return ", ".join(words[:-1]) + f" or {words[-1]}"
+        return _join_alternatives([f'`"{word}"`' for word in field["enum"]])
     if "anyOf" in field:
-        choices = [choice for choice in field["anyOf"] if choice.get("type") != "null"]
-        return " or ".join(dict.fromkeys(_describe_type(choice, schema) for choice in choices))
-    if "prefixItems" in field:
+        alternatives = [alternative for alternative in field["anyOf"] if alternative.get("type") != "null"]
+        return " or ".join(dict.fromkeys(_describe_type(alternative, schema) for alternative in alternatives))
+    if "prefixItems" in field:  # a tuple of fixed length, such as a size in pixels
         return "two integers"
     if field.get("type") == "array":
         nouns = _describe_type(field["items"], schema).split(" or ")
@@ -355,7 +368,15 @@ def _describe_type(field: dict[str, Any], schema: dict[str, Any]) -> str:
     return _TYPES[field["type"]]
 
 
+def _join_alternatives(words: list[str]) -> str:
+    """Return words as "a, b or c"."""
+    if len(words) == 1:
+        return words[0]
+    return ", ".join(words[:-1]) + f" or {words[-1]}"
+
+
 def _describe_default(field: dict[str, Any]) -> str:
+    """Return the default in a field's JSON schema as Markdown; "absent" without one, or if it is a table."""
     default = field.get("default")
     if default is None or "$ref" in field:
         return "absent"

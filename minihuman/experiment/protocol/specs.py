@@ -141,11 +141,11 @@ def apply_overrides(part: Overridable, group: str) -> Overridable:
     Raises:
         msgspec.ValidationError: if an override has an invalid value.
     """
-    own = part.group_overrides.get(group)
-    if not own:
+    overrides = part.group_overrides.get(group)
+    if not overrides:
         return part
     fields = {name: getattr(part, name) for name in part.__struct_fields__ if name != "group_overrides"}
-    return msgspec.convert({**msgspec.to_builtins(fields), **own}, type(part))
+    return msgspec.convert({**msgspec.to_builtins(fields), **overrides}, type(part))
 
 
 def check_each(
@@ -165,11 +165,14 @@ def check_each(
 def check_each_override(
     field: str, parts: Sequence[Overridable], find_errors: Callable[[Overridable], Iterable[FieldError]]
 ) -> Iterator[FieldError]:
-    """Yield a (path, message) for each error that parts have only with a group's overrides."""
+    """Yield a (path, message) for each error that parts have only with a group's overrides.
+
+    The arguments are those of `check_each`.
+    """
     for number, part in enumerate(parts):
         base_errors = list(find_errors(part))
-        for group, own in part.group_overrides.items():
-            if {"name", "group_overrides"} & own.keys():
+        for group, overrides in part.group_overrides.items():
+            if {"name", "group_overrides"} & overrides.keys():  # reported elsewhere as an error
                 continue
             try:
                 part_of_group = apply_overrides(part, group)
@@ -206,7 +209,7 @@ class DeviceSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def check_devices(devices: tuple[DeviceSpec, ...]) -> Iterator[FieldError]:
-    """Yield an error for each value that has the right type but is not valid."""
+    """Yield an error for each value in the tables [[devices]] that has the right type but is not valid."""
     yield from check_names("devices", devices)
     for number, device in enumerate(devices):
         path = f"$.devices[{number}]"
@@ -230,22 +233,25 @@ class ShippedForm(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def list_question_kinds(questionnaires: Sequence[QuestionnaireSpec], groups: Sequence[str]) -> tuple[str, ...]:
-    """List the kinds of question that a study asks in any of its groups, in the order in which they are named."""
-    kinds: dict[str, None] = {}
+    """List the kinds of question in a study's questionnaires, with the overrides of its groups, each kind once.
+
+    The kinds are in the order in which they first appear.
+    """
+    kinds: list[str] = []
     for questionnaire in questionnaires:
         for group in ("", *groups):
             try:
-                asked = apply_overrides(questionnaire, group)
+                group_questionnaire = apply_overrides(questionnaire, group)
             except msgspec.ValidationError:
                 continue  # the override's own check reports it
-            kinds.update((item.kind, None) for item in asked.items)
-            if asked.form in SHIPPED_FORMS:
-                kinds.update((item["kind"], None) for item in _read_form(asked.form)["items"])
-    return tuple(kinds)
+            kinds += [question.kind for question in group_questionnaire.items]
+            if group_questionnaire.form in SHIPPED_FORMS:
+                kinds += [question["kind"] for question in _read_form(group_questionnaire.form)["items"]]
+    return tuple(dict.fromkeys(kinds))
 
 
 def list_useless_item_fields(questionnaires: Sequence[QuestionnaireSpec]) -> Iterator[str]:
-    """Yield a line for each field of a question that its kind does not use, and that therefore has no effect."""
+    """Yield a line for each field that a question has but that has no effect, because its kind does not use it."""
     for questionnaire in questionnaires:
         for question in questionnaire.items:
             for text in describe_useless_fields(question):
@@ -253,7 +259,7 @@ def list_useless_item_fields(questionnaires: Sequence[QuestionnaireSpec]) -> Ite
 
 
 def load_form(name: str, language: str) -> ShippedForm:
-    """Load one of `SHIPPED_FORMS` in a language.
+    """Load the shipped questionnaire of a given name, one of `SHIPPED_FORMS`, in a language.
 
     Raises:
         ProtocolError: if the form is not available in the language.

@@ -41,39 +41,39 @@ class Strata:
     item: str  # "" if the number of correct answers is cut
     names: tuple[str, ...]
     codes: dict[str | int, str]  # option -> stratum; empty for a number
-    cuts: tuple[float, ...]  # the lower bounds of all strata of a number but the lowest
+    cuts: tuple[float, ...]  # for a number: the lower bounds of its strata, apart from the lowest stratum
 
     @property
     def question(self) -> str:
-        """Return the name of the question in the protocol, or of the questionnaire whose right answers are counted."""
+        """Return the question's name, "PART.ITEM", or that of the questionnaire whose correct answers are counted."""
         if self.item:
             return f"{self.part}.{self.item}"
         return self.part
 
     def of(self, answer: Any) -> str:
-        """Return the stratum of a decoded answer; None stands for no answer."""
+        """Return the stratum of a decoded answer, which is None if the participant skipped the question."""
         if answer is None:
             return NO_ANSWER
         if not self.cuts:
             return self.codes[answer]
-        place: int = sum(answer >= cut for cut in self.cuts)
-        return self.names[place]
+        n_reached_cuts = sum(1 for cut in self.cuts if answer >= cut)
+        return self.names[n_reached_cuts]
 
     def find_stratum(self, events: Iterable[Event]) -> str | None:
-        """Return a participant's stratum from the answers at the first completion of the part; None before that."""
+        """Return a participant's stratum from the answers up to the first completion of the part; None before that."""
         answer: Any = None
-        right: dict[str, bool] = {}  # whether each question was answered correctly at the first attempt
-        part: int | None = None
+        is_correct: dict[str, bool] = {}  # by question: whether the answer at the first attempt was correct
+        part_index: int | None = None
         for event in events:
             match event:
                 case Answered() if event.part_name == self.part:
-                    part = event.part
+                    part_index = event.part
                     if event.item == self.item:
                         answer = msgspec.json.decode(event.value)
                     if event.attempt == 1:
-                        right[event.item] = bool(event.right)
-                case PartEnded() if event.part == part and event.end != "again":
-                    return self.of(answer if self.item else sum(right.values()))
+                        is_correct[event.item] = bool(event.right)
+                case PartEnded() if event.part == part_index and event.end != "again":
+                    return self.of(answer if self.item else sum(is_correct.values()))
         return None
 
 
@@ -83,7 +83,7 @@ def build_strata(protocol: Protocol) -> Strata | None:
     if not allocation.stratify_by:
         return None
     part, _, name = allocation.stratify_by.partition(".")
-    question = next((question for question in _find_items(protocol, part) if question.name == name), None)
+    question = _find_question(_list_questions(protocol, part), name)
     stratum_of_code: dict[int | str, str] = {}
     for stratum, codes in allocation.strata.items():
         stratum_of_code |= dict.fromkeys(codes, stratum)
@@ -104,7 +104,7 @@ def _has_codes(question: QuestionItemSpec) -> bool:
 
 
 def check_allocation(protocol: Protocol) -> list[FieldError]:
-    """Return a (path, message) for each error of a protocol's strata."""
+    """Return a (path, message) for each error of the table [allocation]."""
     design_errors = list(_check_designs(protocol))
     if design_errors:
         return design_errors
@@ -117,6 +117,7 @@ def check_allocation(protocol: Protocol) -> list[FieldError]:
 
 
 def _check_designs(protocol: Protocol) -> Iterator[FieldError]:
+    """Yield the errors of the designs that assign groups or end enrolment."""
     allocation = protocol.allocation
     blocks = [block.name for block in protocol.blocks]
     for field in ("design", "stopping"):
@@ -135,10 +136,10 @@ def _check_designs(protocol: Protocol) -> Iterator[FieldError]:
 
 
 def _check_answer(protocol: Protocol) -> Iterator[FieldError]:
-    """Check that the answer can divide participants into strata."""
+    """Yield an error unless the answer, or the number of correct answers, can divide participants into strata."""
     allocation = protocol.allocation
     part, _, name = allocation.stratify_by.partition(".")
-    questions = _find_items(protocol, part)
+    questions = _list_questions(protocol, part)
     if not questions:
         parts = ", ".join(questionnaire.name for questionnaire in protocol.questions) or "none"
         yield "stratify_by", f"is {allocation.stratify_by!r}, but there are no questions {part!r}; there are {parts}"
@@ -150,11 +151,16 @@ def _check_answer(protocol: Protocol) -> Iterator[FieldError]:
         else:
             yield from _check_cuts(allocation)
         return
-    question = next((question for question in questions if question.name == name), None)
+    question = _find_question(questions, name)
     if question is None:
-        known = ", ".join(f"{part}.{question.name}" for question in questions)
-        yield "stratify_by", f"is {allocation.stratify_by!r}, which is not a question; there are {known}"
+        names = ", ".join(f"{part}.{question.name}" for question in questions)
+        yield "stratify_by", f"is {allocation.stratify_by!r}, which is not a question; there are {names}"
         return
+    yield from _check_question(allocation, question)
+
+
+def _check_question(allocation: AllocationSpec, question: QuestionItemSpec) -> Iterator[FieldError]:
+    """Yield an error unless a question has one answer, a number or an option, that is divided into strata."""
     if len(question.asked) > 1:
         answers = ", ".join(question.asked)
         yield (
@@ -168,8 +174,8 @@ def _check_answer(protocol: Protocol) -> Iterator[FieldError]:
     elif answer_type in _CODED:
         yield from _check_codes(allocation, question)
     else:
-        way_out = "use a question whose answer is a number or an option"
-        yield "stratify_by", f"is {allocation.stratify_by!r}, of kind {question.kind!r}; {way_out}"
+        advice = "use a question whose answer is a number or an option"
+        yield "stratify_by", f"is {allocation.stratify_by!r}, of kind {question.kind!r}; {advice}"
 
 
 def _check_number_of_strata(protocol: Protocol) -> Iterator[FieldError]:
@@ -182,6 +188,7 @@ def _check_number_of_strata(protocol: Protocol) -> Iterator[FieldError]:
 
 
 def _check_cuts(allocation: AllocationSpec) -> Iterator[FieldError]:
+    """Yield an error unless only ``cut_points``, in rising order, divides a number into strata."""
     cuts = allocation.cut_points
     number = f"{allocation.stratify_by!r} is a number"
     if not cuts:
@@ -192,8 +199,8 @@ def _check_cuts(allocation: AllocationSpec) -> Iterator[FieldError]:
         yield "cut_points", f"is {list(cuts)}; give them in rising order, each once"
 
 
-def _check_codes(allocation: AllocationSpec, item: QuestionItemSpec) -> Iterator[FieldError]:
-    """Yield an error unless every option's code is in exactly one stratum."""
+def _check_codes(allocation: AllocationSpec, question: QuestionItemSpec) -> Iterator[FieldError]:
+    """Yield an error unless the code of every option of a question is in exactly one stratum."""
     if allocation.cut_points:
         yield (
             "cut_points",
@@ -202,14 +209,16 @@ def _check_codes(allocation: AllocationSpec, item: QuestionItemSpec) -> Iterator
     if not allocation.strata:
         return
     listed_codes = list(chain.from_iterable(allocation.strata.values()))
-    known_codes = list_codes(item)
-    known = ", ".join(map(str, known_codes))
+    option_codes = list_codes(question)
     for code in dict.fromkeys(listed_codes):
-        if code not in known_codes:
-            yield "strata", f"has the code {code!r}, which is not an option's; codes: {known}"
+        if code not in option_codes:
+            yield (
+                "strata",
+                f"has the code {code!r}, which is not an option's; codes: {', '.join(map(str, option_codes))}",
+            )
         elif listed_codes.count(code) > 1:
             yield "strata", f"has the code {code!r} twice; put each into one stratum"
-    missing = [str(code) for code in known_codes if code not in listed_codes]
+    missing = [str(code) for code in option_codes if code not in listed_codes]
     if missing:
         yield "strata", f"leaves out {', '.join(missing)}; put every option into a stratum"
     if NO_ANSWER in allocation.strata:
@@ -217,50 +226,49 @@ def _check_codes(allocation: AllocationSpec, item: QuestionItemSpec) -> Iterator
 
 
 def _check_parts_before(protocol: Protocol) -> Iterator[FieldError]:
-    """Check that all participants have the same parts before the draw, and that none of them is a block."""
+    """Yield an error unless all groups have the same parts up to the questions, and none of these parts is a block.
+
+    The questions are those whose answer decides the stratum; the group is drawn after them.
+    """
     part = protocol.allocation.stratify_by.partition(".")[0]
     if len(protocol.groups) < 2:
         yield "stratify_by", "is given, but there is one group; a draw is between two or more"
-    first_names: list[str] = []
+    first_group_names: list[str] = []
     for group in protocol.groups:
-        names = _list_first_session(protocol, group)
+        names = _list_first_session_parts(protocol, group)
         if part not in names:
             yield (
                 "stratify_by",
                 f"asks {part!r}, which is not a part of the first session of group {group.name!r}; list it",
             )
             return
-        end = names.index(part) + 1
-        names_to_draw = names[:end]
-        too_early = _find_part_after_draw(protocol, names_to_draw)
-        if too_early:
-            yield "stratify_by", f"asks {part!r} after {too_early}; ask before that"
+        names_before_draw = names[: names.index(part) + 1]
+        premature_part = _describe_premature_part(protocol, names_before_draw)
+        if premature_part:
+            yield "stratify_by", f"asks {part!r} after {premature_part}; ask before that"
             return
-        first_names = first_names or names_to_draw
-        if names_to_draw != first_names:
+        first_group_names = first_group_names or names_before_draw
+        if names_before_draw != first_group_names:
             yield (
                 "stratify_by",
                 f"asks {part!r} after parts that are others for group {group.name!r}; give all the same",
             )
             return
-    early_parts: tuple[PageSpec | QuestionnaireSpec, ...] = (*protocol.pages, *protocol.questions)
-    for early_part in early_parts:
-        if early_part.name in first_names and early_part.group_overrides:
-            yield (
-                "stratify_by",
-                f"asks {part!r}, but {early_part.name!r} is another for some groups, who are drawn later",
-            )
+    specs: tuple[PageSpec | QuestionnaireSpec, ...] = (*protocol.pages, *protocol.questions)
+    for spec in specs:
+        if spec.name in first_group_names and spec.group_overrides:
+            yield "stratify_by", f"asks {part!r}, but {spec.name!r} is another for some groups, who are drawn later"
 
 
-def _list_first_session(protocol: Protocol, group: GroupSpec) -> list[str]:
-    """Return the parts of a group's first session."""
-    listed = protocol.sessions[0].parts if protocol.sessions else group.parts
-    replaced = [group.replace_parts.get(name, name) for name in listed]
-    return [name for name in replaced if name]
+def _list_first_session_parts(protocol: Protocol, group: GroupSpec) -> list[str]:
+    """Return the names of the parts of a group's first session, with the group's replacements."""
+    listed_names = protocol.sessions[0].parts if protocol.sessions else group.parts
+    group_names = [group.replace_parts.get(name, name) for name in listed_names]
+    return [name for name in group_names if name]  # a part that is replaced by "" is left out
 
 
-def _find_part_after_draw(protocol: Protocol, names: list[str]) -> str:
-    """Describe the first of the parts that must come after the draw; "" if there is none."""
+def _describe_premature_part(protocol: Protocol, names: list[str]) -> str:
+    """Describe the first of the named parts that cannot come before the draw of the group; "" if there is none."""
     orders = {order.name for order in protocol.orders}
     blocks = {block.name for block in protocol.blocks}
     for name in names:
@@ -271,7 +279,12 @@ def _find_part_after_draw(protocol: Protocol, names: list[str]) -> str:
     return ""
 
 
-def _find_items(protocol: Protocol, part: str) -> Sequence[QuestionItemSpec]:
+def _find_question(questions: Sequence[QuestionItemSpec], name: str) -> QuestionItemSpec | None:
+    return next((question for question in questions if question.name == name), None)
+
+
+def _list_questions(protocol: Protocol, part: str) -> Sequence[QuestionItemSpec]:
+    """Return the questions of a questionnaire or of its shipped form; empty if there is no such part or form."""
     questionnaire = next((candidate for candidate in protocol.questions if candidate.name == part), None)
     if questionnaire is None or (questionnaire.form and questionnaire.form not in SHIPPED_FORMS):
         return ()

@@ -54,7 +54,7 @@ class ExperimentDesign:
         return self.levels("condition")
 
     def add_levels(self, levels: Sequence[str]) -> "ExperimentDesign":
-        """Return the design with the levels of its label as conditions; unchanged if there are fewer than two."""
+        """Return the design with levels of its label of trials as conditions; unchanged if there are fewer than two."""
         if len(levels) < 2:
             return self
         return replace(
@@ -71,14 +71,16 @@ class ExperimentDesign:
     @property
     def tested_contrasts(self) -> tuple[Contrast, ...]:
         """Return the protocol's contrasts; if it has none, each pair of conditions, the first minus the second."""
-        pairs = combinations(self.conditions, 2)
-        return self.contrasts or tuple(
-            Contrast(f"{first} \N{MINUS SIGN} {second}", ((first, 1.0), (second, -1.0))) for first, second in pairs
+        if self.contrasts:
+            return self.contrasts
+        return tuple(
+            Contrast(f"{first} \N{MINUS SIGN} {second}", ((first, 1.0), (second, -1.0)))
+            for first, second in combinations(self.conditions, 2)
         )
 
 
 def derive_design(protocol: Protocol) -> ExperimentDesign:
-    """Derive the design of a protocol's study."""
+    """Derive a study's factors, primary effect and contrasts from its protocol."""
     conditions = protocol.analysis.conditions
     if protocol.analysis.condition_label:  # its levels are in trials, not in blocks
         conditions = ()

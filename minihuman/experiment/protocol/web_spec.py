@@ -22,7 +22,7 @@ CODE_RULE = "use letters, digits, '-' and '_', at most 64"
 
 
 def is_completion_code(code: str) -> bool:
-    """Return whether a code can be part of a URL."""
+    """Return whether a text may be a completion code: "", or letters, digits, "-" and "_", which a URL can contain."""
     return _CODE.fullmatch(code) is not None
 
 
@@ -69,7 +69,7 @@ _SIZE_BOUNDS: tuple[Bound, ...] = (("image_size_px", 16, 4096), ("min_window_siz
 
 
 def check_web(web: WebSpec) -> Iterator[FieldError]:
-    """Yield an error for each value that has the right type but is not valid."""
+    """Yield an error for each value of the table [web] that has the right type but is not valid."""
     for field, least, most in _SIZE_BOUNDS:
         size_px = getattr(web, field)
         if not all(least <= side <= most for side in size_px):

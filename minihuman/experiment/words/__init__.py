@@ -37,39 +37,39 @@ def load_words(language: str) -> Mapping[str, str]:
 
 
 def load_kind_words(kind: str, language: str) -> Mapping[str, str]:
-    """Load the words of a kind of question in a language; English ones replace those that it lacks."""
+    """Load the interface texts of a kind of question in a language, in English where there is no translation."""
     words_by_language = _read_kind_words(kind)
     return {**words_by_language.get(ENGLISH, {}), **words_by_language.get(language, {})}
 
 
 def list_missing_kind_words(kind: str, language: str) -> tuple[str, ...]:
-    """List the words that a kind of question has in English but not in a language."""
+    """List the keys of the interface texts that a kind of question has in English but not in a language."""
     words_by_language = _read_kind_words(kind)
     return tuple(key for key in words_by_language.get(ENGLISH, {}) if key not in words_by_language.get(language, {}))
 
 
 @remember_by_name
 def _read_kind_words(kind: str) -> Mapping[str, Mapping[str, str]]:
-    """Read the words of a kind of question, by language; empty if its folder has no ``words.toml``.
+    """Read the interface texts of a kind of question, by language and key; empty if its folder has no ``words.toml``.
 
     Raises:
         ProtocolError: if the file is not a table of texts for each language.
     """
-    text = read_plugin_file(QUESTION_GROUP, kind, "words.toml")
-    if text is None:
+    toml = read_plugin_file(QUESTION_GROUP, kind, "words.toml")
+    if toml is None:
         return {}
     try:
-        tree = tomllib.loads(text)
+        tree = tomllib.loads(toml)
     except tomllib.TOMLDecodeError as error:
         raise ProtocolError(f"words.toml of question kind {kind!r} is not valid TOML: {error}") from None
     words_by_language = {}
     for language, tables in tree.items():
         words = flatten_words(tables) if isinstance(tables, dict) else {"": tables}
-        for key, word in words.items():
-            if not key or not isinstance(word, str):
-                place = f"{language}.{key}".removesuffix(".")
+        for key, text in words.items():
+            if not key or not isinstance(text, str):
+                path = f"{language}.{key}".removesuffix(".")
                 raise ProtocolError(
-                    f"words.toml of question kind {kind!r}: {place} is {word!r}; write a text in quotes, in a table "
+                    f"words.toml of question kind {kind!r}: {path} is {text!r}; write a text in quotes, in a table "
                     f"of its language, as [{ENGLISH}.prompt]"
                 )
         words_by_language[language] = words
@@ -77,13 +77,13 @@ def _read_kind_words(kind: str) -> Mapping[str, Mapping[str, str]]:
 
 
 def flatten_words(tree: Mapping[str, Any], prefix: str = "") -> dict[str, str]:
-    """Flatten nested tables of texts into one table with keys joined by dots."""
+    """Flatten nested tables of texts into one table with keys joined by dots, each after a prefix."""
     words: dict[str, str] = {}
-    for key, value in tree.items():
-        if isinstance(value, dict):
-            words |= flatten_words(value, f"{prefix}{key}.")
+    for key, table_or_text in tree.items():
+        if isinstance(table_or_text, dict):
+            words |= flatten_words(table_or_text, f"{prefix}{key}.")
         else:
-            words[f"{prefix}{key}"] = value
+            words[f"{prefix}{key}"] = table_or_text
     return words
 
 
@@ -113,7 +113,7 @@ class InterfaceWords:
         return self._words.get(key, default)
 
     def with_kind(self, kind: str) -> "InterfaceWords":
-        """Return these words, completed by those of a kind of question."""
+        """Return these texts, completed by those of a kind of question where they lack a key."""
         kind_words = load_kind_words(kind, self.language)
         if kind_words.keys() <= self._words.keys():
             return self
@@ -134,20 +134,20 @@ class InterfaceWords:
         return TextLocale(self.language, self.rtl, self._fonts, self.find("theme", "dark"))
 
     def action(self, name: str) -> str:
-        """Return the name of an action in this language, or the world's own name for it."""
+        """Return an action's name in this language; without one, the world's name with spaces for underscores."""
         return self._words.get(f"action.{name}", name.replace("_", " "))
 
     def mission(self, mission: str) -> str:
-        """Translate a world's mission; "" if this language has no translation."""
-        known = self._words.get(f"mission.{mission}")
-        if known is not None:
-            return known
+        """Translate a world's mission, which is in English; return "" if this language has no translation."""
+        translation = self._words.get(f"mission.{mission}")
+        if translation is not None:
+            return translation
         if self.language == ENGLISH:
             return mission
         return ""
 
     def labels(self, keys: tuple[str, ...]) -> tuple[tuple[str, str, str], ...]:
-        """Return for each key its name, its label, and a caption that distinguishes keys with the same label."""
+        """Return the name and label of each key, and a caption that distinguishes keys with equal labels, else ""."""
         return tuple(
             (key, self._words.get(f"key.{key}", key_label(key)), self._words.get(f"caption.{key_caption(key)}", ""))
             for key in keys
