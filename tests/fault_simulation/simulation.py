@@ -192,8 +192,8 @@ class Machine:
         if self.loop is not None:
             return
         rng, faults_over = self.schedule.rng, self._simulation.faults_over
-        study_journals._in_file.cache_clear()
-        study_journals._in_database.cache_clear()
+        study_journals._open_in_file.cache_clear()
+        study_journals._open_in_database.cache_clear()
         ops_left = None
         if not faults_over and self.schedule.chance(0.35):
             ops_left = rng.randint(0, 60)
@@ -522,8 +522,8 @@ class Simulation:
         for record in self.logged:
             if record.exc_info:
                 fail(f"traceback: {record.getMessage()}: {record.exc_info[1]!r}")
-        study_journals._in_file.cache_clear()
-        study_journals._in_database.cache_clear()
+        study_journals._open_in_file.cache_clear()
+        study_journals._open_in_database.cache_clear()
         with use_system(System(clock=self.machines[0].clock, open_database_journal=self.database.open_journal)):
             self._check_enrolment()
             for machine in self.machines:
