@@ -31,7 +31,7 @@ from minihuman.web.page_data.page_episodes import (
     read_page_data,
     verify_episode,
 )
-from minihuman.web.page_rows import PATH, write_page_rows
+from minihuman.web.page_rows import PATH, format_page_rows
 from minihuman.web.world_pack import pack_worlds, parse_seeds
 from minihuman.worlds.catalogue import BABYAI_WORLDS, FIRST_PERSON_WORLDS, GRID_WORLDS
 from tests.counts import PATIENCE_S, count
@@ -426,7 +426,7 @@ def test_keys_have_the_names_that_logs_have() -> None:
 
 
 def test_the_numbers_of_the_page_are_those_of_the_rules() -> None:
-    assert PATH.read_text(encoding="utf-8") == write_page_rows(), "run `python -m minihuman.web.page_rows`"
+    assert PATH.read_text(encoding="utf-8") == format_page_rows(), "run `python -m minihuman.web.page_rows`"
 
 
 def test_packing_refuses_what_no_page_computes_and_seeds_that_are_none(tmp_path: Path) -> None:
