@@ -94,15 +94,9 @@ class ConnectionFactory:
     async def connect(
         self, hello: Hello, address: str = "", *, transport: TransportName = "websocket"
     ) -> Connection | Refusal:
-        """Find or make the connection for a page that said hello.
+        """Find or make the connection for a page that said hello, given its network address and transport.
 
-        Args:
-            hello: the page's first message.
-            address: the page's network address.
-            transport: the transport on which the page said hello.
-
-        Returns:
-            The connection; a refusal if the page's participant may not take part, or has to wait.
+        Return a refusal if the page's participant may not take part, or has to wait.
         """
         if hello.version != MESSAGE_VERSION:
             return self._refusals.ask_to_reload()

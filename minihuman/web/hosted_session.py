@@ -127,17 +127,11 @@ def start_host(
         LogError: if the log exists already or cannot be written.
     """
     started_ns = current_system().clock.wall_ns()
+    recorder_settings = RecorderSettings(group=disk.group_commit, on_sync=at_sync)
     files: list[McapRecorder] = []  # empty until the participant has consented
 
     def open_recorder() -> Recorder:
-        files.append(
-            McapRecorder(
-                disk.data,
-                session.plan,
-                started_ns=started_ns,
-                settings=RecorderSettings(group=disk.group_commit, on_sync=at_sync),
-            )
-        )
+        files.append(McapRecorder(disk.data, session.plan, started_ns=started_ns, settings=recorder_settings))
         return files[0]
 
     require_unclaimed(SegmentPath.of_plan(disk.data, plan))
@@ -160,13 +154,7 @@ def resume_host(
 ) -> HostedSession:
     """Resume the segment of a live log by feeding the session its own logged events.
 
-    Args:
-        part: the path of the live log.
-        disk: the storage to which the session is recorded.
-        facts: the present facts about the machine and the browser.
-        settings: the protocol's settings for pages.
-        at_sync: called by the log's thread whenever data became durable.
-        at_team_change: called whenever the participant's team has changed.
+    The arguments other than ``part``, the path of the live log, are those of ``start_host``.
 
     Raises:
         LogError: if the log cannot be resumed, or was begun under other rules than this server's. Its facts apply to
@@ -183,13 +171,8 @@ def resume_host(
         resumed.close()
         raise
     plan = session.plan
-    recorder = McapRecorder(
-        disk.data,
-        plan,
-        started_ns=resumed.started_ns,
-        left=resumed,
-        settings=RecorderSettings(group=disk.group_commit, on_sync=at_sync),
-    )
+    recorder_settings = RecorderSettings(group=disk.group_commit, on_sync=at_sync)
+    recorder = McapRecorder(disk.data, plan, started_ns=resumed.started_ns, left=resumed, settings=recorder_settings)
     signs = LifeSigns(tells_acts=True)
     agent = make_agent_host(
         disk.protocol, plan, disk.data, logged=resumed.events, teams=disk.teams, changed=at_team_change, signs=signs

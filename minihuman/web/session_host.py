@@ -138,9 +138,8 @@ class SessionHost:
             number: the message's number.
             at_ns: the message's time in nanoseconds.
             message: the message.
-            more: whether further messages arrived with this one. In an episode, a message for whose answer the page
-                does not wait is then written and answered together with the next one; if the page computes the
-                episode, every message is.
+            more: whether further messages arrived with this one. In an episode, a message is then written and answered
+                with the next one, unless the page waits for the answer and does not compute the episode itself.
             arrival_ns: the time of arrival by the server's clock; None to leave the clocks uncompared.
 
         Raises:
@@ -160,8 +159,7 @@ class SessionHost:
         computes = self.outbox.is_computed
         self._draws = play is None
         events = self._add_notes(message, at_ns, self._find_events(message, at_ns, arrival_ns))
-        is_same_episode = play is not None and self.session.play is play
-        is_deferred = more and is_same_episode and (computes or not page_waits)
+        is_deferred = more and play is not None and self.session.play is play and (computes or not page_waits)
         if is_deferred:
             self._writer.write_later(events)
         else:
