@@ -213,8 +213,8 @@ class Machine:
         self._server = server = self.parts.server(self._simulation.protocol, self.data, group, leases)
         server._factory.facts = {"player": "human", "rules": "simulated"}
         self._app = server.app()
-        works = (server._grow, server._look_after, server._poll)
-        for work in works if leases is None else (*works, server._keep_leases, server._finish_ended):
+        works = (server._look_ahead, server._supervise, server._poll)
+        for work in works if leases is None else (*works, server._keep_leases, server._finish_ended_sessions):
             self.loop.create_task(work())
 
     def run_until_idle(self, do: Callable[[], None] = lambda: None) -> None:

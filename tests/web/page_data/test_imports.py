@@ -25,7 +25,7 @@ from minihuman.web.page_data.page_episodes import (
     NOT_PROVED,
     PageDataError,
     PageEpisode,
-    check_session_order,
+    find_order_error,
     describe_difference,
     name_key,
     read_page_data,
@@ -90,7 +90,7 @@ def _difference(trial: dict[str, Any]) -> str:
     """What Python says of an episode; "" if nothing differs."""
     try:
         episode = msgspec.convert(trial, PageEpisode)
-        return describe_difference(episode, verify_episode(episode)) or check_session_order([episode])
+        return describe_difference(episode, verify_episode(episode)) or find_order_error([episode])
     except (PageDataError, msgspec.ValidationError) as error:
         return str(error)
 
