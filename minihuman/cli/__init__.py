@@ -33,11 +33,16 @@ _COLOURS = re.compile(r"\x1b\[[0-9;]*m")  # a terminal's colour codes, which Gym
 
 def main() -> None:
     """Run the command line; an error that the user can correct is printed as one line, with exit status 2."""
-    warnings.formatwarning = lambda message, *_: (  # without the place in the code
-        f"Warning: {escape_control_characters(_COLOURS.sub('', str(message)))}\n"
-    )
+    warnings.formatwarning = _format_warning
     os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")  # Arrow's pool keeps freed memory: 27 MiB
     sys.exit(_flush_output(_run()))
+
+
+def _format_warning(
+    message: Warning | str, category: type[Warning], filename: str, lineno: int, line: str | None = None
+) -> str:
+    """Format a warning as one line, without its place in the code and without colours."""
+    return f"Warning: {escape_control_characters(_COLOURS.sub('', str(message)))}\n"
 
 
 def _flush_output(code: int) -> int:

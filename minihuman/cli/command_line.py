@@ -202,29 +202,36 @@ class _Command(click.Command):
 def _make_parameter(parameter: inspect.Parameter) -> click.Parameter:
     """Convert an annotated parameter of a function into an argument or an option of its command."""
     annotation, declared = get_args(parameter.annotation)[:2]
-    required = parameter.default is inspect.Parameter.empty
-    default = None
     kind = _get_bare_type(annotation)
-    settings: dict[str, Any] = {"required": required, "type": _choose_click_type(kind, declared)}
-    if not required:
+    many = _is_list(annotation)
+    default = None
+    settings: dict[str, Any] = {"required": parameter.default is inspect.Parameter.empty}
+    if not settings["required"]:
         default = parameter.default
         settings["default"] = default
-    many = _is_list(annotation)
     if isinstance(declared, Argument):
+        settings["type"] = _choose_click_type(kind, declared)
         return _Argument(parameter.name, declared, nargs=-1 if many else 1, **settings)
     assert isinstance(declared, Option)
-    dashed_name = parameter.name.replace("_", "-")
-    names = list(declared.names) or [f"--{dashed_name}"]
+    names = _list_option_names(parameter.name, declared, is_flag=kind is bool)
     if kind is bool:
-        if not declared.names:
-            names = [f"--{dashed_name}/--no-{dashed_name}"]
-        del settings["type"]
         settings["is_flag"] = True
         show_default = any("/" in name for name in names) and default is not None
     else:
+        settings["type"] = _choose_click_type(kind, declared)
         settings["multiple"] = many
         show_default = default not in (None, "")
     return _Option([*names, parameter.name], declared, show_default=show_default, **settings)
+
+
+def _list_option_names(parameter_name: str, declared: Option, *, is_flag: bool) -> list[str]:
+    """Return the names of an option on the command line: the declared ones or, without any, its parameter's name."""
+    if declared.names:
+        return list(declared.names)
+    dashed_name = parameter_name.replace("_", "-")
+    if is_flag:
+        return [f"--{dashed_name}/--no-{dashed_name}"]
+    return [f"--{dashed_name}"]
 
 
 def _get_bare_type(annotation: Any) -> Any:

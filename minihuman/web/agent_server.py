@@ -64,12 +64,20 @@ class ProgramClient(ModelClient):
             self._prompt = prompt
             self._number += 1
             self._changed.notify_all()
-        started_s = time.perf_counter()
+        began_s = time.perf_counter()
         try:
             text = self._answers.get(timeout=self._timeout_s)
         except queue.Empty:
             raise ModelUnavailableError("the program stayed away", temporary=False) from None
-        return ChatAnswer(text, "", self.model, "", 0, 0, (time.perf_counter() - started_s) * 1_000)
+        return ChatAnswer(
+            text,
+            reasoning="",
+            model=self.model,
+            finish_reason="",
+            prompt_tokens=0,
+            completion_tokens=0,
+            latency_ms=(time.perf_counter() - began_s) * 1_000,
+        )
 
     def close(self) -> None:
         """Do nothing, since this client holds no resources."""

@@ -259,15 +259,10 @@ class Arrivals:
         Returns:
             The admission; a rejection if the visitor may not take part, or the participant has no session to play.
         """
-        link_key = ""
-        if is_token(arrival.token):
-            link_key = hash_link_token(arrival.token)
-        key = link_key
-        if not key and platform_visitor is not None:
-            key = self.recruits.hash_platform_id(platform_visitor.platform, platform_visitor.id)
+        key = self._find_visitor_key(arrival, platform_visitor)
         if not key and not self.protocol.web.open_access:
             return Rejection("unknown")
-        is_invited = bool(link_key) and self.recruits.has_issued(link_key)
+        is_invited = self.is_invited(arrival.token)
         token = ""
         if not key:
             (token,) = self.recruits.issue(1)
@@ -293,6 +288,14 @@ class Arrivals:
             self._release_lease(lease)
             return admission
         return replace(admission, token=token, lease=lease, is_invited=is_invited)
+
+    def _find_visitor_key(self, arrival: Arrival, platform_visitor: PlatformVisitor | None) -> str:
+        """Return the key of a visitor's link or, without a link, of the visitor's id on a platform; "" without both."""
+        if is_token(arrival.token):
+            return hash_link_token(arrival.token)
+        if platform_visitor is not None:
+            return self.recruits.hash_platform_id(platform_visitor.platform, platform_visitor.id)
+        return ""
 
     def _release_lease(self, lease: Lease | None) -> None:
         if self.leases is not None and lease is not None:

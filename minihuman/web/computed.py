@@ -145,8 +145,16 @@ def _describe_grid(
     assert plan.view != "text", "no page computes it"
     tile_px, palette = env.tiles(plan.view, picture_px, plan.palette)
     tiles = pack_atlas(tile_px, palette, env.kinds)
-    in_view = palette == "minigrid"
-    return GridState(0, [], [], env.image_shape[0], plan.view == "full", in_view, tiles.name), [tiles], None
+    state = GridState(
+        step=0,
+        row=[],
+        rng_state=[],
+        view_size=env.image_shape[0],
+        full=plan.view == "full",
+        in_view=palette == "minigrid",
+        atlas=tiles.name,
+    )
+    return state, [tiles], None
 
 
 def _describe_first_person(
@@ -162,10 +170,10 @@ def _describe_first_person(
     tables = pack_arrays(scene.tables)
     textures = [_pack_texture(pixels.tobytes()) for pixels in scene.textures]
     fixed = FirstPersonState(
-        0,
-        b"",
-        b"",
-        [],
+        step=0,
+        things=b"",
+        numbers=b"",
+        rng_state=[],
         walls=state.walls.tobytes(),
         rooms=state.rooms.tobytes(),
         edges=state.edges.tobytes(),

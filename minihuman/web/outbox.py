@@ -356,15 +356,15 @@ class Outbox:
             return
         self.outgoing.add(
             messages.EpisodeState(
-                self.through,
-                tick_ns,
-                episode,
-                step,
-                self.steps.find_scene(step),
-                controller,
-                action,
-                limit_ns,
-                self._pace_ns,
+                through=self.through,
+                tick=tick_ns,
+                episode=episode,
+                step=step,
+                node=self.steps.find_scene(step),
+                who=controller,
+                action=action,
+                limit=limit_ns,
+                pace=self._pace_ns,
             )
         )
 

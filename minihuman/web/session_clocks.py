@@ -175,4 +175,4 @@ class PageClock:
         drift_ppm = None
         if passed_ns >= _DRIFT_AFTER_NS:
             drift_ppm = (offset_ns - first_offset_ns) / passed_ns * 1e6
-        return Linked(at_ns, offset_ns, error_ns, link.latest, rtt_ns, drift_ppm)
+        return Linked(at_ns, offset_ns, error_ns, rtt_ns=link.latest, least_rtt_ns=rtt_ns, drift_ppm=drift_ppm)

@@ -84,6 +84,7 @@ def _render_files(protocol: Protocol, deployment: Deployment) -> dict[str, bytes
     }
     jinja = Environment(undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True)
     contents = {"study.toml": protocol.toml, **protocol.files}
+    study_files = sorted(contents)
     for name in FILE_NAMES:
         template = files(__package__).joinpath("templates", f"{name}.j2").read_text(encoding="utf-8")
         text = jinja.from_string(template).render(
@@ -91,7 +92,7 @@ def _render_files(protocol: Protocol, deployment: Deployment) -> dict[str, bytes
             host=urlsplit(deployment.address).hostname,
             study=protocol.study.name,
             extras=",".join(name for name in needs_extra if needs_extra[name]),
-            files=sorted(contents),
+            files=study_files,
         )
         contents[name] = text.encode()
     if deployment.postgres:
