@@ -33,7 +33,7 @@ _SIGHT_HELP = (
 _Sight = Literal["view", "whole", "remembered"]
 
 
-def command_line() -> str:
+def format_command_line() -> str:
     """Return the program's arguments as one line that begins with ``minihuman``, to be recorded in results."""
     return " ".join(["minihuman", *sys.argv[1:]])
 
@@ -83,7 +83,7 @@ def clone(
         selection=selection,
         cloning=CloningSettings(mirrored=mirrored, seed=seed),
     )
-    print(clone_study(source, out, study, command=command_line()), end="")
+    print(clone_study(source, out, study, command=format_command_line()), end="")
 
 
 def _parse_sizes(text: str) -> tuple[int, ...]:

@@ -260,6 +260,8 @@ def _choose_click_type(kind: Any, declared: Argument | Option) -> Any:  # a Para
 
 def _protect_examples(text: str) -> str:
     """Mark the paragraphs of a help text that begin with "Example:", so that Click does not wrap them."""
-    return "\n\n".join(
-        f"\b\n{paragraph}" if paragraph.startswith("Example:") else paragraph for paragraph in text.split("\n\n")
-    )
+    paragraphs = text.split("\n\n")
+    for index, paragraph in enumerate(paragraphs):
+        if paragraph.startswith("Example:"):
+            paragraphs[index] = f"\b\n{paragraph}"  # Click's mark of text that is not wrapped
+    return "\n\n".join(paragraphs)

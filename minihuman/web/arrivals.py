@@ -188,7 +188,7 @@ class Arrivals:
         return is_token(token) and self.recruits.has_issued(hash_link_token(token))
 
     def _is_proven(self, arrival: Arrival, platform_visitor: PlatformVisitor | None) -> bool:
-        """Return whether a visitor has one of the study's links, or a valid signature if the study requires one."""
+        """Return whether a visitor has the proof that the study requires, if any: one of its links or a signature."""
         if not self.protocol.web.require_signed_arrival or self.is_invited(arrival.token):
             return True
         study = self.protocol.study.name
@@ -246,7 +246,7 @@ class Arrivals:
         reason = f"left without playing: {why.replace('_', ' ')}"
         replace_participant(self._study_dir, admission.participant, AuditNote(reason, "server"))
 
-    def id_on_platform(self, participant: str) -> str:
+    def find_platform_id(self, participant: str) -> str:
         """Return a participant's id on the recruiting platform, for the link back; "" if no platform sent them."""
         platform_visitor = self.recruits.ids().get(participant)
         if platform_visitor is None:
@@ -277,7 +277,7 @@ class Arrivals:
         leased_session = self._lease_next_session(participant)
         if isinstance(leased_session, str):
             last = max(1, len(self.protocol.sessions))
-            return Rejection("finished", leased_session, last, self.id_on_platform(participant))
+            return Rejection("finished", leased_session, last, self.find_platform_id(participant))
         session, lease = leased_session
         try:
             admission = self._plan_admission(participant, session, plan, arrival.utc_offset_min)
@@ -327,7 +327,7 @@ class Arrivals:
             if session == 1:
                 return Rejection("broken")
             ended = self._read_end_reason(participant, session - 1)
-            return Rejection("not_today", ended, session - 1, self.id_on_platform(participant))
+            return Rejection("not_today", ended, session - 1, self.find_platform_id(participant))
 
     def _enrol_visitor(
         self, key: str, platform_visitor: PlatformVisitor | None
@@ -396,7 +396,7 @@ class Arrivals:
                 try:
                     self._sync_logs(participant)
                 except RemoteStoreError:
-                    if lease.grant.copied:
+                    if lease.grant.copied:  # otherwise no other server has recorded anything of the session
                         raise
                 folder = session_folder(self._data, self.protocol.study.name, participant, session)
                 leases.restore(lease, folder)

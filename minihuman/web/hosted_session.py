@@ -302,9 +302,10 @@ class SessionRecording:
         self._hosted.host.close_agent()
         for file in self._hosted.files:
             file.leave()
-        if self._leases is None or self._lease is None or not self._leases.release(self._lease):
+        if self._leases is None or self._lease is None:
             return
-        if is_dismissed:
+        is_released = self._leases.release(self._lease)
+        if is_released and is_dismissed:
             with suppress(OSError):  # otherwise it is put aside when the session is leased here again
                 for file in self._hosted.files:
                     put_aside(file.segment_path.part, SUPERSEDED)

@@ -83,13 +83,13 @@ class PagePresence:
         self._acted_s = now_s
         self.signs.act(now_s)
 
-    def absence_s(self, now_s: float) -> float:
+    def compute_absence_s(self, now_s: float) -> float:
         """Return the time, in seconds, for which no page has been connected; 0 while a page is connected."""
         if self.is_here:
             return 0.0
         return now_s - self._seen_s
 
-    def inactivity_s(self, now_s: float) -> float:
+    def compute_inactivity_s(self, now_s: float) -> float:
         """Return the time since the participant's last act, in seconds."""
         return now_s - self._acted_s
 

@@ -137,7 +137,7 @@ class PageProtocol:
     # From the page
 
     def begin_text(self) -> None:
-        """Begin to receive a text, which may contain several messages."""
+        """Record the session's state before a text, which may contain several messages, for ``end_text``."""
         self._session.hear()
         self._last_number = self._session.outgoing.last_number
         self._safe = self._session.safe()

@@ -107,7 +107,7 @@ class PageClock:
         self._previous_lag_ns = _NEVER_NS  # between the last two comparisons
         self._reference_lag_ns = _NEVER_NS  # in the first minute, or at the last drift that was noted
 
-    def arrive(self, at_ns: int, arrival_ns: int) -> str:
+    def compare_arrival(self, at_ns: int, arrival_ns: int) -> str:
         """Compare a message's time with its time of arrival; only the fastest messages are informative.
 
         Args:
@@ -126,7 +126,7 @@ class PageClock:
         is_early = arrival_ns - self._began_ns < _DRIFT_AFTER_NS
         return self._note_drift(arrival_ns, error_ns=_UNMEASURED_ERROR_NS, is_early=is_early)
 
-    def look(self, link: Linked, arrival_ns: int) -> str:
+    def compare_round_trip(self, link: Linked, arrival_ns: int) -> str:
         """Compare the clocks after a measured round trip; return a note if the page's clock drifted, otherwise ""."""
         return self._note_drift(arrival_ns, error_ns=link.error_ns, is_early=link.drift_ppm is None)
 
@@ -155,7 +155,7 @@ class PageClock:
         drift_ms = drift_ns / 1e6
         return f"{CLOCK_NOTE} moved by {drift_ms:+.0f} ms against the times at which its messages came"
 
-    def linked(self, at_ns: int, link: RoundTripMessage) -> Linked:
+    def record_round_trip(self, at_ns: int, link: RoundTripMessage) -> Linked:
         """Record a measured round trip; return its event, with the offset and drift of the clocks.
 
         Args:

@@ -191,7 +191,7 @@ class SessionHost:
         self.last_at_ns = at_ns
         self.outbox.at_ns = at_ns
         if arrival_ns is not None:
-            self.note(self.link.arrive(at_ns, arrival_ns))
+            self.note(self.link.compare_arrival(at_ns, arrival_ns))
         if not self._has_begun and not isinstance(message, messages.TickMessage):
             self._writer.write(self.session.receive(inputs.Tick(at_ns)))
         self._has_begun = True
@@ -284,9 +284,9 @@ class SessionHost:
         """Return the events of a message: notes about a report of the page, or the session's events for an input."""
         match message:
             case messages.RoundTripMessage():
-                linked = self.link.linked(at_ns, message)
+                linked = self.link.record_round_trip(at_ns, message)
                 if arrival_ns is not None:
-                    self.note(self.link.look(linked, arrival_ns))
+                    self.note(self.link.compare_round_trip(linked, arrival_ns))
                 return [linked]
             case messages.GamepadMessage(id=name, axes=axes, buttons=buttons):
                 detail = f"{axes} axes of -1 to 1, {buttons} buttons, dead zone {PAD_DEAD_ZONE}, read once a frame"

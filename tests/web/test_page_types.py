@@ -25,7 +25,9 @@ def test_a_field_that_is_added_to_a_message_is_in_the_page(monkeypatch: pytest.M
     longer = msgspec.defstruct("CommandMessage", [("number", int), ("text", str, "")], tag="ask", tag_field="t")
     assert 'export interface CommandMessage {\n  t: "ask";\n  number: number;\n}' in format_page_types()
     monkeypatch.setattr("minihuman.web.page_types.ALIASES", {"ServerMessage": longer | messages.FilmFrame})
-    assert 'export interface CommandMessage {\n  t: "ask";\n  number: number;\n  text: string;\n}' in format_page_types()
+    assert (
+        'export interface CommandMessage {\n  t: "ask";\n  number: number;\n  text: string;\n}' in format_page_types()
+    )
 
 
 def test_every_type_that_a_page_module_names_is_one_of_a_message() -> None:

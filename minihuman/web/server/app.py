@@ -311,7 +311,7 @@ class WebServer:
             await asyncio.to_thread(self._arrivals.decline, admission, why)
         elif session.end_reason in _VANISHED and connection.is_unproven:
             await asyncio.to_thread(self._arrivals.release, admission, session.end_reason)
-        person = await asyncio.to_thread(self._arrivals.id_on_platform, admission.participant)
+        person = await asyncio.to_thread(self._arrivals.find_platform_id, admission.participant)
         session_code = get_session_code(self._arrivals.protocol, admission.session)
         completion = build_completion(self._web, end, session_code=session_code, person=person)
         connection.over = build_session_over(connection, completion)
@@ -346,14 +346,14 @@ class WebServer:
     async def _supervise_one(self, connection: Connection) -> None:
         """Obey the experimenter's commands for a session, apply its time limits, and finish or drop it once over."""
         now_s = monotonic_s()
-        absence_s = connection.presence.absence_s(now_s)
+        absence_s = connection.presence.compute_absence_s(now_s)
         if connection.ping is not None:  # there was nothing to acknowledge
             connection.changed.set()
         if not connection.host.over:
             await connection.run(connection.read_inbox)
         if not connection.host.over and absence_s > self._web.reconnect_timeout_s:
             await connection.run(connection.stop, "connection_lost", "the page did not come back")
-        if not connection.host.over and 0 < self._web.idle_timeout_s < connection.presence.inactivity_s(now_s):
+        if not connection.host.over and 0 < self._web.idle_timeout_s < connection.presence.compute_inactivity_s(now_s):
             detail = f"nothing was pressed for {self._web.idle_timeout_s:g} s"
             await connection.run(connection.stop, "timed_out", detail)
         await self._finish_if_over(connection)
@@ -379,7 +379,8 @@ class WebServer:
         """Finish the logs of sessions that had ended when this server was killed, once the database is available."""
         while True:
             try:
-                return await asyncio.to_thread(self._arrivals.finish_ended)
+                await asyncio.to_thread(self._arrivals.finish_ended)
+                return
             except OSError:
                 await asyncio.sleep(TTL_S)
             except MinihumanError as error:
@@ -423,7 +424,7 @@ class WebServer:
                     LOG.exception("a session could not be left to another server")
 
     def _take_leased(self, *, is_due: bool) -> list[Connection]:
-        """Return the connections whose leases to renew now: all if renewal is due, else those with new records."""
+        """Return, and no longer list as recorded, the connections to renew: all if due, else those with new records."""
         connections = set(self.connections.values())
         if not is_due:
             connections &= self._factory.recorded

@@ -146,7 +146,7 @@ def describe_state(row: SessionRow, running: set[str]) -> str:
 
 
 def find_studies(folder: Path, data: Path) -> list[StudyEntry]:
-    """Find the studies of the protocols in a folder, then studies whose sessions are in the data folder without one.
+    """Find the studies that have a protocol in a folder, then other studies that have sessions in the data folder.
 
     Args:
         folder: the folder of the protocols, TOML files with a ``[study]`` table in it or in its subfolders.

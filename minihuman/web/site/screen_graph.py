@@ -280,11 +280,11 @@ class ScreenGraph:
     # Edges
 
     def _explore(self, number: int, session: SessionMachine, outcome: str) -> None:
-        """Find the nodes to which inputs, time and the ends of an episode or a run lead from a node."""
+        """Add to a node the nodes to which inputs, time and the ends of an episode or a run lead."""
         node = self.nodes[number]
         if session.phase in (Phase.UNFOCUSED, Phase.PAUSED, Phase.QUIT_QUESTION):
             return
-        self._find_overlays(node, session)
+        self._add_overlays(node, session)
         page_run = build_page_run(session)
         if page_run is not None:
             self._explore_run(node, session, page_run)
@@ -293,10 +293,10 @@ class ScreenGraph:
             self._explore_episode(node, session, session.play)
             return
         node.keeps_picture = isinstance(session.screen, PlayScreen)
-        self._find_due(node, session, outcome)
+        self._add_tick_edge(node, session, outcome)
         if node.answer_field is not None:
-            self._find_judged(node, session)
-        self._find_return(node, session)
+            self._add_judged_edges(node, session)
+        self._add_return(node, session)
         if isinstance(session.screen, PageScreen):
             copied = self._copy(session, shown=True)
             copied.receive(KeyDown(copied.now_ns + _LOOK_NS, "enter", "enter", repeat=True))
@@ -323,8 +323,8 @@ class ScreenGraph:
         early.receive(make_input(early.now_ns + _LOOK_NS))
         node.edges[name] = (target, self._visit(early, outcome) == target, _gives_consent(events))
 
-    def _find_judged(self, node: ScreenNode, session: SessionMachine) -> None:
-        """Find the nodes to which answers in the field lead, one for each judgement."""
+    def _add_judged_edges(self, node: ScreenNode, session: SessionMachine) -> None:
+        """Add to a node the nodes to which answers in its field lead, one for each judgement."""
         answer_field = session.part.answer_field
         assert answer_field is not None, "the node has a field"
         for judgement, inputs in answer_field.examples.items():
@@ -333,8 +333,8 @@ class ScreenGraph:
                 copied.receive(make_input(copied.now_ns + _LOOK_NS))
             node.judged[judgement] = self._visit(copied, "")
 
-    def _find_return(self, node: ScreenNode, session: SessionMachine) -> None:
-        """Find the node of a participant who goes back from a question that shows a note, and then on again."""
+    def _add_return(self, node: ScreenNode, session: SessionMachine) -> None:
+        """Add to a node that shows a note the node of a participant who goes back from it, and then on again."""
         if not node.group or not node.screen["note"]:
             return
         copied = self._copy(session, shown=True)
@@ -343,8 +343,8 @@ class ScreenGraph:
         if _find_group(copied) == node.group and not copied.screen.note:  # type: ignore[union-attr]
             node.returns = self._visit(copied, "")
 
-    def _find_due(self, node: ScreenNode, session: SessionMachine, outcome: str) -> None:
-        """Find the time at which the session goes on by itself, and the node to which it goes on."""
+    def _add_tick_edge(self, node: ScreenNode, session: SessionMachine, outcome: str) -> None:
+        """Add to a node the time at which the session goes on by itself, and the node to which it goes on."""
         entered_due_ns = session.next_tick_ns
         copied = self._copy(session, shown=True)
         due_ns = copied.next_tick_ns
@@ -358,8 +358,8 @@ class ScreenGraph:
         copied.receive(Tick(max(due_ns, copied.now_ns)))
         node.edges["tick"] = (self._visit(copied, outcome), True, False)
 
-    def _find_overlays(self, node: ScreenNode, session: SessionMachine) -> None:
-        """Find the nodes of the screens that cover a node when the focus is lost, or F8 or Escape is pressed."""
+    def _add_overlays(self, node: ScreenNode, session: SessionMachine) -> None:
+        """Add to a node the nodes of the screens that cover it when the focus is lost, or F8 or Escape is pressed."""
         for name, make_input in (
             ("unfocused", lambda t_ns: FocusChanged(t_ns, focused=False)),
             ("paused", lambda t_ns: KeyDown(t_ns, "f8", "f8")),
@@ -370,10 +370,10 @@ class ScreenGraph:
             if copied.phase in (Phase.UNFOCUSED, Phase.PAUSED, Phase.QUIT_QUESTION):
                 node.overlays[name] = self._visit(copied, "")
             if copied.phase is Phase.QUIT_QUESTION:
-                self._find_ending(node, copied)
+                self._add_ending_overlay(node, copied)
 
-    def _find_ending(self, node: ScreenNode, session: SessionMachine) -> None:
-        """Find the node to which the question whether to end the session leads if Escape is held."""
+    def _add_ending_overlay(self, node: ScreenNode, session: SessionMachine) -> None:
+        """Add to a node the node to which the question whether to end the session leads if Escape is held."""
         questioned = self._copy(session, shown=False)
         questioned.receive(KeyDown(questioned.now_ns + _LOOK_NS, "escape", "escape"))
         due_ns = questioned.next_tick_ns
@@ -382,7 +382,7 @@ class ScreenGraph:
         node.overlays["ending"] = self._visit(questioned, "")
 
     def _explore_run(self, node: ScreenNode, session: SessionMachine, page_run: PageRun) -> None:
-        """Find the nodes to which each end of a run leads, and the node after a screen that covered the run."""
+        """Add to a node the nodes to which the ends of its run lead, and the node after a screen that covered it."""
         for name, list_inputs_to_end in page_run.ends.items():
             copied = self._copy(session, shown=False)
             for run_input in list_inputs_to_end(copied.part):
@@ -394,7 +394,7 @@ class ScreenGraph:
         node.resumed = self._visit(covered, "")
 
     def _explore_episode(self, node: ScreenNode, session: SessionMachine, play: RunningEpisode) -> None:
-        """Describe an episode, and find the node to which each of its outcomes leads.
+        """Describe an episode, and add to its node the nodes to which its outcomes lead.
 
         Raises:
             SiteError: if no page can compute the episode.

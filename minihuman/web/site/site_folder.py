@@ -111,11 +111,12 @@ def write_site(protocol: Protocol, folder: Path, *, collector: str = "download",
         head = _JATOS_HEAD.read_text(encoding="utf-8")
     _copy_page(folder, head)
     (folder / "study" / "arrays").mkdir(parents=True, exist_ok=True)
-    screens = 0
+    n_screens = 0  # of the first slot
     sounds: dict[str, SoundContent] = {}
     for index in range(count):
         script = SlotScript(protocol, index)
-        screens = screens or len(script.graph.nodes)
+        if index == 0:
+            n_screens = len(script.graph.nodes)
         sounds |= script.sounds
         content = script.build_content(build)
         _copy_modules(folder / "static", script.modules)
@@ -126,7 +127,7 @@ def write_site(protocol: Protocol, folder: Path, *, collector: str = "download",
         _write_sound(folder / "sounds" / digest, sound, protocol.files)
     _write_json(folder / "study" / "site.json", _describe_site(protocol, build, collector, count))
     size_bytes = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
-    return SiteSummary(count, screens, size_bytes, build)
+    return SiteSummary(count, n_screens, size_bytes, build)
 
 
 def _write_json(path: Path, content: Any) -> None:
@@ -203,7 +204,6 @@ class SlotScript:
         self._settings = get_page_settings(protocol)
         self._images = ImageCache(self._settings.encoding)
         self.modules: set[str] = set()  # of kinds of activity: addresses at a server
-        self._pictures: list[messages.PictureMessage] = []
         self._episodes: dict[int, dict[str, Any]] = {}
         require_site_support(protocol, self._plan)
         session = build_session(
@@ -211,7 +211,7 @@ class SlotScript:
         )
         session.receive(Tick(1))
         self.graph = ScreenGraph(session, self._images.number, self._describe_episode)
-        self._pictures = list(self._images.take_new())
+        self._pictures = self._images.take_new()
         self.graph.close()
         session.close()
 
