@@ -26,38 +26,49 @@ _DISTRIBUTIONS = {  # by module, if their names differ
     "freetype": "freetype-py",
     "google": "protobuf",
 }
+_REPLAY_VIEWER = "rerun-sdk"
 _INTERRUPTED = 130  # the exit status that shells use after Ctrl-C
 _COLOURS = re.compile(r"\x1b\[[0-9;]*m")  # a terminal's colour codes, which Gymnasium puts into its warnings
 
 
 def main() -> None:
     """Run the command line; an error that the user can correct is printed as one line, with exit status 2."""
-    warnings.formatwarning = lambda message, *_: (  # without the place in the code
-        f"Warning: {escape_control_characters(_COLOURS.sub('', str(message)))}\n"
-    )
+    warnings.formatwarning = _format_warning
     os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")  # Arrow's pool keeps freed memory: 27 MiB
-    code = _run()
+    sys.exit(_flush_output(_run()))
+
+
+def _format_warning(
+    message: Warning | str, category: type[Warning], filename: str, lineno: int, line: str | None = None
+) -> str:
+    """Format a warning as one line, without its place in the code and without colours."""
+    return f"Warning: {escape_control_characters(_COLOURS.sub('', str(message)))}\n"
+
+
+def _flush_output(code: int) -> int:
+    """Flush the standard output after a command with exit status ``code``; return the exit status of the program."""
     try:
         sys.stdout.flush()
-    except OSError as error:  # discard the rest of the output, so that the interpreter's end does not raise, too
+    except OSError as error:
+        # discard the remaining output, so that the interpreter, which flushes again at its end, does not fail, too
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         if isinstance(error, BrokenPipeError):  # the reader has closed the pipe
-            code = code or 1
-        elif code != MinihumanError.exit_code:  # otherwise an error was printed already
-            code = _refuse(error)
-    sys.exit(code)
+            return code or 1
+        if code != MinihumanError.exit_code:  # otherwise an error was printed already
+            return _report_os_error(error)
+    return code
 
 
 def _run() -> int:
-    """Run a command and return its exit status."""
+    """Run the command that the program's arguments name; print its errors, and return its exit status."""
     try:
-        return _exit_status(make_command_line().main(prog_name="minihuman", standalone_mode=False))
+        return _convert_exit_code(make_command_line().main(prog_name="minihuman", standalone_mode=False))
     except SystemExit as ended:
-        return _exit_status(ended.code)
+        return _convert_exit_code(ended.code)
     except MinihumanError as error:
-        return _refuse_mistakes(error)
+        return _report_mistakes(error)
     except click.UsageError as error:
-        return _refuse_usage(error)
+        return _report_usage_error(error)
     except click.Abort as error:  # Click raises it after Ctrl-C, too
         if isinstance(error.__cause__, KeyboardInterrupt):
             return _INTERRUPTED
@@ -68,80 +79,88 @@ def _run() -> int:
         requirements = find_missing_requirements(error.name or "")
         if not requirements:
             raise
-        needed = " ".join(f"'{requirement}'" for requirement in requirements)
-        _complain(f"this command needs {requirements[0]}, which is not installed here; run: pip install {needed}")
+        quoted = " ".join(f"'{requirement}'" for requirement in requirements)
+        _print_error(f"this command needs {requirements[0]}, which is not installed here; run: pip install {quoted}")
         return MinihumanError.exit_code
     except BrokenPipeError:  # the reader has closed the pipe
         return 1
     except OSError as error:
-        return _refuse(error)
+        return _report_os_error(error)
 
 
-def _exit_status(code: object) -> int:
-    """Return the exit status that a command requested; 0 if it requested none."""
+def _convert_exit_code(code: object) -> int:
+    """Return the exit status for a command's return value or the code of its ``SystemExit``; 0 if it is no number."""
     if isinstance(code, int):
         return code
     return 0
 
 
-def _refuse_mistakes(error: MinihumanError) -> int:
+def _report_mistakes(error: MinihumanError) -> int:
+    """Print each mistake that an error lists, or its message if it lists none; return its exit status."""
     for line in getattr(error, "mistakes", ()) or (str(error),):
-        _complain(line)
+        _print_error(line)
     return error.exit_code
 
 
-def _refuse_usage(error: click.UsageError) -> int:
+def _report_usage_error(error: click.UsageError) -> int:
+    """Print an error in the arguments as one line, and name the command whose help explains them; return the status."""
     message = " ".join(error.format_message().split()).removesuffix(".")
     if error.ctx is not None:
         message += f" (see {error.ctx.command_path} --help)"
-    _complain(message)
+    _print_error(message)
     return error.exit_code
 
 
-def _refuse(error: OSError) -> int:
+def _report_os_error(error: OSError) -> int:
+    """Print an error of the operating system with the file that it names; return the exit status."""
     message = f"{error.strerror or error}"
     if error.filename is not None:
         message = f"{error.filename}: {message}"
-    _complain(message)
+    _print_error(message)
     return MinihumanError.exit_code
 
 
 def find_missing_requirements(module: str) -> list[str]:
     """Return the requirement of this package that provides a module, then the other missing requirements of its extra.
 
-    The list is empty if no requirement provides the module. The base requirements are treated like an extra, except for
-    the replay viewer, which is larger than all others together.
+    The base requirements are treated like an extra, except for the replay viewer, which is larger than all others
+    together. If several extras provide the module, the base requirements or the extra with the fewest missing
+    requirements is used. The list is empty if no requirement provides the module.
     """
     package = module.partition(".")[0]
-    name = _DISTRIBUTIONS.get(package, package).lower()
-    extras: defaultdict[str, list[str]] = defaultdict(list)
+    distribution = _DISTRIBUTIONS.get(package, package).lower()
+    provider_by_extra: dict[str, str] = {}  # the requirement of the module's distribution; "" is no extra
+    missing_by_extra: defaultdict[str, list[str]] = defaultdict(list)
     for line in requires(DISTRIBUTION) or ():
         requirement, _, marker = line.partition(";")
         extra = marker.partition("extra ==")[2].strip(" '\"")
-        required = _name_requirement(requirement)
-        is_replay_viewer = not extra and required == "rerun-sdk"
-        is_optional = is_replay_viewer or "sys_platform" in marker
-        if required == name:
-            extras[extra].insert(0, requirement.strip())
-        elif name != "jinja2" and not is_optional and not _can_import(required):  # jinja2 needs no others
-            extras[extra].append(requirement.strip())
-    providing_extras = [extra for extra, missing in extras.items() if _name_requirement(missing[0]) == name]
-    if not providing_extras:
+        required = _parse_distribution(requirement)
+        is_optional = (not extra and required == _REPLAY_VIEWER) or "sys_platform" in marker
+        if required == distribution:
+            provider_by_extra[extra] = requirement.strip()
+        elif distribution != "jinja2" and not is_optional and not _can_import(required):  # jinja2 needs no others
+            missing_by_extra[extra].append(requirement.strip())
+    if not provider_by_extra:
         return []
-    smallest = min(providing_extras, key=lambda extra: (bool(extra), len(extras[extra])))
-    return extras[smallest]
+    smallest = min(provider_by_extra, key=lambda extra: (bool(extra), len(missing_by_extra[extra])))
+    return [provider_by_extra[smallest], *missing_by_extra[smallest]]
 
 
-def _name_requirement(requirement: str) -> str:
+def _parse_distribution(requirement: str) -> str:
+    """Return the name of the distribution in a requirement, in lower case: ``pyarrow`` for ``pyarrow>=16``."""
     return re.split(r"[^\w.-]", requirement)[0].lower()
 
 
 def _can_import(distribution: str) -> bool:
+    """Return whether the module of a distribution is installed."""
+    module = distribution.replace("-", "_")
+    for module_name, distribution_name in _DISTRIBUTIONS.items():
+        if distribution_name == distribution:
+            module = module_name
     with suppress(ModuleNotFoundError):
-        modules = [module for module, name in _DISTRIBUTIONS.items() if name == distribution]
-        return find_spec(*modules or [distribution.replace("-", "_")]) is not None
+        return find_spec(module) is not None
     return False
 
 
-def _complain(line: str) -> None:
+def _print_error(line: str) -> None:
     print(f"minihuman: {escape_line(line)}", file=sys.stderr)

@@ -33,16 +33,16 @@ _SIGHT_HELP = (
 _Sight = Literal["view", "whole", "remembered"]
 
 
-def command_line() -> str:
-    """Return the command that is running, as recorded in results."""
+def format_command_line() -> str:
+    """Return the program's arguments as one line that begins with ``minihuman``, to be recorded in results."""
     return " ".join(["minihuman", *sys.argv[1:]])
 
 
-def need_torch() -> None:
-    """Check that the extra `learn` is installed.
+def require_torch() -> None:
+    """Check that the packages of the extra `learn` are installed.
 
     Raises:
-        LearnError: if it is not.
+        LearnError: if PyTorch or Stable-Baselines3 is missing.
     """
     try:
         import stable_baselines3  # noqa: F401
@@ -71,22 +71,22 @@ def clone(
 
     Example: minihuman learn clone sessions/my-study --world minihuman/MiniGrid-FourRooms-v0 --out clone.pt
     """
-    need_torch()
+    require_torch()
     from minihuman.learn.behaviour_cloning import CloneStudy, CloningSettings, clone_study
 
     study = CloneStudy(
         world=world,
         sight=sight,
         missions=missions,
-        sizes=_parse_numbers(sizes),
+        sizes=_parse_sizes(sizes),
         evaluation_episodes=episodes,
         selection=selection,
         cloning=CloningSettings(mirrored=mirrored, seed=seed),
     )
-    print(clone_study(source, out, study, command=command_line()), end="")
+    print(clone_study(source, out, study, command=format_command_line()), end="")
 
 
-def _parse_numbers(text: str) -> tuple[int, ...]:
+def _parse_sizes(text: str) -> tuple[int, ...]:
     try:
         return tuple(int(part) for part in text.split(",") if part)
     except ValueError:
@@ -113,7 +113,7 @@ def teach(
 
     Example: minihuman learn teach sessions/my-study --world minihuman/MiniGrid-FourRooms-v0 --out taught.pt
     """
-    need_torch()
+    require_torch()
     from minihuman.learn.policy.observation import ObservationEncoder
     from minihuman.learn.teaching.log_dataset import read_study_dataset
     from minihuman.learn.teaching.provenance import make_policy
@@ -147,7 +147,7 @@ def ppo(
 
     Example: minihuman learn ppo minihuman/MiniGrid-DoorKey-5x5-v0 --out door.pt
     """
-    need_torch()
+    require_torch()
     from minihuman.learn.training import count_steps, train
 
     training = compose_job(world or [], job, option or [], settings)
@@ -179,7 +179,7 @@ def compare(
 
     Example: minihuman learn compare door.pt sessions/my-study
     """
-    need_torch()
+    require_torch()
     from minihuman.learn.evaluation import compare_with_people
 
     comparison = compare_with_people(policy, study, selection, world=world, seed=seed)

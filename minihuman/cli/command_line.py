@@ -73,7 +73,7 @@ SECTIONS: Mapping[str, Mapping[str, str]] = {  # by module of this package: its 
 }
 ALIASES = {"mark": "annotate", "seal": "manifest", "bonus": "payments"}  # earlier names, which work but are not listed
 _MODULES = {name: module for module, names in SECTIONS.items() for name in names}
-_NO_COMMAND = 2
+_NO_COMMAND_STATUS = 2  # the exit status if no command is given
 _HELP_NAMES = {"help_option_names": ["-h", "--help"]}
 
 
@@ -83,7 +83,7 @@ class _Group(click.Group):
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         if not args and not ctx.resilient_parsing:
             click.echo(ctx.get_help(), err=True)
-            ctx.exit(_NO_COMMAND)
+            ctx.exit(_NO_COMMAND_STATUS)
         return super().parse_args(ctx, args)
 
 
@@ -95,21 +95,21 @@ class CommandLine(_Group):
         return list(_MODULES)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Import a command by its current or earlier name; None if there is no such command."""
+        """Import and return a command by its current or earlier name; None if there is no such command."""
         name = ALIASES.get(cmd_name, cmd_name)
         if name not in _MODULES:
             return None
-        function = name
+        function_name = name
         if iskeyword(name):
-            function = f"{name}_"
-        command = getattr(import_module(f"minihuman.cli.{_MODULES[name]}"), function)
+            function_name = f"{name}_"
+        command = getattr(import_module(f"minihuman.cli.{_MODULES[name]}"), function_name)
         if isinstance(command, click.Command):
             return command
         return make_command(command)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the commands by section, without importing any."""
-        widest = max(map(len, _MODULES))
+        """Write the commands and their help by section to the formatter, without importing any command."""
+        widest = max(map(len, _MODULES))  # aligns the help texts of all sections
         for section, helps in SECTIONS.items():
             with formatter.section(section.capitalize()):
                 formatter.write_dl([(name.ljust(widest), help) for name, help in helps.items()])
@@ -131,8 +131,8 @@ class Subgroup(_Group):
     """A command with subcommands, which its help lists in the given order."""
 
     def __init__(self, name: str, help: str, commands: Sequence[Callable[..., None]]) -> None:
-        made_commands = {command.__name__: make_command(command) for command in commands}
-        super().__init__(name, made_commands, help=help, context_settings=_HELP_NAMES)
+        commands_by_name = {command.__name__: make_command(command) for command in commands}
+        super().__init__(name, commands_by_name, help=help, context_settings=_HELP_NAMES)
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Return the names of the subcommands in the order of the help."""
@@ -142,16 +142,18 @@ class Subgroup(_Group):
 def make_command(function: Callable[..., None]) -> click.Command:
     """Convert a function whose parameters are annotated with `Argument` or `Option` into a command of its name."""
     parameters = inspect.signature(function).parameters.values()
-    kinds = {parameter.name: get_args(parameter.annotation)[0] for parameter in parameters}
+    list_names = {parameter.name for parameter in parameters if _is_list(get_args(parameter.annotation)[0])}
 
-    def call(**values: Any) -> None:
-        function(**{name: list(value) if _is_list(kinds[name]) else value for name, value in values.items()})
+    def call(**arguments: Any) -> None:
+        for name in list_names & arguments.keys():
+            arguments[name] = list(arguments[name])  # Click passes a tuple
+        function(**arguments)
 
     return _Command(
         function.__name__.removesuffix("_"),
         callback=call,
         params=[_make_parameter(parameter) for parameter in parameters],
-        help=_keep_example(inspect.getdoc(function) or ""),
+        help=_protect_examples(inspect.getdoc(function) or ""),
         context_settings=_HELP_NAMES,
     )
 
@@ -200,44 +202,53 @@ class _Command(click.Command):
 def _make_parameter(parameter: inspect.Parameter) -> click.Parameter:
     """Convert an annotated parameter of a function into an argument or an option of its command."""
     annotation, declared = get_args(parameter.annotation)[:2]
-    required = parameter.default is inspect.Parameter.empty
+    kind = _get_bare_type(annotation)
+    many = _is_list(annotation)
     default = None
-    kind = _bare_kind(annotation)
-    settings: dict[str, Any] = {"required": required, "type": _click_type(kind, declared)}
-    if not required:
+    settings: dict[str, Any] = {"required": parameter.default is inspect.Parameter.empty}
+    if not settings["required"]:
         default = parameter.default
         settings["default"] = default
-    many = _is_list(annotation)
     if isinstance(declared, Argument):
+        settings["type"] = _choose_click_type(kind, declared)
         return _Argument(parameter.name, declared, nargs=-1 if many else 1, **settings)
     assert isinstance(declared, Option)
-    dashed_name = parameter.name.replace("_", "-")
-    names = list(declared.names) or [f"--{dashed_name}"]
+    names = _list_option_names(parameter.name, declared, is_flag=kind is bool)
     if kind is bool:
-        if not declared.names:
-            names = [f"--{dashed_name}/--no-{dashed_name}"]
-        del settings["type"]
         settings["is_flag"] = True
         show_default = any("/" in name for name in names) and default is not None
     else:
+        settings["type"] = _choose_click_type(kind, declared)
         settings["multiple"] = many
         show_default = default not in (None, "")
     return _Option([*names, parameter.name], declared, show_default=show_default, **settings)
 
 
-def _bare_kind(annotation: Any) -> Any:
+def _list_option_names(parameter_name: str, declared: Option, *, is_flag: bool) -> list[str]:
+    """Return the names of an option on the command line: the declared ones or, without any, its parameter's name."""
+    if declared.names:
+        return list(declared.names)
+    dashed_name = parameter_name.replace("_", "-")
+    if is_flag:
+        return [f"--{dashed_name}/--no-{dashed_name}"]
+    return [f"--{dashed_name}"]
+
+
+def _get_bare_type(annotation: Any) -> Any:
     """Return the type of a single value, e.g. int for ``int | None`` and Path for ``list[Path]``."""
-    inner = [part for part in get_args(annotation) if part is not type(None)]
-    if inner and get_origin(annotation) is not Literal:
-        return _bare_kind(inner[0])
+    inner_types = [part for part in get_args(annotation) if part is not type(None)]
+    if inner_types and get_origin(annotation) is not Literal:
+        return _get_bare_type(inner_types[0])
     return annotation
 
 
 def _is_list(annotation: Any) -> bool:
+    """Return whether an annotation is of the form ``list[...]`` or ``list[...] | None``."""
     return str(annotation).startswith("list[")
 
 
-def _click_type(kind: Any, declared: Argument | Option) -> Any:  # a ParamType, generic only in newer Clicks
+def _choose_click_type(kind: Any, declared: Argument | Option) -> Any:  # a ParamType, generic only in newer Clicks
+    """Return Click's type for an argument or option whose single values have the type ``kind``."""
     if get_origin(kind) is Literal:
         return click.Choice(get_args(kind))
     if kind is Path:
@@ -247,8 +258,10 @@ def _click_type(kind: Any, declared: Argument | Option) -> Any:  # a ParamType, 
     return click.types.convert_type(kind)
 
 
-def _keep_example(text: str) -> str:
-    """Mark the paragraphs with examples, so that Click does not wrap them."""
-    return "\n\n".join(
-        f"\b\n{paragraph}" if paragraph.startswith("Example:") else paragraph for paragraph in text.split("\n\n")
-    )
+def _protect_examples(text: str) -> str:
+    """Mark the paragraphs of a help text that begin with "Example:", so that Click does not wrap them."""
+    paragraphs = text.split("\n\n")
+    for index, paragraph in enumerate(paragraphs):
+        if paragraph.startswith("Example:"):
+            paragraphs[index] = f"\b\n{paragraph}"  # Click's mark of text that is not wrapped
+    return "\n\n".join(paragraphs)

@@ -16,6 +16,7 @@ from minihuman.cli.options import (
     ask_reason,
     print_account,
     print_json,
+    print_note,
 )
 from minihuman.errors import escape_control_characters
 
@@ -197,14 +198,14 @@ def withdraw(
     Example: minihuman withdraw sub-07 --study sessions/fourrooms-transfer --erase
     """
     from minihuman.admin.enrolment_entries import AuditNote
-    from minihuman.admin.withdrawal import withdraw_participant as take_out
+    from minihuman.admin.withdrawal import withdraw_participant
     from minihuman.errors import AllocationError
 
     if erase == (archive is not None):
         raise AllocationError(
             "choose what happens to the participant's data: add either --erase or --archive ARCHIVE.zip"
         )
-    withdrawal = take_out(study, code, seal=archive, note=AuditNote(ask_reason(reason), experimenter))
+    withdrawal = withdraw_participant(study, code, seal=archive, note=AuditNote(ask_reason(reason), experimenter))
     print(withdrawal.line())
     print("The next participant gets their slot. Make reports, figures and exports again: they hold their data.")
     print("Folders that `minihuman gather --tables` filled hold it, too, until it is run again.")
@@ -218,14 +219,18 @@ def replace(code: Code, study: StudyOption, reason: ReasonOption = "", experimen
     Example: minihuman replace sub-07 --study sessions/fourrooms-transfer
     """
     from minihuman.admin.enrolment_entries import AuditNote
-    from minihuman.admin.withdrawal import replace_participant as offer
+    from minihuman.admin.withdrawal import replace_participant
 
-    offer(study, code, AuditNote(ask_reason(reason), experimenter))
+    replace_participant(study, code, AuditNote(ask_reason(reason), experimenter))
     print(f"the next `minihuman run` offers {code}'s slot")
 
 
 def _import_site(files: list[Path], study: Path, protocol: Path, *, json: bool) -> int:
-    """Import a site's records; return the exit status."""
+    """Import records of a site's pages into a study, and print a line or a JSON object for each.
+
+    Returns:
+        The exit status: 0, or the highest one of the records that were refused.
+    """
     from minihuman.study_site import describe_site_slots, import_site_data
 
     code = 0
@@ -321,15 +326,15 @@ def gather(
     from minihuman.dataset.remote_tables import fetch_tables, store_tables
 
     if tables is not None:
-        n_fetched, removed = fetch_tables(study, tables, say=lambda line: print_account([line]))
+        n_fetched, removed = fetch_tables(study, tables, say=print_note)
         print_account(filter(None, [record_output(Path(study), TABLES, tables)]))
         print(f"{n_fetched} files of tables fetched, {removed} removed in {tables}")
         return
     folder = Path(study).absolute()
     if lost_machine:
         declare_machine_lost(folder, lost_machine, say=print)
-    obey_withdrawals(folder, ask_store=True, say=lambda line: print_account([line]))
-    n_fetched, n_stored = sync_logs(folder.parent, f"{folder.name}/", say=lambda line: print_account([line]))
+    obey_withdrawals(folder, ask_store=True, say=print_note)
+    n_fetched, n_stored = sync_logs(folder.parent, f"{folder.name}/", say=print_note)
     print(f"{n_fetched} logs fetched, {n_stored} stored")
-    if (counts := store_tables(folder, say=lambda line: print_account([line]))) is not None:
+    if (counts := store_tables(folder, say=print_note)) is not None:
         print(f"{counts[0]} files of tables stored, {counts[1]} removed")

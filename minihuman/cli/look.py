@@ -13,6 +13,7 @@ from minihuman.cli.options import (
     StudyOrLog,
     print_account,
     print_json,
+    print_note,
     print_result,
     selection_options,
 )
@@ -32,19 +33,19 @@ def status(
     Example: minihuman status sessions/fourrooms-transfer --due
     """
     if due:
-        from minihuman.admin.due import list_due_sessions as expected
+        from minihuman.admin.due import list_due_sessions
 
-        due_sessions = expected(study)
+        due_sessions = list_due_sessions(study)
         lines = [session.line() for session in due_sessions] or ["no participant is due"]
         print_result(due_sessions, lambda: "\n".join(lines), json=json)
         return
     from minihuman.admin.local_copies import obey_withdrawals
     from minihuman.admin.status import format_status, read_study_status
 
-    obey_withdrawals(study, say=lambda line: print_account([line]))
-    found_status = read_study_status(study)
-    print_result(found_status, lambda: "\n".join(format_status(study, found_status)), json=json)
-    raise SystemExit(int(bool(found_status.problems)))
+    obey_withdrawals(study, say=print_note)
+    study_status = read_study_status(study)
+    print_result(study_status, lambda: "\n".join(format_status(study, study_status)), json=json)
+    raise SystemExit(int(bool(study_status.problems)))
 
 
 def info(

@@ -42,8 +42,9 @@ class Option:
     def __init__(
         self, *names: str, help: str, min: int | None = None, max: int | None = None, panel: str = "Options"
     ) -> None:
-        for name, value in (("names", names), ("help", help), ("min", min), ("max", max), ("panel", panel)):
-            object.__setattr__(self, name, value)
+        fields = {"names": names, "help": help, "min": min, "max": max, "panel": panel}
+        for name, setting in fields.items():
+            object.__setattr__(self, name, setting)  # the class is frozen
 
 
 StudyFolder = Annotated[Path, Argument("A study's folder, such as sessions/fourrooms-transfer.", "STUDY")]
@@ -73,7 +74,7 @@ EngineOption = Annotated[
 ]
 JsonOption = Annotated[bool, Option("--json", help="Print JSON instead of plain text.")]
 
-_HELP = {
+_SELECTION_HELP = {  # by parameter of ``Selection``
     "outcome": "Include only episodes with this outcome: goal, timeout, failure or ended; repeatable.",
     "block": "Include only episodes of this block; repeatable.",
     "participant": "Include only this participant's episodes; repeatable.",
@@ -86,54 +87,60 @@ _HELP = {
     "(excluded by the protocol's rules) or `answer-rules` (by those on answers); repeatable.",
 }
 
+_CLEAR_LINE = "\r\033[K"  # moves a terminal's cursor to the start of the line, and clears the line
+
 
 def selection_options(**defaults: tuple[str, ...]) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Add the options that select episodes to a command, which receives them as its last parameter, ``selection``.
+    """Return a decorator that adds the options that select episodes to a command.
 
-    ``defaults`` has the values of options that are not given.
+    The command receives them as its last parameter, a ``Selection`` named ``selection``.
+
+    Args:
+        defaults: the values of options that are not given on the command line; () for any not named here.
     """
 
     def decorate(command: Callable[..., None]) -> Callable[..., None]:
         @wraps(command)
-        def chosen(*arguments: Any, **named: Any) -> None:
+        def run_with_selection(*arguments: Any, **named: Any) -> None:
             from minihuman.dataset.selection import Selection
 
-            choices = {name: tuple(named.pop(name) or ()) or defaults.get(name, ()) for name in _HELP}
+            choices = {name: tuple(named.pop(name) or ()) or defaults.get(name, ()) for name in _SELECTION_HELP}
             command(*arguments, **named, selection=Selection(**choices))
 
-        own = inspect.signature(command)
-        options = {name: Annotated[list[str] | None, _option(name)] for name in _HELP}
-        parameters = [parameter for parameter in own.parameters.values() if parameter.name != "selection"]
+        signature = inspect.signature(command)
+        options = {name: Annotated[list[str] | None, _make_selection_option(name)] for name in _SELECTION_HELP}
+        parameters = [parameter for parameter in signature.parameters.values() if parameter.name != "selection"]
         parameters += [
             inspect.Parameter(name, inspect.Parameter.POSITIONAL_OR_KEYWORD, default=None, annotation=kind)
             for name, kind in options.items()
         ]
-        own_annotations = {name: kind for name, kind in inspect.get_annotations(command).items() if name != "selection"}
-        chosen.__signature__ = own.replace(parameters=parameters)  # type: ignore[attr-defined] # which ``make_command`` reads
-        chosen.__annotations__ = own_annotations | options
-        return chosen
+        annotations = {name: kind for name, kind in inspect.get_annotations(command).items() if name != "selection"}
+        new_signature = signature.replace(parameters=parameters)
+        run_with_selection.__signature__ = new_signature  # type: ignore[attr-defined] # which ``make_command`` reads
+        run_with_selection.__annotations__ = annotations | options
+        return run_with_selection
 
     return decorate
 
 
-def _option(name: str) -> Any:
-    return Option(f"--{name.rstrip('_')}", help=_HELP[name], panel="Selection of episodes")
+def _make_selection_option(name: str) -> Option:
+    return Option(f"--{name.rstrip('_')}", help=_SELECTION_HELP[name], panel="Selection of episodes")
 
 
 def ask_reason(reason: str) -> str:
-    """Return the given reason, or ask for one on a terminal."""
+    """Return a reason for the audit trail; if it is empty, prompt for one on a terminal."""
     if reason or not sys.stdin.isatty():
         return reason
     return str(click.prompt("Reason"))
 
 
 def has_display() -> bool:
-    """Return whether this session has a screen on which a browser can open."""
+    """Return whether programs started here can open windows, such as a browser's."""
     return sys.platform in ("win32", "darwin") or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
 def ask_trust(trust: bool) -> Permission:
-    """Return whether the option grants trust or, on a terminal, a function that asks the user."""
+    """Return the option ``--trust`` as a permission; if it is not given on a terminal, one that asks the user."""
     if trust or not sys.stdin.isatty():
         return trust
     return lambda question: bool(click.confirm(escape_line(question), default=False, err=True))
@@ -143,16 +150,14 @@ def print_json(value: object) -> None:
     """Print a value as one line of JSON; paths and dates become text, and NumPy numbers become numbers."""
     import msgspec
 
-    print(
-        msgspec.json.encode(
-            value, enc_hook=lambda foreign: foreign.item() if hasattr(foreign, "item") else str(foreign)
-        ).decode(),
-        flush=True,
-    )
+    def convert(foreign: Any) -> Any:
+        return foreign.item() if hasattr(foreign, "item") else str(foreign)  # NumPy's scalars have ``item``
+
+    print(msgspec.json.encode(value, enc_hook=convert).decode(), flush=True)
 
 
 def print_result(output: object, describe: Callable[[], str], *, json: bool) -> None:
-    """Print a command's result, as JSON or as text."""
+    """Print a command's output as JSON or, if not ``json``, as the text that ``describe`` returns."""
     if json:
         print_json(output)
     else:
@@ -160,20 +165,28 @@ def print_result(output: object, describe: Callable[[], str], *, json: bool) -> 
 
 
 def print_account(lines: Iterable[str]) -> None:
-    """Print to standard error what an output includes, and what is excluded and why."""
+    """Print lines about an output, such as the sessions that it excludes, to standard error."""
     for line in lines:
-        print(escape_line(line), file=sys.stderr, flush=True)
+        print_note(line)
+
+
+def print_note(line: str) -> None:
+    """Print a line to standard error, with its control characters escaped."""
+    print(escape_line(line), file=sys.stderr, flush=True)
 
 
 @contextmanager
 def show_progress(words: str) -> Iterator[Callable[[str], None]]:
-    """Show a progress line, and yield a function that changes it. Control characters are escaped."""
+    """Show a progress line on a terminal until the context ends, and yield a function that changes the line.
+
+    Control characters are escaped, and a line that is wider than the terminal is cut off.
+    """
     is_terminal = sys.stderr.isatty()
 
     def show(line: str) -> None:
         if is_terminal:
             width = shutil.get_terminal_size().columns - 1
-            print(f"\r\033[K{escape_control_characters(line)[:width]}", end="", file=sys.stderr, flush=True)
+            print(f"{_CLEAR_LINE}{escape_control_characters(line)[:width]}", end="", file=sys.stderr, flush=True)
 
     show(words)
     try:

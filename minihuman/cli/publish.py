@@ -203,11 +203,11 @@ def fit(
     from minihuman.planning.reaction_time_fit import describe_fits, fit_participants, write_fits
 
     with select(study) as tables:
-        times = list(fit_participants(tables))
-    print_result(times, lambda: "\n".join(describe_fits(times)), json=json)
+        fits = list(fit_participants(tables))
+    print_result(fits, lambda: "\n".join(describe_fits(fits)), json=json)
     if out is not None:
         with name_output_when_full(out):
-            write_fits(times, out)
+            write_fits(fits, out)
         print_account([str(out)])
 
 
@@ -228,14 +228,14 @@ def payments(
 
     if platform and json:
         raise MinihumanError(f"--platform {platform} prints CSV in the platform's own format; remove --json")
-    paid = compute_payments(study)
+    amounts = compute_payments(study)
     if json:
-        print_json(list(paid))
+        print_json(list(amounts))
         return
     if platform:
-        print(format_platform_payments(paid, platform), end="")
+        print(format_platform_payments(amounts, platform), end="")
     else:
-        print(format_payments_csv(paid), end="")
+        print(format_payments_csv(amounts), end="")
 
 
 def score(

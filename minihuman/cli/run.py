@@ -4,7 +4,7 @@ import sys
 from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from minihuman.cli.options import (
     Argument,
@@ -22,9 +22,6 @@ from minihuman.cli.options import (
 )
 from minihuman.errors import SimulationError, name_output_when_full
 from minihuman.trust import Permission
-
-if TYPE_CHECKING:
-    pass
 
 
 def run(
@@ -57,7 +54,7 @@ def run(
     from minihuman.api import run as run_session
     from minihuman.runtime.host import describe_ending
 
-    if participant is None and not next_slot and (interrupted := _ask_interrupted(protocol, data, ask_trust(trust))):
+    if participant is None and not next_slot and (interrupted := _ask_to_resume(protocol, data, ask_trust(trust))):
         participant, session = interrupted
     next_slot = next_slot or sys.stdin.isatty()  # on a terminal the question has been answered
     if group is not None or any_day:
@@ -79,7 +76,7 @@ def run(
             lsl=lsl,
             isolate_worlds=isolate_worlds,
             trust=ask_trust(trust),
-            on_progress=lambda line: show(line) if line else stack.close(),
+            on_progress=lambda line: show(line) if line else stack.close(),  # no line: the session begins
             on_start=lambda line: print(line, flush=True),
         )
     if log is None:
@@ -89,8 +86,12 @@ def run(
     print(log)
 
 
-def _ask_interrupted(protocol: Path, data: Path, trust: Permission) -> tuple[str, int] | None:
-    """Ask on a terminal whether to resume an interrupted session; return its participant and number, or None."""
+def _ask_to_resume(protocol: Path, data: Path, trust: Permission) -> tuple[str, int] | None:
+    """Ask on a terminal whether to resume an interrupted session of a study, if there is one.
+
+    Returns:
+        The participant's code and the session's number; None without a terminal, an interrupted session or consent.
+    """
     if not sys.stdin.isatty():
         return None
     import click
@@ -99,11 +100,11 @@ def _ask_interrupted(protocol: Path, data: Path, trust: Permission) -> tuple[str
     from minihuman.admin.protocol_file import read_protocol
 
     interrupted = find_interrupted_session(data / read_protocol(protocol, trust=trust).study.name)
-    progress = interrupted and f"{interrupted.episodes_completed} of {interrupted.episodes_planned} episodes"
-    if interrupted is None or not click.confirm(
-        f"Session {interrupted.session} of {interrupted.participant} was cut off after {progress}. Resume it?",
-        default=True,
-    ):
+    if interrupted is None:
+        return None
+    progress = f"{interrupted.episodes_completed} of {interrupted.episodes_planned} episodes"
+    question = f"Session {interrupted.session} of {interrupted.participant} was cut off after {progress}. Resume it?"
+    if not click.confirm(question, default=True):
         return None
     return interrupted.participant, interrupted.session
 
@@ -200,25 +201,33 @@ def serve(
         worlds = IsolatedWorlds(PageWorld, limits)
     try:
         with keep_processes_running(commands):
-            run_server(study, data, socket, links=links, address=address, say=_say, worlds=worlds)
+            run_server(study, data, socket, links=links, address=address, say=_print_line, worlds=worlds)
     finally:  # also after SIGTERM
         if worlds is not None:
             worlds.close()
-            _say(str(worlds.pool.use))
+            _print_line(str(worlds.pool.use))
     print("ended; unfinished sessions resume at the same step when the study is served again", flush=True)
 
 
-def _say(line: str) -> None:
+def _print_line(line: str) -> None:
+    """Print a line at once, unless it is empty."""
     if line:
         print(line, flush=True)
 
 
 def _serve_agents(protocol: Path, port: int, data: Path, *, trust: bool, mcp: bool) -> None:
-    """Serve a study to programs over HTTP or, if ``mcp``, to one program on the standard input and output."""
+    """Serve a study to programs over HTTP or, if ``mcp``, to one program on the standard input and output.
+
+    Raises:
+        SimulationError: if the package for MCP is not installed.
+    """
     from minihuman.admin.protocol_file import read_protocol
     from minihuman.web.agent_server import ProgramSessions, make_agent_server, make_mcp_server
 
-    programs = ProgramSessions(read_protocol(protocol, trust=trust if mcp else ask_trust(trust)), data)
+    permission: Permission = trust
+    if not mcp:
+        permission = ask_trust(trust)  # with MCP, the standard input is not for questions to a user
+    programs = ProgramSessions(read_protocol(protocol, trust=permission), data)
     if mcp:
         try:
             tools = make_mcp_server(programs)
@@ -338,20 +347,20 @@ def _require_whole_sessions(logs: list[Path], player: str) -> None:
     """Raise SimulationError if the player ended a session before its last episode."""
     from minihuman.log.read.session_reader import read_log
 
-    short = []
+    cut_short = []
     for path in logs:
         log = read_log(path)
         n_planned = len(log.plan.episodes)
         n_ended = sum(episode.outcome not in (None, "abandoned") for episode in log.episodes)
         if log.end_reason == "player_failed" and n_ended < n_planned:
-            short.append(f"{path}, with {n_ended} of {n_planned} episodes")
-    if short:
+            cut_short.append(f"{path}, with {n_ended} of {n_planned} episodes")
+    if cut_short:
         sessions = "1 session"
-        if len(short) > 1:
-            sessions = f"{len(short)} sessions"
+        if len(cut_short) > 1:
+            sessions = f"{len(cut_short)} sessions"
         raise SimulationError(
             f"{player} ended {sessions} before the last episode, without a valid answer or at a limit; the first is "
-            f"{short[0]}"
+            f"{cut_short[0]}"
         )
 
 
@@ -395,7 +404,15 @@ def desk(
 
 
 def open_desk(folder: Path, data_folder: Path, *, port: int = 0, browser: bool = True, page: str = "") -> None:
-    """Serve the start page with the builder, and open it, or a page below it, in the default browser."""
+    """Serve the start page, with the builder, until the program is interrupted.
+
+    Args:
+        folder: the folder of the protocols.
+        data_folder: the folder that contains the studies' folders.
+        port: the port to serve on; 0 chooses a free one.
+        browser: whether to open the page in the default browser.
+        page: the path, relative to the start page, of the page to open; "" for the start page.
+    """
     import webbrowser
     from contextlib import closing
 
@@ -403,11 +420,11 @@ def open_desk(folder: Path, data_folder: Path, *, port: int = 0, browser: bool =
     from minihuman.operating_system import exit_when_terminated
     from minihuman.web.server.desk import run_desk
 
-    def say(url: str) -> None:
+    def announce(url: str) -> None:
         print(f"open {url}{page}   (Ctrl-C ends it; running sessions go on)", flush=True)
         if browser:
             webbrowser.open(f"{url}{page}")
 
     exit_when_terminated()
     with closing(BuilderApplication(folder, data_folder.absolute())) as builder:
-        run_desk(folder, data_folder.absolute(), port=port, say=say, rooms={PATH: builder})
+        run_desk(folder, data_folder.absolute(), port=port, say=announce, rooms={PATH: builder})

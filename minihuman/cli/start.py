@@ -74,25 +74,25 @@ def new(
     from minihuman.builder.new_study import write_draft
     from minihuman.errors import ProtocolError
 
-    chosen = tuple(name.strip() for name in template.split(",") if name.strip())
+    templates = tuple(name.strip() for name in template.split(",") if name.strip())
     study = make_study_name(name or "my-study")
-    usual = ProtocolDraft(study, world, episodes, participants, templates=chosen, language=language)
-    if not yes and not name and usual == ProtocolDraft() and sys.stdin.isatty() and has_display():
+    defaults = ProtocolDraft(study, world, episodes, participants, templates=templates, language=language)
+    if not yes and not name and defaults == ProtocolDraft() and sys.stdin.isatty() and has_display():
         from minihuman.cli.run import open_desk
 
         folder.mkdir(parents=True, exist_ok=True)
         open_desk(folder, Path("sessions"), page="builder/")
         return
-    draft = usual
+    draft = defaults
     if not yes:
-        draft = _ask_draft(usual)
+        draft = _ask_draft(defaults)
     path = folder / f"{draft.name}.toml"
     if path.exists():
         raise ProtocolError(f"{path} already exists; choose another name with --name, or another folder")
     write_draft(draft, folder)
     if draft.has("two-groups"):
         start = f"serve {path} --links {draft.participants}"
-    elif {"browser", "team"} & {*chosen}:
+    elif {"browser", "team"} & {*templates}:
         start = f"serve {path}"
     else:
         start = f"run {path} --windowed"
@@ -101,23 +101,27 @@ def new(
     print(f"{path} is a study that runs:\n  minihuman check {path}\n  minihuman {start}")
 
 
-def _ask_draft(usual: "ProtocolDraft") -> "ProtocolDraft":
-    """Ask the questions that define a new study, and return the answers."""
+def _ask_draft(defaults: "ProtocolDraft") -> "ProtocolDraft":
+    """Ask the questions that define a new study, with default answers, and return a draft with the answers.
+
+    Raises:
+        SystemExit: with status 1, if the user aborts.
+    """
     import click
 
     from minihuman.admin.protocol_file import make_study_name
 
     try:
-        name = make_study_name(click.prompt("Name of the study", default=usual.name))
-        world = click.prompt("Worlds, with commas (`minihuman worlds` lists ours)", default=",".join(usual.worlds))
-        episodes = click.prompt("Episodes each", default=usual.episodes, type=int)
-        participants = click.prompt("Participants", default=usual.participants, type=int)
-        show_keys = not usual.templates and click.confirm("Show which key does what?", default=False)
+        name = make_study_name(click.prompt("Name of the study", default=defaults.name))
+        world = click.prompt("Worlds, with commas (`minihuman worlds` lists ours)", default=",".join(defaults.worlds))
+        episodes = click.prompt("Episodes each", default=defaults.episodes, type=int)
+        participants = click.prompt("Participants", default=defaults.participants, type=int)
+        show_keys = not defaults.templates and click.confirm("Show which key does what?", default=False)
     except click.Abort:
         print("Aborted.", file=sys.stderr)
         raise SystemExit(1) from None
     keys = "shown" if show_keys else "new"
-    return replace(usual, name=name, world=world, episodes=episodes, participants=participants, keys=keys)
+    return replace(defaults, name=name, world=world, episodes=episodes, participants=participants, keys=keys)
 
 
 def check(
@@ -181,15 +185,15 @@ def check(
 
 
 def _save_pictures(study: "Protocol", plans: "list[SessionPlan]", pictures: Path) -> None:
-    """Save a picture of every screen of some sessions, and print where they are."""
+    """Save a picture of every screen of planned sessions to a folder, and print a summary."""
     from minihuman.runtime.screenshots import save_screenshots
 
     with show_progress("drawing every screen"), name_output_when_full(pictures):
         screenshots = save_screenshots(plans, pictures)
-    which = ""
+    group_note = ""
     if len(study.groups) > 1:
-        which = f" (of group {plans[0].participant.group}; --group draws another's)"
-    print(f"{len(screenshots.screens)} screens{which} in {pictures}; all at a glance in {screenshots.sheet}")
+        group_note = f" (of group {plans[0].participant.group}; --group draws another's)"
+    print(f"{len(screenshots.screens)} screens{group_note} in {pictures}; all at a glance in {screenshots.sheet}")
     if screenshots.missing:
         missing = ", ".join(screenshots.missing)
         print(f"not drawn, as no simulated participant reaches them: {missing}", file=sys.stderr)

@@ -13,7 +13,7 @@ import psycopg
 from minihuman.storage.deadlines import cut_off_late
 from minihuman.storage.redaction import redact, remember_address
 
-_CREATE_TABLES_LOCK = 0x6D68
+_CREATE_TABLES_LOCK = 0x6D68  # the key of an advisory lock: "mh" in ASCII
 _CONNECT_TIMEOUT_S = 5
 
 
@@ -46,18 +46,18 @@ class Database:
 
     @contextmanager
     def transaction(self) -> Iterator["psycopg.Cursor[Any]"]:
-        """Open a transaction, for which other threads wait.
+        """Open a transaction and yield its cursor; other threads wait until it has ended.
 
         Raises:
             JournalDatabaseError: if the database cannot be queried; it is then unknown whether the transaction was
                 committed.
         """
-        with self.ask() as cursor, cursor.connection.transaction():
+        with self.open_cursor() as cursor, cursor.connection.transaction():
             yield cursor
 
     @contextmanager
-    def ask(self) -> Iterator["psycopg.Cursor[Any]"]:
-        """Open a cursor on which every statement is committed by itself; other threads wait.
+    def open_cursor(self) -> Iterator["psycopg.Cursor[Any]"]:
+        """Yield a cursor on which every statement is a transaction; other threads wait until it is closed.
 
         Raises:
             JournalDatabaseError: if the database cannot be queried; it is then unknown whether a statement was
@@ -66,7 +66,7 @@ class Database:
         with self._guard:
             try:
                 connection = self._connect_if_needed()
-                with self._cut_off_late(connection), connection.cursor() as cursor:
+                with self._close_after_timeout(connection), connection.cursor() as cursor:
                     yield cursor
             except psycopg.Error as error:
                 self.close()
@@ -77,7 +77,7 @@ class Database:
                 ) from None  # the driver's error may contain the password
 
     def close(self) -> None:
-        """Close the connection, which is reopened on demand."""
+        """Close the connection; the next query opens another."""
         with self._guard:
             if self._connection is not None:
                 self._connection.close()
@@ -88,17 +88,17 @@ class Database:
         if self._connection is None or self._connection.closed:
             connection = psycopg.connect(self._url, autocommit=True, connect_timeout=_CONNECT_TIMEOUT_S)
             self._connection = connection
-            with self._cut_off_late(connection), connection.transaction(), connection.cursor() as cursor:
-                limit_ms = str(round(self._timeout_s * 1000))
-                cursor.execute("select set_config('idle_in_transaction_session_timeout', %s, false)", [limit_ms])
+            with self._close_after_timeout(connection), connection.transaction(), connection.cursor() as cursor:
+                timeout_ms = str(round(self._timeout_s * 1000))
+                cursor.execute("select set_config('idle_in_transaction_session_timeout', %s, false)", [timeout_ms])
                 cursor.execute("select pg_advisory_xact_lock(%s)", [_CREATE_TABLES_LOCK])
                 cursor.execute(self._tables)
         return self._connection
 
     @contextmanager
-    def _cut_off_late(self, connection: "psycopg.Connection[Any]") -> Iterator[None]:
-        """Shut the connection if the context lasts longer than the timeout; the next call then opens another."""
-        with cut_off_late(self._timeout_s, partial(_shut, connection)) as timer:
+    def _close_after_timeout(self, connection: "psycopg.Connection[Any]") -> Iterator[None]:
+        """Close the connection if the context lasts longer than the timeout; the next query then opens another."""
+        with cut_off_late(self._timeout_s, partial(_shut_down_socket, connection)) as timer:
             try:
                 yield
             finally:
@@ -106,7 +106,8 @@ class Database:
                     self.close()
 
 
-def _shut(connection: "psycopg.Connection[Any]") -> None:
+def _shut_down_socket(connection: "psycopg.Connection[Any]") -> None:
     """Shut a connection's socket down, so that a thread that waits for the database's answer gets an error."""
-    with suppress(OSError, psycopg.Error), socket.socket(fileno=os.dup(connection.fileno())) as line:
-        line.shutdown(socket.SHUT_RDWR)
+    # a duplicate, since psycopg keeps and closes its own descriptor
+    with suppress(OSError, psycopg.Error), socket.socket(fileno=os.dup(connection.fileno())) as duplicate:
+        duplicate.shutdown(socket.SHUT_RDWR)

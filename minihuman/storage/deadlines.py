@@ -16,7 +16,11 @@ T = TypeVar("T")
 
 @contextmanager
 def cut_off_late(timeout_s: float, shut: Callable[[], None]) -> Iterator[threading.Timer]:
-    """Call ``shut`` if the context lasts too long; ``shut`` must release whatever the caller waits for.
+    """Call ``shut`` from another thread if the context lasts longer than ``timeout_s``.
+
+    Args:
+        timeout_s: the longest duration of the context, in seconds.
+        shut: closes the socket or process that the context waits for, so that the wait ends with an error.
 
     Yields:
         The timer, which is alive until it has called ``shut``.
@@ -31,36 +35,37 @@ def cut_off_late(timeout_s: float, shut: Callable[[], None]) -> Iterator[threadi
 
 
 class _Call(Generic[T]):
-    """A call that runs in a thread of its own, with its result or error."""
+    """A call of a function in a thread, with the function's result or error."""
 
     def __init__(self, function: Callable[[], T]) -> None:
         self._function = function
-        self._answer: list[T] = []
+        self._results: list[T] = []  # empty until the function has returned
         self._error: BaseException | None = None
         self.ended = threading.Event()
 
     def run(self) -> None:
         try:
-            self._answer.append(self._function())
+            self._results.append(self._function())
         except BaseException as error:
             self._error = error
         finally:
             self.ended.set()
 
-    def get(self) -> T:
+    def get_result(self) -> T:
+        """Return the function's result or raise its error; call this only once ``ended`` is set."""
         if self._error is not None:
             raise self._error
-        return self._answer[0]
+        return self._results[0]
 
 
 def call_within(timeout_s: float, function: Callable[[], T], *, shut: Callable[[], None] = lambda: None) -> T:
-    """Call a function in a thread of its own, and wait no longer than ``timeout_s`` in all.
+    """Call a function in a new thread, wait for it no longer than ``timeout_s``, and return its result.
 
     Args:
         timeout_s: the total time in seconds, which no progress of the function extends.
         function: the function. After the deadline its result is discarded, so it must change nothing that others still
             use.
-        shut: called after the deadline, to close what the function waits for, so that its thread ends, too.
+        shut: called after the deadline; it should close whatever the function waits for, so that its thread ends.
 
     Raises:
         TimeoutError: if the function has not returned by the deadline.
@@ -72,4 +77,4 @@ def call_within(timeout_s: float, function: Callable[[], T], *, shut: Callable[[
     if not call.ended.wait(timeout_s):
         shut()
         raise TimeoutError(errno.ETIMEDOUT, f"no whole answer within {timeout_s:.3g} s")
-    return call.get()
+    return call.get_result()

@@ -61,7 +61,9 @@ class _RawFile(RawIOBase):
 
 @contextmanager
 def write_durably(path: Path, mode: int = 0o600, *, new: bool = False) -> Iterator[BufferedWriter]:
-    """Open a file to be created or overwritten; at the end of the context its content is durable, but not yet its name.
+    """Create or overwrite a file, and make its content durable at the end of the context.
+
+    The name of a new file is durable only after ``sync_folder``.
 
     Args:
         path: the file's path.
@@ -86,8 +88,8 @@ def write_durably(path: Path, mode: int = 0o600, *, new: bool = False) -> Iterat
 def write_again(path: Path, *, begin: int = 0) -> None:
     """Rewrite a file's bytes from position ``begin`` onwards, unchanged, and make them durable.
 
-    After a failed fsync the system may show bytes that the disk lacks, and later fsyncs skip them: only what is written
-    again reaches the disk. The caller holds the file's lock.
+    After a failed fsync the system may show bytes that the disk lacks, and later fsyncs skip them: only bytes that are
+    written again reach the disk. The caller must hold the file's lock.
 
     Raises:
         OSError: if that fails; the error names the file.
@@ -96,9 +98,9 @@ def write_again(path: Path, *, begin: int = 0) -> None:
     with name_file_in_errors(path):
         fd = disk.open(path, os.O_RDWR)
         try:
-            os.lseek(fd, begin, os.SEEK_SET)
-            while piece := read_at(fd, _PIECE_BYTES, begin):
-                begin += disk.write(fd, piece)
+            position = os.lseek(fd, begin, os.SEEK_SET)
+            while piece := read_at(fd, _PIECE_BYTES, position):
+                position += disk.write(fd, piece)
             disk.sync(fd)
         finally:
             os.close(fd)
@@ -114,7 +116,8 @@ def replace_durably(
         path: the file's path; its folder is created.
         unfinished: the temporary path; None for a hidden file of this process.
         mode: the permissions of the file.
-        new_folders: how many of the folders above it an earlier call may have created without making them durable.
+        new_folders: the number of folders above the file that an earlier call may have created without making them
+            durable; they are made durable, too.
 
     Raises:
         OSError: if the file cannot be written; the error names ``path``, and nothing of the new content is left.
@@ -174,7 +177,7 @@ def copy_durably(
         target: the path of the copy.
         unfinished: the temporary path, as in ``replace_durably``.
         mode: the permissions of the copy.
-        new_folders: the number of folders to make durable, as in ``replace_durably``.
+        new_folders: the number of folders above the target to make durable, as in ``replace_durably``.
 
     Raises:
         OSError: if the file cannot be copied.

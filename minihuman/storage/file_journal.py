@@ -24,10 +24,10 @@ class FileJournal(Journal[Line]):
         decode: decodes a line.
         mode: the permissions of the file.
         chained: whether each line has a checksum and the head of the chain before it; no line may then be removed.
-        declaration: a line that is written once, before the first added line; None for none.
+        declaration: a line that is written before the first added line unless the journal has it; None for none.
     """
 
-    _durable: int
+    _durable_bytes: int
 
     def __init__(
         self,
@@ -57,38 +57,48 @@ class FileJournal(Journal[Line]):
         return self._chain.unchained
 
     def read(self) -> Sequence[Line]:
-        """Return all lines, without a line that another process is just writing; none if there is no file."""
+        """Return all lines, or none if there is no file; a line that another process is still writing is skipped."""
         try:
             with name_file_in_errors(self._path), self._path.open("rb") as file:
-                return self._read_on(file.fileno())
+                return self._read_new_lines(file.fileno())
         except FileNotFoundError:
             return ()
 
     @contextmanager
     def hold(self) -> Iterator[LockedJournal[Line]]:
-        """Lock the journal for this process; the lock ends with the process."""
-        disk = current_system().disk
-        disk.make_folder(self._path.parent)
-        while True:
-            with name_file_in_errors(self._path):
-                fd = disk.open(self._path, os.O_CREAT | os.O_RDWR | os.O_APPEND, self._mode)
+        """Lock the file while the context lasts, and yield the locked journal; the lock also ends with the process."""
+        current_system().disk.make_folder(self._path.parent)
+        with name_file_in_errors(self._path):
+            fd = self._open_locked()
+            try:
+                lines = self._read_new_lines(fd)
+                chain = self._chain.copy() if self._chained else None
+                journal = _LockedFile(
+                    fd, self._path, lines, self._declaration, chain, durable_bytes=self._durable_bytes
+                )
                 try:
-                    lock_file(fd, self._path)
-                    if not is_file_at(fd, self._path):
-                        continue  # while this process waited, another one removed a participant and replaced the file
-                    lines = self._read_on(fd)
-                    chain = self._chain.copy() if self._chained else None
-                    journal = _LockedFile(fd, self._path, lines, self._declaration, chain, durable=self._durable)
-                    try:
-                        yield journal
-                    finally:
-                        self._durable = journal.durable
-                    return
+                    yield journal
                 finally:
-                    os.close(fd)
+                    self._durable_bytes = journal.durable_bytes
+            finally:
+                os.close(fd)
+
+    def _open_locked(self) -> int:
+        """Open the file, which is created if necessary, and lock it; return its descriptor."""
+        while True:
+            fd = current_system().disk.open(self._path, os.O_CREAT | os.O_RDWR | os.O_APPEND, self._mode)
+            try:
+                lock_file(fd, self._path)
+                is_current = is_file_at(fd, self._path)
+            except BaseException:
+                os.close(fd)
+                raise
+            if is_current:
+                return fd
+            os.close(fd)  # while this process waited, another one removed a participant and replaced the file
 
     def keep(self, is_kept: Callable[[bytes], bool]) -> None:
-        """Replace the file durably by a file that has only the kept lines."""
+        """Replace the file durably by one with only the lines for which ``is_kept`` returns true."""
         if not self.begun:
             return
         with self.hold():
@@ -100,33 +110,38 @@ class FileJournal(Journal[Line]):
     def _forget(self) -> None:
         """Discard everything that was read, so that the next read begins at the file's start."""
         self._lines: list[Line] = []
-        self._count = 0  # lines read, including skipped ones
-        self._at = 0  # bytes read
-        self._last = b""  # the last bytes read
-        self._file_id = (-1, -1)
-        self._durable = 0  # size of the file when this process last made it durable, in bytes
+        self._n_lines_read = 0  # including skipped ones
+        self._n_bytes_read = 0
+        self._last_bytes = b""  # the last bytes read
+        self._file_id = (-1, -1)  # device and inode
+        self._durable_bytes = 0  # size of the file when this process last made it durable
         self._size_and_mtime_ns = (-1, -1)  # of the file, at the last read
         self._chain: LineChain = LineChain(str(self._path))
 
-    def _read_on(self, fd: int) -> Sequence[Line]:
-        """Read new lines of an open file; a file that was replaced or changed is read from its start."""
+    def _read_new_lines(self, fd: int) -> Sequence[Line]:
+        """Read the lines added since the last call, or the whole file if it was replaced or changed; return all lines.
+
+        A last line without a line feed is returned if it can be decoded, but is read again by the next call.
+        """
         with self._guard:
             self._forget_if_changed(fd)
             content = b""
-            while piece := read_at(fd, _READ_BYTES, self._at + len(content)):
+            while piece := read_at(fd, _READ_BYTES, self._n_bytes_read + len(content)):
                 content += piece
             *new_lines, unfinished = content.split(b"\n")
             finished = content.removesuffix(unfinished)
             chain = self._chain.copy()
-            lines = [self._open(chain, line, self._count + number) for number, line in enumerate(new_lines, 1)]
+            decoded_lines = [
+                self._decode_line(chain, line, number) for number, line in enumerate(new_lines, self._n_lines_read + 1)
+            ]
             incomplete = None
             if unfinished:
-                incomplete = self._open(chain.copy(), unfinished, self._count + len(new_lines) + 1)
+                incomplete = self._decode_line(chain.copy(), unfinished, self._n_lines_read + len(new_lines) + 1)
             self._chain = chain
-            self._lines += [line for line in lines if line is not None]
-            self._count += len(new_lines)
-            self._at += len(finished)
-            self._last = (self._last + finished)[-_REMEMBERED:]
+            self._lines += [line for line in decoded_lines if line is not None]
+            self._n_lines_read += len(new_lines)
+            self._n_bytes_read += len(finished)
+            self._last_bytes = (self._last_bytes + finished)[-_REMEMBERED_BYTES:]
             if incomplete is None:
                 return LinesRead(self._lines)
             return (*self._lines, incomplete)
@@ -136,14 +151,19 @@ class FileJournal(Journal[Line]):
         status = os.fstat(fd)
         size, mtime_ns = self._size_and_mtime_ns
         is_rewritten = status.st_size == size and status.st_mtime_ns != mtime_ns
-        is_another = (status.st_dev, status.st_ino) != self._file_id
-        if is_rewritten or is_another or read_at(fd, len(self._last), self._last_begin) != self._last:
+        is_replaced = (status.st_dev, status.st_ino) != self._file_id
+        last_begin = self._n_bytes_read - len(self._last_bytes)
+        if is_rewritten or is_replaced or read_at(fd, len(self._last_bytes), last_begin) != self._last_bytes:
             self._forget()
             self._file_id = (status.st_dev, status.st_ino)
         self._size_and_mtime_ns = (status.st_size, status.st_mtime_ns)
 
-    def _open(self, chain: LineChain, line: bytes, number: int) -> Line | None:
-        """Check and decode a line; return None for a line of a chained journal that a crash cut off."""
+    def _decode_line(self, chain: LineChain, line: bytes, number: int) -> Line | None:
+        """Add a line to the chain, if the journal is chained, and decode it.
+
+        Returns:
+            The decoded line; None if a crash cut the line off or the decoder skips it.
+        """
         content = line
         if self._chained:
             content = chain.open(line, number)
@@ -151,12 +171,8 @@ class FileJournal(Journal[Line]):
                 return None
         return self._decode(content, number)
 
-    @property
-    def _last_begin(self) -> int:
-        return self._at - len(self._last)
 
-
-_REMEMBERED = 256  # last bytes read; if the file has others in their place, it was changed
+_REMEMBERED_BYTES = 256  # of the last bytes read; if the file has others in their place, it was changed
 _READ_BYTES = 1 << 20  # per system call
 
 
@@ -169,48 +185,55 @@ class _LockedFile(LockedJournal[Line]):
         declaration: Line | None,
         chain: LineChain | None,
         *,
-        durable: int,
+        durable_bytes: int,
     ) -> None:
         super().__init__(lines, declaration)
-        self.durable = durable
+        self.durable_bytes = durable_bytes  # size of the file when it was last made durable; -1 after a failed write
         self._fd = fd
         self._path = path
         self._chain = chain
 
     def _write(self, lines: tuple[Line, ...]) -> None:
-        """Write lines, after completing a line that a crash cut off."""
+        """Append lines durably, after ending a line that a crash cut off; after an error, remove what was appended."""
         size = os.fstat(self._fd).st_size
-        tail = max(0, size - _MAX_LINE_BYTES)
-        start = read_at(self._fd, _MAX_LINE_BYTES, tail).rpartition(b"\n")[2]
-        end = self._complete_line(start)
+        tail_begin = max(0, size - _MAX_LINE_BYTES)
+        unfinished = read_at(self._fd, _MAX_LINE_BYTES, tail_begin).rpartition(b"\n")[2]
+        line_end = self._end_unfinished_line(unfinished)
         encoded = [msgspec.json.encode(line) for line in lines]
         if self._chain is not None:
             encoded = [self._chain.seal(line) for line in encoded]
-        content = end + b"".join(line + b"\n" for line in encoded)
+        content = line_end + b"".join(line + b"\n" for line in encoded)
         disk = current_system().disk
         try:
-            if size != self.durable:  # another process wrote here, and may have ended because an fsync failed
-                write_again(self._path, begin=tail)
+            if size != self.durable_bytes:  # another process wrote here, and may have ended because an fsync failed
+                write_again(self._path, begin=tail_begin)
             while content:
                 content = content[disk.write(self._fd, content) :]
             disk.sync(self._fd)
-            self.durable = os.fstat(self._fd).st_size
+            self.durable_bytes = os.fstat(self._fd).st_size
         except OSError:
-            self.durable = -1
+            self.durable_bytes = -1
             with suppress(OSError):
                 disk.truncate(self._fd, size)
             raise
 
-    def _complete_line(self, start: bytes) -> bytes:
-        """Return the bytes that complete a line of which a crash left the start; b"" if the file ends with a line."""
-        if not start:
+    def _end_unfinished_line(self, unfinished: bytes) -> bytes:
+        """Add a line that a crash cut off to the chain, and return the bytes that end it.
+
+        Args:
+            unfinished: the bytes after the file's last line feed; b"" if no line was cut off.
+
+        Returns:
+            The bytes to append to the file; b"" if no line was cut off.
+        """
+        if not unfinished:
             return b""
-        end = b"\n"
+        line_end = b"\n"
         if self._chain is not None:
-            if start.endswith(b"}") and TAIL.search(start) is None:
-                end = b" \n"  # without the space, it would look like a whole line of an earlier version
-            self._chain.pass_over(start + end.removesuffix(b"\n"))
-        return end
+            if unfinished.endswith(b"}") and TAIL.search(unfinished) is None:
+                line_end = b" \n"  # without the space, it would look like a whole line of an earlier version
+            self._chain.add_unchecked(unfinished + line_end.removesuffix(b"\n"))
+        return line_end
 
 
 _MAX_LINE_BYTES = 1 << 20

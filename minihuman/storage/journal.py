@@ -48,21 +48,28 @@ class LineChain:
         """Return the chained line for an encoded JSON object, and add it to the chain."""
         body = encoded[:-1] + b',"previous":"' + self.head.encode() + b'"'
         line = body + b',"digest":"' + _digest(body).encode() + b'"}'
-        self.pass_over(line)
+        self.add_unchecked(line)
         return line
 
-    def pass_over(self, line: bytes) -> None:
+    def add_unchecked(self, line: bytes) -> None:
         """Add a line to the chain without checking it."""
         self.head = _digest(self.head.encode() + line)
 
     def open(self, line: bytes, number: int) -> bytes:
-        """Check a line and add it to the chain; return its JSON object, b"" for a line that a crash cut off.
+        """Check a line, add it to the chain, and return the JSON object that was sealed.
+
+        Args:
+            line: the bytes of the line, without the line feed.
+            number: the line's number, for errors.
+
+        Returns:
+            The encoded object without the head and the checksum; b"" if a crash cut the line off.
 
         Raises:
             LogError: if the line was changed, or a line before it was changed, added or removed.
         """
         head = self.head
-        self.pass_over(line)
+        self.add_unchecked(line)
         tail = TAIL.search(line)
         if tail is None or tail.end() == len(line):
             return self._open_unchained(line, number)
@@ -70,23 +77,27 @@ class LineChain:
         digest = tail[2].decode()
         body = line[: tail.end(1) + 1]  # up to the quote after the head of the chain
         if line[tail.end() :] != b"}" or digest != _digest(body):
-            raise self._damaged(number, "it was changed")
+            raise self._make_damage_error(number, "it was changed")
         if previous != head:
-            raise self._damaged(number, "a line before it was changed, added or removed")
+            raise self._make_damage_error(number, "a line before it was changed, added or removed")
         return line[: tail.start()] + b"}"
 
     def _open_unchained(self, line: bytes, number: int) -> bytes:
-        """Check a line that an earlier version wrote or a crash cut off; return it, b"" if it was cut off."""
+        """Check a line without a checksum; return and count it, or return b"" if a crash cut it off.
+
+        Raises:
+            LogError: if the line is one whose checksum was changed.
+        """
         if line.endswith(b"}") and any(name in line for name in _TAIL_NAMES):
-            raise self._damaged(number, "it was changed")
-        is_blank = not line.strip(b"\0 ")  # a power cut may leave a line's size alone
+            raise self._make_damage_error(number, "it was changed")
+        is_blank = not line.strip(b"\0 ")  # after a power cut, zeros may be in place of the line's bytes
         is_half = line.startswith(b"{") and not line.endswith(b"}")
         if is_blank or is_half:
             return b""
         self.unchained += 1
         return line
 
-    def _damaged(self, number: int, reason: str) -> LogError:
+    def _make_damage_error(self, number: int, reason: str) -> LogError:
         return LogError(f"{self._journal}:{number}: cannot be believed: {reason}; restore the file from a copy")
 
 
@@ -95,7 +106,7 @@ def _digest(content: bytes) -> str:
 
 
 class LinesRead(Sequence[Line]):
-    """A view of the lines that a growing list has now, without a copy, which would be slow in long studies."""
+    """A view of a growing list that has only the list's present lines; a copy would be slow in long studies."""
 
     def __init__(self, lines: list[Line]) -> None:
         self._lines = lines
@@ -104,10 +115,10 @@ class LinesRead(Sequence[Line]):
     def __len__(self) -> int:
         return self._count
 
-    def __getitem__(self, at: Any) -> Any:
-        if isinstance(at, slice):
-            return self._lines[slice(*at.indices(self._count))]
-        return self._lines[range(self._count)[at]]
+    def __getitem__(self, index: Any) -> Any:
+        if isinstance(index, slice):
+            return self._lines[slice(*index.indices(self._count))]
+        return self._lines[range(self._count)[index]]  # the range raises IndexError, and converts negative indices
 
     def __iter__(self) -> Iterator[Line]:
         return islice(self._lines, self._count)
@@ -117,7 +128,7 @@ class LockedJournal(abc.ABC, Generic[Line]):
     """A journal that this process has locked, so that no other process can write to it."""
 
     def __init__(self, lines: Sequence[Line], declaration: Line | None = None) -> None:
-        self._before = lines
+        self._earlier = lines
         self._added: list[Line] = []
         self._declaration = declaration
 
@@ -125,11 +136,13 @@ class LockedJournal(abc.ABC, Generic[Line]):
     def lines(self) -> Sequence[Line]:
         """All lines, including those added under this lock."""
         if self._added:
-            return (*self._before, *self._added)
-        return self._before
+            return (*self._earlier, *self._added)
+        return self._earlier
 
     def append(self, *lines: Line) -> None:
-        """Add lines, all or none; they are durable by the time that the journal is unlocked.
+        """Add all lines or none, after the declaration if the journal lacks it.
+
+        They are durable by the time that the journal is unlocked.
 
         Raises:
             OSError: if they cannot be written.
@@ -186,8 +199,8 @@ class JournalState(Generic[Line, State]):
     """Keeps the state that results from a journal's lines, so that only added lines are processed.
 
     Args:
-        make: makes the state of an empty journal.
-        take: updates a state with a line.
+        make: returns the state of an empty journal.
+        take: updates a state in place with a line.
     """
 
     def __init__(self, make: Callable[[], State], take: Callable[[State, Line], object]) -> None:
@@ -211,7 +224,7 @@ class JournalState(Generic[Line, State]):
             return self._state
 
     def _continues(self, lines: Sequence[Line]) -> bool:
-        """Return whether the lines begin with those already processed; if not, the journal was read anew."""
+        """Return whether the lines begin with those already processed; if not, the journal was read from its start."""
         if self._count == 0:
             return True
         return self._count <= len(lines) and lines[self._count - 1] is self._last

@@ -11,9 +11,13 @@ import secrets
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from minihuman.errors import LogError
 from minihuman.storage.study_journals import find_database_url
+
+if TYPE_CHECKING:
+    from psycopg import Cursor
 
 TTL_S = 10.0
 RENEWAL_INTERVAL_S = 3.0
@@ -65,19 +69,23 @@ class LeaseTable(abc.ABC):
 
     @abc.abstractmethod
     def acquire(self, session: str) -> LeaseGrant | None:
-        """Lease a session for ``TTL_S`` seconds; if it is leased, return None and mark it as requested."""
+        """Lease a session for ``TTL_S`` seconds.
+
+        If another server has the lease, return None, and mark the session as requested, so that the server hands it
+        over.
+        """
 
     @abc.abstractmethod
     def renew(self, renewals: Sequence[LeaseRenewal]) -> dict[str, bool]:
         """Renew leases and add pieces to copies, all or none; a piece replaces the copy from its own position onwards.
 
         Returns:
-            For each session that is still held, whether another server requests it.
+            For each session whose lease was renewed, whether another server requests it.
         """
 
     @abc.abstractmethod
     def store(self, session: str, fence: int, files: Mapping[str, bytes]) -> bool:
-        """Replace a session's copies by files; return False, without a change, if another server has the lease."""
+        """Replace the copies of a session's files; return False, without a change, if another server has the lease."""
 
     @abc.abstractmethod
     def read_files(self, session: str) -> dict[str, bytes]:
@@ -93,7 +101,7 @@ class LeaseTable(abc.ABC):
 
 
 def open_lease_table(study_dir: Path) -> LeaseTable | None:
-    """Open the leases of a study; return None if its journals are files."""
+    """Open the database table of a study's leases; return None if the study's journals are files."""
     if url := find_database_url(study_dir):
         return PostgresLeaseTable(url)
     return None
@@ -136,7 +144,7 @@ class PostgresLeaseTable(LeaseTable):
         self._renewals = Database(url, _TABLES, purpose, timeout_s=_TIMEOUT_S)  # never wait for a server that acquires
 
     def acquire(self, session: str) -> LeaseGrant | None:
-        """Lease a session, or mark it as requested, in one SQL statement, so that one time counts throughout."""
+        """Lease a session, or mark it as requested, in one SQL statement, so that all conditions see the same time."""
         insert_or_update = """
             insert into minihuman_leases as had (session, name, fence, until)
                 values (%s, %s, 1, now() + make_interval(secs => %s))
@@ -147,7 +155,7 @@ class PostgresLeaseTable(LeaseTable):
             returning fence, name, ended, wanted, copied_at is not null,
                 coalesce(extract(epoch from clock_timestamp() - copied_at), 0)
         """
-        with self._database.ask() as cursor:
+        with self._database.open_cursor() as cursor:
             row = cursor.execute(insert_or_update, [session, secrets.token_hex(8), TTL_S]).fetchone()
         assert row is not None
         fence, name, ended, is_held, copied, idle_s = row
@@ -179,21 +187,11 @@ class PostgresLeaseTable(LeaseTable):
                 if renewal.piece is not None and renewal.session in wanted_by_session
             ]
             if pieces:
-                cursor.executemany(
-                    "delete from minihuman_log_copies where session = %s and file = %s and start >= %s",
-                    [(session, piece.file, piece.start) for session, piece in pieces],
-                )
-                cursor.executemany(
-                    _INSERT, [(session, piece.file, piece.start, piece.data) for session, piece in pieces]
-                )
-                cursor.execute(
-                    "update minihuman_leases set copied_at = clock_timestamp() where session = any(%s)",
-                    [[session for session, _ in pieces]],
-                )
+                _append_to_copies(cursor, pieces)
             return wanted_by_session
 
     def store(self, session: str, fence: int, files: Mapping[str, bytes]) -> bool:
-        """Replace the copies of a session's files."""
+        """Replace the copies of a session's files; return False if another server has the lease."""
         mark_copied = "update minihuman_leases set copied_at = clock_timestamp() where session = %s and fence = %s"
         with self._database.transaction() as cursor:
             if cursor.execute(mark_copied, [session, fence]).rowcount != 1:
@@ -210,12 +208,12 @@ class PostgresLeaseTable(LeaseTable):
         with self._database.transaction() as cursor:
             for name, start, piece in cursor.execute(select, [session]).fetchall():
                 copy = copies.setdefault(name, bytearray())
-                del copy[start:]
+                del copy[start:]  # the piece replaces the copy from its own position onwards
                 copy += piece
         return {name: bytes(copy) for name, copy in copies.items()}
 
     def release(self, session: str, fence: int, *, ended: str = "") -> bool:
-        """Let a lease expire at once."""
+        """Let a lease expire at once; return False if another server has it."""
         end_lease = """
             update minihuman_leases set until = '-infinity', wanted = false, ended = %s
             where session = %s and fence = %s and ended in ('', %s)
@@ -234,3 +232,16 @@ class PostgresLeaseTable(LeaseTable):
                 [prefix],
             )
             cursor.execute("delete from minihuman_log_copies where starts_with(session, %s)", [prefix])
+
+
+def _append_to_copies(cursor: "Cursor[Any]", pieces: Sequence[tuple[str, LogPiece]]) -> None:
+    """Add pieces to the copies of sessions' logs; a piece replaces the copy from its own position onwards."""
+    cursor.executemany(
+        "delete from minihuman_log_copies where session = %s and file = %s and start >= %s",
+        [(session, piece.file, piece.start) for session, piece in pieces],
+    )
+    cursor.executemany(_INSERT, [(session, piece.file, piece.start, piece.data) for session, piece in pieces])
+    cursor.execute(
+        "update minihuman_leases set copied_at = clock_timestamp() where session = any(%s)",
+        [[session for session, _ in pieces]],
+    )

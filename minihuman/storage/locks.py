@@ -29,7 +29,12 @@ def hold_lock(path: Path, mode: int = 0o600) -> Iterator[None]:
 
 
 def lock_file(fd: int, path: Path, *, wait: bool = True) -> None:
-    """Lock an open file.
+    """Lock an open file until its descriptor is closed.
+
+    Args:
+        fd: the file's descriptor.
+        path: the file's path, for errors.
+        wait: whether to wait while another process holds the lock.
 
     Raises:
         BlockingIOError: if another process holds the lock, and ``wait`` is false.

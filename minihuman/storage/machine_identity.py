@@ -10,7 +10,7 @@ from minihuman.storage.locks import hold_lock
 
 IDENTITY_FILE_NAME = "machine.json"
 _LOCK_FILE_NAME = ".machine.lock"
-_BYTES = 8
+_ID_BYTES = 8
 
 
 class _Identity(msgspec.Struct, frozen=True):
@@ -27,19 +27,19 @@ def read_machine_id(data: Path) -> str:
         OSError: if the id cannot be written.
     """
     inode = data.stat().st_ino
-    identity = _read(data)
+    identity = _read_identity(data)
     if identity is not None and identity.inode == inode:
         return identity.machine
     with hold_lock(data / _LOCK_FILE_NAME):
-        identity = _read(data)
+        identity = _read_identity(data)
         if identity is None or identity.inode != inode:
-            identity = _Identity(secrets.token_hex(_BYTES), inode)
+            identity = _Identity(secrets.token_hex(_ID_BYTES), inode)
             with replace_durably(data / IDENTITY_FILE_NAME) as file:
                 file.write(msgspec.json.encode(identity) + b"\n")
         return identity.machine
 
 
-def _read(data: Path) -> _Identity | None:
+def _read_identity(data: Path) -> _Identity | None:
     try:
         return msgspec.json.decode((data / IDENTITY_FILE_NAME).read_bytes(), type=_Identity)
     except (FileNotFoundError, msgspec.DecodeError):

@@ -26,12 +26,12 @@ class OutsideNameError(LogError):
 
 
 def is_system_companion(name: str) -> bool:
-    """Return whether another operating system keeps a file of that name beside ours (``._sub-01.mcap``)."""
+    """Return whether a file name is one under which macOS stores another file's attributes (``._sub-01.mcap``)."""
     return name.startswith(_COMPANION_PREFIX)
 
 
 def explain_refused_name(name: str) -> str:
-    """Return the reason why no study, participant or file can have a name; "" if one can."""
+    """Return the reason why a name is refused for a study, a participant or a file; "" if it is allowed."""
     if len(name) > MAX_NAME_LETTERS:
         return f"it has {len(name)} characters; the maximum is {MAX_NAME_LETTERS}"
     if not _NAME.fullmatch(name):
@@ -40,7 +40,7 @@ def explain_refused_name(name: str) -> str:
 
 
 def shorten_name(name: str) -> str:
-    """Return a name from outside as a message may show it: shortened, with its control characters escaped."""
+    """Return a name for a message: quoted, with control characters escaped, and shortened if it is long."""
     quoted = repr(name[:_SHOWN_LETTERS])
     if len(name) <= _SHOWN_LETTERS:
         return quoted
@@ -48,11 +48,11 @@ def shorten_name(name: str) -> str:
 
 
 def require_name(name: str, owner: str) -> str:
-    """Return a name after checking that it may be that of a folder or a file.
+    """Check that a name may be used for a folder or a file, and return it.
 
     Args:
-        name: the name, as it was given from outside.
-        owner: what has the name, for the error, such as "the participant".
+        name: the unchecked name.
+        owner: the thing that has the name, for the error, such as "the participant".
 
     Raises:
         OutsideNameError: if the name is not allowed.
@@ -64,7 +64,7 @@ def require_name(name: str, owner: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class StudyFile:
-    """The place of a file in a study, as parsed by ``parse``."""
+    """The study, participant, session and file name of a file, as parsed by ``parse``."""
 
     study: str
     participant: str
@@ -107,29 +107,30 @@ def parse_study_files(names: Iterable[str], prefix: str) -> tuple[dict[str, Stud
 
     Args:
         names: the names, as a store lists them.
-        prefix: the prefix for which the caller asked, "study/" or "study/sub-07/"; names outside it are refused.
+        prefix: the prefix of the listing, "study/" or "study/sub-07/"; names without it are refused.
 
     Returns:
-        The parsed files by name, and a line for each name that is refused.
+        The parsed files by name, and a message for each name that is refused.
     """
     files: dict[str, StudyFile] = {}
     refusals: list[str] = []
-    by_folded_name: dict[str, str] = {}
+    first_by_folded_name: dict[str, str] = {}  # the first of the names that differ only in case
     for name in sorted(names):
         try:
             file = _parse_below(name, prefix)
         except OutsideNameError as error:
             refusals.append(str(error))
             continue
-        twin = by_folded_name.setdefault(name.casefold(), name)
-        if twin != name:
-            refusals.append(f"{shorten_name(name)} is refused: on Windows and macOS it is the same file as {twin!r}")
+        first = first_by_folded_name.setdefault(name.casefold(), name)
+        if first != name:
+            refusals.append(f"{shorten_name(name)} is refused: on Windows and macOS it is the same file as {first!r}")
             continue
         files[name] = file
     return files, refusals
 
 
 def _parse_below(name: str, prefix: str) -> StudyFile:
+    """Parse a name that must begin with ``prefix``; raise OutsideNameError if it is refused."""
     if is_system_companion(name.rpartition("/")[2]):
         raise OutsideNameError(f"{shorten_name(name)} is refused: another system keeps it beside a file for itself")
     file = StudyFile.parse(name)
@@ -139,12 +140,13 @@ def _parse_below(name: str, prefix: str) -> StudyFile:
 
 
 def join_inside(folder: Path, name: str) -> Path:
-    """Return the path inside a folder of a file that our own code has named; the name may contain slashes.
+    """Join a folder and a relative path that minihuman's own code has composed, with slashes between its parts.
 
     Raises:
-        OutsideNameError: if a part of the name would lead out of the folder.
+        OutsideNameError: if a part of the path could lead out of the folder, or is too long.
     """
     for part in name.split("/"):
-        if part in ("", ".", "..") or "\\" in part or "\0" in part or len(part) > 2 * MAX_NAME_LETTERS:
+        is_too_long = len(part) > 2 * MAX_NAME_LETTERS  # the names of copies are longer than the files' own
+        if part in ("", ".", "..") or "\\" in part or "\0" in part or is_too_long:
             raise OutsideNameError(f"{shorten_name(name)} is refused: {shorten_name(part)} is not a file's name")
     return folder / name

@@ -39,7 +39,7 @@ class PostgresJournal(Journal[Line], Generic[Line]):
         name: the journal's name.
         decode: decodes a line.
         chained: whether each line has a checksum and the head of the chain before it, as in ``FileJournal``.
-        declaration: a line that is written once, before the first added line, as in ``FileJournal``; None for none.
+        declaration: a line that is written before the first added line, as in ``FileJournal``; None for none.
     """
 
     def __init__(
@@ -58,7 +58,7 @@ class PostgresJournal(Journal[Line], Generic[Line]):
         self._chain = LineChain(name)
         self._database = Database(url, _TABLES, name, timeout_s=_HOLD_TIMEOUT_S)
         self._generation = -1
-        self._last = 0  # number of the last line that was read
+        self._last_number = 0  # of the last line that was read
         self._lines: list[Line] = []
 
     @property
@@ -74,21 +74,21 @@ class PostgresJournal(Journal[Line], Generic[Line]):
     def read(self) -> Sequence[Line]:
         """Return all lines."""
         # no transaction: if lines are removed between the two queries, the next call sees a new generation
-        with self._open_cursor(self._database.ask) as cursor:
+        with self._open_cursor_by(self._database.open_cursor) as cursor:
             row = cursor.execute("select generation from minihuman_journals where name = %s", [self._name]).fetchone()
-            return self._read_on(cursor, row[0]) if row else ()
+            return self._read_new_lines(cursor, row[0]) if row else ()
 
     @contextmanager
     def hold(self) -> Iterator[LockedJournal[Line]]:
         """Lock the journal by its row; the lock ends with the connection."""
-        with self._open_cursor(self._database.transaction) as cursor:
-            lines = self._read_on(cursor, self._lock_row(cursor))
+        with self._open_cursor_by(self._database.transaction) as cursor:
+            lines = self._read_new_lines(cursor, self._lock_row(cursor))
             chain = self._chain.copy() if self._chained else None
-            yield _LockedRows(cursor, self._name, self._last, lines, self._declaration, chain)
+            yield _LockedRows(cursor, self._name, self._last_number, lines, self._declaration, chain)
 
     def keep(self, is_kept: Callable[[bytes], bool]) -> None:
-        """Delete the lines that are not kept, and make all readers read the journal again."""
-        with self._open_cursor(self._database.transaction) as cursor:
+        """Delete the lines for which ``is_kept`` returns false, and make all readers read the journal again."""
+        with self._open_cursor_by(self._database.transaction) as cursor:
             self._lock_row(cursor)
             rows = cursor.execute(
                 "select number, line from minihuman_lines where journal = %s", [self._name]
@@ -102,27 +102,27 @@ class PostgresJournal(Journal[Line], Generic[Line]):
                 )
 
     def close(self) -> None:
-        """Close the connection, which is reopened on demand."""
+        """Close the connection; the next query opens another."""
         self._database.close()
 
     def _lock_row(self, cursor: "psycopg.Cursor[Any]") -> int:
         """Lock the journal's row, after inserting it if necessary; return the journal's generation."""
-        lock = "select generation from minihuman_journals where name = %s for update"
-        while (row := cursor.execute(lock, [self._name]).fetchone()) is None:
-            make = "insert into minihuman_journals (name) values (%s) on conflict do nothing"
-            cursor.execute(make, [self._name])
+        select = "select generation from minihuman_journals where name = %s for update"
+        insert = "insert into minihuman_journals (name) values (%s) on conflict do nothing"
+        while (row := cursor.execute(select, [self._name]).fetchone()) is None:
+            cursor.execute(insert, [self._name])
         return int(row[0])
 
-    def _read_on(self, cursor: "psycopg.Cursor[Any]", generation: int) -> Sequence[Line]:
+    def _read_new_lines(self, cursor: "psycopg.Cursor[Any]", generation: int) -> Sequence[Line]:
         """Read the lines added since the last call, or all lines if others were removed; return all lines."""
         if generation != self._generation:
             self._generation = generation
-            self._last = 0
+            self._last_number = 0
             self._lines = []
             self._chain = LineChain(self._name)
         select = "select number, line from minihuman_lines where journal = %s and number > %s order by number"
-        for number, line in cursor.execute(select, [self._name, self._last]).fetchall():
-            chain = self._chain.copy()
+        for number, line in cursor.execute(select, [self._name, self._last_number]).fetchall():
+            chain = self._chain.copy()  # so that a line that is refused or cannot be decoded changes nothing
             content = bytes(line)
             if self._chained:
                 content = chain.open(content, number)
@@ -130,13 +130,13 @@ class PostgresJournal(Journal[Line], Generic[Line]):
                 decoded = self._decode(content, number)
                 if decoded is not None:
                     self._lines.append(decoded)
-            self._last = number
+            self._last_number = number
             self._chain = chain
         return LinesRead(self._lines)
 
     @contextmanager
-    def _open_cursor(self, open_cursor: "_CursorOpener") -> Iterator["psycopg.Cursor[Any]"]:
-        """Open a cursor; after an error of the database, have the next read begin at the first line."""
+    def _open_cursor_by(self, open_cursor: "_CursorOpener") -> Iterator["psycopg.Cursor[Any]"]:
+        """Open a cursor with a method of the database; after an error, the next read begins at the first line."""
         try:
             with open_cursor() as cursor:
                 yield cursor
@@ -150,7 +150,7 @@ class _LockedRows(LockedJournal[Line]):
         self,
         cursor: "psycopg.Cursor[Any]",
         name: str,
-        last: int,
+        last_number: int,
         lines: Sequence[Line],
         declaration: Line | None,
         chain: LineChain | None,
@@ -158,7 +158,7 @@ class _LockedRows(LockedJournal[Line]):
         super().__init__(lines, declaration)
         self._cursor = cursor
         self._name = name
-        self._last = last
+        self._last_number = last_number
         self._chain = chain
 
     def _write(self, lines: tuple[Line, ...]) -> None:
@@ -166,6 +166,7 @@ class _LockedRows(LockedJournal[Line]):
         encoded = [msgspec.json.encode(line) for line in lines]
         if self._chain is not None:
             encoded = [self._chain.seal(line) for line in encoded]
-        numbers = list(range(self._last + 1, self._last + 1 + len(encoded)))
+        first_number = self._last_number + 1
+        numbers = list(range(first_number, first_number + len(encoded)))
         self._cursor.execute(_ADD, [self._name, numbers, encoded])  # one round trip for all: there may be 1,000 links
-        self._last += len(encoded)
+        self._last_number += len(encoded)

@@ -25,13 +25,13 @@ _ADDRESS_SECRETS: set[str] = set()  # of this process's addresses
 
 
 def remember_address(address: str) -> None:
-    """Remember the secrets of an address of a store or a database, for all texts that are redacted later.
+    """Remember the secrets in the address of a store or a database, so that ``redact`` removes them from all texts.
 
-    The secrets are the values of secret parameters and the password, up to the last at sign as it may contain one.
+    The secrets are the password, and the values of parameters with names such as ``token``.
     """
     secrets = _PARAMETER.findall(address)
-    password = address.partition("://")[2].rpartition("@")[0].partition(":")[2]
-    secrets += [password, *password.split("@")]
+    password = address.partition("://")[2].rpartition("@")[0].partition(":")[2]  # it may contain an at sign
+    secrets += [password, *password.split("@")]  # an error may quote only the part that was parsed as the password
     for secret in secrets:
         _ADDRESS_SECRETS.update({secret, unquote(secret), quote(secret, safe="")})
 
@@ -45,7 +45,10 @@ def redact(text: str) -> str:
 
 
 def _find_secrets() -> list[str]:
-    """Return the secrets of addresses and of the environment, as they are and as decoded, longest first."""
+    """Return the secrets of addresses and of environment variables, each also percent-decoded, longest first.
+
+    If a secret is a part of another one, the longer one must be replaced first.
+    """
     secrets = set(_ADDRESS_SECRETS)
     for name, text in os.environ.items():
         if _SECRET_VARIABLE.search(name):
@@ -55,5 +58,5 @@ def _find_secrets() -> list[str]:
             if password:
                 secrets |= {password, unquote(password)}
             else:
-                secrets.add(user)
+                secrets.add(user)  # an address of the form TOKEN@HOST
     return sorted((secret for secret in secrets if len(secret) >= _MIN_SECRET_LETTERS), key=len, reverse=True)

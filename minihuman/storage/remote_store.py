@@ -54,7 +54,7 @@ class RemoteStore(abc.ABC):
         Args:
             name: the file's name in the store.
             path: the local path of the file.
-            over: the version that it replaces; "" if there must be none.
+            over: the version that the file replaces, as in ``versions``; "" if the store must not have the file.
 
         Raises:
             RemoteStoreConflictError: if the store has another version; nothing is changed.
@@ -94,7 +94,7 @@ class RemoteStore(abc.ABC):
         """
 
     def erase(self, owner: str, names: Iterable[str]) -> None:
-        """Delete a participant's files, and the remains of files that a crash interrupted.
+        """Delete a participant's files, and any incomplete file that an interrupted upload left.
 
         Args:
             owner: the participant's code.
@@ -122,7 +122,7 @@ class FolderStore(RemoteStore):
                     raise RemoteStoreConflictError(
                         f"another machine has just stored {name} in {self._folder}; run the command again"
                     )
-                mode = self._folder.stat().st_mode  # who may read a shared folder, may read what is in it
+                mode = self._folder.stat().st_mode  # users who may read the shared folder may read its files
                 target = join_inside(self._folder, name)
                 current_system().disk.make_folder(target.parent, stat.S_IMODE(mode) | 0o700)
                 copy_durably(path, target, self._unfinished, mode=mode & 0o666 | 0o600, new_folders=LOG_DEPTH)
@@ -154,14 +154,15 @@ class FolderStore(RemoteStore):
             self._remove(name)
 
     def erase(self, owner: str, names: Iterable[str]) -> None:
-        """Delete a participant's files, their empty folders, and the remains of unfinished files."""
+        """Delete a participant's files, their empty folders, and any incomplete file of an interrupted upload."""
         with self._raise_as_store_error(f"all of {owner}"), self._locked():
-            sync_folder(self._folder)  # the unfinished file may have been theirs
+            sync_folder(self._folder)  # locking has removed the incomplete file, which may be the participant's
             for name in names:
                 self._remove(name)
             empty_folders = [path for path in self._folder.rglob("*") if path.is_dir() and not any(path.iterdir())]
             for folder in empty_folders:
-                if owner in {part.rpartition("=")[2] for part in folder.relative_to(self._folder).parts}:
+                parts = folder.relative_to(self._folder).parts
+                if owner in {part.rpartition("=")[2] for part in parts}:  # sub-07, or participant=sub-07 of tables
                     self._remove_empty_folders(folder)
 
     def _remove(self, name: str) -> None:
@@ -173,7 +174,7 @@ class FolderStore(RemoteStore):
 
     def _remove_empty_folders(self, folder: Path) -> None:
         """Make removals from a folder durable, then remove the folder and its parents as far as they are empty."""
-        sync_folder(folder)  # first: once the folder is gone, nothing says that its files may come back
+        sync_folder(folder)  # first: a folder that is gone can no longer be synced, and its files might come back
         with suppress(OSError):  # not empty
             while folder != self._folder:
                 current_system().disk.remove_folder(folder)
@@ -182,6 +183,7 @@ class FolderStore(RemoteStore):
 
     @contextmanager
     def _raise_as_store_error(self, name: str) -> Iterator[None]:
+        """Convert an ``OSError`` to a ``RemoteStoreError`` that says that ``name`` cannot be removed."""
         try:
             yield
         except OSError as error:
@@ -219,8 +221,8 @@ def open_store_url(url: str, *, may_be_new: bool = True) -> RemoteStore:
 
     Args:
         url: the address, as in ``logs.url``.
-        may_be_new: whether a folder that does not exist is created; otherwise it is refused, since a share may not be
-            mounted.
+        may_be_new: whether the store may be a folder that does not exist yet. Otherwise it is refused, since it may be
+            a network share that is not mounted.
 
     Raises:
         RemoteStoreError: if the folder is refused, or the address of an S3 store is not valid.
@@ -235,16 +237,16 @@ def open_store_url(url: str, *, may_be_new: bool = True) -> RemoteStore:
 
 @contextmanager
 def fetch_temporarily(store: RemoteStore, name: str, *, version: str = "") -> Iterator[Path]:
-    """Download a file to a temporary folder, and compare it with its digest.
+    """Download a file to a temporary folder, check its MD5, and yield its path; the folder is deleted at the end.
 
     Args:
         store: the store.
-        name: the file's name in the store, whose form was checked.
-        version: the version that the store listed; it is compared only if it is an MD5.
+        name: the file's name in the store, whose form the caller has checked.
+        version: the file's version as listed by the store, which is compared with the file's MD5 if it is one.
 
     Raises:
         RemoteStoreError: if the file cannot be fetched.
-        DamagedCopyError: if it is not the file that was listed.
+        DamagedCopyError: if the file does not have the MD5 that was listed.
     """
     with tempfile.TemporaryDirectory(prefix="minihuman-") as folder:
         path = join_inside(Path(folder), name.rpartition("/")[2])
@@ -255,9 +257,13 @@ def fetch_temporarily(store: RemoteStore, name: str, *, version: str = "") -> It
 
 
 def list_files(folder: Path, prefix: str) -> list[str]:
-    """Return the relative paths of the files in a folder that begin with ``prefix``, without hidden files."""
-    below = folder / prefix.rpartition("/")[0]
-    files = (path for path in below.rglob("*") if path.is_file() and not path.name.startswith("."))
+    """List the files below a folder whose paths relative to it begin with ``prefix``, except hidden files.
+
+    Returns:
+        The relative paths with slashes, sorted.
+    """
+    searched_folder = folder / prefix.rpartition("/")[0]
+    files = (path for path in searched_folder.rglob("*") if path.is_file() and not path.name.startswith("."))
     names = (path.relative_to(folder).as_posix() for path in sorted(files))
     return [name for name in names if name.startswith(prefix)]
 
@@ -274,11 +280,11 @@ STORE_TIMEOUT_S = 60.0  # for one whole answer
 _CONNECT_TIMEOUT_S = 10
 _READ_TIMEOUT_S = 30
 _SLOWEST_BYTES_PER_S = 50_000  # a slower transfer is cut off
-_CONFLICTS = ("PreconditionFailed", "ConditionalRequestConflict", "412", "409")
+_CONFLICT_CODES = ("PreconditionFailed", "ConditionalRequestConflict", "412", "409")
 
 
-def _limit_transfer_s(size_bytes: int) -> float:
-    """Return the longest total time for a file's transfer, in seconds."""
+def _compute_transfer_timeout_s(size_bytes: int) -> float:
+    """Return the longest total time for the transfer of a file of a given size, in seconds."""
     return STORE_TIMEOUT_S + size_bytes / _SLOWEST_BYTES_PER_S
 
 
@@ -314,8 +320,8 @@ class S3Store(RemoteStore):
         condition = {"IfMatch": f'"{over}"'} if over else {"IfNoneMatch": "*"}
         target = {"Bucket": self._bucket, "Key": self._prefix + name, **condition}
         with self._raise_as_store_error(f"{path} cannot be put into"), path.open("rb") as file:
-            limit_s = _limit_transfer_s(path.stat().st_size)
-            call_within(limit_s, lambda: self._client.put_object(Body=file, **target))
+            timeout_s = _compute_transfer_timeout_s(path.stat().st_size)
+            call_within(timeout_s, lambda: self._client.put_object(Body=file, **target))
 
     def fetch(self, name: str, path: Path) -> None:
         """Download a file under a temporary name, then rename it."""
@@ -326,11 +332,11 @@ class S3Store(RemoteStore):
             target = {"Bucket": self._bucket, "Key": self._prefix + name}
             response = call_within(STORE_TIMEOUT_S, lambda: self._client.get_object(**target))
             body = response["Body"]
-            limit_s = _limit_transfer_s(response["ContentLength"])
-            call_within(limit_s, lambda: shutil.copyfileobj(body, file))
+            timeout_s = _compute_transfer_timeout_s(response["ContentLength"])
+            call_within(timeout_s, lambda: shutil.copyfileobj(body, file))
 
     def versions(self, prefix: str) -> dict[str, str]:
-        """Return the entity tag of each object whose name begins with ``prefix``, listed page by page."""
+        """Return the entity tag of each object whose name begins with ``prefix``, usually the MD5 of its content."""
         with self._raise_as_store_error("nothing can be listed of"):
             paginator = self._client.get_paginator("list_objects_v2")
             pages = iter(paginator.paginate(Bucket=self._bucket, Prefix=self._prefix + prefix))
@@ -347,12 +353,13 @@ class S3Store(RemoteStore):
 
     @contextmanager
     def _raise_as_store_error(self, failure: str) -> Iterator[None]:
+        """Convert boto3's errors and timeouts to ``RemoteStoreError``; ``failure`` and the bucket begin the message."""
         from botocore.exceptions import BotoCoreError, ClientError
 
         try:
             yield
         except (BotoCoreError, ClientError) as error:
-            if isinstance(error, ClientError) and error.response["Error"].get("Code") in _CONFLICTS:
+            if isinstance(error, ClientError) and error.response["Error"].get("Code") in _CONFLICT_CODES:
                 raise RemoteStoreConflictError(
                     f"{failure} {self._bucket}, as another machine has just changed it; run the command again"
                 ) from None

@@ -52,7 +52,7 @@ class FileSystem:
         os.link(source, target)
 
     def make_folder(self, folder: Path, mode: int = operating_system.OWNER_ONLY_FOLDER) -> None:
-        """Create a folder and its missing parents, for their owner alone; an existing one stays as it is."""
+        """Create a folder and its missing parents with the permissions ``mode``; an existing one is not changed."""
         operating_system.make_private_folder(folder, mode)
 
     def remove_folder(self, folder: Path) -> None:
@@ -68,11 +68,11 @@ class SystemClock:
     """The machine's wall clock and monotonic clock; a subclass may let the wall clock jump."""
 
     def wall_ns(self) -> int:
-        """Return the wall clock's time in nanoseconds since 1970; that clock is adjusted now and then."""
+        """Return the wall clock's time in nanoseconds since 1970; it may jump when the clock is adjusted."""
         return time.time_ns()
 
     def monotonic_ns(self) -> int:
-        """Return the time, in nanoseconds, of a clock that never goes back and starts at an arbitrary zero."""
+        """Return the time in nanoseconds of a clock that never goes back; its zero is arbitrary."""
         return time.perf_counter_ns()
 
 
@@ -95,18 +95,18 @@ _SYSTEM: ContextVar[System] = ContextVar("system", default=System())  # noqa: B0
 
 
 def current_system() -> System:
-    """Return the machine's system, or its replacement by ``use_system``."""
+    """Return the machine's disk, clocks and database, or their replacement by ``use_system``."""
     return _SYSTEM.get()
 
 
 @contextmanager
 def use_system(system: System) -> Iterator[None]:
-    """Replace the system while the context lasts."""
-    before = _SYSTEM.set(system)
+    """Make ``current_system`` return a replacement while the context lasts."""
+    token = _SYSTEM.set(system)
     try:
         yield
     finally:
-        _SYSTEM.reset(before)
+        _SYSTEM.reset(token)
 
 
 def wall_time() -> datetime:

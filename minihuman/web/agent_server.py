@@ -43,7 +43,7 @@ REQUEST_S = 120.0  # from one answer to the next, and for a client to take one
 
 
 class ProgramClient(ModelClient):
-    """Hands screens to a program and takes its answers; screens are numbered, so that no answer counts twice."""
+    """Hands screens to a program and takes its answers; screens are numbered, so that no answer is used twice."""
 
     def __init__(self, name: str, timeout_s: float) -> None:
         self.model = name
@@ -64,12 +64,20 @@ class ProgramClient(ModelClient):
             self._prompt = prompt
             self._number += 1
             self._changed.notify_all()
-        started_s = time.perf_counter()
+        began_s = time.perf_counter()
         try:
             text = self._answers.get(timeout=self._timeout_s)
         except queue.Empty:
             raise ModelUnavailableError("the program stayed away", temporary=False) from None
-        return ChatAnswer(text, "", self.model, "", 0, 0, (time.perf_counter() - started_s) * 1_000)
+        return ChatAnswer(
+            text,
+            reasoning="",
+            model=self.model,
+            finish_reason="",
+            prompt_tokens=0,
+            completion_tokens=0,
+            latency_ms=(time.perf_counter() - began_s) * 1_000,
+        )
 
     def close(self) -> None:
         """Do nothing, since this client holds no resources."""
@@ -163,14 +171,15 @@ class ProgramSessions:
         with self.lock:
             self.threads = [thread for thread in self.threads if thread.is_alive()]
             ended_secrets = [secret for secret, client in self.clients.items() if client.over]
-            for ended_secret in ended_secrets[:-MAX_SESSIONS]:
+            for ended_secret in ended_secrets[:-MAX_SESSIONS]:  # all but the latest
                 del self.clients[ended_secret]
             if len(self.threads) >= MAX_SESSIONS:
                 raise TooManySessionsError(f"{MAX_SESSIONS} sessions run already; try again later")
             secret = secrets.token_urlsafe(16)
             client = self.clients[secret] = ProgramClient(name, self.protocol.model.timeout_s)
-            self.threads.append(threading.Thread(target=self._play_session, args=(client,), daemon=True))
-            self.threads[-1].start()
+            thread = threading.Thread(target=self._play_session, args=(client,), daemon=True)
+            self.threads.append(thread)
+            thread.start()
         return secret, client
 
     def _play_session(self, client: ProgramClient) -> None:
@@ -182,7 +191,7 @@ class ProgramSessions:
 
         run = ModelRun(f"http:{client.model}", make_client, group_commit=self.group_commit)
         try:
-            reason = "complete"
+            reason = "complete"  # without a log: the participant had completed all sessions before
             logs = play_participant(self.protocol, data, run)
             if logs:
                 reason = read_log(logs[-1]).end_reason
@@ -198,7 +207,7 @@ class AgentRequestHandler(GuardedHandler):
     """Answers a program's requests; `make_agent_server` sets the sessions that it serves."""
 
     programs: ProgramSessions
-    host: str  # the name by which this machine may be asked, beside the local ones
+    host: str  # a name by which requests may address this machine, beside the local ones
     protocol_version = "HTTP/1.1"
     request_s = REQUEST_S
     timeout = REQUEST_S
@@ -219,13 +228,13 @@ class AgentRequestHandler(GuardedHandler):
         if body is None:
             return
         if self.path == "/sessions":
-            self._begin(body)
+            self._begin_session(body)
             return
         client = self._find_client()
         if client is not None:
-            self._answer(client, body)
+            self._answer_screen(client, body)
 
-    def _begin(self, body: dict[str, Any]) -> None:
+    def _begin_session(self, body: dict[str, Any]) -> None:
         """Begin a session, and reply with its secret and its first screen."""
         try:
             secret, client = self.programs.begin(body.get("name"))
@@ -236,7 +245,7 @@ class AgentRequestHandler(GuardedHandler):
         else:
             self._reply(201, {"session": f"/sessions/{secret}", **client.read_screen()})
 
-    def _answer(self, client: ProgramClient, body: dict[str, Any]) -> None:
+    def _answer_screen(self, client: ProgramClient, body: dict[str, Any]) -> None:
         """Answer a screen, and reply with the next one."""
         number = body.get("number")
         answer = body.get("answer")
@@ -248,7 +257,7 @@ class AgentRequestHandler(GuardedHandler):
             self._reply(200, client.read_screen())
 
     def _find_client(self) -> ProgramClient | None:
-        """Return the client of the session in the request's path; reply with an error and return None if none."""
+        """Return the client of the session in the request's path; if there is none, reply 404 and return None."""
         client = self.programs.clients.get(self.path.removeprefix("/sessions/"))
         if client is None:
             self._reply(404, {"error": "this session does not exist; begin a session with POST /sessions"})
@@ -269,7 +278,7 @@ class AgentRequestHandler(GuardedHandler):
         self._reply(status, {"error": error})
 
     def _read_body(self) -> dict[str, Any] | None:
-        """Return the request's body as a JSON object; refuse any other body and return None."""
+        """Return the request's body as a JSON object; reply with an error and return None if it is not a valid one."""
         length = read_length(self.headers.get("Content-Length", ""), MAX_BODY_BYTES)
         if length is None:
             self._refuse(413, f"send a body of at most {MAX_BODY_BYTES} bytes with its length")
@@ -287,7 +296,7 @@ class AgentRequestHandler(GuardedHandler):
         return body
 
     def _reply(self, status: int, values: dict[str, Any]) -> None:
-        """Reply with JSON."""
+        """Send a response with an HTTP status, and with values as a JSON object."""
         content = json.dumps(values).encode()
         self.send_response(status)
         self.send_header("Content-Type", "application/json")
@@ -297,7 +306,7 @@ class AgentRequestHandler(GuardedHandler):
 
 
 def make_agent_server(programs: ProgramSessions, *, port: int, host: str = "127.0.0.1") -> ThreadingHTTPServer:
-    """Make the HTTP server; its ``serve_forever`` runs it.
+    """Return the HTTP server through which programs take part; its ``serve_forever`` runs it.
 
     ``POST /sessions`` with ``{"name": ...}`` begins a session, ``POST /sessions/SECRET`` with ``{"number": n, "answer":
     ...}`` answers its screen, and ``GET /sessions/SECRET`` reads the screen again. Each request returns the next
@@ -314,13 +323,17 @@ _INSTRUCTIONS = (
 
 
 def make_mcp_server(programs: ProgramSessions) -> "MCPServer":
-    """Make the server of the Model Context Protocol; its ``run()`` serves one client on standard input and output."""
+    """Return a server of the Model Context Protocol; its ``run()`` serves one client on standard input and output.
+
+    Raises:
+        ImportError: if the package ``mcp`` is not installed.
+    """
     from mcp.server.mcpserver import MCPServer  # the extra mcp
     from mcp.server.mcpserver.exceptions import ToolError
 
     server = MCPServer("minihuman", instructions=_INSTRUCTIONS)
 
-    def find(session: str) -> ProgramClient:
+    def find_client(session: str) -> ProgramClient:
         if session not in programs.clients:
             raise ToolError("this session does not exist; begin a session first")
         return programs.clients[session]
@@ -332,26 +345,26 @@ def make_mcp_server(programs: ProgramSessions) -> "MCPServer":
             secret, client = programs.begin(name)
         except (BadRequestError, TooManySessionsError) as error:
             raise ToolError(str(error)) from error  # of any other exception the client gets the tool's name alone
-        return _show_screen(client, session=secret)
+        return _wait_for_screen(client, session=secret)
 
     @server.tool(structured_output=False)
     def answer(session: str, number: int, answer: str) -> list[Any]:
         """Answer the screen with that number; return the next screen."""
-        client = find(session)
+        client = find_client(session)
         if not client.answer(number, answer):
             raise ToolError(f"screen {number} does not wait for an answer; call read_screen")
-        return _show_screen(client)
+        return _wait_for_screen(client)
 
     @server.tool(structured_output=False)
     def read_screen(session: str) -> list[Any]:
         """Return the screen that is waiting for an answer."""
-        return _show_screen(find(session))
+        return _wait_for_screen(find_client(session))
 
     return server
 
 
-def _show_screen(client: ProgramClient, **more: str) -> list[Any]:
-    """Return a client's screen as its JSON text, with ``more`` fields, and its picture if it has one."""
+def _wait_for_screen(client: ProgramClient, **more: str) -> list[Any]:
+    """Wait for a client's screen; return its JSON text, which has the fields ``more``, too, and its picture, if any."""
     from mcp.server.mcpserver import Image
 
     screen = client.read_screen()

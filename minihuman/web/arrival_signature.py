@@ -49,11 +49,11 @@ def read_arrival_key(environment: Mapping[str, str] = os.environ) -> bytes:
 
 
 def sign_arrival(key: bytes, study: str, platform: str, person: str) -> str:
-    """Return a visitor's signature, a text of 64 hexadecimal digits."""
+    """Return the signature of a visitor whose id on a platform is ``person``, as 64 hexadecimal digits."""
     return hmac.new(key, f"{study}:{platform}:{person}".encode(), hashlib.sha256).hexdigest()
 
 
 def is_signed(key: bytes, study: str, platform: str, person: str, signature: str) -> bool:
-    """Return whether a signature belongs to this visitor; without a key, none does."""
+    """Return whether a signature is the one that ``sign_arrival`` returns; False if the key is empty."""
     expected = sign_arrival(key, study, platform, person)
     return bool(key) and hmac.compare_digest(expected.encode(), signature.encode())

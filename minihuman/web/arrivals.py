@@ -46,7 +46,7 @@ def build_link(address: str, token: str) -> str:
 
 
 def is_token(text: str) -> bool:
-    """Return whether a text has the form of a link's token; most guesses do not."""
+    """Return whether a text has the form of a link's token, so that most guesses need no lookup."""
     return _TOKEN.fullmatch(text) is not None
 
 
@@ -75,7 +75,7 @@ class PlatformVisitor:
 
 
 def identify_visitor(parameters: Mapping[str, str], allowed: tuple[RecruitmentPlatform, ...]) -> PlatformVisitor | None:
-    """Identify a visitor by a link's parameters, among the study's platforms; return None if there is no valid id."""
+    """Return the visitor whom a link's parameters identify on one of the allowed platforms; None without a valid id."""
     for platform in allowed:
         visitor_id = parameters.get(_PARAMETERS[platform], "")
         if _ID.fullmatch(visitor_id):
@@ -87,7 +87,7 @@ def identify_visitor(parameters: Mapping[str, str], allowed: tuple[RecruitmentPl
 
 
 def build_platform_link(platform: RecruitmentPlatform, address: str) -> str:
-    """Build the study's link for a platform, which inserts its ids behind the #, where no server logs them."""
+    """Build a study's link for a platform; the platform inserts a visitor's id behind the #, which no server logs."""
     return f"{address}{_FRAGMENTS[platform]}"
 
 
@@ -155,10 +155,11 @@ class Arrivals:
         self._arrival_key = arrival_key
         self._study_dir = data / protocol.study.name
         self.recruits = Recruitment(self._study_dir)
-        allocation_sha256(build_allocation_list(protocol))  # 100,000 slots take longer than a journal may be held
+        # cached for later calls: the list of 100,000 slots takes longer than a journal may be held
+        allocation_sha256(build_allocation_list(protocol))
 
     def arrive(self, arrival: Arrival) -> Admission | Rejection:
-        """Identify a visitor, and enrol a new visitor if the study has room.
+        """Identify a visitor, and enrol a new visitor if the study has room; return the admission or the rejection.
 
         Raises:
             OSError: if the study's folder cannot be read or written.
@@ -179,7 +180,7 @@ class Arrivals:
             return Rejection("broken")
 
     def is_invited(self, token: str) -> bool:
-        """Return whether the study issued a link; a guessed token is no invitation, even in an open study.
+        """Return whether the study issued the link with a token; a guessed token is no invitation.
 
         Raises:
             OSError: if the study's folder cannot be read.
@@ -187,7 +188,7 @@ class Arrivals:
         return is_token(token) and self.recruits.has_issued(hash_link_token(token))
 
     def _is_proven(self, arrival: Arrival, platform_visitor: PlatformVisitor | None) -> bool:
-        """Return whether a visitor has one of the study's links, or the signature that the study requires."""
+        """Return whether a visitor has the proof that the study requires, if any: one of its links or a signature."""
         if not self.protocol.web.require_signed_arrival or self.is_invited(arrival.token):
             return True
         study = self.protocol.study.name
@@ -213,14 +214,18 @@ class Arrivals:
         )
 
     def _publish_log(self, lease: Lease | None, log: Path) -> None:
-        """Store a log where every server can read it, if there are other servers."""
+        """Store a log where other servers can read it, if there are any."""
         if self.leases is not None and lease is not None:
             self.leases.publish(lease, log)
 
     def decline(self, admission: Admission, why: str) -> None:
-        """Forget a visitor who left no data and free their slot; the enrolment log records why they left.
+        """Free the slot of a visitor who left no data, and forget the visitor; the enrolment log records the reason.
 
         A participant with earlier data stays enrolled.
+
+        Args:
+            admission: the visitor's admission.
+            why: the reason, for the enrolment log.
         """
         if (self._study_dir / admission.participant).exists():
             return
@@ -228,30 +233,36 @@ class Arrivals:
         free_slot(self._study_dir, admission.participant, why)
 
     def release(self, admission: Admission, why: str) -> None:
-        """Offer others the slot of a visitor who vanished before playing; the visitor may still come back."""
+        """Offer the slot of a visitor who vanished before playing to others; the visitor may still come back.
+
+        A visitor who has taken part in an earlier session keeps the slot.
+
+        Args:
+            admission: the visitor's admission.
+            why: the reason why the session ended, such as ``timed_out``, for the enrolment log.
+        """
         if admission.session > 1:
             return
         reason = f"left without playing: {why.replace('_', ' ')}"
         replace_participant(self._study_dir, admission.participant, AuditNote(reason, "server"))
 
-    def id_on_platform(self, participant: str) -> str:
-        """Return a participant's id on the platform that sent them, for the link back; "" if no platform sent them."""
+    def find_platform_id(self, participant: str) -> str:
+        """Return a participant's id on the recruiting platform, for the link back; "" if no platform sent them."""
         platform_visitor = self.recruits.ids().get(participant)
         if platform_visitor is None:
             return ""
         return platform_visitor.id
 
     def _admit_visitor(self, arrival: Arrival, platform_visitor: PlatformVisitor | None) -> Admission | Rejection:
-        """Find or enrol the participant that a visitor is; return the admission, or why there is none."""
-        link_key = ""
-        if is_token(arrival.token):
-            link_key = hash_link_token(arrival.token)
-        key = link_key
-        if not key and platform_visitor is not None:
-            key = self.recruits.hash_platform_id(platform_visitor.platform, platform_visitor.id)
+        """Find the participant who a visitor is, or enrol a new one; return the admission to the next session.
+
+        Returns:
+            The admission; a rejection if the visitor may not take part, or the participant has no session to play.
+        """
+        key = self._find_visitor_key(arrival, platform_visitor)
         if not key and not self.protocol.web.open_access:
             return Rejection("unknown")
-        is_invited = bool(link_key) and self.recruits.has_issued(link_key)
+        is_invited = self.is_invited(arrival.token)
         token = ""
         if not key:
             (token,) = self.recruits.issue(1)
@@ -266,26 +277,44 @@ class Arrivals:
         leased_session = self._lease_next_session(participant)
         if isinstance(leased_session, str):
             last = max(1, len(self.protocol.sessions))
-            return Rejection("finished", leased_session, last, self.id_on_platform(participant))
+            return Rejection("finished", leased_session, last, self.find_platform_id(participant))
         session, lease = leased_session
         try:
             admission = self._plan_admission(participant, session, plan, arrival.utc_offset_min)
         except BaseException:
-            self._release(lease)
+            self._release_lease(lease)
             raise
         if isinstance(admission, Rejection):
-            self._release(lease)
+            self._release_lease(lease)
             return admission
         return replace(admission, token=token, lease=lease, is_invited=is_invited)
 
-    def _release(self, lease: Lease | None) -> None:
+    def _find_visitor_key(self, arrival: Arrival, platform_visitor: PlatformVisitor | None) -> str:
+        """Return the key of a visitor's link or, without a link, of the visitor's id on a platform; "" without both."""
+        if is_token(arrival.token):
+            return hash_link_token(arrival.token)
+        if platform_visitor is not None:
+            return self.recruits.hash_platform_id(platform_visitor.platform, platform_visitor.id)
+        return ""
+
+    def _release_lease(self, lease: Lease | None) -> None:
         if self.leases is not None and lease is not None:
             self.leases.release(lease)
 
     def _plan_admission(
         self, participant: str, session: int, plan: SessionPlan | None, utc_offset_min: int | None
     ) -> Admission | Rejection:
-        """Return the admission to a session: with its live log if there is one to resume, with its plan otherwise."""
+        """Return the admission to a session, with its live log if it can be resumed, and otherwise with its plan.
+
+        Args:
+            participant: the participant's code.
+            session: the session's number.
+            plan: the plan if the participant has just been enrolled; None to plan a session without a live log.
+            utc_offset_min: the offset of the visitor's local time from UTC, in minutes; None if it is not known.
+
+        Returns:
+            The admission; a rejection if there is nothing to play today.
+        """
         folder = session_folder(self._data, self.protocol.study.name, participant, session)
         part = next(iter(list_log_files(folder, f"*{PART_SUFFIX}")), None)
         key = f"{participant}/{session}"
@@ -297,8 +326,8 @@ class Arrivals:
         except AllocationError:
             if session == 1:
                 return Rejection("broken")
-            ended = self._read_end(participant, session - 1)
-            return Rejection("not_today", ended, session - 1, self.id_on_platform(participant))
+            ended = self._read_end_reason(participant, session - 1)
+            return Rejection("not_today", ended, session - 1, self.find_platform_id(participant))
 
     def _enrol_visitor(
         self, key: str, platform_visitor: PlatformVisitor | None
@@ -308,13 +337,13 @@ class Arrivals:
         The plan is None if the visitor was enrolled in the meantime. A study that is closed or full, or does not know
         the link, rejects the visitor.
         """
-        with self.recruits.exclusive() as file:
-            if key in file.standing.came:
-                return file.standing.came[key], None  # another tab was first
-            known = not key.startswith("link:") or key in file.standing.issued
-            if not known and not self.protocol.web.open_access:
+        with self.recruits.exclusive() as recruits:
+            if key in recruits.standing.came:
+                return recruits.standing.came[key], None  # another tab was first
+            is_expected = not key.startswith("link:") or key in recruits.standing.issued
+            if not is_expected and not self.protocol.web.open_access:
                 return Rejection("unknown")
-            if not file.standing.recruiting:
+            if not recruits.standing.recruiting:
                 return Rejection("closed")
             try:
                 plan = plan_next_session(self.protocol, self._data)
@@ -324,44 +353,50 @@ class Arrivals:
             if platform_visitor is not None:
                 self.recruits.remember(PlatformId(participant, platform_visitor.platform, platform_visitor.id))
             issued = []
-            if not known:  # made by the page, in an open study
+            if not is_expected:  # a link made by the page, in an open study
                 issued.append(LinkIssued(key, now_text()))
-            file.journal.append(*issued, ParticipantArrived(key, participant, now_text()))
+            recruits.journal.append(*issued, ParticipantArrived(key, participant, now_text()))
             return participant, plan
 
     def _lease_next_session(self, participant: str) -> tuple[int, Lease | None] | str:
         """Find a participant's first incomplete session, and lease it unless it is hosted here or leases are not used.
 
         Returns:
-            The session's number with its lease, or the reason why the participant's last session ended.
+            The session's number with its lease, if it was leased; if there is no such session, the reason why the
+            participant's last session ended.
         """
         if self.leases is None:
             with suppress(RemoteStoreError):  # without the store, only the logs on this machine count
-                self._sync(participant)
+                self._sync_logs(participant)
         n_sessions = max(1, len(self.protocol.sessions))
         for session in range(1, n_sessions + 1):
             lease = None
-            end_reason = self._read_end(participant, session)
+            end_reason = self._read_end_reason(participant, session)
             is_hosted_here = f"{participant}/{session}" in self.hosted
             if not end_reason and self.leases is not None and not is_hosted_here:
                 lease = self._lease_session(self.leases, participant, session)
-                end_reason = lease.grant.ended or self._read_end(participant, session)
+                end_reason = lease.grant.ended or self._read_end_reason(participant, session)
             if not end_reason:
                 return session, lease
-            self._release(lease)
+            self._release_lease(lease)
             if end_reason in FINAL_END_REASONS - {"complete"}:
                 return end_reason
         return end_reason
 
     def _lease_session(self, leases: SessionLeases, participant: str, session: int) -> Lease:
-        """Lease a session, and restore the files that another server left of it."""
+        """Lease a session, and restore its files if another server has hosted it.
+
+        Raises:
+            LeaseHeldError: if another server hosts the session.
+            RemoteStoreError: if the files that another server stored cannot be fetched.
+        """
         lease = leases.acquire(name_session(self.protocol.study.name, participant, session))
         try:
             if not lease.grant.ended:
                 try:
-                    self._sync(participant)
+                    self._sync_logs(participant)
                 except RemoteStoreError:
-                    if lease.grant.copied:
+                    if lease.grant.copied:  # otherwise no other server has recorded anything of the session
                         raise
                 folder = session_folder(self._data, self.protocol.study.name, participant, session)
                 leases.restore(lease, folder)
@@ -374,11 +409,11 @@ class Arrivals:
             raise
         return lease
 
-    def _sync(self, participant: str) -> None:
+    def _sync_logs(self, participant: str) -> None:
         sync_logs(self._data, f"{self.protocol.study.name}/{participant}/")
 
-    def _read_end(self, participant: str, session: int) -> str:
-        """Return the reason why a session ended, by its log on this machine; "" if anything is unfinished."""
+    def _read_end_reason(self, participant: str, session: int) -> str:
+        """Return the reason why a session ended, from its log on this machine; "" without a complete log."""
         folder = session_folder(self._data, self.protocol.study.name, participant, session)
         if not folder.is_dir() or find_leftovers(folder) or not list_sessions(folder):
             return ""
@@ -391,10 +426,10 @@ class Arrivals:
         """Release the lease of a session that was not started; mark it as ended if its log is complete."""
         if self.leases is None or admission.lease is None:
             return
-        if ended := self._read_end(admission.participant, admission.session):
+        if ended := self._read_end_reason(admission.participant, admission.session):
             with suppress(LogError, OSError):  # the log is here, and `gather` brings it to the store
                 self.leases.end(admission.lease, ended)
-                self._sync(admission.participant)
+                self._sync_logs(admission.participant)
         self.leases.release(admission.lease)
 
     def finish_ended(self) -> None:

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from minihuman.worlds.first_person.env import FirstPersonEnv
     from minihuman.worlds.grid.object_kinds import ObjectKind
 
-MOST_UNKNOWN = 50  # steps that a page may leave open, as after a reload without a network
+MOST_UNKNOWN = 50  # consecutive steps without a digest, as after a reload without a network
 
 
 def can_compute(play: RunningEpisode) -> bool:
@@ -66,46 +66,62 @@ class ComputedEpisode:
         self._world = play.world
         self._env = play.world.unwrapped
         self._differs = False  # whether a step has differed since the last equal one
-        self._unknown = 0  # steps without a digest since the last equal one
+        self._n_unknown = 0  # steps without a digest since the last equal one
         describe_world: Any = _describe_first_person
         if isinstance(self._env, GridEngine):
             describe_world = _describe_grid
         self._fixed, self.arrays, self._look = describe_world(self._env, play.plan, picture_px)
 
     def state(self) -> WorldState:
-        """Return the session's world state for a page that has the episode's ``arrays``, and note that it is sent."""
+        """Return the session's world state, to be sent to a page that has the episode's ``arrays``.
+
+        The page is then taken to be at the session's step.
+        """
         state: WorldState = msgspec.structs.replace(self._fixed, **msgspec.structs.asdict(self.position()))
         return state
 
     def position(self) -> WorldPosition:
-        """Return the session's position for a page that has a state of the episode, and note that it is sent."""
+        """Return the session's position, to be sent to a page that has an earlier state of the episode.
+
+        The page is then taken to be at the session's step.
+        """
         self.is_elsewhere = False
         self.sent_step = self.play.steps
         if self._look is None:
             saved = self._env.save()
-            return GridPosition(self.play.steps, _run_lengths(saved.row), list(map(str, saved.rng_state.tolist())))
+            row = _encode_run_lengths(saved.row)
+            return GridPosition(self.play.steps, row, list(map(str, saved.rng_state.tolist())))
         things, numbers, rng_state = locate(self._env, self._look)
         return FirstPersonPosition(
             self.play.steps, things.tobytes(), numbers.tobytes(), list(map(str, rng_state.tolist()))
         )
 
     def compare(self, message: KeyMessage | TickMessage, events: Sequence[Event]) -> str:
-        """Compare the page's step for a message with the session's; describe a new difference, or return ""."""
+        """Compare the page's step for a message with the session's.
+
+        Args:
+            message: the page's message, with the digest of the page's step, if it made one.
+            events: the session's events for the message.
+
+        Returns:
+            A description of the difference if the steps differ and the last compared ones did not; otherwise "".
+        """
         stepped = _find_step(events)
-        own = ""
+        digest = ""
         if stepped is not None:
-            own = self._world.digest(stepped.reward, terminated=stepped.terminated, truncated=stepped.truncated)
-        if message.digest == own:
-            if own:
+            digest = self._world.digest(stepped.reward, terminated=stepped.terminated, truncated=stepped.truncated)
+        if message.digest == digest:
+            if digest:
                 self._differs = False
-                self._unknown = 0
+                self._n_unknown = 0
             return ""
         self.is_elsewhere = True
         if not message.digest:
-            self._unknown += 1
-        if not message.digest and self._unknown == MOST_UNKNOWN:
-            return f"the page said nothing of {MOST_UNKNOWN} steps in a row that it was to compute"
-        if not message.digest or self._differs:
+            self._n_unknown += 1
+            if self._n_unknown == MOST_UNKNOWN:
+                return f"the page said nothing of {MOST_UNKNOWN} steps in a row that it was to compute"
+            return ""
+        if self._differs:
             return ""
         self._differs = True
         if stepped is None:
@@ -113,8 +129,8 @@ class ComputedEpisode:
             if isinstance(message, KeyMessage):
                 cause = f"key {message.key}"
             return f"{cause} made a step of episode {self.play.plan.episode + 1} in the page, and none here"
-        place = f"step {stepped.step} of episode {stepped.episode + 1}"
-        return f"{place} was computed otherwise in the page: its digest is {message.digest}, here it is {own}"
+        step_name = f"step {stepped.step} of episode {stepped.episode + 1}"
+        return f"{step_name} was computed otherwise in the page: its digest is {message.digest}, here it is {digest}"
 
 
 def _find_step(events: Sequence[Event]) -> Stepped | None:
@@ -128,26 +144,44 @@ def _find_step(events: Sequence[Event]) -> Stepped | None:
 def _describe_grid(
     env: GridEngine, plan: EpisodePlan, picture_px: tuple[int, int]
 ) -> tuple[WorldState, list[ArraysMessage], None]:
-    """Return the part of a grid world's state that no step changes, and the arrays that the page needs."""
+    """Describe a grid world to a page.
+
+    Returns:
+        The world's state with empty fields in place of those that steps change, the arrays that the page needs, and
+        None, since only a first-person world has a look.
+    """
     assert plan.view != "text", "no page computes it"
     tile_px, palette = env.tiles(plan.view, picture_px, plan.palette)
     tiles = pack_atlas(tile_px, palette, env.kinds)
-    in_view = palette == "minigrid"
-    return GridState(0, [], [], env.image_shape[0], plan.view == "full", in_view, tiles.name), [tiles], None
+    state = GridState(
+        step=0,
+        row=[],
+        rng_state=[],
+        view_size=env.image_shape[0],
+        full=plan.view == "full",
+        in_view=palette == "minigrid",
+        atlas=tiles.name,
+    )
+    return state, [tiles], None
 
 
 def _describe_first_person(
     env: "FirstPersonEnv", plan: EpisodePlan, picture_px: tuple[int, int]
 ) -> tuple[WorldState, list[ArraysMessage], PageLook]:
-    """Return a first-person world's state, the arrays that the page needs, and its look."""
+    """Describe a first-person world to a page.
+
+    Returns:
+        The world's state with empty fields in place of those that steps change, the arrays that the page needs, and
+        the world's look, with which later positions are found.
+    """
     state, scene, look = describe(env, plan.palette, picture_px)
     tables = pack_arrays(scene.tables)
     textures = [_pack_texture(pixels.tobytes()) for pixels in scene.textures]
     fixed = FirstPersonState(
-        0,
-        b"",
-        b"",
-        [],
+        step=0,
+        things=b"",
+        numbers=b"",
+        rng_state=[],
         walls=state.walls.tobytes(),
         rooms=state.rooms.tobytes(),
         edges=state.edges.tobytes(),
@@ -161,8 +195,8 @@ def _describe_first_person(
     return fixed, [tables, *textures], look
 
 
-def _run_lengths(row: NDArray[np.int32]) -> list[int]:
-    """Return the run-length encoding of a row: each number, followed by how often it is repeated."""
+def _encode_run_lengths(row: NDArray[np.int32]) -> list[int]:
+    """Encode a row as run lengths: each number is followed by the number of times that it occurs in succession."""
     starts = np.concatenate(([0], np.flatnonzero(np.diff(row)) + 1))
     runs: list[int] = np.stack((row[starts], np.diff(starts, append=len(row))), axis=1).ravel().tolist()
     return runs
@@ -170,7 +204,7 @@ def _run_lengths(row: NDArray[np.int32]) -> list[int]:
 
 @lru_cache(maxsize=16)
 def pack_atlas(tile_px: int, palette: GridPalette, kinds: "tuple[ObjectKind, ...]" = ()) -> ArraysMessage:
-    """Draw the tiles of one size and palette once, and pack them for pages."""
+    """Pack the tiles of one size and palette for pages; the result is cached."""
     tile_atlas = atlas(tile_px, palette, kinds)
     names = ("number", "under", "tiles", "agents", "carried")
     sizes = np.array([tile_px, tile_atlas.carried.shape[1]], np.int32)
@@ -179,7 +213,7 @@ def pack_atlas(tile_px: int, palette: GridPalette, kinds: "tuple[ObjectKind, ...
 
 
 def pack_arrays(arrays: Mapping[str, NDArray[Any]]) -> ArraysMessage:
-    """Pack arrays for pages, named by their digest."""
+    """Pack arrays into one message for pages, whose name is the digest of their names, types and contents."""
     entries = [(name, str(array.dtype), array.nbytes) for name, array in arrays.items()]
     content = b"".join(array.tobytes() for array in arrays.values())
     digest = hashlib.sha256(repr(entries).encode() + content).hexdigest()[:16]

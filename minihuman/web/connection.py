@@ -80,7 +80,7 @@ class Connection(PageSession):
         self._threads = threads
         self._turn = asyncio.Lock()  # one thread at a time
         self._polling: asyncio.Task[Any] | None = None
-        self.changed = asyncio.Event()  # there is something to send
+        self.changed = asyncio.Event()  # set if there is something to send
         self.network = ""  # from which it was made, in memory only
         self.over: messages.SessionOver | None = None  # the last message to the page
         self.transport: messages.TransportName = "websocket"  # of the newest page
@@ -108,15 +108,15 @@ class Connection(PageSession):
 
     @property
     def is_unproven(self) -> bool:
-        """Return whether a participant came without a link of the study's and has not taken part yet."""
+        """Return whether a participant came without one of the study's links, and has not taken part yet."""
         return bool(self.network) and not self.has_taken_part
 
     def now_ns(self) -> int:
         """Return the session's time in nanoseconds, by the server's clock."""
         return self._clock.at(current_system().clock.monotonic_ns())
 
-    def _next_ns(self) -> int:
-        """Return the time of an input from outside the page: now, and later than the page's last message."""
+    def _make_input_time_ns(self) -> int:
+        """Return the session's time for an input from outside the page: now, but after the page's last message."""
         return max(self.now_ns(), self.host.last_at_ns + 1)
 
     # Threads
@@ -142,11 +142,12 @@ class Connection(PageSession):
         return await asyncio.shield(self._run_in_turn(self._threads, work, arguments))
 
     async def _run_in_turn(self, threads: Executor, work: Callable[..., T], arguments: tuple[Any, ...]) -> T:
+        """Call a function in a thread once no other thread works on the session; return its result."""
         async with self._turn:
             return await self.loop.run_in_executor(threads, work, *arguments)
 
     async def take_batches(self, protocol: PageProtocol) -> Iterable[bytes]:
-        """Take the messages to be sent, in batches, while no thread adds to them."""
+        """Return the pending messages to the page in batches, once no thread works on the session."""
         if self._threads is None:
             return protocol.take_batches()
         async with self._turn:
@@ -159,7 +160,7 @@ class Connection(PageSession):
         else:
             self._polling = self.loop.create_task(self.run(self.poll))
 
-    def _say_changed(self) -> None:
+    def _wake_sender(self) -> None:
         """Wake the task that sends to the page, from the loop or from the session's thread."""
         if self._threads is None:
             self.changed.set()
@@ -185,13 +186,7 @@ class Connection(PageSession):
         if self._streams.receive_stream(hello.stream, hello.first):
             self.host.begin_stream(hello.first - 1)
         if hello.segment == self.hosted.segment:
-            clock = current_system().clock
-            ahead_ns = hello.last - self.now_ns()
-            note = self._clock.catch_up(ahead_ns, wall_ns=clock.wall_ns(), monotonic_ns=clock.monotonic_ns())
-            self.host.note(note)
-            if not self._clock.allows(hello.last, self.now_ns()):
-                # a new name, so that the page discards the messages it has kept, which would all be refused
-                self.hosted.segment = secrets.token_hex(8)
+            self._catch_up_with_page(hello.last)
         if self._streams.resumes(hello.life, hello.heard, self.outgoing):
             self.outgoing.acknowledge(hello.heard)
             return self._build_welcome(resumes=True), socket_number, hello.heard
@@ -201,8 +196,25 @@ class Connection(PageSession):
             self.outgoing.add(self.over)
         return self._build_welcome(resumes=False), socket_number, 0
 
+    def _catch_up_with_page(self, page_ns: int) -> None:
+        """Advance the session's clock to the time of a page whose clock ran on while there was no server.
+
+        If the page's time is not plausible, the segment gets a new name.
+        """
+        clock = current_system().clock
+        ahead_ns = page_ns - self.now_ns()
+        note = self._clock.catch_up(ahead_ns, wall_ns=clock.wall_ns(), monotonic_ns=clock.monotonic_ns())
+        self.host.note(note)
+        if not self._clock.allows(page_ns, self.now_ns()):
+            # a new name, so that the page discards the messages it has kept, which would all be refused
+            self.hosted.segment = secrets.token_hex(8)
+
     def _build_welcome(self, *, resumes: bool) -> messages.Welcome:
-        """Return the answer to a hello, which says where both streams stand."""
+        """Build the answer to a hello, which says from where both streams of messages continue.
+
+        Args:
+            resumes: whether the page continues with the server's stream, rather than with a new one.
+        """
         plan = self.host.session.plan
         quit_text = {"quit_title": InterfaceWords(plan.language, plan.words)["quit.title"]}
         return messages.Welcome(
@@ -210,7 +222,7 @@ class Connection(PageSession):
             life=self._streams.life,
             again=resumes,
             heard=self._streams.incoming.received,
-            now=self._next_ns(),
+            now=self._make_input_time_ns(),
             keys=dict(KEY_CODES),
             touch=list_touch_keys(plan),
             gamepad=needs_gamepad(plan),
@@ -241,7 +253,7 @@ class Connection(PageSession):
         self.presence.hear(now_s)
 
     def record_act(self) -> None:
-        """Record that the participant typed something that has not settled yet."""
+        """Record that the participant is typing a text that the page has not sent yet."""
         self.presence.record_act(monotonic_s())
 
     def bid_farewell(self, *, is_left: bool) -> None:
@@ -271,23 +283,23 @@ class Connection(PageSession):
         return False
 
     def forget(self) -> None:
-        """Discard the messages kept for the page, which starts afresh when it comes again."""
+        """Discard the messages kept for the page, so that it starts afresh when it reconnects."""
         self._streams.life = ""
         self.host.restart()
 
     def dismiss(self, code: int) -> None:
-        """Dismiss the page, because this server no longer hosts the session."""
+        """Disconnect the page with a socket's closing code, because this server no longer hosts the session."""
         self.presence.dismiss(code)
         self.changed.set()
 
     def safe(self) -> int:
-        """Return the last of the page's messages that may be acknowledged, because nothing can undo it."""
+        """Return the number of the last message of the page that may be acknowledged, as no crash can lose it."""
         if self.lease is None:
             return self.host.safe()
         return self.host.safe(self.lease.count_acknowledgeable(monotonic_s()))
 
     def count_unsaved(self) -> int:
-        """Return how many of the page's messages were received but may not be on the disk yet."""
+        """Return the number of the page's messages that were received but may not be on the disk yet."""
         return max(0, self.host.outbox.through - self.safe())
 
     def take(self, numbered: messages.NumberedMessage, *, more: bool = False) -> None:
@@ -320,15 +332,18 @@ class Connection(PageSession):
             self.presence.record_act(arrival_ns / 1e9)
         elif isinstance(numbered.what, messages.FocusMessage):
             self.presence.turn_focus(arrival_ns / 1e9, has_focus=numbered.what.focused)
-        if self._guarded(self.host.receive, numbered.n, numbered.at, numbered.what, more=more, arrival_ns=arrival_ns):
+        is_step = self._call_or_end(
+            self.host.receive, numbered.n, numbered.at, numbered.what, more=more, arrival_ns=arrival_ns
+        )
+        if is_step:
             self.host.outbox.record_step_time(current_system().clock.monotonic_ns() - arrival_ns)
 
     # What does not come from the page
 
     def hear_from_disk(self) -> None:
-        """Let the sender acknowledge what is durable; end a session whose log cannot be written.
+        """Wake the sender to acknowledge messages that became durable; end the session if its log cannot be written.
 
-        A page that waits for its acknowledgement may have nothing to say, and would not be told otherwise.
+        A page that waits for an acknowledgement may send nothing, so it would not learn of the failure otherwise.
         """
         self.changed.set()
         if not self.hosted.is_log_broken:
@@ -341,18 +356,18 @@ class Connection(PageSession):
     def _end_without_log(self) -> None:
         """End the session because a write to its log failed."""
         if not self.host.over:
-            self._guarded(self.hosted.require_log)
-        self._say_changed()
+            self._call_or_end(self.hosted.require_log)
+        self._wake_sender()
 
     def poll(self) -> bool:
-        """Check whether a learner has produced something; return True if there is news for the page."""
-        has_news = bool(self._guarded(self.host.poll))
+        """Check whether an agent or a participant has answered a request; return True if there is news for the page."""
+        has_news = bool(self._call_or_end(self.host.poll))
         if has_news:
-            self._say_changed()
+            self._wake_sender()
         return has_news
 
     def grow(self) -> bool:
-        """Explore one more scene ahead; return False if none is left or looking ahead has failed."""
+        """Explore one more scene ahead of the session; return False if none is left or looking ahead has failed."""
         if self._is_blind:
             return False
         try:
@@ -365,7 +380,7 @@ class Connection(PageSession):
     def send_prefetched(self) -> None:
         """Send the page the scenes and screens that were found ahead."""
         self.host.outbox.send_prefetched()
-        self._say_changed()
+        self._wake_sender()
 
     def read_inbox(self) -> None:
         """Pass the experimenter's commands to the page, or carry them out at once if no page is connected."""
@@ -373,22 +388,23 @@ class Connection(PageSession):
             if self.presence.is_here:
                 self.host.ask(request.what, request.text)
             else:
-                self._guarded(self.host.stop, ExperimenterCommand(self._next_ns(), request.what, request.text))
-            self._say_changed()
+                command = ExperimenterCommand(self._make_input_time_ns(), request.what, request.text)
+                self._call_or_end(self.host.stop, command)
+            self._wake_sender()
 
     def stop(self, reason: str, detail: str) -> None:
         """End the session for a reason outside the page."""
-        self._guarded(self.host.stop, Stop(self._next_ns(), reason, detail))  # type: ignore[arg-type]
-        self._say_changed()
+        self._call_or_end(self.host.stop, Stop(self._make_input_time_ns(), reason, detail))  # type: ignore[arg-type]
+        self._wake_sender()
 
-    def _guarded(self, do: Callable[..., bool | None], *arguments: object, **options: object) -> bool | None:
+    def _call_or_end(self, function: Callable[..., bool | None], *arguments: object, **options: object) -> bool | None:
         """Call a function that works on the session; if it fails, end the session with the reason and return None.
 
         Raises:
-            MessageError: as the function does.
+            MessageError: as the function does; the session goes on.
         """
         try:
-            return do(*arguments, **options)
+            return function(*arguments, **options)
         except LogError as error:
             self.host.session.receive(Stop(self.host.last_at_ns, "disk_full", str(error)))
         except messages.MessageError:
@@ -422,17 +438,24 @@ class Connection(PageSession):
 
 
 def _start_clock(hosted: HostedSession, max_outage_s: float) -> SegmentClock:
-    """Start a session's clock at its time by the wall clock, which may have been set back since the session began."""
+    """Return a clock that shows the time since a session's start by the wall clock, but at least the last logged time.
+
+    The wall clock may have been set back since the session began.
+
+    Args:
+        hosted: the session.
+        max_outage_s: the longest time for which the session may have had no server, in seconds.
+    """
     clock = current_system().clock
     wall_ns = clock.wall_ns()
     monotonic_ns = clock.monotonic_ns()
     logged_ns = hosted.host.last_at_ns
     since_start_ns = max(wall_ns - hosted.started_ns, logged_ns)
-    # before the consent a server leaves no log, so a session taken over then seems to start only now
-    longest_ns = logged_ns + round(max_outage_s * 1e9)
+    # before the consent there is no log, so a session that is taken over then seems to start only now
+    latest_ns = logged_ns + round(max_outage_s * 1e9)
     return SegmentClock(
         monotonic_ns - since_start_ns,
         wall_ns=wall_ns,
         monotonic_ns=monotonic_ns,
-        outage_ns=max(0, longest_ns - since_start_ns),
+        outage_ns=max(0, latest_ns - since_start_ns),
     )

@@ -81,10 +81,11 @@ class ConnectionFactory:
         self._refusals = RefusalTexts(arrivals.protocol)
         self._isolation_numbers = itertools.count(1)
         self._connection_keys: dict[bytes, str] = {}  # by a digest of a hello's link
-        self._turns: WeakValueDictionary[bytes, asyncio.Lock] = WeakValueDictionary()  # while one waits
+        # by a digest of a link, or by network; each is dropped once no page waits for it
+        self._turns: WeakValueDictionary[bytes, asyncio.Lock] = WeakValueDictionary()
 
     def _make_threads(self, worlds: IsolatedWorlds | None) -> Executor | None:
-        """Make a thread for each session if isolated worlds may keep the sessions waiting; otherwise return None."""
+        """Return threads for all sessions if isolated worlds may keep the sessions waiting; None otherwise."""
         protocol = self._arrivals.protocol
         if worlds is None or not any(worlds.isolates(block.world) for block in protocol.blocks):
             return None
@@ -93,7 +94,10 @@ class ConnectionFactory:
     async def connect(
         self, hello: Hello, address: str = "", *, transport: TransportName = "websocket"
     ) -> Connection | Refusal:
-        """Find or make the connection for a page's hello, given its network address and its transport."""
+        """Find or make the connection for a page that said hello, given its network address and transport.
+
+        Return a refusal if the page's participant may not take part, or has to wait.
+        """
         if hello.version != MESSAGE_VERSION:
             return self._refusals.ask_to_reload()
         refusal = self._refuse_browser(hello)
@@ -109,9 +113,9 @@ class ConnectionFactory:
             if not is_invited:
                 network_turn = self._turns.setdefault(network.encode(), asyncio.Lock())
                 await turns.enter_async_context(network_turn)
-            known = self._connections.get(self._connection_keys.get(link_digest, ""))
-            if known is not None:
-                return known
+            existing = self._connections.get(self._connection_keys.get(link_digest, ""))
+            if existing is not None:
+                return existing
             if self._is_full() or self._is_disk_low():
                 return self._refusals.turn_away("busy")
             if not is_invited and self._is_crowded(network) and not await self._is_issued(hello.token):
@@ -141,14 +145,14 @@ class ConnectionFactory:
         return self._refusals.turn_away(reason, person=platform_visitor.id)
 
     def refuse_slow_page(self) -> Refusal:
-        """Refuse a page whose network cannot carry a part in real time, and say how to return."""
+        """Return the refusal of a page whose network is too slow for a part in real time."""
         return self._refusals.turn_away("too_slow")
 
     def _is_full(self) -> bool:
         return len(self._connections) >= self._web.max_concurrent_sessions
 
     def _is_disk_low(self) -> bool:
-        """Return whether only the space for finishing running sessions' logs is left on the disk, and warn if so."""
+        """Return whether the disk has only the space needed to finish running sessions' logs; log a warning if so."""
         folder = next(path for path in (self._data, *self._data.absolute().parents) if path.is_dir())
         is_low = shutil.disk_usage(folder).free < RESERVE_BYTES
         if is_low:
@@ -156,14 +160,17 @@ class ConnectionFactory:
         return is_low
 
     async def _is_issued(self, token: str) -> bool:
-        """Return whether a token was issued, by the experimenter or earlier by the page of an open study."""
+        """Return whether a token was issued, by the experimenter or earlier by the page of an open study.
+
+        The answer is False if the database cannot be reached.
+        """
         try:
             return await asyncio.to_thread(self._arrivals.is_invited, token)
         except OSError:  # the database is away, which admission reports
             return False
 
     def _is_crowded(self, network: str) -> bool:
-        """Return whether a network has reached the limit of visitors who have not taken part yet, consented or not."""
+        """Return whether a network has reached the limit of visitors who have not taken part in their session yet."""
         unproven = [
             connection
             for connection in self._connections.values()
@@ -225,7 +232,7 @@ class ConnectionFactory:
         return connection
 
     def _make_connection(self, admission: Admission, hosted: HostedSession) -> Connection:
-        """Return the connection of an admitted participant to a hosted session."""
+        """Make the connection of an admitted participant to a hosted session, and register it under its key."""
         connection = Connection(
             admission,
             hosted,
@@ -238,18 +245,27 @@ class ConnectionFactory:
         return connection
 
     def _collect_facts(self, hello: Hello) -> dict[str, str]:
-        """Collect the facts about this machine, the browser, and the pictures that the page is sent."""
+        """Collect the log's facts about this machine, the browser, and the pictures that are sent to the page."""
         facts = {**self.facts, **collect_browser_facts(hello.facts)}
         facts["picture_px"] = "{} x {}".format(*self._settings.picture_px)
         facts["picture_encoding"] = self._settings.encoding
         if hello.kernels == kernels_digest():
-            facts["page_kernels"] = hello.kernels  # what the plan lets the page compute, it does
+            facts["page_kernels"] = hello.kernels  # the page computes the episodes that the plan lets it compute
         return facts
 
     def _host_session(
         self, admission: Admission, facts: dict[str, str], wake: Callable[[], None], ask_team: Callable[[], None]
     ) -> HostedSession:
-        """Start or resume the host of an admitted participant's session, waiting for the disk."""
+        """Start or resume the host of an admitted participant's session, and let its lease follow its log.
+
+        This waits for the disk.
+
+        Args:
+            admission: the participant's admission.
+            facts: the facts for the log.
+            wake: called by the log's thread when data became durable.
+            ask_team: called when the participant's team has changed.
+        """
         hosted = self._start_or_resume(admission, facts, wake, ask_team)
         if admission.lease is not None:
             hosted.segment = name_segment(Path(admission.lease.grant.name), hosted.host.session.plan)
@@ -259,7 +275,7 @@ class ConnectionFactory:
     def _start_or_resume(
         self, admission: Admission, facts: dict[str, str], wake: Callable[[], None], ask_team: Callable[[], None]
     ) -> HostedSession:
-        """Resume the session of a live log, or start a host for a new segment if it was left too long ago.
+        """Resume the session of a live log, or start a host for a new segment if the log was left too long ago.
 
         Raises:
             LogError: if another server is writing the log, or the new segment cannot be started.
@@ -295,18 +311,19 @@ class _WakeQueue:
     def __init__(self, recorded: set[Connection]) -> None:
         self._recorded = recorded
         self._woken: deque[Connection] = deque()
-        self._is_called = False
+        self._is_scheduled = False
 
     def wake(self, connection: Connection) -> None:
         """Schedule a connection to be woken because its data became durable; called by the log's thread."""
         self._woken.append(connection)
-        if not self._is_called:
-            self._is_called = True
+        if not self._is_scheduled:
+            self._is_scheduled = True
             with contextlib.suppress(RuntimeError):  # the loop is closed
-                connection.loop.call_soon_threadsafe(self._set_changed)
+                connection.loop.call_soon_threadsafe(self._wake_all)
 
-    def _set_changed(self) -> None:
-        self._is_called = False
+    def _wake_all(self) -> None:
+        """Wake all connections that are waiting; called on the event loop."""
+        self._is_scheduled = False
         while self._woken:
             connection = self._woken.popleft()
             connection.hear_from_disk()

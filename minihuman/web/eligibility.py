@@ -43,7 +43,7 @@ _TRUTHS = ("isolated", "framed", "touch", "mouse")
 
 
 def collect_browser_facts(facts_given: Mapping[str, bool | float | str]) -> dict[str, str]:
-    """Collect the valid facts from a page's report; malformed and unknown values are left out."""
+    """Collect the facts for the log from a page's report; malformed and unknown values are dropped."""
     facts = {"window": "web", "key_times": "the browser's (event.timeStamp)", "key_identity": "position (event.code)"}
     for name, shape in _TEXTS.items():
         value = facts_given.get(name)
@@ -63,15 +63,12 @@ def collect_browser_facts(facts_given: Mapping[str, bool | float | str]) -> dict
 
 
 def find_utc_offset_min(facts_given: Mapping[str, bool | float | str]) -> int | None:
-    """Return how many minutes a browser's local time is ahead of UTC; None if its page does not report it."""
+    """Return how many minutes a browser's local time is ahead of UTC; None if its page reports no valid offset."""
     offset_min = facts_given.get("utc_offset_min")  # a whole number, which arrives as a float
-    if (
-        not isinstance(offset_min, int | float)
-        or isinstance(offset_min, bool)
-        or not abs(offset_min) <= _MAX_UTC_OFFSET_MIN
-    ):
+    if isinstance(offset_min, bool) or not isinstance(offset_min, int | float):
         return None
-    if offset_min != int(offset_min):
+    is_in_range = abs(offset_min) <= _MAX_UTC_OFFSET_MIN  # false of NaN
+    if not is_in_range or offset_min != int(offset_min):
         return None
     return int(offset_min)
 
@@ -92,16 +89,16 @@ class BrowserProperties(msgspec.Struct, frozen=True):
 def read_browser_properties(facts: Mapping[str, bool | float | str]) -> BrowserProperties:
     """Read the properties on which eligibility depends from a page's facts."""
     window_px = (0, 0)
-    size = _WINDOW_SIZE.fullmatch(str(facts.get("window_px", "")))
-    if size:
-        window_px = (int(size.group(1)), int(size.group(2)))
+    size_match = _WINDOW_SIZE.fullmatch(str(facts.get("window_px", "")))
+    if size_match:
+        window_px = (int(size_match.group(1)), int(size_match.group(2)))
     rtt = facts.get("rtt_ms")
     rtt_ms = None
     if isinstance(rtt, int | float):
         rtt_ms = float(rtt)
     has_only_touch = facts.get("mouse") is False and facts.get("touch") is True
     return BrowserProperties(
-        browser=_find_browser(str(facts.get("browser", "other")).lower()),
+        browser=_classify_browser(str(facts.get("browser", "other")).lower()),
         window_px=window_px,
         rtt_ms=rtt_ms,
         keyboard=not has_only_touch,
@@ -109,8 +106,8 @@ def read_browser_properties(facts: Mapping[str, bool | float | str]) -> BrowserP
     )
 
 
-def _find_browser(family: str) -> str:
-    """Return the name under which a protocol admits a family of browsers."""
+def _classify_browser(family: str) -> str:
+    """Return a protocol's name for a browser family as reported by a page, in lower case; "other" if it has none."""
     if "chromium" in family:
         return "chrome"
     return next((name for name in ("chrome", "edge", "firefox", "safari") if name in family), "other")
@@ -124,7 +121,7 @@ def check_eligibility(
     Args:
         online: the study's requirements.
         browser: the browser's properties.
-        needs_keyboard: whether the study cannot be done without a keyboard, whatever it requires.
+        needs_keyboard: whether the study cannot be done without a keyboard, even if its settings require none.
         needs_gamepad: whether the study cannot be done without a gamepad.
     """
     if (online.require_keyboard or needs_keyboard) and not browser.keyboard:
@@ -160,7 +157,7 @@ def requires_gamepad(protocol: Protocol) -> bool:
 
 
 def list_touch_keys(plan: SessionPlan) -> dict[str, str]:
-    """Return the label of each key that has a button on a touch screen; empty if there are too many keys."""
+    """Return the labels of the buttons on a touch screen by the keys that they press; empty if there are too many."""
     if len(plan.key_pool) > MAX_TOUCH_KEYS:
         return {}
     words = InterfaceWords(plan.language, plan.words, plan.fonts)
@@ -188,7 +185,7 @@ class Completion:
 
     end: WebEnding
     code: str = ""
-    url: str = ""  # where to go with it
+    url: str = ""  # the address to which the participant returns
 
 
 def classify_ending(reason: EndReason, *, agreed: bool, part_kind: str = "") -> WebEnding:
@@ -196,8 +193,8 @@ def classify_ending(reason: EndReason, *, agreed: bool, part_kind: str = "") -> 
 
     Args:
         reason: the reason for which the session ended.
-        agreed: whether the participant consented or no consent was asked for; without consent, leaving means declining.
-        part_kind: the kind of the part in which the session ended.
+        agreed: whether the participant consented or the study asks for no consent; otherwise, leaving is declining.
+        part_kind: the kind of the part in which the session ended; "" if it is not known.
     """
     if not agreed and reason in ("quit", "window_closed", "declined"):
         return "declined"
@@ -214,13 +211,13 @@ def get_session_code(protocol: Protocol, session: int) -> str:
 
 
 def build_completion(online: WebSpec, end: WebEnding, *, session_code: str = "", person: str = "") -> Completion:
-    """Build the completion code and the return address for an ending.
+    """Return the completion code and the return address for an ending; each is "" if the study has none for it.
 
     Args:
         online: the study's codes and return address.
         end: the kind of ending.
         session_code: the session's own code for a complete session; "" to use the study's code.
-        person: the participant's id on the platform.
+        person: the participant's id on the recruiting platform; "" if no platform sent them.
     """
     code: str = getattr(online.completion_codes, end, "")
     if end == "complete" and session_code:

@@ -34,11 +34,11 @@ class EpisodeAhead:
         self.graph: LookAheadGraph | None = None  # for any other episode
         self._make_world = make_world
         self._picture_px = picture_px
-        self._own_world: World | None = None  # a world beside the session's, which may be reset
-        self._lends = True  # whether that world can restore copies of the session's
+        self._look_ahead_world: World | None = None  # a world beside the session's, which may be reset
+        self._can_restore = True  # whether that world can restore saved states of the session's world
 
     def forget(self, *, keeps_computed: bool) -> None:
-        """Start over for a page that has no episode rules yet.
+        """Forget the current episode, because the page is new and has not received the episode's rules.
 
         Args:
             keeps_computed: whether to keep the computed episode, in case the reloaded page continues the same one.
@@ -49,7 +49,7 @@ class EpisodeAhead:
             self.computed = None
 
     def begin(self, play: RunningEpisode, actions: Sequence[int], images: ImageCache, *, computes: bool) -> int:
-        """Begin an episode; return its current scene, or -1 if the page computes it.
+        """Begin an episode; return the name of its current scene, or -1 if the page computes the episode.
 
         Args:
             play: the session's running episode.
@@ -59,18 +59,18 @@ class EpisodeAhead:
         """
         self.plan = play.plan
         self.graph = None
-        self._lends = play.world.has_portable_copies
+        self._can_restore = play.world.has_portable_copies
         if computes:
             if self.computed is None or self.computed.play is not play:  # it is the same if the page was reloaded
                 self.computed = ComputedEpisode(play, self._picture_px)
             return -1
         self.computed = None
-        own_world = None
+        look_ahead_world = None
         actual: World | None = play.world
-        if self._lends:
-            own_world = self._find_world(play.plan)
+        if self._can_restore:
+            look_ahead_world = self._get_look_ahead_world(play.plan)
             actual = None
-        # in both cases, the next step is not one of a few known actions
+        # in both of these cases, the next step does not depend on one of a few known actions alone
         has_partners_ticks = play.is_joint and play.real_time
         combines_keys = play.repeats_held or not play.world.actions.is_discrete
         self.graph = LookAheadGraph(
@@ -79,7 +79,7 @@ class EpisodeAhead:
             actions,
             self._picture_px,
             images,
-            world=own_world,
+            world=look_ahead_world,
             blind=has_partners_ticks or combines_keys,
             actual=actual,
         )
@@ -89,7 +89,7 @@ class EpisodeAhead:
         return self.graph.root.name
 
     def step(self, action: int, play: RunningEpisode | None) -> int:
-        """Follow the session's action; return the scene that it led to, -1 if that is unknown.
+        """Follow the session's action; return the name of the scene that it led to, or -1 if the scene is unknown.
 
         Args:
             action: the action that the session took.
@@ -110,36 +110,36 @@ class EpisodeAhead:
         return scene.name
 
     def compare(self, message: messages.PageMessage, events: Sequence[Event]) -> str:
-        """Return how the page's step for a message differs from the session's; "" if it does not."""
+        """Return how the page's step for a message differs from the session's; "" if there is no new difference."""
         if self.computed is None or not isinstance(message, _STEPPING):
             return ""
         return self.computed.compare(message, events)
 
     def stop_if_slow(self, step_ns: int) -> None:
-        """Stop looking ahead in a real-time world whose steps take longer than their period."""
+        """Stop looking ahead in a real-time world whose steps take ``step_ns``, if that is longer than their period."""
         if self.plan is not None and self.graph is not None and self.plan.pace == "real_time":
             self.graph.blind |= step_ns > self.plan.step_period_ms * 1e6
 
     def lend(self, world_id: str, options: dict[str, Any]) -> World | None:
-        """Return the look-ahead world if it has this id and these options; None otherwise.
+        """Return the look-ahead world if it has the given id and options; None otherwise.
 
-        The borrower may reset it, because the graph restores one of its scenes before each step.
+        The caller may reset it, because the graph restores one of its own scenes before each step.
         """
-        if self.plan is None or not self._lends or (self.plan.world, self.plan.options) != (world_id, options):
+        if self.plan is None or not self._can_restore or (self.plan.world, self.plan.options) != (world_id, options):
             return None
-        return self._find_world(self.plan)
+        return self._get_look_ahead_world(self.plan)
 
-    def _find_world(self, plan: EpisodePlan) -> World:
-        """Return a look-ahead world for an episode, reusing the last episode's if that suits."""
-        own = self._own_world
-        if own is None or (own.id, own.options) != (plan.world, plan.options):
-            if own is not None:
-                own.close()
-            own = self._make_world(plan.world, plan.options)
-            self._own_world = own
-        return own
+    def _get_look_ahead_world(self, plan: EpisodePlan) -> World:
+        """Return a look-ahead world for an episode: the last episode's if it has the same options, or a new one."""
+        world = self._look_ahead_world
+        if world is None or (world.id, world.options) != (plan.world, plan.options):
+            if world is not None:
+                world.close()
+            world = self._make_world(plan.world, plan.options)
+            self._look_ahead_world = world
+        return world
 
     def close(self) -> None:
         """Close the look-ahead world."""
-        if self._own_world is not None:
-            self._own_world.close()
+        if self._look_ahead_world is not None:
+            self._look_ahead_world.close()

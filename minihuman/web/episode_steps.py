@@ -33,7 +33,7 @@ class EpisodeSteps:
                     self._scenes.append(UNKNOWN_SCENE)
 
     def begin(self, play: RunningEpisode) -> None:
-        """Begin an episode of which the page knows no steps yet."""
+        """Begin an episode whose rules are sent to the page; no picture of it has been reported yet."""
         self._play = play
         self._early = None
 
@@ -43,16 +43,16 @@ class EpisodeSteps:
         return self._play is not None and self._play.is_joint
 
     def place(self, play: RunningEpisode, scene: int) -> None:
-        """Set an episode's current scene and mark all earlier scenes as unknown."""
+        """Record the name of an episode's current scene, and mark all earlier scenes as unknown."""
         self.episode = play.plan.episode
         self._scenes = [*[UNKNOWN_SCENE] * play.steps, scene]
 
     def append(self, scene: int) -> None:
-        """Add the scene that the next step led to."""
+        """Add the name of the scene that the next step led to."""
         self._scenes.append(scene)
 
     def find_scene(self, step: int) -> int:
-        """Return the scene that a step led to; UNKNOWN_SCENE if the step was not made or its scene is unknown."""
+        """Return the name of the scene after a step; UNKNOWN_SCENE if the step was not made or its scene is unknown."""
         if 0 <= step < len(self._scenes):
             return self._scenes[step]
         return UNKNOWN_SCENE
@@ -64,7 +64,7 @@ class EpisodeSteps:
         return message.episode == self.episode and message.step < len(self._scenes)
 
     def keep_early(self, message: DisplayedMessage) -> None:
-        """Keep the message about a picture that was shown before its joint step was closed."""
+        """Keep a message about the picture of the next step, if it is a joint step, which is not closed yet."""
         if self._is_joint and (message.episode, message.step) == (self.episode, len(self._scenes)):
             self._early = message
 
@@ -81,18 +81,19 @@ class EpisodeSteps:
 
         Args:
             message: the message about the displayed picture.
-            pictures: the number of each scene's picture.
+            pictures: the number of each scene's picture, by the scene's name.
         """
         scene = self._scenes[message.step]
-        if not self._is_joint or scene not in pictures:
+        if not self._is_joint or scene not in pictures or message.node not in pictures:
             return None
-        if pictures.get(message.node, -1) in (-1, pictures[scene]):
+        if pictures[message.node] == pictures[scene]:
             return None
         return self._play
 
-    def difference(self, message: DisplayedMessage) -> str:
-        """Return how a step's displayed picture differs from the session's; "" if it does not."""
+    def describe_difference(self, message: DisplayedMessage) -> str:
+        """Return how the scene displayed for a step differs from the session's; "" if it does not or is unknown."""
         scene = self._scenes[message.step]
-        if self._is_joint or not scene >= 0 <= message.node or scene == message.node:
+        is_unknown = scene < 0 or message.node < 0
+        if self._is_joint or is_unknown or scene == message.node:
             return ""
         return f"step {message.step} of episode {message.episode + 1} was shown as scene {message.node}, it is {scene}"

@@ -6,7 +6,7 @@ from minihuman.worlds.adapters.spaces import DiscreteActions
 
 
 def describe_vectors(play: RunningEpisode) -> VectorRules | None:
-    """Return how actions make a vector; None in a world whose actions are numbers."""
+    """Return how named actions and axes make a vector; None in a world whose actions are numbers."""
     actions = play.world.actions
     if isinstance(actions, DiscreteActions):
         return None
@@ -22,7 +22,7 @@ def describe_vectors(play: RunningEpisode) -> VectorRules | None:
 
 
 def describe_held(play: RunningEpisode) -> HeldRules | None:
-    """Return how held keys and axes combine; None where each press makes one step."""
+    """Return how held keys and axes combine into an action; None in an episode in which each press makes one step."""
     if not play.repeats_held:
         return None
     actions = play.world.actions
@@ -32,7 +32,7 @@ def describe_held(play: RunningEpisode) -> HeldRules | None:
 
 
 def find_held(play: RunningEpisode) -> HeldInputs | None:
-    """Return the keys and axes that the session takes for held; None where held keys do not combine."""
+    """Return the keys and axes that the session considers held; None in an episode in which they do not combine."""
     if not play.repeats_held:
         return None
     down, pressed, axes = play.held_inputs

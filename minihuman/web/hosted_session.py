@@ -37,7 +37,7 @@ from minihuman.web.outbox import PageSettings
 from minihuman.web.session_host import SessionHost
 
 LOG = logging.getLogger("minihuman")
-_RULES = (
+_RULE_FACTS = (
     "version_minihuman",
     "rules",
     "pictures",
@@ -115,21 +115,23 @@ def start_host(
 ) -> HostedSession:
     """Start a host for a new segment. Nothing is written to the disk before the consent.
 
+    Args:
+        plan: the segment's plan.
+        disk: the storage to which the session is recorded.
+        facts: the log's facts about the machine and the browser.
+        settings: the protocol's settings for pages.
+        at_sync: called by the log's thread whenever data became durable.
+        at_team_change: called whenever the participant's team has changed.
+
     Raises:
         LogError: if the log exists already or cannot be written.
     """
     started_ns = current_system().clock.wall_ns()
-    files: list[McapRecorder] = []
+    recorder_settings = RecorderSettings(group=disk.group_commit, on_sync=at_sync)
+    files: list[McapRecorder] = []  # empty until the participant has consented
 
     def open_recorder() -> Recorder:
-        files.append(
-            McapRecorder(
-                disk.data,
-                session.plan,
-                started_ns=started_ns,
-                settings=RecorderSettings(group=disk.group_commit, on_sync=at_sync),
-            )
-        )
+        files.append(McapRecorder(disk.data, session.plan, started_ns=started_ns, settings=recorder_settings))
         return files[0]
 
     require_unclaimed(SegmentPath.of_plan(disk.data, plan))
@@ -152,45 +154,46 @@ def resume_host(
 ) -> HostedSession:
     """Resume the segment of a live log by feeding the session its own logged events.
 
+    The arguments other than ``part``, the path of the live log, are those of ``start_host``.
+
     Raises:
         LogError: if the log cannot be resumed, or was begun under other rules than this server's. Its facts apply to
             all of it, so it then has to be recovered and the session resumed in a new segment.
         WorldError: if the session's world cannot be made here.
     """
-    left = resume_segment(part)
+    resumed = resume_segment(part)
     try:
-        _refuse_other_rules(part, left.events, facts)
+        _refuse_other_rules(part, resumed.events, facts)
         session, unwritten = resume_from_events(
-            left.events, disk.make_world, picture_px=settings.picture_px, renders_steps=False
+            resumed.events, disk.make_world, picture_px=settings.picture_px, renders_steps=False
         )
     except BaseException:
-        left.close()
+        resumed.close()
         raise
     plan = session.plan
-    recorder = McapRecorder(
-        disk.data,
-        plan,
-        started_ns=left.started_ns,
-        left=left,
-        settings=RecorderSettings(group=disk.group_commit, on_sync=at_sync),
-    )
+    recorder_settings = RecorderSettings(group=disk.group_commit, on_sync=at_sync)
+    recorder = McapRecorder(disk.data, plan, started_ns=resumed.started_ns, left=resumed, settings=recorder_settings)
     signs = LifeSigns(tells_acts=True)
     agent = make_agent_host(
-        disk.protocol, plan, disk.data, logged=left.events, teams=disk.teams, changed=at_team_change, signs=signs
+        disk.protocol, plan, disk.data, logged=resumed.events, teams=disk.teams, changed=at_team_change, signs=signs
     )
     host = SessionHost(
-        session, recorder, disk.make_world, settings, agent=agent, logged=left.events, unwritten=unwritten
+        session, recorder, disk.make_world, settings, agent=agent, logged=resumed.events, unwritten=unwritten
     )
-    return HostedSession(host, recorder, left.started_ns, name_segment(disk.data, plan), [recorder], signs)
+    return HostedSession(host, recorder, resumed.started_ns, name_segment(disk.data, plan), [recorder], signs)
 
 
 def _refuse_other_rules(part: Path, events: Sequence[Event], facts: Mapping[str, str]) -> None:
-    """Refuse a log that was begun by another release, or with another version of the worlds."""
+    """Refuse a log that was begun by another release, or with another version of the worlds.
+
+    Raises:
+        LogError: if a fact about the rules differs between the log's events and the present facts.
+    """
     logged_facts: Mapping[str, str] = {}
     if events and isinstance(events[0], SessionStarted):
         logged_facts = events[0].facts
     for name in {*logged_facts, *facts}:
-        is_rule = name in _RULES or name.startswith(SOURCE_FACT)
+        is_rule = name in _RULE_FACTS or name.startswith(SOURCE_FACT)
         logged = logged_facts.get(name)
         present = facts.get(name)
         if is_rule and logged != present:
@@ -201,7 +204,7 @@ def _refuse_other_rules(part: Path, events: Sequence[Event], facts: Mapping[str,
 
 
 def name_segment(data: Path, plan: SessionPlan) -> str:
-    """Return the name by which pages know a segment; the name does not reveal whose segment it is."""
+    """Return a segment's name for pages, a digest that does not reveal which participant the segment belongs to."""
     return hashlib.sha256(str(SegmentPath.of_plan(data, plan).part).encode()).hexdigest()[:16]
 
 
@@ -248,9 +251,11 @@ class SessionRecording:
         self.is_finished = True
 
     def _end_lease(self, final_reason: str) -> None:
-        """Drain the log and end the lease; ``final_reason`` is "" if another server can resume the session.
+        """Write the log's pending events to the disk, and end the lease.
 
-        In that case, have the log published before it gets its final name.
+        Args:
+            final_reason: the reason for which the session ended for good; "" if another server can resume the session.
+                The log is then published before it gets its final name.
         """
         if self._leases is None or self._lease is None:
             return
@@ -274,7 +279,7 @@ class SessionRecording:
         self._hosted.host.close_agent()
 
     def _store_log(self, log: Path, *, is_final: bool) -> None:
-        """Seal the log, and store it in the database if it may be needed and the remote store lacks it."""
+        """Seal the log, and replace its copy in the database: by the log if other servers need it, else by nothing."""
         is_in_store = _seal_log(log)
         if self._leases is None or self._lease is None:
             return
@@ -297,18 +302,19 @@ class SessionRecording:
         self._hosted.host.close_agent()
         for file in self._hosted.files:
             file.leave()
-        if self._leases is None or self._lease is None or not self._leases.release(self._lease):
+        if self._leases is None or self._lease is None:
             return
-        if is_dismissed:
+        is_released = self._leases.release(self._lease)
+        if is_released and is_dismissed:
             with suppress(OSError):  # otherwise it is put aside when the session is leased here again
                 for file in self._hosted.files:
                     put_aside(file.segment_path.part, SUPERSEDED)
 
 
 def _seal_log(log: Path) -> bool:
-    """Seal a log and copy it to the remote store; return False if either failed.
+    """Seal a log and copy it to the remote store; return whether both succeeded.
 
-    A failure costs no participant their code, because the log is on this machine.
+    After a failure the participant gets the completion code all the same, because the log is on this machine.
     """
     try:
         record_log_end(log)

@@ -25,11 +25,11 @@ _EMBEDDED = {  # instead of those above, where other sites may frame the page
 
 
 def build_headers(embedding_hosts: Iterable[str] = (), *, policy: str = _POLICY) -> dict[str, str]:
-    """Build the headers of answers.
+    """Build the security headers of a server's responses.
 
     Args:
-        embedding_hosts: the hosts whose pages may show these in a frame; empty to refuse all.
-        policy: the content security policy for pages that nobody frames.
+        embedding_hosts: the hosts whose pages may embed the server's pages in a frame; empty to allow none.
+        policy: the content security policy, which allows no page to embed the server's pages.
     """
     headers = {**dict(HEADERS), "content-security-policy": policy}
     hosts = " ".join(embedding_hosts)

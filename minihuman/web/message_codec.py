@@ -33,7 +33,7 @@ from minihuman.web.messages import (
 
 MAX_MESSAGE_BYTES = 16 * 1024  # of a page's message
 _PICTURE = struct.Struct("<IIBBHH")  # stream number, picture number, encoding, spare, width, height
-_PART = struct.Struct("<BI")  # of several messages in one: 0 for text and 1 for a picture, bytes
+_PART = struct.Struct("<BI")  # the head of a part of a batch: 0 for text and 1 for a picture, size in bytes
 
 _FROM_PAGE = msgspec.json.Decoder(Hello | NumberedMessage | PageAck | Ping | Farewell)
 # Numbered messages that come with every key are arrays: kind, number, time in us, and these fields, absent ones at the
@@ -76,10 +76,10 @@ def decode_page_message(text: str | bytes) -> Hello | NumberedMessage | PageAck 
 
 
 def _expand_message(short: Any) -> NumberedMessage:
-    """Return the message for which a short array stands; its times are in microseconds.
+    """Convert a message that was decoded from a short array, with times in microseconds, to a numbered message.
 
     Raises:
-        ValueError: if a time lies before the session's start.
+        ValueError: if a time is before the session's start.
     """
     at_ns = _NS_PER_US * short.at
     kind = type(short)
@@ -98,7 +98,7 @@ def _expand_message(short: Any) -> NumberedMessage:
 
 
 def _require_since_start(ago_us: int, at_us: int) -> None:
-    """Refuse a time that lies before the session's start."""
+    """Raise ValueError if a time ``ago_us`` before a message's time ``at_us`` is before the session's start, at 0."""
     if ago_us > at_us:
         raise ValueError("a time is before the session's start")
 
@@ -126,14 +126,14 @@ def encode_unnumbered(message: Welcome | Refusal | Pong) -> str:
 
 
 def encode_text(message: _NumberedServerMessage | ServerAck | Pong) -> bytes:
-    """Encode a message as a text part of a batch."""
-    return _frame(_ENCODER.encode(message))
+    """Encode a message as JSON, as a text part of a batch."""
+    return _frame_text(_ENCODER.encode(message))
 
 
 def encode_part(text: str) -> bytes:
-    """Encode a message beside the stream as a part of a batch, where nothing but batches can be sent."""
-    return _frame(text.encode())
+    """Encode the JSON of an unnumbered message as a part of a batch, for a transport that carries only batches."""
+    return _frame_text(text.encode())
 
 
-def _frame(text: bytes) -> bytes:
+def _frame_text(text: bytes) -> bytes:
     return _PART.pack(0, len(text)) + text

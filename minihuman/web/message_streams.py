@@ -22,7 +22,7 @@ class OutgoingStream(Generic[Message]):
 
     @property
     def n_unacknowledged(self) -> int:
-        """Return how many messages are not acknowledged yet."""
+        """Return the number of messages that are not acknowledged yet."""
         return len(self._unacknowledged)
 
     def add(self, message: Message) -> None:
@@ -44,12 +44,17 @@ class OutgoingStream(Generic[Message]):
             self._unacknowledged.popleft()
 
     def after(self, number: int) -> Iterator[tuple[int, Message]]:
-        """Yield the unacknowledged messages after a number, each with its own number."""
-        return (numbered for numbered in tuple(self._unacknowledged) if numbered[0] > number)
+        """Yield the number and content of each unacknowledged message after a given number."""
+        unacknowledged = tuple(self._unacknowledged)  # a copy, as messages may be added or removed meanwhile
+        return ((own_number, message) for own_number, message in unacknowledged if own_number > number)
 
 
 class IncomingStream:
-    """Counts the messages received from the other side."""
+    """Counts the messages received from the other side.
+
+    Args:
+        received: the number of the last message that was received before.
+    """
 
     def __init__(self, received: int = 0) -> None:
         self.received = received
@@ -65,6 +70,6 @@ class IncomingStream:
                 f"message {number} arrived after message {self.received}; the messages in between are missing; reload "
                 "the page"
             )
-        new = number == self.received + 1
+        is_new = number == self.received + 1
         self.received = max(self.received, number)
-        return new
+        return is_new

@@ -35,6 +35,7 @@ class PageSettings:
     encoding: ImageEncoding = "auto"
 
 
+_PACE_WEIGHT = 8  # a new duration of a step counts for an eighth in the moving average
 _WITHOUT_EFFECT = (
     messages.DisplayedMessage,
     messages.RoundTripMessage,
@@ -52,7 +53,7 @@ def build_rules(
         play: the episode.
         part_plan: the plan of its part.
         computed: the world's state if the page computes the episode.
-        keep: the number of the first picture that the page needs.
+        keep: the number of the first picture that the page must keep.
     """
     plan = play.plan
     most_steps = plan.max_steps
@@ -85,7 +86,7 @@ def build_rules(
 
 
 def _list_sounds(session: SessionMachine, screen: Screen) -> list[messages.ScreenSound]:
-    """List the sounds that begin with a screen; none of an activity's screen, whose own message lists them."""
+    """List the sounds that begin with a screen; empty for an activity's screen, whose values contain its sounds."""
     if isinstance(screen, ActivityScreen):
         return []
     files = session.plan.files
@@ -127,7 +128,7 @@ class Outbox:
 
     @property
     def screen_name(self) -> int:
-        """Return the name by which the page knows the session's current screen."""
+        """Return the name of the screen that was sent to the page last."""
         return self._page.screen_name
 
     def is_present(self, message: messages.DisplayedMessage) -> bool:
@@ -139,7 +140,14 @@ class Outbox:
     def describe_correction(
         self, message: messages.DisplayedMessage, at_ns: int, submit_ns: int, flip_ns: int
     ) -> Event | None:
-        """Return an event if a joint step turned out differently from its displayed picture; otherwise None."""
+        """Return an event if a joint step differs from the picture that the page displayed for it; otherwise None.
+
+        Args:
+            message: the page's message about the displayed picture.
+            at_ns: the message's time in the session, in nanoseconds.
+            submit_ns: the time at which the picture was submitted.
+            flip_ns: the time at which it was displayed.
+        """
         if self._ahead.graph is None:
             return None
         play = self.steps.find_corrected(message, self._ahead.graph.pictures)
@@ -167,7 +175,7 @@ class Outbox:
         return not isinstance(message, _WITHOUT_EFFECT)
 
     def compare(self, message: messages.PageMessage, events: Sequence[Event]) -> str:
-        """Return how the page's step for a message differs from the session's; "" if it does not."""
+        """Return how the page's step for a message differs from the session's; "" if there is no new difference."""
         return self._ahead.compare(message, events)
 
     # Where the session went
@@ -229,13 +237,13 @@ class Outbox:
 
     def _computes(self, play: RunningEpisode) -> bool:
         """Return whether the page is to compute an episode."""
-        computed = getattr(self._session.part.part.plan, "computed", "server")
-        return self.page_computes and computed == "page" and can_compute(play)
+        computed_by = getattr(self._session.part.part.plan, "computed", "server")
+        return self.page_computes and computed_by == "page" and can_compute(play)
 
     def record_step_time(self, took_ns: int) -> None:
         """Record how long a step's message took, in nanoseconds; stop looking ahead in a world that is too slow."""
         before_ns = self._pace_ns or took_ns
-        self._pace_ns = before_ns + (took_ns - before_ns) // 8
+        self._pace_ns = before_ns + (took_ns - before_ns) // _PACE_WEIGHT
         self._ahead.stop_if_slow(self._pace_ns)
 
     def grow(self, rtt_ns: int) -> bool:
@@ -244,7 +252,7 @@ class Outbox:
         ``send_prefetched`` sends what was prepared.
 
         Args:
-            rtt_ns: the round-trip time in nanoseconds, which says how far ahead the page needs them.
+            rtt_ns: the round-trip time in nanoseconds; the longer it is, the further ahead screens are explored.
         """
         session = self._session
         if session.over or self.outgoing.n_unacknowledged > PREFETCH_BACKLOG:
@@ -341,28 +349,31 @@ class Outbox:
             action = steering.action
         if action is None:
             action = -1
-        known_step = step
+        compared_step = step
         if self.is_computed:
-            known_step = min(step, 0)
-        if self._page.has_state((tick_ns, waited_for, known_step, controller, action, limit_ns)):
+            compared_step = min(step, 0)  # 0 in an episode, -1 outside, as the page counts the steps itself
+        if self._page.record_state((tick_ns, waited_for, compared_step, controller, action, limit_ns)):
             return
         self.outgoing.add(
             messages.EpisodeState(
-                self.through,
-                tick_ns,
-                episode,
-                step,
-                self.steps.find_scene(step),
-                controller,
-                action,
-                limit_ns,
-                self._pace_ns,
+                through=self.through,
+                tick=tick_ns,
+                episode=episode,
+                step=step,
+                node=self.steps.find_scene(step),
+                who=controller,
+                action=action,
+                limit=limit_ns,
+                pace=self._pace_ns,
             )
         )
 
     @property
     def _next_tick_ns(self) -> int | None:
-        """Return the time at which the page must send a tick; None for a page that computes real-time steps itself."""
+        """Return the session's time at which the page must send a tick; None if it need not send any.
+
+        A page that computes real-time steps itself is only told the part's time limit.
+        """
         session = self._session
         if session.over:
             return None

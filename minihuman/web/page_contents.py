@@ -28,7 +28,7 @@ class PageContents:
         self.screen: Screen | None = None
         self.screen_name = 0
         self.screen_play: RunningEpisode | None = None  # the episode that was running when the last state was sent
-        self.plays = False  # whether an episode that the page computes was running then
+        self.plays = False  # whether an episode that the page computes was running when the last state was sent
         self._state: tuple[object, ...] | None = None
         self._control: messages.AgentControl | None = None
         self._arrays: set[str] = set()
@@ -59,11 +59,11 @@ class PageContents:
             self._control = control
             self.outgoing.add(control)
 
-    def has_state(self, state: tuple[object, ...]) -> bool:
-        """Return whether the page has this state of the episode already; record it as sent."""
-        is_known = state == self._state
+    def record_state(self, state: tuple[object, ...]) -> bool:
+        """Record the state of the episode that the page is to have; return whether the page has it already."""
+        is_unchanged = state == self._state
         self._state = state
-        return is_known
+        return is_unchanged
 
     def send_screen(self, session: SessionMachine, screen: Screen, message: messages.ScreenMessage) -> None:
         """Send one of the session's screens, and start prefetching the screens that inputs lead to."""
@@ -83,7 +83,7 @@ class PageContents:
         return session.play is None and self._screens.grow(rtt_ns)
 
     def send_prefetched(self) -> None:
-        """Send the screens that were found ahead."""
+        """Send the screens that were found ahead, after their pictures."""
         prefetch = self._screens.take_new()
         self.send_pictures()
         if prefetch is not None:

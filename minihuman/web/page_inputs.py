@@ -14,22 +14,22 @@ _POINTERS: Mapping[str, type[inputs.PointerPressed | inputs.PointerMoved | input
     "released": inputs.PointerReleased,
 }
 _MAX_REMEMBERED = 2_000  # presses; a page repeats only unacknowledged ones, which are seconds old
-MakeInput = Callable[[int], inputs.Input | None]  # makes the input from the time of the page's echo
+MakeInput = Callable[[int], inputs.Input | None]  # makes an input for the time, in ns, of the page's echo
 
 
 class PageInputs:
     """Converts a page's messages to inputs, and remembers which key presses the log has.
 
     Args:
-        known: the events of the session so far.
+        past_events: the events of the session so far.
     """
 
-    def __init__(self, known: Iterable[Event]) -> None:
+    def __init__(self, past_events: Iterable[Event]) -> None:
         self._keys_down: dict[tuple[int, str], None] = {}  # the latest presses, the oldest first
         self._forgotten_ns = -1  # the time of the latest press that was forgotten
-        for event in known:
+        for event in past_events:
             if isinstance(event, KeyPressed) and event.down:
-                self._remember(event.t_ns - event.waited_ns, event.key)
+                self._remember_press(event.t_ns - event.waited_ns, event.key)
         self._last_question = 0
         self._questions: dict[int, MakeInput] = {}  # by number, until the page echoes the question
 
@@ -39,7 +39,7 @@ class PageInputs:
         return tuple(self._questions)
 
     def ask(self, make_input: MakeInput) -> int:
-        """Register an input for the time at which the page echoes a question; return the question's number."""
+        """Register a function that makes an input once the page echoes a question; return the question's number."""
         self._last_question += 1
         self._questions[self._last_question] = make_input
         return self._last_question
@@ -56,7 +56,7 @@ class PageInputs:
             case messages.KeyMessage():
                 return self._convert_key(message, at_ns)
             case messages.DisplayedMessage() if is_present:
-                return inputs.ScreenShown(at_ns, *order_flip(message, at_ns))
+                return inputs.ScreenShown(at_ns, *get_display_times(message, at_ns))
             case messages.SoundMessage():
                 onset_ns = min(message.onset, at_ns)
                 return inputs.SoundStarted(at_ns, message.cue, message.scheduled, onset_ns, message.uncertainty)
@@ -71,8 +71,8 @@ class PageInputs:
                 )
             case messages.PointerMessage():
                 stamp_ns = min(message.stamp, at_ns)
-                place = (message.x, message.y, message.target, message.along)
-                return _POINTERS[message.what](stamp_ns, *place, message.cause)
+                make_input = _POINTERS[message.what]
+                return make_input(stamp_ns, message.x, message.y, message.target, message.along, message.cause)
             case messages.AxisMessage() | messages.MouseMotionMessage():
                 return _convert_axis(message, at_ns)
             case messages.FocusMessage():
@@ -82,18 +82,21 @@ class PageInputs:
         return None
 
     def _convert_key(self, message: messages.KeyMessage, at_ns: int) -> inputs.Input:
-        """Convert a key message; a cause that does not fit, which our own page never sends, is replaced by a finger."""
+        """Convert a key message; a cause that is not one of a press or of a release is replaced by "finger".
+
+        The study's own page never sends such a cause.
+        """
         stamp_ns = min(message.stamp, at_ns)
         if not message.down:
             release_cause: inputs.KeyReleaseCause = "finger"
             if message.cause == "focus_loss":
                 release_cause = "focus_loss"
             return inputs.KeyUp(stamp_ns, message.key, message.symbol, release_cause)
-        self._remember(stamp_ns, message.key)
+        self._remember_press(stamp_ns, message.key)
         cause = "finger" if message.cause == "focus_loss" else message.cause
         return inputs.KeyDown(stamp_ns, message.key, message.symbol, message.repeat, cause)
 
-    def _remember(self, stamp_ns: int, key: str) -> None:
+    def _remember_press(self, stamp_ns: int, key: str) -> None:
         """Remember a key press, and forget the oldest one beyond the limit."""
         self._keys_down[stamp_ns, key] = None
         if len(self._keys_down) > _MAX_REMEMBERED:
@@ -102,9 +105,15 @@ class PageInputs:
             self._forgotten_ns = max(self._forgotten_ns, oldest[0])
 
     def note_missed(self, message: messages.PageMessage, at_ns: int, now_ns: int) -> list[Event]:
-        """Return a note about a key press from before the session's present time, unless the log has that press.
+        """Return a note about a key press that the log lacks, as it was made in another tab.
 
-        Such a press was made in another tab. The list is empty for any other message.
+        Args:
+            message: a message that is not later than the session's time.
+            at_ns: the message's time in nanoseconds.
+            now_ns: the session's time, which the note gets.
+
+        Returns:
+            The note; empty for a press that the log has, and for messages of other kinds.
         """
         if not isinstance(message, messages.KeyMessage) or not message.down:
             return []
@@ -127,7 +136,7 @@ def clean_field_text(text: str) -> str:
     return _CONTROL_CHARACTERS.sub("", text)
 
 
-def order_flip(message: messages.DisplayedMessage, at_ns: int) -> tuple[int, int]:
-    """Return when a picture was submitted and displayed, both no later than the message that reports it."""
+def get_display_times(message: messages.DisplayedMessage, at_ns: int) -> tuple[int, int]:
+    """Return the times at which a picture was submitted and displayed, in order, neither later than the message."""
     flip_ns = min(message.flip, at_ns)
     return min(message.submit, flip_ns), flip_ns

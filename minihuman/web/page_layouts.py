@@ -31,7 +31,7 @@ def read_layout_modules() -> dict[str, Any]:
     """Return, for each compiled module of layouts, its file and its functions by name, from the manifest.
 
     Raises:
-        WorldError: if they were compiled from other sources than these.
+        WorldError: if the modules were compiled from other sources than the present ones.
     """
     manifest = json.loads(MANIFEST.read_text(encoding="utf-8"))
     if manifest["sources"] != layouts_digest():
@@ -41,7 +41,7 @@ def read_layout_modules() -> dict[str, Any]:
 
 
 def find_layout_module(env: GridEngine, modules: Mapping[str, Any]) -> str | None:
-    """Return the name of the module that has a world's layout; None if the layout is Python, or is in none.
+    """Return the name of the compiled module that has a world's layout; None if no module has it.
 
     Args:
         env: the world.
@@ -58,23 +58,25 @@ def _name_layout(recipe: Recipe) -> str:
 
 
 def describe_layout(env: Any) -> dict[str, Any]:
-    """Describe to a page how it lays out a world, before the world's first reset.
+    """Describe to a page how it lays out a world.
 
-    The world is one for which `find_layout_module` found a module.
+    Args:
+        env: a grid world whose layout is in a compiled module (see `find_layout_module`), before its first reset.
     """
     recipe: Recipe = env.recipe
     program: list[list[int | str]] = []
     if isinstance(recipe, LevelRecipe):
-        program = [[_write_exactly(number) for number in line] for line in recipe.program.tolist()]
+        program = [[_encode_number(number) for number in line] for line in recipe.program.tolist()]
     mission = None
     if isinstance(recipe.mission, MissionSpace):
         mission = {"template": recipe.mission.template, "choices": recipe.mission.choices}
     header = env.state.row[:HEADER].tolist()
-    numbers = {"layout": _name_layout(recipe), "numbers": recipe.numbers, "program": program}
-    return numbers | {"header": header, "mission": mission}
+    layout = {"layout": _name_layout(recipe), "numbers": recipe.numbers, "program": program}
+    return layout | {"header": header, "mission": mission}
 
 
-def _write_exactly(number: int) -> int | str:
+def _encode_number(number: int) -> int | str:
+    """Return a number as it is or, if a page's numbers cannot hold it exactly, as text."""
     if abs(number) > _MOST_EXACT:
         return str(number)
     return number

@@ -12,15 +12,15 @@ _ROOT = "/static"
 
 
 def find_module_address(module: str) -> str:
-    """Return the address at which the page loads a kind's module, which is named as "package:file"."""
+    """Return the address from which the page loads the JavaScript module that a kind names as "package:file"."""
     package, _, file = module.partition(":")
     return f"{_ROOT}/{package.replace('.', '/')}/{file}"
 
 
 def list_page_modules() -> Iterator[tuple[str, Path]]:
-    """Yield the address and file of every JavaScript module in the packages of the installed kinds' modules.
+    """Yield the address and the file of each JavaScript module in the packages that have activity kinds' modules.
 
-    The packages' other modules are included because a kind's module may import them.
+    This includes the packages' other modules, because a kind's module may import them.
 
     Raises:
         ProtocolError: if a kind names a module that does not exist.
@@ -33,7 +33,11 @@ def list_page_modules() -> Iterator[tuple[str, Path]]:
 
 
 def _list_modules_of_kind(name: str) -> list[str]:
-    """Return the page modules of a kind's screens, after checking that their files exist."""
+    """Return the page modules of an activity kind's screens, after checking that their files exist.
+
+    Raises:
+        ProtocolError: if a module does not exist.
+    """
     try:
         screens = find_kind(name).screens
     except ProtocolError:  # a kind that cannot be loaded here has no screens here
@@ -48,6 +52,7 @@ def _list_modules_of_kind(name: str) -> list[str]:
 
 
 def _find_folder(package: str) -> Path:
+    """Return the folder of a Python package; raise ProtocolError if the package is not installed."""
     spec = find_spec(package)
     if spec is None or spec.origin is None:
         raise ProtocolError(f"package {package!r}, which has an activity's page module, does not exist; install it")

@@ -73,7 +73,7 @@ class PagePresence:
         return number == self._sockets
 
     def dismiss(self, code: int) -> None:
-        """Dismiss the page on every socket, with this closing code."""
+        """Record that the page is to be disconnected, with a closing code, and accept none of its present sockets."""
         self.dismissal_code = code
         self.is_here = False
         self._sockets += 1
@@ -83,13 +83,13 @@ class PagePresence:
         self._acted_s = now_s
         self.signs.act(now_s)
 
-    def absence_s(self, now_s: float) -> float:
-        """Return for how many seconds no page has been connected; 0 while a page is connected."""
+    def compute_absence_s(self, now_s: float) -> float:
+        """Return the time, in seconds, for which no page has been connected; 0 while a page is connected."""
         if self.is_here:
             return 0.0
         return now_s - self._seen_s
 
-    def inactivity_s(self, now_s: float) -> float:
+    def compute_inactivity_s(self, now_s: float) -> float:
         """Return the time since the participant's last act, in seconds."""
         return now_s - self._acted_s
 
@@ -97,7 +97,7 @@ class PagePresence:
 def find_sign_interval_ms(plan: SessionPlan) -> int:
     """Return the longest time, in milliseconds, for which a session's page may send nothing.
 
-    The parts of the plan may ask for signs of life at shorter intervals than the default.
+    The parts of the plan may require signs of life at shorter intervals than the default.
     """
-    asked_s: list[float] = [getattr(part.plan, "sign_interval_s", 0.0) for part in plan.parts]  # not of every kind
-    return round(1_000 * min([MAX_SIGN_INTERVAL_S, *filter(None, asked_s)]))
+    part_intervals_s: list[float] = [getattr(part.plan, "sign_interval_s", 0.0) for part in plan.parts]  # 0: none
+    return round(1_000 * min([MAX_SIGN_INTERVAL_S, *filter(None, part_intervals_s)]))

@@ -60,7 +60,7 @@ class PageSession(abc.ABC):
 
     @abc.abstractmethod
     def safe(self) -> int:
-        """Return the last of the page's messages that may be acknowledged."""
+        """Return the number of the last message of the page that may be acknowledged."""
 
     @abc.abstractmethod
     def take(self, numbered: messages.NumberedMessage, *, more: bool = False) -> None:
@@ -80,7 +80,7 @@ class PageSession(abc.ABC):
 
     @abc.abstractmethod
     def record_act(self) -> None:
-        """Record that the participant typed something that has not settled yet."""
+        """Record that the participant is typing a text that the page has not sent yet."""
 
     @abc.abstractmethod
     def bid_farewell(self, *, is_left: bool) -> None:
@@ -90,13 +90,18 @@ class PageSession(abc.ABC):
     def spend(self, n_bytes: int, *, number: int, is_text: bool = False) -> bool:
         """Count the size of a message against the session's budget; return False if the session accepts no more.
 
-        A message that is received once more counts nothing: over a bad line an honest page repeats much of what it
-        sent, and nothing of that is written.
+        A message that was received before costs nothing: over a bad network an honest page repeats many messages, and
+        repeated messages are not written.
+
+        Args:
+            n_bytes: the size of the message.
+            number: the message's number.
+            is_text: whether the message contains text that the participant typed.
         """
 
     @abc.abstractmethod
     def forget(self) -> None:
-        """Discard the messages kept for the page, which starts afresh when it comes again."""
+        """Discard the messages kept for the page, so that it starts afresh when it reconnects."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,8 +126,8 @@ class PageProtocol:
         self._session = session
         self._welcome = welcome
         self._outgoing = session.outgoing
-        self._sent = after
-        self._acknowledged = 0
+        self._sent = after  # the number of the last server message that was sent
+        self._acknowledged = 0  # the number of the last page message that was acknowledged
         self._rate_limit = RateLimit(now_s)
         self._last_number = 0  # the server's last message before the text that is being received
         self._safe = 0  # the page's last safe message before that text
@@ -132,7 +137,11 @@ class PageProtocol:
     # From the page
 
     def begin_text(self, now_s: float) -> None:
-        """Begin to receive a text, which may contain several messages, at a monotonic time in seconds."""
+        """Record the session's state before a text, which may contain several messages, for ``end_text``.
+
+        Args:
+            now_s: the monotonic time in seconds.
+        """
         self._session.hear(now_s)
         self._last_number = self._session.outgoing.last_number
         self._safe = self._session.safe()
@@ -150,7 +159,7 @@ class PageProtocol:
             more: whether further messages follow in the same text.
 
         Raises:
-            MessageError: if the message is one that our own page never sends.
+            MessageError: if the message is one that the study's own page never sends.
         """
         message = decode_page_message(text)
         self._ends_with_round_trip = False
@@ -178,7 +187,7 @@ class PageProtocol:
             self._ends_with_round_trip = isinstance(message.what, messages.RoundTripMessage)
 
     def _receive_ping(self, ping: messages.Ping, *, more: bool) -> str | None:
-        """Return the answer to a ping; None if it goes with the answer to what follows in the same text."""
+        """Return the answer to a ping; None if the next batch contains it, as further messages follow in the text."""
         if ping.acted:
             self._session.record_act()
         received_ns = self._session.now_ns()
@@ -188,17 +197,18 @@ class PageProtocol:
         return encode_unnumbered(messages.Pong(ping.sent, received_ns, self._session.now_ns()))
 
     def _acknowledge(self, number: int) -> None:
-        """Discard messages that the page has, and note whether it was too far behind to look ahead for."""
+        """Discard messages that the page has; note whether too many were unacknowledged to look ahead for the page."""
         outgoing = self._session.outgoing
         was_behind = outgoing.n_unacknowledged > PREFETCH_BACKLOG
         outgoing.acknowledge(number)
         self._was_behind |= was_behind
 
     def end_text(self) -> TextEffect:
-        """End a text and return its effect. A page that acknowledges nothing starts afresh.
+        """End the reception of a text, and return its effect.
 
         Raises:
-            MessageError: if too many of the server's messages have not been acknowledged.
+            MessageError: if too many of the server's messages have not been acknowledged. They are discarded, so that
+                the page starts afresh when it reconnects.
         """
         outgoing = self._session.outgoing
         if outgoing.n_unacknowledged > MAX_BACKLOG:
@@ -233,15 +243,15 @@ class PageProtocol:
         """Yield the pending data in batches: messages, their acknowledgement, and the answer to a ping."""
         safe = self._session.safe()  # read first: a message's consequences precede its acknowledgement
         parts: list[bytes] = []
-        size = 0
+        size_bytes = 0
         for number, message in self._outgoing.after(self._sent):
             parts.append(encode_numbered(number, message))
             self._sent = number
-            size += len(parts[-1])
-            if size > MAX_BATCH_BYTES:
+            size_bytes += len(parts[-1])
+            if size_bytes > MAX_BATCH_BYTES:
                 yield b"".join(parts)
                 parts = []
-                size = 0
+                size_bytes = 0
         if safe > self._acknowledged:
             self._acknowledged = safe
             parts.append(encode_text(messages.ServerAck(safe)))

@@ -20,13 +20,13 @@ _OF_ROW = (
 _OF_NUMBERS = ("REWARD",)
 
 
-def write_page_rows() -> str:
-    """Return the text of `page/row.js`."""
+def format_page_rows() -> str:
+    """Return the text of `page/row.js`, a JavaScript module of constants."""
     rows = [f"export const {name} = {getattr(state, name)};" for name in _OF_ROW]
     numbers = [f"export const NUMBERS_{name} = {getattr(rules, name)};" for name in _OF_NUMBERS]
     return _HEAD + "\n".join([*rows, *numbers]) + "\n"
 
 
 if __name__ == "__main__":
-    PATH.write_text(write_page_rows(), encoding="utf-8", newline="\n")
+    PATH.write_text(format_page_rows(), encoding="utf-8", newline="\n")
     print(PATH)

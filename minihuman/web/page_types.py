@@ -59,35 +59,35 @@ class _Field:
     is_optional: bool
 
 
-class _Writer:
-    """Writes types as TypeScript, together with the types that they refer to."""
+class _Formatter:
+    """Formats types as TypeScript, together with the types that they refer to."""
 
     def __init__(self, aliases: dict[str, Any], sent_by_page: Any) -> None:
         self._aliases = aliases
         self._interfaces: dict[type, str] = {}  # by type, in the order in which they were found
         self._sent_by_page = _list_structs(sent_by_page)
 
-    def write(self) -> str:
-        """Return the TypeScript text of all types, without a head."""
-        aliases = [f"export type {name} = {self._write_alias(form)};\n" for name, form in self._aliases.items()]
+    def format(self) -> str:
+        """Return the TypeScript declarations of all types."""
+        aliases = [f"export type {name} = {self._format_alias(form)};\n" for name, form in self._aliases.items()]
         return "".join(aliases) + "".join("\n" + text for text in self._interfaces.values())
 
-    def _write_alias(self, form: Any) -> str:
+    def _format_alias(self, form: Any) -> str:
         if form is AnswerWidget:
             return " | ".join(
-                f'({{ form: "{widget.__name__}" }} & {self._write_type(widget)})' for widget in get_args(form)
+                f'({{ form: "{widget.__name__}" }} & {self._format_type(widget)})' for widget in get_args(form)
             )
-        return self._write_structure(form)
+        return self._format_structure(form)
 
-    def _write_type(self, annotation: Any) -> str:
-        """Return a type as it is used in a declaration: by its name, if it has one."""
+    def _format_type(self, annotation: Any) -> str:
+        """Return the TypeScript of a type within a declaration: its name, if it has one, or its structure."""
         for name, form in self._aliases.items():
             if annotation == form:
                 return name
-        return self._write_structure(annotation)
+        return self._format_structure(annotation)
 
-    def _write_structure(self, annotation: Any) -> str:
-        """Return a type without a name of its own in TypeScript."""
+    def _format_structure(self, annotation: Any) -> str:
+        """Return the TypeScript of a type that is no alias: its structure, or the name of its interface."""
         origin = get_origin(annotation)
         arguments = get_args(annotation)
         if annotation in _PRIMITIVES:
@@ -96,43 +96,44 @@ class _Writer:
             plain_form, *extras = arguments
             for extra in extras:
                 if isinstance(extra, PageType):
-                    return self._write_type(extra.form)
-            return self._write_type(plain_form)
+                    return self._format_type(extra.form)
+            return self._format_type(plain_form)
         if origin is NotRequired:
-            return self._write_type(arguments[0])
+            return self._format_type(arguments[0])
         if origin is Literal:
             return " | ".join(f'"{word}"' for word in arguments)
         if origin in (UnionType, Union):
-            return self._write_union(arguments)
+            return self._format_union(arguments)
         if origin is dict:
-            key_type, value_type = map(self._write_type, arguments)
+            key_type, value_type = map(self._format_type, arguments)
             return f"Record<{key_type}, {value_type}>"
         if origin is list:
-            element_type = _enclose(self._write_type(arguments[0]))
+            element_type = _enclose(self._format_type(arguments[0]))
             return f"{element_type}[]"
         if origin is tuple:
-            return self._write_tuple(arguments)
+            return self._format_tuple(arguments)
         return self._name_interface(annotation)
 
-    def _write_union(self, arguments: tuple[Any, ...]) -> str:
+    def _format_union(self, arguments: tuple[Any, ...]) -> str:
         alternatives: list[str] = []
         for argument in arguments:
-            alternatives += self._write_type(argument).split(" | ")
+            alternatives += self._format_type(argument).split(" | ")
         return " | ".join(dict.fromkeys(alternatives))
 
-    def _write_tuple(self, arguments: tuple[Any, ...]) -> str:
+    def _format_tuple(self, arguments: tuple[Any, ...]) -> str:
         if arguments[1:] == (Ellipsis,):
-            return f"{_enclose(self._write_type(arguments[0]))}[]"
-        types = [self._write_type(argument) for argument in arguments]
+            return f"{_enclose(self._format_type(arguments[0]))}[]"
+        types = [self._format_type(argument) for argument in arguments]
         return f"[{', '.join(types)}]"
 
     def _name_interface(self, form: type) -> str:
+        """Return the name of a class's interface, after adding the interface if it is new."""
         if form not in self._interfaces:
-            self._interfaces[form] = ""  # it may name itself
-            self._interfaces[form] = self._write_interface(form)
+            self._interfaces[form] = ""  # before its fields, which may refer to it
+            self._interfaces[form] = self._format_interface(form)
         return form.__name__
 
-    def _write_interface(self, form: type) -> str:
+    def _format_interface(self, form: type) -> str:
         """Return the declaration of a class as an interface, with the first paragraph of its docstring."""
         summary = (inspect.getdoc(form) or "").partition("\n\n")[0].replace("\n", " ")
         lines = [f"/** {summary} */", f"export interface {form.__name__} {{"]
@@ -143,11 +144,12 @@ class _Writer:
         may_lack_fields = form in self._sent_by_page or is_typeddict(form)
         for field in _list_fields(form):
             mark = "?" if field.is_optional and may_lack_fields else ""
-            lines.append(f"  {field.name}{mark}: {self._write_type(field.annotation)};")
+            lines.append(f"  {field.name}{mark}: {self._format_type(field.annotation)};")
         return "\n".join([*lines, "}", ""])
 
 
 def _enclose(text: str) -> str:
+    """Return the TypeScript of a type, in parentheses if it is a union."""
     if " | " in text:
         return f"({text})"
     return text
@@ -179,12 +181,13 @@ def _list_fields(form: type) -> Iterator[_Field]:
 
 def _load_page_fields() -> list[type]:
     """Load the typed dictionaries that block kinds add to the play screen."""
-    places = [find_kind(name).page_fields.partition(":") for name in list_kinds(lambda kind: bool(kind.page_fields))]
-    return [getattr(import_module(module), name) for module, _, name in places]
+    kinds = list_kinds(lambda kind: bool(kind.page_fields))
+    references = [find_kind(name).page_fields.partition(":") for name in kinds]  # of the form "module:class"
+    return [getattr(import_module(module), name) for module, _, name in references]
 
 
 def _list_structs(annotation: Any) -> set[type]:
-    """Return the structs that a type contains, including itself."""
+    """Return the structs that a type refers to directly or indirectly, including itself."""
     structs: set[type] = set()
     to_do = [annotation]
     while to_do:
@@ -197,19 +200,19 @@ def _list_structs(annotation: Any) -> set[type]:
 
 
 def write_types(aliases: dict[str, Any], sent_by_page: Any) -> str:
-    """Return types as TypeScript, with all that they refer to.
+    """Return the TypeScript declarations of types and of the types that they refer to.
 
     Args:
         aliases: the types by name; each is declared under its name.
-        sent_by_page: what a page sends, as a union; its fields with a default are optional.
+        sent_by_page: the union of the messages that a page sends; fields of these with a default are optional.
     """
-    return _Writer(aliases, sent_by_page).write()
+    return _Formatter(aliases, sent_by_page).format()
 
 
-def write_page_types() -> str:
+def format_page_types() -> str:
     """Return the text of `page/messages.d.ts`."""
     return _HEAD + "\n" + write_types(ALIASES, FROM_PAGE)
 
 
 if __name__ == "__main__":
-    PATH.write_text(write_page_types(), encoding="utf-8", newline="\n")
+    PATH.write_text(format_page_types(), encoding="utf-8", newline="\n")

@@ -38,7 +38,7 @@ from minihuman.web.screen_values import ImageCache, NumberPicture, convert_scree
 from minihuman.worlds.adapters.world import World
 from minihuman.worlds.picture_hash import hash_picture
 
-_NAME_BITS = 2**52 - 1  # of a scene's hash, since a page's numbers hold no more bits exactly
+_NAME_MASK = 2**52 - 1  # keeps 52 bits of a scene's hash, which a page's numbers hold exactly
 
 
 @dataclass(slots=True, eq=False)
@@ -53,13 +53,13 @@ class SceneNode:
 
     @property
     def name(self) -> int:
-        """Return the page's name of the scene, which is the same in every graph."""
+        """Return the name by which the page knows the scene, which is the same in every graph."""
         return name_scene(self.hash)
 
 
 def name_scene(scene_hash: int) -> int:
-    """Return the page's name of a scene, from the scene's hash."""
-    return scene_hash & _NAME_BITS
+    """Return the name by which the page knows a scene: the lower bits of the scene's hash."""
+    return scene_hash & _NAME_MASK
 
 
 class LookAheadGraph:
@@ -111,7 +111,7 @@ class LookAheadGraph:
 
         Args:
             action: the session's action.
-            actual: the session's world after the step; its scene counts if the predicted one differs.
+            actual: the session's world after the step, whose scene is used if the predicted one differs.
         """
         self.look(action)
         edge = self.root.edges.get(action)
@@ -131,11 +131,15 @@ class LookAheadGraph:
         self.root = self._find_scene(actual)
 
     def grow(self) -> bool:
-        """Try one action that is untried in the present scene; return False if there is none."""
-        return any(self.look(action) for action in self._actions)
+        """Find the scene to which one untried action leads from the present scene; return False if none is left."""
+        return any(self.look(action) for action in self._actions)  # ``any`` stops at the first that is found
 
     def look(self, action: int) -> bool:
-        """Find the scene to which an action leads; return False if it is known or cannot be found."""
+        """Find the scene to which an action leads from the present scene, and add it to the graph.
+
+        Returns:
+            False if the scene was found before, or cannot be found.
+        """
         root = self.root
         world = self.world
         if self.blind or root.closed or action in root.edges:
@@ -161,7 +165,7 @@ class LookAheadGraph:
         return self._picture_hashes.get(self.root.name, 0)
 
     def take_new(self) -> LookAheadUpdate | None:
-        """Return the scenes and edges that the page has not been sent; None if there are none."""
+        """Return the scenes and edges found since the last call, to be sent to the page; None if there are none."""
         nodes = self._new_nodes
         edges = self._new_edges
         self._new_nodes = []
@@ -173,20 +177,10 @@ class LookAheadGraph:
     def _find_scene(self, world: World, *, closed: bool = False) -> SceneNode:
         """Return the scene that a world is in, adding it to the graph if it is new."""
         scene_hash = world.scene_hash()
-        known = self._scenes.get(scene_hash)
-        if known is not None and (closed or not known.closed):
-            return known
-        look = (self.plan.view, self._picture_px, self.plan.palette)
-        cache = self._image_cache
-        tiles = world.picture_tiles(*look)
-        picture_hash = 0
-        if tiles is not None:
-            picture = cache.number_tiles(tiles)
-        else:
-            pixels = np.ascontiguousarray(world.frame(*look))
-            if not world.is_built_in:
-                picture_hash = hash_picture(pixels)
-            picture = cache.number(pixels, picture_hash=picture_hash)
+        existing = self._scenes.get(scene_hash)
+        if existing is not None and (closed or not existing.closed):
+            return existing
+        picture, picture_hash = self._number_picture(world)
         saved = None
         if not closed and not self.blind:
             try:
@@ -199,8 +193,22 @@ class LookAheadGraph:
         self._new_nodes.append((scene.name, picture))
         return scene
 
+    def _number_picture(self, world: World) -> tuple[int, int]:
+        """Draw the picture of the scene that a world is in; return its number and its hash, 0 in a built-in world."""
+        look = (self.plan.view, self._picture_px, self.plan.palette)
+        tiles = world.picture_tiles(*look)
+        if tiles is not None:
+            return self._image_cache.number_tiles(tiles), 0
+        pixels = np.ascontiguousarray(world.frame(*look))
+        picture_hash = 0
+        if not world.is_built_in:
+            picture_hash = hash_picture(pixels)
+        return self._image_cache.number(pixels, picture_hash=picture_hash), picture_hash
 
-NEAR_RTT_NS = 40_000_000  # with a shorter round trip, looking one input ahead is enough
+
+NEAR_RTT_NS = 40_000_000  # a shorter round trip is near
+_NEAR_DEPTH = 1  # inputs to look ahead for a near page
+_FAR_DEPTH = 3  # inputs to look ahead for any other page
 _MOST_TRIES = 48  # of inputs, from one screen of the session
 _FLIP_NS = 16_000_000  # assumed time until a screen is displayed
 _LOOK_NS = 200_000_000  # assumed time from then to an input
@@ -214,7 +222,7 @@ class _CopiedScreen:
 
     name: int
     session: SessionMachine
-    depth: int
+    depth: int  # inputs from the session's present screen
 
 
 class ScreenPrefetcher:
@@ -229,7 +237,7 @@ class ScreenPrefetcher:
         self._number = number
         self._lend = lend
         self._to_do: deque[tuple[_CopiedScreen, str]] = deque()
-        self._left = 0  # tries left
+        self._tries_left = 0
         self._looked_from: set[int] = set()  # names of the screens whose inputs are tried from the session's screen
         self._screens: set[int] = set()  # names of the screens that the page has
         self._edges: dict[tuple[int, str], int] = {}
@@ -237,28 +245,28 @@ class ScreenPrefetcher:
         self._new_edges: list[tuple[int, str, int]] = []
 
     def start_from(self, session: SessionMachine, name: int) -> None:
-        """Start again from another screen of the session."""
+        """Start again from the session's present screen, whose name is given."""
         self._to_do.clear()
-        self._left = _MOST_TRIES
+        self._tries_left = _MOST_TRIES
         self._looked_from = set()
         if not session.over and can_copy_session(session) and session.phase is session.part.phase:
-            self._look_at(_CopiedScreen(name, session, 0))
+            self._schedule_inputs(_CopiedScreen(name, session, 0))
 
     def grow(self, rtt_ns: int) -> bool:
-        """Try one input; return False if none is left that is worth trying at this round-trip time."""
-        deepest = 3
+        """Try one input; return False if no input is left that the page may need within the given round-trip time."""
+        max_depth = _FAR_DEPTH
         if rtt_ns < NEAR_RTT_NS:
-            deepest = 1
-        while self._to_do and self._left:
+            max_depth = _NEAR_DEPTH
+        while self._to_do and self._tries_left:
             copied, input_name = self._to_do.popleft()
-            if copied.depth < deepest:
-                self._left -= 1
+            if copied.depth < max_depth:
+                self._tries_left -= 1
                 self._try_input(copied, input_name)
                 return True
         return False
 
     def take_new(self) -> ScreenPrefetch | None:
-        """Return the screens and edges that the page has not been sent; None if there are none."""
+        """Return the screens and edges found since the last call, to be sent to the page; None if there are none."""
         screens = self._new_screens
         edges = self._new_edges
         self._new_screens = []
@@ -267,8 +275,8 @@ class ScreenPrefetcher:
             return None
         return ScreenPrefetch(screens, edges)
 
-    def _look_at(self, copied: _CopiedScreen) -> None:
-        """Schedule a screen's likely inputs to be tried, once."""
+    def _schedule_inputs(self, copied: _CopiedScreen) -> None:
+        """Schedule a screen's likely inputs to be tried, unless they were scheduled before."""
         if copied.name not in self._looked_from:
             self._looked_from.add(copied.name)
             self._to_do.extend((copied, input_name) for input_name in list_likely_inputs(copied.session))
@@ -299,17 +307,17 @@ class ScreenPrefetcher:
             self._edges[copied.name, input_name] = name
             self._new_edges.append((copied.name, input_name, name))
         if playing is None:
-            self._look_at(_CopiedScreen(name, tried, copied.depth + 1))
+            self._schedule_inputs(_CopiedScreen(name, tried, copied.depth + 1))
 
 
 def _locate_beginning(play: RunningEpisode | None) -> tuple[int, int]:
-    """Return the number of the episode that begins with a screen, and its first scene; both are -1 if none begins."""
+    """Return the number of an episode that begins with a screen, and its first scene's name; -1 and -1 for None."""
     if play is None:
         return -1, -1
     return play.plan.episode, name_scene(play.world.scene_hash())
 
 
-def describe_screen(session: SessionMachine, number: NumberPicture, known: int = 0) -> tuple[dict[str, Any], int]:
+def describe_screen(session: SessionMachine, number: NumberPicture, page_screen: int = 0) -> tuple[dict[str, Any], int]:
     """Return the values of a session's screen for the page, and the screen's name.
 
     The name depends on the screen's content and the session's state alone, so a copy of the session yields the same
@@ -318,28 +326,29 @@ def describe_screen(session: SessionMachine, number: NumberPicture, known: int =
     Args:
         session: the session in its present state.
         number: gives a picture its number.
-        known: the name of the screen that the page has; the values are empty if that screen has the same films.
+        page_screen: the name of the screen that the page has. If it is the session's screen, and that shows films, no
+            values are needed, and those returned are empty.
     """
     screen = session.screen
     if isinstance(screen, FilmsScreen):
-        name = _name(screen.identity, session)
-        if name == known:
+        name = _name_screen(screen.identity, session)
+        if name == page_screen:
             return {}, name
         return convert_screen(screen, number), name
     values = convert_screen(screen, number)
     if isinstance(screen, PlayScreen) and session.play is None:
         values["picture"] = number(screen.picture)
-    left_out = {"picture"}
+    unnamed_fields = {"picture"}  # fields on which the name does not depend
     if advances_by_itself(session):
-        left_out.update(_MOVING)
-    looks = {key: value for key, value in values.items() if key not in left_out}
-    return values, _name(looks, session)
+        unnamed_fields.update(_MOVING)
+    content = {key: value for key, value in values.items() if key not in unnamed_fields}
+    return values, _name_screen(content, session)
 
 
-def _name(looks: object, session: SessionMachine) -> int:
-    """Return a screen's name, a hash of how it looks and of the session's place in its plan."""
+def _name_screen(content: object, session: SessionMachine) -> int:
+    """Return a screen's name, a hash of its content and of the session's position in its plan."""
     position = (session.part.number, session.phase, session.next_episode)
-    digest = hashlib.blake2b(msgspec.json.encode((looks, position)), digest_size=8).digest()
+    digest = hashlib.blake2b(msgspec.json.encode((content, position)), digest_size=8).digest()
     return name_scene(int.from_bytes(digest, "little"))
 
 
@@ -374,7 +383,7 @@ def _has_back_button(buttons: Sequence[Button]) -> bool:
 
 
 def _mark_shown(session: SessionMachine) -> tuple[int, int]:
-    """Tell a session that its screen was displayed; return the display time and the earliest time of the next input."""
+    """Tell a session that its screen was displayed; return the assumed times of the display and of the next input."""
     flip_ns = session.now_ns + _FLIP_NS
     if isinstance(session.screen, BlankScreen | TextScreen | PlayScreen):
         session.receive(ScreenShown(flip_ns, flip_ns, flip_ns))
@@ -382,7 +391,7 @@ def _mark_shown(session: SessionMachine) -> tuple[int, int]:
 
 
 def _make_input(input_name: str, at_ns: int) -> Input:
-    """Return the input with a name such as "key:enter" or "point:option:2"; a tick for any other name."""
+    """Make the input with a name such as "key:enter" or "point:option:2", or a tick for any other name."""
     kind, _, target = input_name.partition(":")
     match kind:
         case "key":
@@ -406,7 +415,7 @@ class FilmPrefetcher:
         self._to_do: deque[tuple[int, int]] = deque()  # films and indices in them, the next to be seen first
 
     def start_from(self, screen: Screen, name: int) -> None:
-        """Start again from a screen whose first pictures were sent with it."""
+        """Start again with the films of a screen, if it has any; their current pictures were sent with the screen."""
         self._name = name
         self._films = ()
         step = 0
@@ -415,15 +424,15 @@ class FilmPrefetcher:
             step = screen.shown_step
         to_draw = []
         for side, film in enumerate(self._films):
-            shown = min(step, len(film) - 1)
+            current = min(step, len(film) - 1)
             for picture in range(len(film)):
-                distance = (picture - shown) % len(film)  # a film begins again after its end
+                distance = (picture - current) % len(film)  # a film begins again after its end
                 if distance:
                     to_draw.append((distance, side, picture))
         self._to_do = deque((side, picture) for _, side, picture in sorted(to_draw))
 
     def grow(self) -> FilmFrame | None:
-        """Draw the next picture; return None if none is left."""
+        """Draw the next picture and return its frame; return None if none is left."""
         if not self._to_do:
             return None
         side, picture = self._to_do.popleft()

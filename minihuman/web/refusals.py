@@ -36,15 +36,15 @@ class RefusalTexts:
         self._texts = get_page_texts(protocol.study.language)
 
     def ask_to_reload(self) -> Refusal:
-        """Refuse a page of another release, which then reloads itself."""
+        """Return the refusal of a page of another release, which makes the page reload itself."""
         return Refusal("old", self._texts["busy"])
 
     def turn_away(self, reason: str, *, person: str = "") -> Refusal:
-        """Refuse a page for a reason.
+        """Return the refusal of a page for a reason, with a completion code if the reason is final.
 
         Args:
-            reason: the key of the text.
-            person: the participant's id on the platform that sent them.
+            reason: the key of the text that the page shows.
+            person: the participant's id on the recruiting platform; "" if no platform sent them.
         """
         width, height = self._web.min_window_size_px
         fields = {
@@ -56,24 +56,25 @@ class RefusalTexts:
         words = self._texts[reason].format(**fields)
         if reason not in _FOR_GOOD:
             return Refusal(reason, words)
-        return self._with_code(reason, words, build_completion(self._web, "screened_out", person=person))
+        return self._refuse_with_code(reason, words, build_completion(self._web, "screened_out", person=person))
 
     def answer_rejection(self, rejection: Rejection) -> Refusal:
-        """Refuse a rejected visitor; one who has taken part before gets their completion code again."""
+        """Return the refusal of a rejected visitor; one who has taken part before gets the completion code again."""
         if rejection.reason == "wait":
             return WAIT
         if not rejection.ended:
             return self.turn_away(rejection.reason)
-        end = classify_ending("complete", agreed=True)
+        end = classify_ending("complete", agreed=True)  # also if the log names no final reason
         if rejection.ended in FINAL_END_REASONS:
             end = classify_ending(rejection.ended, agreed=True)  # type: ignore[arg-type]
         code = get_session_code(self._protocol, rejection.session)
         completion = build_completion(self._web, end, session_code=code, person=rejection.person)
         if rejection.reason == "finished":
-            return self._with_code(end, self._texts[end], completion)
-        return self._with_code(rejection.reason, self._texts["not_today"], completion)
+            return self._refuse_with_code(end, self._texts[end], completion)
+        return self._refuse_with_code(rejection.reason, self._texts["not_today"], completion)
 
-    def _with_code(self, reason: str, words: str, completion: Completion) -> Refusal:
+    def _refuse_with_code(self, reason: str, words: str, completion: Completion) -> Refusal:
+        """Return a refusal whose text ends with the completion code, if there is one, and which has the return link."""
         if completion.code:
             words = f"{words} {self._texts['code']}: {completion.code}"
         return Refusal(reason, words, self._texts["leave"], completion.url)

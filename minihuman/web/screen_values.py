@@ -41,17 +41,22 @@ from minihuman.worlds.team import PictureTiles
 
 _WINDOW_PX = (960, 720)  # of a picture that a plug-in draws
 PENDING_PICTURE = -1  # the number of a picture that is not drawn yet: see ``_number_film``
-NumberPicture = Callable[[NDArray[np.uint8]], int]  # a picture's number; it is sent before the screen
+NumberPicture = Callable[[NDArray[np.uint8]], int]  # returns a picture's number; the picture is sent before the screen
 
 
 def convert_screen(screen: screens.Screen, number: NumberPicture) -> dict[str, Any]:
-    """Convert a screen to JSON values: its kind, its locale, and the kind's fields."""
+    """Convert a screen to JSON values: its kind, its locale, and the kind's fields.
+
+    Args:
+        screen: the screen.
+        number: returns a picture's number, by which the values refer to the picture.
+    """
     if isinstance(screen, screens.ActivityScreen):
         return _activity(screen, number)
     return dict(CONVERTERS[type(screen)](screen, number))
 
 
-def _locale(screen: screens.Screen) -> ScreenLocale:
+def _convert_locale(screen: screens.Screen) -> ScreenLocale:
     locale: ScreenLocale = {"language": screen.locale.language, "rtl": screen.locale.rtl}
     if screen.locale.theme != "dark":
         locale["theme"] = "light"
@@ -59,16 +64,16 @@ def _locale(screen: screens.Screen) -> ScreenLocale:
 
 
 def _activity(screen: screens.ActivityScreen, number: NumberPicture) -> dict[str, Any]:
-    """Convert an activity kind's own screen; if the kind has no view for pages, send its picture as a page."""
+    """Convert an activity kind's own screen; if the kind has no view for pages, convert the screen's picture."""
     view = screen.page_view
     if view is None:
-        return dict(_picture(screen, number))
+        return dict(_convert_to_picture(screen, number))
     module, _, function = view.values.partition(":")
     values: dict[str, Any] = getattr(import_module(module), function)(screen, number)
     if isinstance(screen, screens.FilmsScreen):  # one picture of each film is sent now; the others follow
         values["films"] = [_number_film(film, screen.shown_step, number) for film in screen.films]
-    own = {"kind": "activity", "view": view.name, "module": find_module_address(view.module)}
-    return own | {"title": "", "prompt": "", "progress": ""} | dict(_locale(screen)) | values
+    view_fields = {"kind": "activity", "view": view.name, "module": find_module_address(view.module)}
+    return view_fields | {"title": "", "prompt": "", "progress": ""} | dict(_convert_locale(screen)) | values
 
 
 def select_values(screen: screens.Screen, names: str) -> dict[str, Any]:
@@ -77,7 +82,7 @@ def select_values(screen: screens.Screen, names: str) -> dict[str, Any]:
 
 
 def _text(screen: screens.TextScreen, number: NumberPicture) -> TextValues:
-    """Convert a text screen, with the places of the keys to try."""
+    """Convert a text screen, with the positions and labels of the keys to try."""
     labels = {key: (cap, above) for key, cap, above in screen.labels}
     pressed = dict(screen.keys)
     caps, wide, high = arrange_keycaps([key for key, _ in screen.keys])
@@ -94,7 +99,7 @@ def _text(screen: screens.TextScreen, number: NumberPicture) -> TextValues:
     ]
     return {
         "kind": "text",
-        **_locale(screen),
+        **_convert_locale(screen),
         "title": screen.title,
         "body": screen.body,
         "prompt": screen.prompt,
@@ -107,7 +112,7 @@ def _text(screen: screens.TextScreen, number: NumberPicture) -> TextValues:
 
 
 def _blank(screen: screens.BlankScreen, number: NumberPicture) -> BlankValues:
-    return {"kind": "blank", **_locale(screen), "cross": screen.cross}
+    return {"kind": "blank", **_convert_locale(screen), "cross": screen.cross}
 
 
 def _play(screen: screens.PlayScreen, number: NumberPicture) -> dict[str, Any]:
@@ -116,7 +121,7 @@ def _play(screen: screens.PlayScreen, number: NumberPicture) -> dict[str, Any]:
     mission = screen.mission[:1].upper() + screen.mission[1:]
     values: PlayValues = {
         "kind": "play",
-        **_locale(screen),  # type: ignore[typeddict-item]  # which has no keys of this screen's
+        **_convert_locale(screen),  # type: ignore[typeddict-item]  # which has no keys of this screen's
         "progress": screen.progress,
         "episode": screen.episode,
         "step": screen.step,
@@ -137,7 +142,7 @@ def _play(screen: screens.PlayScreen, number: NumberPicture) -> dict[str, Any]:
 
 
 def _number_film(pictures: Sequence[NDArray[np.uint8]], step: int, number: NumberPicture) -> list[int]:
-    """Return the numbers of a film's pictures; all but the current one are drawn later and are `PENDING_PICTURE`."""
+    """Return the numbers of a film's pictures: `PENDING_PICTURE` for all but the current one, which are drawn later."""
     current = min(step, len(pictures) - 1)
     numbers = [PENDING_PICTURE] * len(pictures)
     if pictures:
@@ -152,19 +157,20 @@ def _page(screen: screens.PageScreen, number: NumberPicture) -> PageValues:
         picture = number(screen.picture)
     return {
         "kind": "page",
-        **_locale(screen),
+        **_convert_locale(screen),
         "title": screen.title,
         "body": screen.body,
         "page": screen.page,
         "prompt": screen.prompt,
         "progress": screen.progress,
-        "buttons": _buttons(screen),
+        "buttons": _convert_buttons(screen),
         "picture": picture,
         "marks": [(mark.x, mark.y, mark.label) for mark in screen.marks],
     }
 
 
-def _picture(screen: screens.ActivityScreen, number: NumberPicture) -> PageValues:
+def _convert_to_picture(screen: screens.ActivityScreen, number: NumberPicture) -> PageValues:
+    """Convert a screen to a page that has only the picture that a window would show."""
     page = screens.PageScreen("", "", 1, 1, "", picture=compose_screen(screen, _WINDOW_PX), locale=screen.locale)
     return _page(page, number)
 
@@ -173,18 +179,18 @@ def _question(screen: screens.QuestionScreen, number: NumberPicture) -> Question
     """Convert a question with its answer so far."""
     return {
         "kind": "question",
-        **_locale(screen),
+        **_convert_locale(screen),
         "title": screen.title,
         "question": screen.question,
         "prompt": screen.prompt,
         "progress": screen.progress,
         "note": screen.note,
         "item": {"form": type(screen.item).__name__, **asdict(screen.item)},
-        "buttons": _buttons(screen),
+        "buttons": _convert_buttons(screen),
     }
 
 
-def _buttons(screen: screens.PageScreen | screens.QuestionScreen) -> list[ButtonValues]:
+def _convert_buttons(screen: screens.PageScreen | screens.QuestionScreen) -> list[ButtonValues]:
     return [{"name": button.name, "label": button.label, "enabled": button.enabled} for button in screen.buttons]
 
 
@@ -203,9 +209,9 @@ JPEG = 1
 TILED = 2
 JPEG_QUALITY = 85
 _LEVEL = 1  # of ISA-L's levels 0 to 3; it takes a tenth of the time of zlib's level 1, and packs smaller
-_FLAT = 0.12  # a picture that packs to a smaller fraction of its bytes has few colours, and is sent losslessly
-_EVERY = 8  # the sample that decides whether packing is tried has every eighth row,
-_ROWS = 12  # but fewer rows of a tall picture
+_FLAT_RATIO = 0.12  # a picture that packs to a smaller fraction of its bytes has few colours, and is sent losslessly
+_SAMPLE_INTERVAL = 8  # the sample that decides whether lossless packing is tried has every eighth row,
+_SAMPLE_ROWS = 12  # but only about twelve rows of a tall picture
 _SHARED_BYTES = 32 * 2**20  # of packed pictures that are cached for all sessions
 
 
@@ -214,19 +220,22 @@ class _SharedImages:
 
     def __init__(self) -> None:
         self._packed: OrderedDict[tuple[bytes, ImageEncoding], tuple[int, bytes]] = OrderedDict()
-        self._bytes = 0
+        self._n_bytes = 0
 
-    def of(self, digest: bytes, encoding: ImageEncoding, picture: NDArray[np.uint8]) -> tuple[int, bytes]:
-        """Return a picture's encoding and packed bytes, from the cache if they are there."""
-        known = self._packed.get((digest, encoding))
-        if known is not None:
-            self._packed.move_to_end((digest, encoding))
-            return known
-        packed = self._packed[digest, encoding] = _encode_picture(encoding, picture)
-        self._bytes += len(packed[1])
-        while self._bytes > _SHARED_BYTES:
-            self._bytes -= len(self._packed.popitem(last=False)[1][1])
-        return packed
+    def pack(self, digest: bytes, encoding: ImageEncoding, picture: NDArray[np.uint8]) -> tuple[int, bytes]:
+        """Return the packing, such as ``JPEG``, and the packed bytes of a picture, from the cache if it has them."""
+        key = (digest, encoding)
+        cached = self._packed.get(key)
+        if cached is not None:
+            self._packed.move_to_end(key)
+            return cached
+        packing, packed = _encode_picture(encoding, picture)
+        self._packed[key] = (packing, packed)
+        self._n_bytes += len(packed)
+        while self._n_bytes > _SHARED_BYTES:
+            _, (_, dropped) = self._packed.popitem(last=False)
+            self._n_bytes -= len(dropped)
+        return packing, packed
 
 
 _SHARED = _SharedImages()
@@ -261,22 +270,22 @@ class ImageCache:
             encoding = self._encoding
             if is_tile:
                 encoding = "lossless"
-            packing, packed = _SHARED.of(digest, encoding, raw)
-            self._add(digest, packing, raw.shape[1], raw.shape[0], packed)
+            packing, packed = _SHARED.pack(digest, encoding, raw)
+            self._add_picture(digest, packing, raw.shape[1], raw.shape[0], packed)
         return self._numbers[digest]
 
     def number_tiles(self, tiles: PictureTiles) -> int:
         """Return the number of a picture that is made of tiles; only new tiles are packed."""
-        new = dict.fromkeys(key for key in tiles.keys if key not in self._tiles)
-        self._tiles |= {key: self.number(tiles.draw(*key), is_tile=True) for key in new}
-        data = np.array([self._tiles[key] for key in tiles.keys], "<u4").tobytes()
-        digest = xxhash.xxh3_128_digest(data)  # not the data, of which a long session has megabytes
+        new_keys = dict.fromkeys(key for key in tiles.keys if key not in self._tiles)  # each once, in order
+        self._tiles |= {key: self.number(tiles.draw(*key), is_tile=True) for key in new_keys}
+        tile_numbers = np.array([self._tiles[key] for key in tiles.keys], "<u4").tobytes()
+        digest = xxhash.xxh3_128_digest(tile_numbers)  # not the numbers, of which a long session has megabytes
         if digest not in self._numbers:
-            size_px = tiles.columns * tiles.tile_px, len(tiles.keys) // tiles.columns * tiles.tile_px
-            self._add(digest, TILED, *size_px, data)
+            n_rows = len(tiles.keys) // tiles.columns
+            self._add_picture(digest, TILED, tiles.columns * tiles.tile_px, n_rows * tiles.tile_px, tile_numbers)
         return self._numbers[digest]
 
-    def _add(self, digest: bytes, packing: int, width: int, height: int, packed: bytes) -> None:
+    def _add_picture(self, digest: bytes, packing: int, width: int, height: int, packed: bytes) -> None:
         self._new.append(PictureMessage(self.next, packing, width, height, packed))
         self._numbers[digest] = self.next
         self.next += 1
@@ -287,22 +296,23 @@ class ImageCache:
         self._tiles.clear()
 
     def take_new(self) -> list[PictureMessage]:
-        """Return the pictures that have not been sent, and mark them as sent."""
-        new = self._new
+        """Return the pictures that are new since the last call, which the caller must send to the page."""
+        new_pictures = self._new
         self._new = []
-        return new
+        return new_pictures
 
 
 def _encode_picture(encoding: ImageEncoding, picture: NDArray[np.uint8]) -> tuple[int, bytes]:
-    """Pack a picture, uint8[H, W, 3]; return the packing used, ``ZLIB`` or ``JPEG``, and the packed bytes."""
+    """Pack a picture, uint8[H, W, 3]; return the packing, ``ZLIB`` or ``JPEG``, and the packed bytes."""
     if encoding == "lossless" or (encoding == "auto" and _may_be_flat(picture)):
         packed = isal_zlib.compress(picture.data, _LEVEL)
-        if encoding == "lossless" or len(packed) < _FLAT * picture.nbytes:
+        if encoding == "lossless" or len(packed) < _FLAT_RATIO * picture.nbytes:
             return ZLIB, packed
     return JPEG, encode_jpeg(picture, quality=JPEG_QUALITY, colorsubsampling="420")
 
 
 def _may_be_flat(picture: NDArray[np.uint8]) -> bool:
     """Return whether a sample of rows suggests that the picture has few colours and packs well."""
-    rows = picture[:: max(_EVERY, len(picture) // _ROWS)]
-    return len(isal_zlib.compress(rows.tobytes(), _LEVEL)) < 2 * _FLAT * rows.nbytes
+    rows = picture[:: max(_SAMPLE_INTERVAL, len(picture) // _SAMPLE_ROWS)]
+    packed_rows = isal_zlib.compress(rows.tobytes(), _LEVEL)
+    return len(packed_rows) < 2 * _FLAT_RATIO * rows.nbytes  # with a margin, as a sample packs less well

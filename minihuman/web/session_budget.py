@@ -10,8 +10,9 @@ from minihuman.experiment.keys import MOUSE_AXES, TOUCH_AXES
 from minihuman.experiment.plan.session_plan import EpisodePlan, SessionPlan, list_axes, needs_gamepad
 
 MESSAGE_COST_BYTES = 400  # of a message in a log, beyond its own text
-_STEP_BYTES = 4 * (60 + MESSAGE_COST_BYTES)  # a key down and up, a tick and a picture
-_CHARACTER_BYTES = 60 + MESSAGE_COST_BYTES  # a typed character, as a message of its own
+_MESSAGE_BYTES = 60 + MESSAGE_COST_BYTES  # of a message with a short text
+_STEP_BYTES = 4 * _MESSAGE_BYTES  # a key down and up, a tick and a picture
+_CHARACTER_BYTES = _MESSAGE_BYTES  # a typed character, as a message of its own
 _MAX_STEPS = 20_000  # of one episode that are counted, even if the protocol allows more
 _PART_BYTES = 50_000  # for the pages turned, sliders moved and keys tried in a part
 _FACTOR = 2  # margin over the estimates
@@ -20,8 +21,8 @@ _REPEATED_STEPS_PER_S = 40  # by a held key
 _BASE_BYTES = 1_000_000
 _RATE_BYTES_PER_S = 3_000  # five ineffective keys, pressed and released, every second
 _TEXT_BYTES_PER_S = 10 * _CHARACTER_BYTES
-_GAMEPAD_BYTES_PER_S = 60 * 2 * (60 + MESSAGE_COST_BYTES)  # both axes of a stick, once a frame; thumbs as well
-_MOUSE_BYTES_PER_S = 144 * 2 * (60 + MESSAGE_COST_BYTES)  # both axes, once a frame of a quick display
+_GAMEPAD_BYTES_PER_S = 60 * 2 * _MESSAGE_BYTES  # both axes of a stick, or of a thumb's stick on a screen, once a frame
+_MOUSE_BYTES_PER_S = 144 * 2 * _MESSAGE_BYTES  # both axes, once a frame of a quick display
 
 
 class SessionBudget:
@@ -47,7 +48,7 @@ class SessionBudget:
             self._bytes_per_s += _TEXT_BYTES_PER_S
 
     def spend(self, n_bytes: int, read_session_ns: Callable[[], int], *, is_text: bool = False) -> bool:
-        """Count a message's bytes; return False if the session has sent more than it can need by this time.
+        """Count a message's bytes; return False if the page has sent more than the session can need by now.
 
         Args:
             n_bytes: the size of the message.
@@ -66,12 +67,12 @@ class SessionBudget:
         return self.spent_bytes <= self._granted_bytes
 
     def find_limit_bytes(self, session_ns: int) -> int:
-        """Return the number of bytes that a session can need up to a time in it, given in nanoseconds."""
+        """Return the number of bytes that the session can need up to a session time, which is in nanoseconds."""
         step_bytes = min(self._step_bytes, self._step_bytes_per_s * max(0, session_ns) / 1e9)
         return self._find_other_bytes(session_ns) + round(step_bytes)
 
     def _find_other_bytes(self, session_ns: int) -> int:
-        """Return the number of bytes that all but steps can need up to a time in the session."""
+        """Return the number of bytes that everything except steps can need up to a session time in nanoseconds."""
         return self._fixed_bytes + self._bytes_per_s * max(0, session_ns) // 1_000_000_000
 
 
@@ -80,14 +81,14 @@ def _estimate_step_bytes(plan: SessionPlan) -> int:
 
 
 def _estimate_steps_per_s(episode: EpisodePlan) -> float:
-    """Estimate how many steps of an episode a page can honestly make in a second."""
+    """Estimate the most steps per second that a participant can make in an episode."""
     if episode.pace == "real_time":
         return max(_PRESSED_STEPS_PER_S, 1_000 / episode.step_period_ms)
     return _REPEATED_STEPS_PER_S if episode.auto_repeat else _PRESSED_STEPS_PER_S
 
 
 def estimate_plan_bytes(plan: SessionPlan) -> int:
-    """Estimate the bytes that a plan needs with every step of every episode and the longest answers."""
+    """Estimate the bytes that a page sends in a whole session, with all steps and the longest answers."""
     answer_characters = sum(
         getattr(item, "longest", 0) for part in plan.parts for item in getattr(part.plan, "items", ())
     )

@@ -19,7 +19,7 @@ from minihuman.log.record.recorder import Recorder
 from minihuman.web import messages
 from minihuman.web.message_streams import OutgoingStream
 from minihuman.web.outbox import Outbox, PageSettings
-from minihuman.web.page_inputs import MakeInput, PageInputs, order_flip
+from minihuman.web.page_inputs import MakeInput, PageInputs, get_display_times
 from minihuman.web.session_clocks import PageClock
 from minihuman.web.session_writer import SessionWriter
 
@@ -87,7 +87,7 @@ class SessionHost:
 
     @property
     def is_polled(self) -> bool:
-        """Return whether the host must be polled for answers, which in joint turns the page's ticks do."""
+        """Return whether the host must be polled for answers to requests; in joint turns, the page's ticks suffice."""
         if not self.has_agent:
             return False
         play = self.session.play
@@ -107,8 +107,8 @@ class SessionHost:
     def begin_stream(self, settled: int) -> None:
         """Begin another stream of the page, which was reloaded or is open in another tab.
 
-        Messages of the stream that are not later than the session's time are not taken: each was taken under another
-        number, or never will be.
+        Messages of the stream that are not later than the session's present time are ignored, since the session has
+        already received them under other numbers, or has gone on without them.
 
         Args:
             settled: the number of the stream's last acknowledged message.
@@ -139,8 +139,8 @@ class SessionHost:
             number: the message's number.
             at_ns: the message's time in nanoseconds.
             message: the message.
-            more: whether further messages arrived with this one. In an episode, a message that leads nowhere is then
-                written and answered with the next; if the page computes the episode, every message is.
+            more: whether further messages arrived with this one. In an episode, a message is then written and answered
+                with the next one, unless the page waits for the answer and does not compute the episode itself.
             arrival_ns: the time of arrival by the server's clock; None to leave the clocks uncompared.
 
         Raises:
@@ -148,8 +148,8 @@ class SessionHost:
             MessageError: if the time is not later than that of the last message.
         """
         self.outbox.through = number
-        leads = self.outbox.waits_for(message)
-        if leads:
+        page_waits = self.outbox.waits_for(message)
+        if page_waits:
             self.outbox.moved = number
         if at_ns <= self._mark_ns:
             self._writer.write(self._inputs.note_missed(message, at_ns, self.last_at_ns))
@@ -160,15 +160,15 @@ class SessionHost:
         computes = self.outbox.is_computed
         self._draws = play is None
         events = self._add_notes(message, at_ns, self._find_events(message, at_ns, arrival_ns))
-        waits = more and play is not None and self.session.play is play and (computes or not leads)
-        if waits:
+        is_deferred = more and play is not None and self.session.play is play and (computes or not page_waits)
+        if is_deferred:
             self._writer.write_later(events)
         else:
             self._writer.write(events)
         is_kept_early = isinstance(message, messages.DisplayedMessage) and not events  # safe only with the next write
         self._writer.record_taken(number, with_next=is_kept_early)
         self.outbox.follow(events)
-        if not waits:
+        if not is_deferred:
             self._answer_requests()
         is_step = Stepped in map(type, events)
         self.has_stepped |= is_step
@@ -194,7 +194,7 @@ class SessionHost:
         self.last_at_ns = at_ns
         self.outbox.at_ns = at_ns
         if arrival_ns is not None:
-            self.note(self.link.arrive(at_ns, arrival_ns))
+            self.note(self.link.compare_arrival(at_ns, arrival_ns))
         if not self._has_begun and not isinstance(message, messages.TickMessage):
             self._writer.write(self.session.receive(inputs.Tick(at_ns)))
         self._has_begun = True
@@ -208,10 +208,11 @@ class SessionHost:
         self._writer.write(self.session.receive(stop))
 
     def ask(self, command: str, text: str) -> None:
-        """Have the experimenter's command carried out at the time at which it reaches the page."""
-        self._ask_page(lambda at_ns: inputs.ExperimenterCommand(at_ns, command, text))  # type: ignore[arg-type]
+        """Send the experimenter's command to the page; the session carries it out at the time at which it arrives."""
+        self._send_question(lambda at_ns: inputs.ExperimenterCommand(at_ns, command, text))  # type: ignore[arg-type]
 
-    def _ask_page(self, make_input: MakeInput) -> None:
+    def _send_question(self, make_input: MakeInput) -> None:
+        """Send the page a question, whose echo sets the time of the input that ``make_input`` makes."""
         self.outgoing.add(messages.CommandMessage(self._inputs.ask(make_input)))
 
     # What a part wants from outside
@@ -219,7 +220,7 @@ class SessionHost:
     def _answer_requests(self) -> None:
         """Answer the part's requests at the time of the page's last message, and send the page the resulting state.
 
-        Requests whose answer takes long are left to ``poll``.
+        Requests whose answer takes long are answered by ``poll``.
         """
         while self._agent is not None and not self.session.over:
             request = self.session.request
@@ -250,12 +251,12 @@ class SessionHost:
         if self._prepared is None:
             return False
         self._is_announced = True
-        self._ask_page(self._take_prepared)
+        self._send_question(self._take_prepared)
         return True
 
     @property
     def _request(self) -> ActivityRequest | None:
-        """Return the present request of the session's part to an agent or to others; None if there is none."""
+        """Return the present request of the session's part to an agent or to other participants; None if none."""
         if self.session.over:
             return None
         return self.session.request
@@ -269,9 +270,9 @@ class SessionHost:
         return None
 
     def _take_prepared(self, at_ns: int) -> inputs.Input | None:
-        """Return the prepared answer to a long request, timed at the page's echo.
+        """Return and discard the prepared answer to a long request, with the time of the page's echo.
 
-        If an episode has begun in the meantime, return None; the page is asked again after the episode.
+        If an episode has begun in the meantime, return None, and keep the answer until after the episode.
         """
         self._is_announced = False
         if self._prepared is None or self._long_request is None:
@@ -283,12 +284,12 @@ class SessionHost:
     # What the page did
 
     def _find_events(self, message: messages.PageMessage, at_ns: int, arrival_ns: int | None) -> list[Event]:
-        """Return the events of a message: notes of what the page reports, or what the session makes of an input."""
+        """Return the events of a message: notes about a report of the page, or the session's events for an input."""
         match message:
             case messages.RoundTripMessage():
-                linked = self.link.linked(at_ns, message)
+                linked = self.link.record_round_trip(at_ns, message)
                 if arrival_ns is not None:
-                    self.note(self.link.look(linked, arrival_ns))
+                    self.note(self.link.compare_round_trip(linked, arrival_ns))
                 return [linked]
             case messages.GamepadMessage(id=name, axes=axes, buttons=buttons):
                 detail = f"{axes} axes of -1 to 1, {buttons} buttons, dead zone {PAD_DEAD_ZONE}, read once a frame"
@@ -308,13 +309,13 @@ class SessionHost:
                 if message.down:
                     direction = "down"
                 text = f"key {message.key} {direction} at {message.stamp} ns was made by a script"
-                return [Noted(at_ns, BROWSER_NOTE, text), *self._play(message, at_ns)]
+                return [Noted(at_ns, BROWSER_NOTE, text), *self._apply_input(message, at_ns)]
             case messages.DisplayedMessage(step=step) if step >= 0:
                 return self._find_display_events(message, at_ns)
-        return self._play(message, at_ns)
+        return self._apply_input(message, at_ns)
 
-    def _play(self, message: messages.PageMessage, at_ns: int) -> list[Event]:
-        """Give the session the input that a message stands for; return the resulting events."""
+    def _apply_input(self, message: messages.PageMessage, at_ns: int) -> list[Event]:
+        """Pass the input of a message, if it has one, to the session; return the resulting events."""
         is_present = isinstance(message, messages.DisplayedMessage) and self.outbox.is_present(message)
         page_input = self._inputs.convert(message, at_ns, is_present=is_present)
         if page_input is None:
@@ -322,19 +323,19 @@ class SessionHost:
         return self.session.receive(page_input, at_ns=at_ns, draws=self._draws)
 
     def _find_display_events(self, message: messages.DisplayedMessage, at_ns: int) -> list[Event]:
-        """Return the events of a step's displayed picture, with notes on how the picture differs from the session's.
+        """Return the events for a picture of a step that was displayed, with a note if it differs from the session's.
 
-        The report of a picture whose joint step is not closed yet is kept, and has no events before.
+        A report on the picture of a joint step that is not closed yet is kept for later, and has no events now.
         """
         steps = self.outbox.steps
         if not steps.knows(message):
             steps.keep_early(message)
             return []
-        submit_ns, flip_ns = order_flip(message, at_ns)
+        submit_ns, flip_ns = get_display_times(message, at_ns)
         correction = self.outbox.describe_correction(message, at_ns, submit_ns, flip_ns)
         if correction is not None:
             return [correction]
-        difference = steps.difference(message)
+        difference = steps.describe_difference(message)
         notes: list[Event] = []
         if difference:
             notes.append(Noted(at_ns, BROWSER_NOTE, difference))
@@ -344,14 +345,14 @@ class SessionHost:
     # Messages to the page
 
     def grow(self) -> bool:
-        """Explore one more scene or screen ahead; return False if nothing is left."""
+        """Explore one more scene or screen ahead of the session; return False if nothing is left."""
         return self.outbox.grow(self.link.rtt_ns or _FAR_RTT_NS)
 
     def restart(self, *, computes: bool | None = None) -> None:
         """Send the page everything from the start, because it is a new page or knows nothing any more.
 
         Args:
-            computes: whether the page has compiled the rules of this server; None to leave that as it was.
+            computes: whether the page has compiled the rules of this server; None if that has not changed.
         """
         if computes is not None:
             self.outbox.page_computes = computes

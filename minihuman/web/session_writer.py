@@ -18,7 +18,7 @@ class _PendingMessage:
     """A received message of the page, which is safe once the write with a given number is on the disk."""
 
     number: int
-    write: int
+    write_number: int
 
 
 class SessionWriter:
@@ -39,9 +39,9 @@ class SessionWriter:
         self._settled = 0  # number of the page's last safe message
 
     def write(self, events: Sequence[Event]) -> None:
-        """Write events, after those that ``write_later`` kept. While the group is not drawn, keep them until it is.
+        """Write events, after those that ``write_later`` kept.
 
-        Events that were kept until the draw are written in order of time.
+        Until the participant's group is drawn, events are kept; afterwards they are written in order of time.
         """
         events = [*self._unwritten, *events]
         self._unwritten = []
@@ -73,8 +73,10 @@ class SessionWriter:
             number: the message's number.
             with_next: whether the message is safe only once the next write is.
         """
-        is_unwritten = with_next or bool(self._unwritten) or awaits_allocation(self._session)
-        self._pending.append(_PendingMessage(number, self.count + is_unwritten))
+        write_number = self.count
+        if with_next or self._unwritten or awaits_allocation(self._session):
+            write_number += 1
+        self._pending.append(_PendingMessage(number, write_number))
 
     def safe(self, durable: int | None = None) -> int:
         """Return the number up to which all of the page's messages are on the disk and can be acknowledged.
@@ -84,6 +86,6 @@ class SessionWriter:
         """
         if durable is None:
             durable = self._recorder.durable_writes
-        while self._pending and self._pending[0].write <= durable:
+        while self._pending and self._pending[0].write_number <= durable:
             self._settled = self._pending.popleft().number
         return self._settled

@@ -12,23 +12,24 @@ MAX_WAITING = 200  # sockets without a hello
 HANDLES_PER_SESSION = 3  # its log, and its socket or the two requests of a page over HTTP
 _OTHER_HANDLES = 2 * MAX_WAITING + 128  # sockets without a hello, journals, the database
 PREFETCH_BACKLOG = 300  # unacknowledged messages above which nothing is prefetched
+_IPV6_NETWORK_CHARACTERS = 19  # of the first 64 bits, as in 2001:0db8:0000:0001
 MAX_BACKLOG = 3_000  # unacknowledged messages above which the page has to start anew
 
 
 @dataclass(slots=True)
 class RateLimit:
-    """Limits the messages of a socket by a rate per second and a burst."""
+    """Limits the messages of a socket by a rate per second and a burst, as a token bucket."""
 
-    now_s: float  # of the last message
-    left: float = MESSAGE_BURST
+    now_s: float  # the time of the last message
+    tokens: float = MESSAGE_BURST  # messages that may arrive at once
 
     def take(self, now_s: float) -> bool:
         """Count a message that arrives now; return False, without counting it, if it exceeds the limit."""
-        self.left = min(MESSAGE_BURST, self.left + (now_s - self.now_s) * MESSAGES_PER_S)
+        self.tokens = min(MESSAGE_BURST, self.tokens + (now_s - self.now_s) * MESSAGES_PER_S)
         self.now_s = now_s
-        if self.left < 1:
+        if self.tokens < 1:
             return False
-        self.left -= 1
+        self.tokens -= 1
         return True
 
 
@@ -38,7 +39,10 @@ def count_handles(max_concurrent_sessions: int) -> int:
 
 
 def find_network(address: str) -> str:
-    """Return the network whose sessions count together: the /64 of an IPv6 address, or an IPv4 address."""
+    """Return the network whose sessions are limited together: the /64 of an IPv6 address, or an IPv4 address itself.
+
+    A text that is no IP address is returned as it is.
+    """
     with suppress(ValueError):
-        return ip_address(address).exploded[:19]
+        return ip_address(address).exploded[:_IPV6_NETWORK_CHARACTERS]  # an IPv4 address is shorter
     return address

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 PACK_VERSION = 2
 _MOST_SEEDS = 1_000_000
-_PAGE_SEEDS = 2**53  # the whole numbers that a page has
+_PAGE_SEEDS = 2**53  # the number of seeds that a page's numbers hold exactly
 TILE_PX = 32
 SIZE_PX = (640, 480)  # of a first-person picture, unless the page asks for another
 PAGE_SINE = {"trig": 1}  # the option by which a first-person world computes as a page does
@@ -83,14 +83,14 @@ def pack_worlds(folder: Path, seeds: range, names: Collection[str] = ()) -> Pack
 
 
 def pack_world(folder: Path, env: Any, seeds: Sequence[int], *, name: str, summary: str) -> None:
-    """Pack one compiled world, which need not be of the catalogue, into a folder; seeds are numbered from 0 in it.
+    """Pack one compiled world, which need not be in the catalogue, into a folder, where its seeds are numbered from 0.
 
     Args:
         folder: the folder, which is created if necessary.
         env: the world, unwrapped; a first-person world has the option `PAGE_SINE`.
         seeds: the seeds whose first states are packed, in any order.
-        name: the name by which a page makes the world; a file has it.
-        summary: the mission of a world that has none.
+        name: the name by which a page makes the world, which is also a file name.
+        summary: the world's title, and its mission if it has none.
     """
     (folder / "starts").mkdir(parents=True, exist_ok=True)
     writer = _PackWriter(folder, range(len(seeds)))
@@ -99,7 +99,7 @@ def pack_world(folder: Path, env: Any, seeds: Sequence[int], *, name: str, summa
 
 
 class _PackWriter:
-    """Writes worlds into a folder, then the index of what is there."""
+    """Writes worlds into a folder, then the index of the folder."""
 
     def __init__(self, folder: Path, seeds: range) -> None:
         self.folder = folder
@@ -110,7 +110,7 @@ class _PackWriter:
         self._manifest = json.loads((_PAGE / "worlds/manifest.json").read_text(encoding="utf-8"))
         self._layout_modules = read_layout_modules()
         self._modules = {"grid"}  # names of the modules that the worlds need
-        self._kinds: tuple[ObjectKind, ...] = ()  # object kinds of a world's own
+        self._kinds: tuple[ObjectKind, ...] = ()  # object kinds that a world defines itself
 
     def add_world(self, kind: str, world: CatalogueEntry) -> None:
         """Write a world's first states, or record how a page lays it out; skip a world whose rules are Python."""
@@ -137,7 +137,7 @@ class _PackWriter:
         self.worlds.append(title | packed_seeds | {"actions": list(env.action_names)} | starts)
 
     def _write_starts(self, env: Any, world: CatalogueEntry) -> dict[str, Any]:
-        """Write a world's first states, or record its layout; return the index's fields on how its episodes begin."""
+        """Write a world's first states, or record its layout; return the fields for the index."""
         packed_seeds = {"first_seed": self.seeds.start, "seeds": len(self.seeds)}
         if isinstance(env, FirstPersonEnv):
             self._modules.add("first_person")
@@ -154,8 +154,10 @@ class _PackWriter:
         modules = self._manifest["modules"] | self._layout_modules
         needed = {name: modules[name] for name in sorted(self._modules)}
         (self.folder / "worlds").mkdir(exist_ok=True)
-        for file in (file["file"] for module in needed.values() for file in module["files"]):
-            _write_deflated(self.folder / f"worlds/{file}.z", (_PAGE / "worlds" / file).read_bytes())
+        for module in needed.values():
+            for file in module["files"]:
+                file_name = file["file"]
+                _write_deflated(self.folder / f"worlds/{file_name}.z", (_PAGE / "worlds" / file_name).read_bytes())
         if self.layouts:
             _write_deflated(self.folder / "layouts.z", {"worlds": self.layouts, "language": describe_language()})
         manifest = {"sources": self._manifest["sources"], "modules": needed}
@@ -193,17 +195,21 @@ def parse_seeds(text: str) -> range:
 
 
 def _find_entries(names: Collection[str]) -> list[tuple[str, CatalogueEntry]]:
-    """Return the named entries of the catalogue, or all if none is named, each with its kind of world."""
+    """Return the named entries of the catalogue, or all if none is named, each with its kind of world.
+
+    Raises:
+        WorldError: if there is no entry of a name.
+    """
     entries = []
-    for kind, of_kind in _KINDS:
-        entries += [(kind, entry) for entry in of_kind]
+    for kind, entries_of_kind in _KINDS:
+        entries += [(kind, entry) for entry in entries_of_kind]
     if not names:
         return entries
-    chosen = {name.removeprefix("minihuman/") for name in names}
-    unknown = chosen - {entry.name for _, entry in entries}
+    requested = {name.removeprefix("minihuman/") for name in names}
+    unknown = requested - {entry.name for _, entry in entries}
     if unknown:
         raise WorldError(f"{', '.join(sorted(unknown))}: no such world can be packed; `minihuman worlds` lists them")
-    return [(kind, entry) for kind, entry in entries if entry.name in chosen]
+    return [(kind, entry) for kind, entry in entries if entry.name in requested]
 
 
 def _make_world(entry: CatalogueEntry, options: dict[str, Any]) -> Any:
@@ -214,7 +220,11 @@ def _make_world(entry: CatalogueEntry, options: dict[str, Any]) -> Any:
 
 
 def _write_rows(folder: Path, env: GridEngine, entry: CatalogueEntry, seeds: Sequence[int]) -> dict[str, Any]:
-    """Pack a grid world's first states: the random states of all seeds, then the rows, then the missions."""
+    """Write a file of a grid world's first states: the random states of all seeds, then the rows, then the missions.
+
+    Returns:
+        The fields for the index.
+    """
     rows = []
     rng_states = []
     missions = []
@@ -224,10 +234,9 @@ def _write_rows(folder: Path, env: GridEngine, entry: CatalogueEntry, seeds: Seq
         rows.append(state.row)
         rng_states.append(state.rng_state)
         missions.append(observation["mission"])
-    distinct = missions
     if len(set(missions)) == 1:
-        distinct = missions[:1]
-    content = np.stack(rng_states).tobytes() + np.stack(rows).tobytes() + json.dumps(distinct).encode()
+        missions = missions[:1]  # one for all seeds
+    content = np.stack(rng_states).tobytes() + np.stack(rows).tobytes() + json.dumps(missions).encode()
     _write_deflated(folder / "starts" / f"{entry.name}.z", content)
     return _describe_sizes(env)
 
@@ -248,7 +257,7 @@ class _ArrayPool:
         return self._numbers[content]
 
     def extents(self) -> Iterator[tuple[str, int]]:
-        """Yield the data type and the number of bytes of each array."""
+        """Yield the data type and the number of bytes of each array, in order of their numbers."""
         return zip(self.kinds, map(len, self._numbers), strict=True)
 
     def join(self) -> bytes:
@@ -257,10 +266,16 @@ class _ArrayPool:
 
 
 def _write_scenes(folder: Path, env: FirstPersonEnv, entry: CatalogueEntry, seeds: Sequence[int]) -> dict[str, Any]:
-    """Pack a first-person world's first states and scenes: header length, header, each distinct array.
+    """Write a file of a first-person world's first states and scenes: header length, header, each distinct array.
 
     The header is JSON. It gives the data type and bytes of each array and, for each seed, the numbers of its arrays by
-    name, the number of things in its scene, and the names of its textures, which are files of their own.
+    name, the number of things in its scene, and the names of its textures, which are separate files.
+
+    Returns:
+        The fields for the index.
+
+    Raises:
+        WorldError: if the world does not have discrete actions.
     """
     if env.control != "discrete":
         raise WorldError(
@@ -272,12 +287,12 @@ def _write_scenes(folder: Path, env: FirstPersonEnv, entry: CatalogueEntry, seed
         env.reset(seed=seed)
         state, scene, _ = describe(env, "classic", SIZE_PX)
         names = ("things", "numbers", "walls", "words", "rooms", "edges")
-        of_state = {name: pool.number(np.asarray(array)) for name, array in zip(names, state, strict=False)}
-        of_scene = {name: pool.number(array) for name, array in scene.tables.items()}
+        state_arrays = {name: pool.number(np.asarray(array)) for name, array in zip(names, state, strict=False)}
+        scene_tables = {name: pool.number(array) for name, array in scene.tables.items()}
         textures = [_write_texture(folder / "textures", pixels.tobytes()) for pixels in scene.textures]
         mission = getattr(env, "mission", "") or entry.summary
         looks = {"looks": state.looks, "textures": textures, "mission": mission}
-        starts.append({"state": of_state, "tables": of_scene} | looks)
+        starts.append({"state": state_arrays, "tables": scene_tables} | looks)
     head = json.dumps({"arrays": list(pool.extents()), "starts": starts}).encode()
     content = len(head).to_bytes(4, "little") + head + pool.join()
     _write_deflated(folder / "starts" / f"{entry.name}.z", content)
@@ -295,7 +310,7 @@ def _write_texture(folder: Path, pixels: bytes) -> str:
 
 
 def _write_atlas(folder: Path, kinds: "tuple[ObjectKind, ...]") -> dict[str, Any]:
-    """Pack the tiles, including those of a world's own object kinds; return the position of each array."""
+    """Write a file of the tiles, including those of additional object kinds; return the position of each array."""
     tile_atlas = atlas(TILE_PX, "classic", kinds)
     content = b""
     arrays: dict[str, Any] = {}

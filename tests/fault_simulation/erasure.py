@@ -126,7 +126,7 @@ class Run:
         Returns:
             None where it returned, its error, or "killed".
         """
-        study_journals._in_file.cache_clear()
+        study_journals._open_in_file.cache_clear()
         disk = self.commands.disk(self.volume, hazard, begin, count)
         try:
             with use_system(System(disk=disk, clock=self.clock)):
@@ -215,7 +215,7 @@ class Withdrawal(Run):
             self.write(self.data / TABLES_URL_FILE_NAME, bytes(self.data.with_name("tables")))
         else:
             shutil.rmtree(self.data.with_name("tables"))
-        study_journals._in_file.cache_clear()
+        study_journals._open_in_file.cache_clear()
         with use_system(System(clock=self.clock)), open_enrolment_log(self.study).hold() as register:
             register.append(
                 *(SlotTaken("0" * 64, 2, index, code, "a", False) for index, code in enumerate((OTHER, CODE)))
@@ -230,7 +230,7 @@ class Withdrawal(Run):
 
     def _check(self, before: dict[Path, bytes], end: Exception | str | None, after_cut: bool) -> None:
         """Nothing is half erased without a word."""
-        study_journals._in_file.cache_clear()
+        study_journals._open_in_file.cache_clear()
         here = self.files()
         where = "after a power cut" if after_cut else "after an attempt"
         for path, content in before.items():

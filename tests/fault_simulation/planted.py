@@ -124,8 +124,8 @@ class CommitLostUnnoticed(Database):
 class SlotFreedTwice(Server):
     """Whoever is over gives the slot back, although it holds their data."""
 
-    async def _finish(self, connection: Connection) -> None:
-        await super()._finish(connection)
+    async def _finish_session(self, connection: Connection) -> None:
+        await super()._finish_session(connection)
         with open_enrolment_log(self.study_dir).hold() as enrolment:
             enrolment.append(SlotFreed(connection.admission.participant, now_text()))
 
@@ -133,18 +133,18 @@ class SlotFreedTwice(Server):
 class TimeFromTheWallClock(Server):
     """A session's time is the wall clock's, which is set now and then."""
 
-    async def _serve(self, page: Any, connection: Connection, hello: Any) -> None:
+    async def _serve_page(self, page: Any, connection: Connection, hello: Any) -> None:
         started_ns = connection.hosted.started_ns
         connection.now_ns = lambda: current_system().clock.wall_ns() - started_ns  # type: ignore[method-assign]
-        await super()._serve(page, connection, hello)
+        await super()._serve_page(page, connection, hello)
 
 
 class TabsMixed(Server):
     """What one tab sent is acknowledged to another, which has the same numbers."""
 
-    async def _serve(self, page: Any, connection: Connection, hello: Any) -> None:
+    async def _serve_page(self, page: Any, connection: Connection, hello: Any) -> None:
         connection.host.begin_stream = lambda settled: None  # type: ignore[method-assign]
-        await super()._serve(page, connection, hello)
+        await super()._serve_page(page, connection, hello)
 
 
 class AcknowledgedBeforeCopied(SessionLeases):

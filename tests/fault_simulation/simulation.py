@@ -192,8 +192,8 @@ class Machine:
         if self.loop is not None:
             return
         rng, faults_over = self.schedule.rng, self._simulation.faults_over
-        study_journals._in_file.cache_clear()
-        study_journals._in_database.cache_clear()
+        study_journals._open_in_file.cache_clear()
+        study_journals._open_in_database.cache_clear()
         ops_left = None
         if not faults_over and self.schedule.chance(0.35):
             ops_left = rng.randint(0, 60)
@@ -213,8 +213,8 @@ class Machine:
         self._server = server = self.parts.server(self._simulation.protocol, self.data, group, leases)
         server._factory.facts = {"player": "human", "rules": "simulated"}
         self._app = server.app()
-        works = (server._grow, server._look_after, server._poll)
-        for work in works if leases is None else (*works, server._keep_leases, server._finish_ended):
+        works = (server._look_ahead, server._supervise, server._poll)
+        for work in works if leases is None else (*works, server._keep_leases, server._finish_ended_sessions):
             self.loop.create_task(work())
 
     def run_until_idle(self, do: Callable[[], None] = lambda: None) -> None:
@@ -522,8 +522,8 @@ class Simulation:
         for record in self.logged:
             if record.exc_info:
                 fail(f"traceback: {record.getMessage()}: {record.exc_info[1]!r}")
-        study_journals._in_file.cache_clear()
-        study_journals._in_database.cache_clear()
+        study_journals._open_in_file.cache_clear()
+        study_journals._open_in_database.cache_clear()
         with use_system(System(clock=self.machines[0].clock, open_database_journal=self.database.open_journal)):
             self._check_enrolment()
             for machine in self.machines:

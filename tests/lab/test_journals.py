@@ -242,9 +242,9 @@ def test_reading_on_after_the_last_answer_for_longer_than_a_call_may_take_costs_
     from minihuman.storage.database import Database
 
     slow = Database(fresh(url), "select 1", "a test", timeout_s=3.0)
-    with slow.ask() as cursor:
+    with slow.open_cursor() as cursor:
         assert cursor.execute("select 7").fetchone() == (7,)
         time.sleep(4.0)
-    with slow.ask() as cursor:
+    with slow.open_cursor() as cursor:
         assert cursor.execute("select 8").fetchone() == (8,)
     slow.close()

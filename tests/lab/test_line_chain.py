@@ -16,7 +16,7 @@ from minihuman.admin.enrolment_log import take_slot
 from minihuman.dataset.annotations import Annotation, add_annotation, annotations_path, read_annotations
 from minihuman.dataset.withdrawn_codes import read_withdrawn_codes
 from minihuman.errors import AllocationError, LogError, MinihumanError
-from minihuman.storage.study_journals import ENROLMENT_FILE_NAME, _in_file
+from minihuman.storage.study_journals import ENROLMENT_FILE_NAME, _open_in_file
 from tests.builders import session
 from tests.counts import count
 from tests.lab.test_register import PROTOCOL
@@ -71,7 +71,7 @@ def test_every_flipped_bit_is_named_or_without_effect(kind: str, tmp_path: Path,
     for _ in range(count(300, 3_000)):
         place = random_.randrange(len(whole))
         path.write_bytes(whole[:place] + bytes([whole[place] ^ 1 << random_.randrange(8)]) + whole[place + 1 :])
-        _in_file.cache_clear()
+        _open_in_file.cache_clear()
         try:
             assert read() == expected
         except MinihumanError as error:

@@ -36,8 +36,8 @@ def test_what_is_kept_for_everybody_has_a_bound(monkeypatch) -> None:
     rng = np.random.default_rng(2)
     for number in range(50):
         noise = rng.integers(0, 256, (24, 24, 3)).astype(np.uint8)
-        shared.of(bytes([number]), "lossless", noise)
-        assert sum(len(packed) for _, packed in shared._packed.values()) == shared._bytes <= 20_000
+        shared.pack(bytes([number]), "lossless", noise)
+        assert sum(len(packed) for _, packed in shared._packed.values()) == shared._n_bytes <= 20_000
     assert (bytes([49]), "lossless") in shared._packed, "the latest stay"
 
 

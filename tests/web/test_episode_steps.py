@@ -29,10 +29,10 @@ def test_a_picture_is_known_once_its_step_was_made() -> None:
 
 def test_only_a_picture_of_another_scene_differs() -> None:
     steps = steps_of_episode_3()
-    assert steps.difference(shown(1, 12)) == "step 1 of episode 4 was shown as scene 12, it is 11"
-    assert steps.difference(shown(1, 11)) == ""
-    assert steps.difference(shown(1, -1)) == ""
-    assert steps.difference(shown(2, 12)) == "", "the scene is unknown"
+    assert steps.describe_difference(shown(1, 12)) == "step 1 of episode 4 was shown as scene 12, it is 11"
+    assert steps.describe_difference(shown(1, 11)) == ""
+    assert steps.describe_difference(shown(1, -1)) == ""
+    assert steps.describe_difference(shown(2, 12)) == "", "the scene is unknown"
 
 
 def test_a_session_that_is_resumed_within_a_correction_counts_the_steps_before_it() -> None:

@@ -78,7 +78,7 @@ class _GuardedHost:
 
     def receive(self, number: int, at_ns: int, message: Any) -> None:
         """Take a message; a world's error ends the session."""
-        self._connection._guarded(self._connection.host.receive, number, at_ns, message)
+        self._connection._call_or_end(self._connection.host.receive, number, at_ns, message)
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._connection.host, name)

@@ -9,7 +9,7 @@ import pytest
 import minihuman
 from minihuman.experiment.machine import screens
 from minihuman.web import messages, screen_values
-from minihuman.web.page_types import PATH, write_page_types
+from minihuman.web.page_types import PATH, format_page_types
 
 PAGE_MODULES = [
     *sorted(PATH.parent.glob("*.js")),
@@ -18,14 +18,16 @@ PAGE_MODULES = [
 
 
 def test_the_types_of_the_page_are_generated_from_the_messages() -> None:
-    assert PATH.read_text(encoding="utf-8") == write_page_types(), "run `python -m minihuman.web.page_types`"
+    assert PATH.read_text(encoding="utf-8") == format_page_types(), "run `python -m minihuman.web.page_types`"
 
 
 def test_a_field_that_is_added_to_a_message_is_in_the_page(monkeypatch: pytest.MonkeyPatch) -> None:
     longer = msgspec.defstruct("CommandMessage", [("number", int), ("text", str, "")], tag="ask", tag_field="t")
-    assert 'export interface CommandMessage {\n  t: "ask";\n  number: number;\n}' in write_page_types()
+    assert 'export interface CommandMessage {\n  t: "ask";\n  number: number;\n}' in format_page_types()
     monkeypatch.setattr("minihuman.web.page_types.ALIASES", {"ServerMessage": longer | messages.FilmFrame})
-    assert 'export interface CommandMessage {\n  t: "ask";\n  number: number;\n  text: string;\n}' in write_page_types()
+    assert (
+        'export interface CommandMessage {\n  t: "ask";\n  number: number;\n  text: string;\n}' in format_page_types()
+    )
 
 
 def test_every_type_that_a_page_module_names_is_one_of_a_message() -> None:

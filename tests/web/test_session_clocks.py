@@ -57,11 +57,11 @@ def test_a_message_more_than_a_second_ahead_is_noted_and_so_is_each_further_seco
 
 def test_a_page_that_measures_nothing_is_compared_all_the_same() -> None:
     clock = PageClock()
-    assert not any(clock.arrive(t * S, t * S) for t in range(61))
-    notes = [clock.arrive(round(t * 1.05 * S), t * S) for t in range(61, 200)]
+    assert not any(clock.compare_arrival(t * S, t * S) for t in range(61))
+    notes = [clock.compare_arrival(round(t * 1.05 * S), t * S) for t in range(61, 200)]
     assert sum(bool(note) for note in notes) >= 3
     assert all(note.startswith(CLOCK_NOTE) for note in notes if note)
-    assert not any(clock.arrive(t * S - 800_000_000, t * S) for t in range(600, 690, 29))
+    assert not any(clock.compare_arrival(t * S - 800_000_000, t * S) for t in range(600, 690, 29))
 
 
 def test_only_the_newest_socket_says_that_the_page_is_gone() -> None:
@@ -70,10 +70,10 @@ def test_only_the_newest_socket_says_that_the_page_is_gone() -> None:
     second = presence.open_socket(2.0)
     presence.close_socket(first, 5.0)
     assert presence.is_here
-    assert presence.absence_s(9.0) == 0
+    assert presence.compute_absence_s(9.0) == 0
     presence.close_socket(second, 10.0)
     assert not presence.is_here
-    assert presence.absence_s(12.5) == 2.5
+    assert presence.compute_absence_s(12.5) == 2.5
 
 
 def test_a_page_that_was_sent_away_has_no_socket_that_counts() -> None:
@@ -89,7 +89,7 @@ def test_a_page_that_is_open_may_be_left_alone() -> None:
     presence = PagePresence(1.0)
     presence.open_socket(1.0)
     presence.record_act(4.0)
-    assert presence.inactivity_s(10.0) == 6.0
+    assert presence.compute_inactivity_s(10.0) == 6.0
 
 
 def test_a_page_that_said_farewell_is_not_offline_and_is_here_again_with_its_next_socket():

@@ -27,7 +27,7 @@ class Deployment:
     Args:
         address: the public base URL, with https.
         workers: the number of server processes; Caddy routes each participant to one of them.
-        postgres: whether the enrolment log and the arrivals are kept in a database of the deployment's own.
+        postgres: whether the enrolment log and the arrivals are kept in a PostgreSQL database of the deployment.
         bucket: the destination of finished logs, such as "s3://bucket/prefix"; "" keeps them on the machine.
 
     Raises:
@@ -65,11 +65,11 @@ def write_deployment(protocol: Protocol, out: Path, deployment: Deployment) -> l
         (out / name).write_bytes(content)
     paths = [out / name for name in contents]
     if deployment.postgres:
-        secret = out / SECRETS_FILE_NAME
-        if not secret.exists():
-            secret.touch(mode=stat.S_IRUSR | stat.S_IWUSR)
-            secret.write_text(f"POSTGRES_PASSWORD={secrets.token_urlsafe(24)}\n", encoding="ascii", newline="\n")
-        paths.append(secret)
+        secrets_file = out / SECRETS_FILE_NAME
+        if not secrets_file.exists():
+            secrets_file.touch(mode=stat.S_IRUSR | stat.S_IWUSR)  # before the password is in it
+            secrets_file.write_text(f"POSTGRES_PASSWORD={secrets.token_urlsafe(24)}\n", encoding="ascii", newline="\n")
+        paths.append(secrets_file)
     return paths
 
 
@@ -84,6 +84,7 @@ def _render_files(protocol: Protocol, deployment: Deployment) -> dict[str, bytes
     }
     jinja = Environment(undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True)
     contents = {"study.toml": protocol.toml, **protocol.files}
+    study_files = sorted(contents)
     for name in FILE_NAMES:
         template = files(__package__).joinpath("templates", f"{name}.j2").read_text(encoding="utf-8")
         text = jinja.from_string(template).render(
@@ -91,7 +92,7 @@ def _render_files(protocol: Protocol, deployment: Deployment) -> dict[str, bytes
             host=urlsplit(deployment.address).hostname,
             study=protocol.study.name,
             extras=",".join(name for name in needs_extra if needs_extra[name]),
-            files=sorted(contents),
+            files=study_files,
         )
         contents[name] = text.encode()
     if deployment.postgres:

@@ -40,7 +40,7 @@ _PART_HEAD = struct.Struct("<BI")  # whether a part is a picture, and its size i
 _FACTS = {"browser": "simulated", "window_px": "1366 x 768", "mouse": True, "touch": False}
 _POLL_S = 0.1
 _PAUSE_S = 5.0  # from one restart to the next
-_KEY_PERIOD_S = 2.0
+_KEY_PERIOD_S = 2.0  # the mean time between two key presses of a page
 _TIMEOUT_S = 1_800.0
 _TOML = """
 [study]
@@ -145,17 +145,19 @@ class _Page:
         self._stream = f"{rng.getrandbits(64):x}"
         self._segment = ""
         self._zero_s = 0.0
-        self._last_ns = self._last_number = self._heard = 0
+        self._last_ns = 0  # the time of the last message
+        self._last_number = 0  # of the last message
+        self._heard = 0  # the number of the server's last message
         self._unacknowledged: dict[int, dict[str, Any]] = {}
-        self._screen = ""
-        self._due_ns = None
+        self._screen = ""  # the kind of the present screen; "" before the first
+        self._due_ns: int | None = None  # the time at which the server wants a tick
 
     async def take_part(self) -> None:
         """Connect, and reconnect until the session has ended."""
         while not self.end:
             with suppress(OSError, WebSocketException, TimeoutError):
                 await self._converse(self._find_host())
-            await asyncio.sleep(0.2 + 0.6 * self._rng.random())
+            await asyncio.sleep(0.2 + 0.6 * self._rng.random())  # so that not all pages reconnect at once
 
     async def _converse(self, host: str) -> None:
         """Connect to a server, say hello, and play until the connection or the session ends."""
@@ -169,8 +171,8 @@ class _Page:
             await socket.send(json.dumps({**hello, "last": self._last_ns, "facts": _FACTS}))
             acting = asyncio.create_task(self._keep_acting(socket))
             try:
-                async for data in socket:
-                    for message in self._read_messages(data):
+                async for received in socket:
+                    for message in self._read_messages(received):
                         await self._handle_message(message, socket, host)
                     if self.end:
                         return
@@ -192,7 +194,7 @@ class _Page:
     async def _keep_acting(self, socket: ClientConnection) -> None:
         """Press keys, send ticks and acknowledge messages until the task is cancelled."""
         acknowledged = 0
-        press_s = time.monotonic() + _KEY_PERIOD_S * self._rng.random()
+        next_press_s = time.monotonic() + _KEY_PERIOD_S * self._rng.random()
         while True:
             await asyncio.sleep(_POLL_S)
             if self._due_ns is not None and self._due_ns <= self._now_ns():
@@ -201,26 +203,26 @@ class _Page:
             if self._heard > acknowledged:
                 acknowledged = self._heard
                 await socket.send(json.dumps({"t": "heard", "n": acknowledged}))
-            if self._screen and time.monotonic() >= press_s:
-                press_s = time.monotonic() + _KEY_PERIOD_S * (0.6 + 0.8 * self._rng.random())
+            if self._screen and time.monotonic() >= next_press_s:
+                next_press_s = time.monotonic() + _KEY_PERIOD_S * (0.6 + 0.8 * self._rng.random())
                 key = "enter"
                 if self._screen == "play":
                     key = self._rng.choice("123")
                 for down in (True, False):
                     await self._send_numbered(socket, t="key", key=key, down=down, stamp=self._now_ns())
 
-    def _read_messages(self, data: str | bytes) -> Iterator[dict[str, Any]]:
-        """Yield the messages in the received data, without pictures, whose numbers count as received."""
-        if isinstance(data, str):
-            yield json.loads(data)
+    def _read_messages(self, received: str | bytes) -> Iterator[dict[str, Any]]:
+        """Yield the messages in a text or a batch; of a picture, only record the number, to acknowledge it."""
+        if isinstance(received, str):
+            yield json.loads(received)
             return
-        at = 0
-        while at < len(data):
-            is_picture, size = _PART_HEAD.unpack_from(data, at)
-            begin = at + _PART_HEAD.size
+        position = 0
+        while position < len(received):
+            is_picture, size = _PART_HEAD.unpack_from(received, position)
+            begin = position + _PART_HEAD.size
             end = begin + size
-            part = data[begin:end]
-            at = end
+            part = received[begin:end]
+            position = end
             if is_picture:
                 self._heard = int.from_bytes(part[:4], "little")
             else:
@@ -286,13 +288,13 @@ def check_deployment(
     Raises:
         DeploymentCheckError: if no database or store is named, a server does not start, or too few finish in time.
     """
-    for name in (URL_FILE_NAME, STORE_URL_FILE_NAME):
-        if not (data / name).is_file():
-            raise DeploymentCheckError(f"{data / name} does not exist; write the address into it, as docs/web.md says")
+    for path in (data / URL_FILE_NAME, data / STORE_URL_FILE_NAME):
+        if not path.is_file():
+            raise DeploymentCheckError(f"{path} does not exist; write the address into it, as docs/web.md says")
     name = f"check-{uuid4().hex[:8]}"
     with tempfile.TemporaryDirectory(prefix="minihuman-check-") as root:
         folders = [Path(root) / f"server-{number}" for number in range(max(2, servers))]
-        gathered = Path(root) / "gathered"
+        gathered = Path(root) / "gathered"  # gets all logs from the store
         for folder in (*folders, gathered):
             _make_data_folder(folder, data)
         protocol = Path(root) / f"{name}.toml"
@@ -324,14 +326,17 @@ def _make_data_folder(folder: Path, data: Path) -> None:
 async def _play_study(
     servers: list[_Server], tokens: list[str], on_progress: Callable[[str], None]
 ) -> tuple[list[_Page], int]:
-    """Let all participants play while servers restart; return the pages and the number of interrupted sessions."""
+    """Let all participants play while servers restart; return the pages and the number of interruptions of sessions.
+
+    Raises:
+        DeploymentCheckError: if not all participants finish in time, or none could play.
+    """
     rng = random.Random(1)
-    interrupted = 0
+    interrupted: list[_Page] = []  # a page once for each interruption
     pages = [_Page(token, lambda: rng.choice(servers).host, random.Random(n)) for n, token in enumerate(tokens)]
 
-    async def restart() -> None:
-        nonlocal interrupted
-        while len([page for page in pages if page.acknowledged]) < len(pages) / 2:
+    async def restart_servers() -> None:
+        while sum(bool(page.acknowledged) for page in pages) < len(pages) / 2:
             if all(page.end for page in pages):  # no participant is left to interrupt
                 return
             await asyncio.sleep(_POLL_S)
@@ -339,7 +344,7 @@ async def _play_study(
         stops.append((0, "killed"))
         for number, stop in stops:
             present = [page for page in pages if page.acknowledged and not page.end]
-            interrupted += len(present)
+            interrupted.extend(present)
             on_progress(f"server {number + 1} {stop}, {len(present)} participants in a session")
             await asyncio.to_thread(servers[number].stop, kill=stop == "killed")
             await asyncio.to_thread(servers[number].start)
@@ -347,14 +352,14 @@ async def _play_study(
 
     with suppress(TimeoutError):
         async with asyncio.timeout(_TIMEOUT_S), asyncio.TaskGroup() as group:
-            group.create_task(restart())
+            group.create_task(restart_servers())
             for page in pages:
                 group.create_task(page.take_part())
                 await asyncio.sleep(_POLL_S)
     if not all(page.end for page in pages) or not any(page.acknowledged for page in pages):
         ends = Counter(page.end or f"not within {_TIMEOUT_S:g} s" for page in pages)
         raise DeploymentCheckError(f"participants could not take part; how many ended how: {dict(ends)}")
-    return pages, interrupted
+    return pages, len(interrupted)
 
 
 def _count_presses(log: Path) -> Counter[tuple[str, int]]:
@@ -366,7 +371,15 @@ def _count_presses(log: Path) -> Counter[tuple[str, int]]:
 def _count_losses(
     gathered: Path, folders: list[Path], pages: list[_Page], codes: dict[str, str | None], interrupted: int
 ) -> CheckResult:
-    """Count what the store's logs lack of the key presses acknowledged to the pages, and compose the check's result."""
+    """Count the acknowledged key presses that no log contains, and the other counts of the check's result.
+
+    Args:
+        gathered: the study's folder with all logs of the store.
+        folders: the servers' data folders.
+        pages: the pages of all participants.
+        codes: each participant's code by the token of the participant's link; None for one who never arrived.
+        interrupted: the number of interruptions of sessions.
+    """
     logs = {log.name.partition("_")[0]: log for log in gathered.rglob("*.mcap")}
     n_lost = 0
     for page in pages:
@@ -394,6 +407,6 @@ def _count_double_sessions(folders: list[Path]) -> int:
     for folder in folders:
         for log in folder.rglob("*.mcap"):
             if read_log(log).end_reason == "complete":
-                session = log.name.partition("_other")[0].removesuffix(".mcap")
+                session = log.name.partition("_other")[0].removesuffix(".mcap")  # a second log is ..._other-DIGEST.mcap
                 contents.setdefault(session, set()).add(log.read_bytes())
     return sum(len(of_session) > 1 for of_session in contents.values())

@@ -37,13 +37,13 @@ from minihuman.web.page_data.page_episodes import PageDataError, PageEpisode
 from minihuman.worlds.adapters.world import World
 
 GROUP = "page"
-_IMPORTED = "imported from a page, data "  # why a slot was taken, before the data's digest
-_LEAST_PLAYING_MS = 0.001
+_IMPORTED = "imported from a page, data "  # the reason for which a slot was taken, followed by the data's digest
+_LEAST_PLAYING_MS = 0.001  # of a block's time limit, which must not be 0
 _HOLD_MS = 0.0  # of a key whose release the page did not see
 
 
 def digest_episodes(episodes: Sequence[PageEpisode]) -> str:
-    """Return the SHA-256 of a session's episodes in hexadecimal, by which a repeated import is recognised."""
+    """Return the SHA-256 of a session's episodes in hexadecimal, with which a repeated import is recognised."""
     return hashlib.sha256(msgspec.json.encode(episodes)).hexdigest()
 
 
@@ -63,26 +63,27 @@ def write_session(episodes: Sequence[PageEpisode], study: Path) -> Path | None:
     with open_enrolment_log(study).hold() as register:
         taken_slots = [line for line in register.lines if isinstance(line, SlotTaken)]
         require_only_imported(taken_slots, study, _IMPORTED)
-        before = next((line for line in taken_slots if line.reason == _IMPORTED + digest), None)
-        if before is None:
+        imported_slot = next((line for line in taken_slots if line.reason == _IMPORTED + digest), None)
+        if imported_slot is None:
             plan = _plan_session(episodes, study.name, len(taken_slots))
             register.append(build_imported_slot(plan, plan.participant.index, _IMPORTED + digest))
         else:
-            plan = _plan_session(episodes, study.name, before.index)
+            plan = _plan_session(episodes, study.name, imported_slot.index)
     if SegmentPath.of_plan(study.parent, plan).log.exists():
         return None
-    return _record(episodes, plan, study.parent, digest)
+    return _record_session(episodes, plan, study.parent, digest)
 
 
 def _plan_session(episodes: Sequence[PageEpisode], study: str, index: int) -> SessionPlan:
-    protocol = decode_protocol(write_protocol(episodes, study, index + 1).encode(), f"the protocol of {study}")
+    """Plan the session of the allocation slot ``index``, under a protocol that is made from the episodes."""
+    protocol = decode_protocol(format_protocol(episodes, study, index + 1).encode(), f"the protocol of {study}")
     participant = msgspec.structs.replace(
         enrol_participant(protocol, index, None), id=format_participant_code(index, 0)
     )
     return expand_protocol(protocol, participant)
 
 
-def _record(episodes: Sequence[PageEpisode], plan: SessionPlan, data: Path, digest: str) -> Path | None:
+def _record_session(episodes: Sequence[PageEpisode], plan: SessionPlan, data: Path, digest: str) -> Path | None:
     """Play verified episodes again as a session and record it; return the path of its log."""
     clock = VirtualClock()
     facts = {
@@ -109,7 +110,7 @@ class RecordedKeys(Window):
         self._clock = clock
         self._episodes = episodes
         self._play: RunningEpisode | None = None  # the episode of the next inputs
-        self._coming: list[Input] = []  # the next inputs, in order of time
+        self._pending: list[Input] = []  # the episode's further inputs, in order of time
 
     def show(self, screen: Screen) -> ScreenShown:
         """Report a screen as shown at once; with an episode's first picture, schedule the episode's recorded keys."""
@@ -117,20 +118,21 @@ class RecordedKeys(Window):
         play = self._session.play
         if play is not None and play is not self._play and play.started:
             self._play = play
-            self._coming = list(_list_inputs(self._episodes[play.plan.episode], now_ns))
+            self._pending = list(_list_inputs(self._episodes[play.plan.episode], now_ns))
         return ScreenShown(t_ns=now_ns, submit_ns=now_ns, flip_ns=now_ns)
 
     def wait(self, until_ns: int | None) -> list[Input]:
         """Move the clock to the next input, or to ``until_ns``, and return the inputs of that time.
 
-        If neither is due, return a press of Enter to continue, or the end of an episode that the page left unfinished.
+        If neither is due, return a press of Enter, which continues after an episode, or the end of an episode that the
+        page left unfinished.
         """
-        is_due = bool(self._coming) and (until_ns is None or self._coming[0].t_ns <= until_ns)
+        is_due = bool(self._pending) and (until_ns is None or self._pending[0].t_ns <= until_ns)
         if is_due:
-            happened = self._coming.pop(0)
-            self._clock.advance_to(happened.t_ns)
-            return [happened]
-        is_more_to_come = bool(self._coming) or self._session.next_tick_ns is not None
+            next_input = self._pending.pop(0)
+            self._clock.advance_to(next_input.t_ns)
+            return [next_input]
+        is_more_to_come = bool(self._pending) or self._session.next_tick_ns is not None
         if until_ns is not None and is_more_to_come:
             self._clock.advance_to(until_ns)
             return []
@@ -159,11 +161,18 @@ def _list_inputs(episode: PageEpisode, shown_ns: int) -> Iterator[Input]:
         inputs += [KeyDown(down_ns, names[key], key), KeyUp(up_ns, names[key], key)]
     if episode.end == "left":
         inputs.append(Stop(shown_ns + round(episode.playing_ms * NS_PER_MS), "window_closed", "the page was left"))
-    yield from sorted(inputs, key=lambda happened: happened.t_ns)
+    yield from sorted(inputs, key=lambda page_input: page_input.t_ns)
 
 
-def write_protocol(episodes: Sequence[PageEpisode], study: str, participants: int) -> str:
-    """Write the protocol of what a page played, with a block for each run of episodes that differ in their seeds alone.
+def format_protocol(episodes: Sequence[PageEpisode], study: str, participants: int) -> str:
+    """Return a protocol, as TOML, for episodes that a page has played.
+
+    It has a block for each run of consecutive episodes that differ only in their seeds.
+
+    Args:
+        episodes: the episodes.
+        study: the study's name.
+        participants: the study's number of participants.
 
     Raises:
         PageDataError: if a pressed key is one that a session cannot assign to an action.
@@ -202,7 +211,7 @@ def _describe_condition(episode: PageEpisode) -> tuple[Any, ...]:
 
 
 def _describe_block(number: int, episodes: Sequence[PageEpisode]) -> dict[str, Any]:
-    """Return the protocol's block for a run of episodes, numbered from 1."""
+    """Return the table of the protocol's block, whose number begins at 1, for a run of episodes."""
     first = episodes[0]
     keys = _list_session_keys(episodes)
     with closing(World(first.world, first.options)) as world:
@@ -227,7 +236,11 @@ def _describe_block(number: int, episodes: Sequence[PageEpisode]) -> dict[str, A
 
 
 def _list_session_keys(episodes: Sequence[PageEpisode]) -> dict[str, str]:
-    """Return the action of each key by our key names, without reserved keys that were not pressed."""
+    """Return the action of each key by minihuman's name of the key, without reserved keys that were not pressed.
+
+    Raises:
+        PageDataError: if a pressed key cannot be assigned to an action.
+    """
     first = episodes[0]
     pressed = {key for episode in episodes for key in episode.keys}
     keys: dict[str, str] = {}
@@ -247,7 +260,7 @@ def _format_table(head: str, table: dict[str, Any]) -> list[str]:
 
 
 def _format_toml(value: Any) -> str:
-    """Format a value as TOML: as JSON, but with inline tables, and with DEL (U+007F) escaped, as TOML asks."""
+    """Format a value as TOML: as JSON, but with inline tables, and with DEL (U+007F) escaped, as TOML requires."""
     if isinstance(value, dict):
         return "{" + ", ".join(f"{_format_toml(name)} = {_format_toml(field)}" for name, field in value.items()) + "}"
     if isinstance(value, list | tuple):

@@ -15,10 +15,10 @@ def require_only_imported(taken_slots: Iterable[SlotTaken], study: Path, source:
     Args:
         taken_slots: the slots of the study's enrolment log.
         study: the study's folder.
-        source: how the reasons of such slots begin.
+        source: the text with which the reasons of slots begin that were taken by imports from this source.
 
     Raises:
-        PageDataError: if a session was run here, or imported from something else.
+        PageDataError: if a session was run here, or imported from another source.
     """
     for slot in taken_slots:
         if not slot.reason.startswith(source):
@@ -29,12 +29,12 @@ def require_only_imported(taken_slots: Iterable[SlotTaken], study: Path, source:
 
 
 def build_imported_slot(plan: SessionPlan, index: int, reason: str) -> SlotTaken:
-    """Return the enrolment of an imported session's participant.
+    """Return the entry of the enrolment log for the participant of an imported session.
 
     Args:
         plan: the session's plan.
-        index: the slot's place in the allocation list, from 0.
-        reason: the source, and the digest of what was imported.
+        index: the slot's index in the allocation list, from 0.
+        reason: the source and the digest of the imported data.
     """
     participant = plan.participant
     return SlotTaken(

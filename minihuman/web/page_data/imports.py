@@ -11,8 +11,8 @@ from minihuman.web.page_data.page_episodes import (
     NOT_PROVED,
     PageDataError,
     PageEpisode,
-    check_session_order,
     describe_difference,
+    find_order_error,
     list_data_files,
     read_page_data,
     require_consistent,
@@ -26,7 +26,7 @@ class ImportedFile:
 
     Attributes:
         file: the file.
-        log: the session log written from the file; None if the file was refused or is in the study already.
+        log: the session log written from the file; None if the file was refused or imported before.
         episodes: the number of episodes in the file; 0 if it was refused.
         steps: the number of steps in these episodes.
         error: the error for which the file was refused; None if it was not.
@@ -49,7 +49,9 @@ class ImportedFile:
 
 
 def import_files(paths: Iterable[Path], study: Path) -> Iterator[ImportedFile]:
-    """Import files, or folders of files, as one session per file; refuse files that fail verification.
+    """Import files, or folders of files, into a study's folder as one session per file, and yield each outcome.
+
+    A file that fails verification is refused.
 
     Raises:
         PageDataError: if a path has no files.
@@ -62,7 +64,7 @@ def import_files(paths: Iterable[Path], study: Path) -> Iterator[ImportedFile]:
 def _import_file(file: Path, study: Path) -> ImportedFile:
     """Import one file as a session, and return the outcome; an error is part of the outcome."""
     try:
-        episodes = _read_verified(file)
+        episodes = _read_consistent_episodes(file)
         log = write_session(episodes, study.absolute())
         if log is not None:
             require_same_steps(log, episodes)
@@ -71,7 +73,7 @@ def _import_file(file: Path, study: Path) -> ImportedFile:
     return ImportedFile(file, log, len(episodes), sum(len(episode.actions) for episode in episodes))
 
 
-def _read_verified(file: Path) -> list[PageEpisode]:
+def _read_consistent_episodes(file: Path) -> list[PageEpisode]:
     episodes = read_page_data(file)
     require_consistent(episodes, file)
     return episodes
@@ -94,25 +96,25 @@ def require_same_steps(log: Path, episodes: Sequence[PageEpisode]) -> None:
 
 
 def verify_page_data(file: Path) -> Iterator[tuple[str, bool]]:
-    """Verify a file of page data; yield each finding as a line of text, with whether it is good news.
+    """Verify a file of page data; yield each finding as a line of text, with False if it reports a difference.
 
     Raises:
         PageDataError: if the file has no episodes, or one of them is malformed.
     """
     episodes = read_page_data(file)
-    steps = 0
+    n_steps = 0
     differs = False
     for number, episode in enumerate(episodes, 1):
         verification = verify_episode(episode)
-        steps += verification.steps
+        n_steps += verification.steps
         difference = describe_difference(episode, verification)
         if difference:
             differs = True
             yield f"episode {number} ({episode.name}): {difference}", False
-    wrong_order = check_session_order(episodes)
-    if wrong_order:
+    order_error = find_order_error(episodes)
+    if order_error:
         differs = True
-        yield wrong_order, False
+        yield order_error, False
     if not differs:
-        yield f"{len(episodes)} episodes, {steps} steps, consistent with the rules, not witnessed", True
+        yield f"{len(episodes)} episodes, {n_steps} steps, consistent with the rules, not witnessed", True
         yield NOT_PROVED, True

@@ -38,6 +38,7 @@ _OPTIONS: Mapping[str, type] = {
     "mission": str,
     "diagram": str,
 }  # that a page may have set
+_CLOCK_TOLERANCE_MS = 1_000  # by which an adjustment of the clock may make episodes overlap
 _PUNCTUATION = dict(zip("-=[]\\;'`,./ ", (*PUNCTUATION, "space"), strict=True))
 
 
@@ -77,7 +78,8 @@ class PageEpisode(msgspec.Struct, frozen=True):
     @property
     def step_digests(self) -> list[str]:
         """Return the digest of each step."""
-        return [self.digests[at : at + _DIGEST_LENGTH] for at in range(0, len(self.digests), _DIGEST_LENGTH)]
+        starts = range(0, len(self.digests), _DIGEST_LENGTH)
+        return [self.digests[start : start + _DIGEST_LENGTH] for start in starts]
 
     @property
     def name(self) -> str:
@@ -86,12 +88,12 @@ class PageEpisode(msgspec.Struct, frozen=True):
 
     @property
     def physical_keys(self) -> dict[str, str]:
-        """Return our name of each key in the key map."""
+        """Return minihuman's name of each key in the key map; "" for a key without one."""
         return {key: name_key(key) for key in self.key_map}
 
 
 def name_key(key: str) -> str:
-    """Return our name of a key by its `KeyboardEvent.key`; "" if we have none."""
+    """Return minihuman's name of a key, given its `KeyboardEvent.key`; "" if it has none."""
     if len(key) == 1 and key.isascii() and key.isalnum():
         return key.lower()
     return _PUNCTUATION.get(key) or KEY_CODES.get(key, "")
@@ -126,7 +128,7 @@ def read_page_data(path: Path) -> list[PageEpisode]:
     else:
         rows = _read_json_rows(text, path)
     _check_trial_order(rows, path)
-    episodes = [_convert(row, f"{path}: episode {number}") for number, row in enumerate(rows, 1)]
+    episodes = [_convert_row(row, f"{path}: episode {number}") for number, row in enumerate(rows, 1)]
     if not episodes:
         raise PageDataError(f"{path} has no episodes: no trial of type {TRIAL_TYPE!r}, and it is no kept game")
     return episodes
@@ -157,24 +159,25 @@ def _read_json_rows(text: str, path: Path) -> list[dict[str, Any]]:
 def _read_csv_rows(text: str) -> list[dict[str, Any]]:
     """Return the rows of the episodes in jsPsych's CSV."""
     rows = [row for row in csv.DictReader(io.StringIO(text)) if row.get("trial_type") == TRIAL_TYPE]
-    texts = {
+    text_columns = {
         field.name
         for field in msgspec.structs.fields(PageEpisode)
         if field.type is str or field.name in ("view", "end")
     }
-    return [_decode_cells(row, texts) for row in rows]
+    return [_decode_cells(row, text_columns) for row in rows]
 
 
-def _decode_cells(row: Mapping[str, str | None], texts: Container[str]) -> dict[str, Any]:
+def _decode_cells(row: Mapping[str, str | None], text_columns: Container[str]) -> dict[str, Any]:
     """Decode the cells of a CSV row as JSON, except those of columns that hold texts."""
     cells: dict[str, Any] = dict(row)
     for name in row:
-        if name not in texts:
-            cells[name] = _read_cell(row[name])
+        if name not in text_columns:
+            cells[name] = _decode_cell(row[name])
     return cells
 
 
-def _read_cell(cell: str | None) -> Any:
+def _decode_cell(cell: str | None) -> Any:
+    """Decode a cell as JSON; return None for an empty cell, and the text itself if it is not valid JSON."""
     try:
         return json.loads(cell or "null")
     except (ValueError, RecursionError):
@@ -182,7 +185,11 @@ def _read_cell(cell: str | None) -> Any:
 
 
 def _check_trial_order(rows: Sequence[Mapping[str, Any]], path: Path) -> None:
-    """Refuse rows whose trials are out of order, as when several participants share a file."""
+    """Check that the trials of the rows are in order, which they are not if several participants share a file.
+
+    Raises:
+        PageDataError: if they are out of order.
+    """
     numbers = [row["trial_index"] for row in rows if isinstance(row.get("trial_index"), int)]
     for before, after in pairwise(numbers):
         if after <= before:
@@ -191,19 +198,20 @@ def _check_trial_order(rows: Sequence[Mapping[str, Any]], path: Path) -> None:
             )
 
 
-def _convert(row: Mapping[str, Any], place: str) -> PageEpisode:
+def _convert_row(row: Mapping[str, Any], source: str) -> PageEpisode:
+    """Convert a row to an episode; raise PageDataError, which names the row's source, if it is malformed."""
     try:
         return msgspec.convert(dict(row), PageEpisode, strict=True)
     except msgspec.ValidationError as error:
-        raise PageDataError(f"{place}: {error}") from error
+        raise PageDataError(f"{source}: {error}") from error
 
 
-def require_consistent(episodes: Sequence[PageEpisode], place: object, *, checks_world: bool = True) -> None:
+def require_consistent(episodes: Sequence[PageEpisode], source: object, *, checks_world: bool = True) -> None:
     """Require that a session's episodes replay as the page recorded them, and can follow each other.
 
     Args:
         episodes: the session's episodes.
-        place: where they came from, for errors.
+        source: the file from which they were read, or a description of it, for errors.
         checks_world: as for `verify_episode`.
 
     Raises:
@@ -211,9 +219,9 @@ def require_consistent(episodes: Sequence[PageEpisode], place: object, *, checks
     """
     for number, episode in enumerate(episodes, 1):
         if difference := describe_difference(episode, verify_episode(episode, checks_world=checks_world)):
-            raise PageDataError(f"{place}: episode {number} ({episode.name}): {difference}")
-    if wrong := check_session_order(episodes):
-        raise PageDataError(f"{place}: {wrong}")
+            raise PageDataError(f"{source}: episode {number} ({episode.name}): {difference}")
+    if order_error := find_order_error(episodes):
+        raise PageDataError(f"{source}: {order_error}")
 
 
 def verify_episode(episode: PageEpisode, *, checks_world: bool = True) -> ActionsVerification:
@@ -221,7 +229,8 @@ def verify_episode(episode: PageEpisode, *, checks_world: bool = True) -> Action
 
     Args:
         episode: the episode.
-        checks_world: whether a page chose the world and its options; else the caller did, and may run their code.
+        checks_world: whether to refuse worlds and options that no page computes. If not, the caller has chosen the
+            world and trusts its code.
 
     Returns:
         The verification of the replayed steps.
@@ -256,6 +265,7 @@ def describe_difference(episode: PageEpisode, verification: ActionsVerification)
 
 
 def _require_catalogued(episode: PageEpisode) -> None:
+    """Raise PageDataError if an episode's world, or one of its options, is not one that a page may have used."""
     if episode.world not in _WORLDS:
         raise PageDataError(f"world {episode.world!r} is none that a page computes; `minihuman worlds` lists them")
     for wrong in _list_wrong_options(episode.options):
@@ -263,7 +273,7 @@ def _require_catalogued(episode: PageEpisode) -> None:
 
 
 def _list_malformed_columns(episode: PageEpisode) -> Iterator[str]:
-    """Yield what is wrong with the columns of an episode, without a replay."""
+    """Yield a sentence for each error in the columns of an episode that can be found without a replay."""
     steps = len(episode.actions)
     own_rules = kernels_digest()
     if episode.sources != own_rules:
@@ -285,6 +295,7 @@ def _list_malformed_columns(episode: PageEpisode) -> Iterator[str]:
 
 
 def _list_wrong_options(options: Mapping[str, Any]) -> Iterator[str]:
+    """Yield a sentence for each option of a world that no page sets, or whose value has another type."""
     for name, value in options.items():
         kind = _OPTIONS.get(name)
         if kind is None or type(value) is not kind:
@@ -292,11 +303,11 @@ def _list_wrong_options(options: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _list_wrong_numbers(episode: PageEpisode) -> Iterator[str]:
-    """Yield which numbers of an episode no page can have recorded."""
+    """Yield a sentence for each rule that the numbers of an episode violate."""
     hold_times_ms = [hold_ms for hold_ms in episode.held_ms if hold_ms is not None]
-    of_steps = (*episode.rt_ms, *episode.rewards, *hold_times_ms)
-    of_episode = (episode.reward, episode.playing_ms, episode.time_limit_ms)
-    if not all(map(math.isfinite, (*of_steps, *of_episode))):
+    step_numbers = (*episode.rt_ms, *episode.rewards, *hold_times_ms)
+    episode_numbers = (episode.reward, episode.playing_ms, episode.time_limit_ms)
+    if not all(map(math.isfinite, (*step_numbers, *episode_numbers))):
         yield "a number is not finite"
     if any(later < earlier for earlier, later in pairwise((0.0, *episode.rt_ms))):
         yield "rt_ms falls from one key to the next"
@@ -310,8 +321,14 @@ def _list_wrong_numbers(episode: PageEpisode) -> Iterator[str]:
 
 
 def _list_differences(episode: PageEpisode, verification: ActionsVerification) -> Iterator[str]:
-    """Yield the ways in which an episode differs from its replay."""
+    """Yield a sentence for each way in which an episode differs from its replay."""
     yield from _list_wrong_actions(episode, verification.action_names)
+    yield from _list_wrong_endings(episode, verification)
+    yield from _list_wrong_outcomes(episode, verification)
+
+
+def _list_wrong_endings(episode: PageEpisode, verification: ActionsVerification) -> Iterator[str]:
+    """Yield a sentence for each way in which the kind or the time of an episode's end is wrong."""
     if episode.end != _find_end(verification, episode.end):
         replayed_end = _find_end(verification, "not over")
         yield f"end is {episode.end!r}, played again it is {replayed_end!r}"
@@ -320,6 +337,10 @@ def _list_differences(episode: PageEpisode, verification: ActionsVerification) -
         yield f"playing_ms is {episode.playing_ms}, but the last key came at {episode.rt_ms[-1]}"
     if episode.end == "time_limit" and not last_key_ms <= episode.time_limit_ms <= episode.playing_ms:
         yield f"the time limit of {episode.time_limit_ms} ms is not between the last key and the end"
+
+
+def _list_wrong_outcomes(episode: PageEpisode, verification: ActionsVerification) -> Iterator[str]:
+    """Yield a sentence if an episode's reward or success differs from that of its replay."""
     if episode.reward != verification.reward:
         yield f"reward is {episode.reward!r}, played again {verification.reward!r}"
     has_succeeded = verification.terminated and episode.rewards[-1] > 0
@@ -328,7 +349,7 @@ def _list_differences(episode: PageEpisode, verification: ActionsVerification) -
 
 
 def _list_wrong_actions(episode: PageEpisode, action_names: Sequence[str]) -> Iterator[str]:
-    """Yield the steps whose action is not their key's, and the keys whose action the world does not have."""
+    """Yield a sentence for each step whose action is not its key's, and each key whose action the world lacks."""
     for step, (key, action) in enumerate(zip(episode.keys, episode.actions, strict=True), 1):
         expected = episode.key_map.get(key)
         if expected != action_names[action]:
@@ -339,12 +360,12 @@ def _list_wrong_actions(episode: PageEpisode, action_names: Sequence[str]) -> It
 
 
 def _find_end(verification: ActionsVerification, otherwise: str) -> str:
-    """Return how the replayed episode ended.
+    """Return how an episode ended according to its replay.
 
     Args:
         verification: the verification of the replayed steps.
-        otherwise: the ending to return if the world did not end the episode; "left" is returned for an ending that
-            only the world can make.
+        otherwise: the ending to return if the world did not end the episode. If it is one that only the world can
+            cause, "left" is returned instead.
     """
     if verification.terminated:
         return "terminated"
@@ -355,8 +376,8 @@ def _find_end(verification: ActionsVerification, otherwise: str) -> str:
     return otherwise
 
 
-def check_session_order(episodes: Sequence[PageEpisode]) -> str:
-    """Return which episode cannot follow the one before it, which was left or ended later; "" if all can.
+def find_order_error(episodes: Sequence[PageEpisode]) -> str:
+    """Return a sentence if an episode follows one that was left or ended later, so that the order is wrong; else "".
 
     Clock adjustments of up to one second are tolerated.
     """
@@ -364,7 +385,7 @@ def check_session_order(episodes: Sequence[PageEpisode]) -> str:
     for number, episode in enumerate(episodes, 1):
         if episode.end == "left" and number < len(episodes):
             return f"episode {number} was left, but others follow; give each of them a file of its own"
-        if episode.started_unix_ms + 1_000 < ended_ms:
+        if episode.started_unix_ms + _CLOCK_TOLERANCE_MS < ended_ms:
             return f"episode {number} began before episode {number - 1} had ended"
         ended_ms = episode.started_unix_ms + episode.playing_ms
     return ""

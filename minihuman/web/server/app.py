@@ -57,19 +57,19 @@ KEEP_FINISHED_S = 600.0  # for which a session that is over is kept, for pages t
 CHECK_INTERVAL_S = 1.0
 LEARNER_POLL_INTERVAL_S = 0.1
 COPY_INTERVAL_S = 0.05  # between copies of leased sessions' logs to the database
-LOOK_AHEAD_SLICE_S = 0.01  # of one connection; its page then gets what was found, and others have a turn
+LOOK_AHEAD_SLICE_S = 0.01  # for one connection; its page then gets the scenes found, and others have a turn
 MAX_LOOP_BLOCK_S = 0.002  # of looking ahead before messages are handled
-# Codes of a closed socket after which the page does not come again by itself.
-ANOTHER = 4001
+# closing codes of sockets, after which a page does not reconnect by itself
+ANOTHER = 4001  # another page or another server has the session
 REFUSED = 4003
-FOREIGN = 4004
-_VANISHED = ("connection_lost", "timed_out")
-CLOSE_BUSY = 4100  # the page tries again in a while
-CLOSE_OLD = 4002  # and after this it is loaded anew: it is of another release than the server
+FOREIGN = 4004  # the page is of another site
+_VANISHED = ("connection_lost", "timed_out")  # reasons for the end of a session whose participant went away
+CLOSE_BUSY = 4100  # the closing code after which a page tries again in a while
+CLOSE_OLD = 4002  # the closing code after which a page of another release than the server reloads itself
 
 
 def classify_connection_ending(connection: Connection) -> WebEnding:
-    """Return the ending to tell the participant; "broken" if the log is incomplete or the page sent too much."""
+    """Return the ending to show to the participant; "broken" if the log is incomplete or the page sent too much."""
     if connection.recording.is_broken or connection.is_over_budget:
         return "broken"
     session = connection.host.session
@@ -77,18 +77,17 @@ def classify_connection_ending(connection: Connection) -> WebEnding:
 
 
 def build_session_over(connection: Connection, completion: Completion) -> messages.SessionOver:
-    """Build the last message to a page: what happened, what is saved, and the completion code.
+    """Build the last message to a page, with the ending, whether the data are saved, and the completion code.
 
-    Only a log that was closed whole is reported as saved; otherwise the message states how many inputs it may lack.
+    If the log is incomplete, the message states how many inputs it may lack.
     """
     session = connection.host.session
     words = get_page_texts(session.plan.language)
     text = words[completion.end]
     code = completion.code
     if completion.end == "broken":
-        unsaved = connection.count_unsaved()
-        if unsaved:
-            text = words["broken_in_part"].replace("{unsaved}", str(unsaved))
+        if n_unsaved := connection.count_unsaved():
+            text = words["broken_in_part"].replace("{unsaved}", str(n_unsaved))
         stop_code = find_stop_code(session.end_reason, session.end_detail)
         LOG.warning("a session stopped, code %s on its page: %s", stop_code, session.end_detail)
         code = code or stop_code
@@ -106,12 +105,7 @@ class WebServer:
     """
 
     def __init__(
-        self,
-        arrivals: Arrivals,
-        data: Path,
-        *,
-        routes: Sequence[BaseRoute] = (),
-        worlds: IsolatedWorlds | None = None,
+        self, arrivals: Arrivals, data: Path, *, routes: Sequence[BaseRoute] = (), worlds: IsolatedWorlds | None = None
     ) -> None:
         self.connections: dict[str, Connection] = {}
         self._arrivals = arrivals
@@ -123,19 +117,19 @@ class WebServer:
         self._connecting = 0  # pages whose hello is not answered yet
         self._counts = PageCounts()
         self._polling = PollingEntrance(self._converse, self._is_busy, max_lines=self._web.max_concurrent_sessions)
-        self._growing: deque[Connection] = deque()
-        self._to_grow = asyncio.Event()
+        self._to_look_ahead: deque[Connection] = deque()  # connections for which to look ahead, each once
+        self._has_to_look_ahead = asyncio.Event()
 
     def app(self) -> ASGIApp:
-        """Build the application."""
+        """Build the ASGI application; its lifespan runs the server's tasks."""
         routes = [
             *build_page_routes(),
-            Route("/favicon.ico", _no_icon),
-            Route("/healthz", self._health),
-            Route("/metrics", self._metrics),
+            Route("/favicon.ico", _answer_without_icon),
+            Route("/healthz", self._answer_health_check),
+            Route("/metrics", self._answer_metrics),
             Route("/unwelcomed", self._counts.answer_unwelcomed),
             build_sound_route(self._arrivals.protocol),
-            WebSocketRoute("/socket", self._socket),
+            WebSocketRoute("/socket", self._serve_socket),
             Route("/socket", self._polling.answer, methods=["POST"]),  # a proxy sends both to the same worker
             *self._routes,
         ]
@@ -148,8 +142,8 @@ class WebServer:
         if manifest["sources"] != kernels_digest():
             LOG.warning("the page's modules are of other rules, so none computes: run `python -m kernel_build`")
         self._factory.facts = {"player": "human", **await asyncio.to_thread(collect_machine_facts), **worlds}
-        works = (self._grow, self._look_after, self._poll, self._keep_leases, self._finish_ended)
-        tasks = [asyncio.create_task(work()) for work in works]
+        jobs = (self._look_ahead, self._supervise, self._poll, self._keep_leases, self._finish_ended_sessions)
+        tasks = [asyncio.create_task(job()) for job in jobs]
         try:
             yield
         finally:
@@ -158,16 +152,16 @@ class WebServer:
             await asyncio.gather(*tasks, *self._tasks, self._polling.close(), return_exceptions=True)
             await asyncio.gather(*(asyncio.to_thread(connection.leave) for connection in self.connections.values()))
 
-    async def _health(self, _: Request) -> Response:
-        """Answer a health check, which a server whose event loop is stuck cannot do."""
+    async def _answer_health_check(self, _: Request) -> Response:
+        """Answer a health check; a server whose event loop is blocked does not answer."""
         return Response("ok\n", media_type="text/plain")
 
-    async def _metrics(self, request: Request) -> Response:
+    async def _answer_metrics(self, request: Request) -> Response:
         return answer_metrics(request, self.connections.values(), self._counts, n_silent=len(self._silent))
 
     # A socket
 
-    async def _socket(self, socket: WebSocket) -> None:
+    async def _serve_socket(self, socket: WebSocket) -> None:
         """Serve a page over a web socket, unless the page is foreign or the server is full."""
         page = PageSocket(socket)
         if not is_same_origin(socket.headers.get("origin"), socket.headers.get("host")):
@@ -187,9 +181,9 @@ class WebServer:
         return self._connecting >= MAX_WAITING
 
     async def _converse(self, page: PageTransport, address: str) -> None:
-        """Converse with a page from its hello to its end, over any transport."""
+        """Serve a page over any transport, from its hello until the transport or the session ends."""
         try:
-            if len(self._silent) >= MAX_WAITING:  # a page says hello at once: the oldest is the least likely to be one
+            if len(self._silent) >= MAX_WAITING:  # the oldest is most likely no page, as a page says hello at once
                 oldest = next(iter(self._silent))
                 del self._silent[oldest]
                 await oldest.close(CLOSE_BUSY)
@@ -197,7 +191,7 @@ class WebServer:
             if isinstance(connection, messages.Refusal):
                 await _refuse(page, connection)
                 return
-            await self._serve(page, connection, hello)
+            await self._serve_page(page, connection, hello)
         except SocketClosedError:
             return
         except TimeoutError:
@@ -208,7 +202,7 @@ class WebServer:
     async def _receive_hello(
         self, page: PageTransport, address: str
     ) -> tuple[messages.Hello, Connection | messages.Refusal]:
-        """Return a page's hello, with its connection or refusal; raise MessageError for another message or none."""
+        """Return a page's hello, with its connection or refusal; raise MessageError if the message is no hello."""
         self._silent[page] = None
         try:
             hello = decode_page_message(await asyncio.wait_for(page.receive(), HELLO_TIMEOUT_S))
@@ -222,86 +216,89 @@ class WebServer:
         finally:
             self._connecting -= 1
 
-    async def _serve(self, page: PageTransport, connection: Connection, hello: messages.Hello) -> None:
+    async def _serve_page(self, page: PageTransport, connection: Connection, hello: messages.Hello) -> None:
+        """Welcome a page, and exchange messages with it while its socket is the connection's newest one."""
         welcome, number, after = await connection.run(connection.greet, hello, page.name)
         if page.name == "http":
             self._counts.http_pages += 1
         protocol = PageProtocol(connection, welcome, after, monotonic_s())
         connection.changed.set()
-        self._want_more(connection)
-        writing = asyncio.create_task(self._write(page, connection, number, protocol))
+        self._schedule_look_ahead(connection)
+        sending = asyncio.create_task(self._send_messages(page, connection, number, protocol))
         code = 0
         try:
             while connection.presence.is_newest(number):
-                await self._receive(page, connection, protocol, await page.receive())
+                await self._take_text(page, connection, protocol, await page.receive())
         except SocketClosedError as error:
             code = error.code
             raise
         finally:
-            writing.cancel()
+            sending.cancel()
             connection.presence.close_socket(number, monotonic_s(), code)
-            await asyncio.gather(writing, return_exceptions=True)
+            await asyncio.gather(sending, return_exceptions=True)
 
-    async def _receive(self, page: PageTransport, connection: Connection, protocol: PageProtocol, text: str) -> None:
-        """Handle the messages in a text; then finish the session, wake the writer or look ahead if necessary."""
+    async def _take_text(self, page: PageTransport, connection: Connection, protocol: PageProtocol, text: str) -> None:
+        """Handle the messages in a text; then finish the session, wake the sender or look ahead if necessary."""
         lines = text.split("\n")
         now_s = monotonic_s()
         protocol.begin_text(now_s)
-        for place, line in enumerate(lines, 1):
+        for number, line in enumerate(lines, 1):
             while not protocol.admits(now_s):
                 await asyncio.sleep(0.1)  # backpressure; a page that reconnects sends a lot at once
                 now_s = monotonic_s()
-            answer = await connection.run(partial(protocol.receive, line, more=place < len(lines)))
+            answer = await connection.run(partial(protocol.receive, line, more=number < len(lines)))
             if answer is not None:
                 await page.send(answer)
-        if connection.host.over:
-            await self._finish_if_over(connection)
+        await self._finish_if_over(connection)
         effect = await connection.run(protocol.end_text)
         if effect.has_answer:
             connection.changed.set()
-            await asyncio.sleep(0)  # the page hears of this before the next message is taken
+            await asyncio.sleep(0)  # so that the answer is sent before the next message is handled
         if effect.wants_more:
-            self._want_more(connection)
+            self._schedule_look_ahead(connection)
         if page.name == "http" and await connection.run(connection.is_too_slow):
             self._counts.too_slow_pages += 1
             await page.send(encode_unnumbered(self._factory.refuse_slow_page()))
             await page.close(REFUSED)
             raise SocketClosedError
 
-    async def _write(self, page: PageTransport, connection: Connection, number: int, protocol: PageProtocol) -> None:
-        """Send the connection's messages while this socket is the newest one of the connection."""
+    async def _send_messages(
+        self, page: PageTransport, connection: Connection, number: int, protocol: PageProtocol
+    ) -> None:
+        """Send the connection's messages while the socket with a number is the newest one of the connection."""
         await page.send(protocol.encode_welcome())
         while True:
             await connection.changed.wait()
             connection.changed.clear()
             if protocol.is_superseded or not connection.presence.is_newest(number):
-                connection.changed.set()  # wakes the newest socket's task
+                connection.changed.set()  # for the task of the newest socket
                 await page.close(connection.presence.dismissal_code or ANOTHER)
                 return
-            if connection in self._growing and not connection.is_busy and protocol.can_wait:
-                continue  # ``_grow_one`` soon wakes this task, to send the messages with the scenes found ahead
+            if connection in self._to_look_ahead and not connection.is_busy and protocol.can_wait:
+                continue  # ``_look_ahead_for`` soon wakes this task, to send the messages with the scenes found ahead
             for batch in await connection.take_batches(protocol):
                 await page.send(batch)
 
     # Ends
 
     async def _finish_if_over(self, connection: Connection) -> None:
-        """Finish the log of a session that is over and inform the page; ``_look_after`` retries after OSError."""
+        """Finish the log of a session that is over and inform the page; ``_supervise`` retries after an OSError."""
         recording = connection.recording
         if not connection.host.over or recording.is_finishing:
             return
         recording.is_finishing = True
         try:
-            await self._finish(connection)
+            await self._finish_session(connection)
         except LeaseLostError:
-            await self._give_up(connection, CLOSE_BUSY)
+            await self._hand_over(connection, CLOSE_BUSY)
         except OSError as error:
             if not recording.is_delayed:
                 LOG.warning("a session is over, but its page is not told yet: %s", error)
             recording.is_delayed = True
-            recording.is_finishing = False  # _look_after tries again
+            recording.is_finishing = False
 
-    async def _finish(self, connection: Connection) -> None:
+    async def _finish_session(self, connection: Connection) -> None:
+        """Finish a session's log, free the slot of a participant who left no data, and send the last message."""
         session = connection.host.session
         admission = connection.admission
         await asyncio.to_thread(connection.finish)
@@ -314,48 +311,49 @@ class WebServer:
             await asyncio.to_thread(self._arrivals.decline, admission, why)
         elif session.end_reason in _VANISHED and connection.is_unproven:
             await asyncio.to_thread(self._arrivals.release, admission, session.end_reason)
-        person = await asyncio.to_thread(self._arrivals.id_on_platform, admission.participant)
+        person = await asyncio.to_thread(self._arrivals.find_platform_id, admission.participant)
         session_code = get_session_code(self._arrivals.protocol, admission.session)
         completion = build_completion(self._web, end, session_code=session_code, person=person)
         connection.over = build_session_over(connection, completion)
         await connection.run(connection.host.outgoing.add, connection.over)
         connection.changed.set()
 
-    async def _look_after(self) -> None:
+    async def _supervise(self) -> None:
         """End the sessions whose pages do not come back, and drop sessions that have been over for some time."""
         while True:
             await asyncio.sleep(CHECK_INTERVAL_S)
             for connection in tuple(self.connections.values()):
-                await self._run_for(connection, self._look_after_safely(connection))
+                await self._run_for(connection, self._supervise_safely(connection))
 
     async def _run_for(self, connection: Connection, work: Coroutine[Any, Any, None]) -> None:
-        """Run a coroutine for a connection, in its own task if its worlds may be slow; drop it if one is running."""
+        """Await a coroutine for a connection; if its worlds may be slow, start a task, or drop the work if one runs."""
         if not connection.has_threads:
             await work
         elif connection.is_busy:
             work.close()  # the caller tries again later
-            connection.changed.set()  # the writer no longer waits for what the work would have added
+            connection.changed.set()  # the sender no longer waits for messages that the work would have added
         else:
             task = asyncio.create_task(work)
             self._tasks.add(task)
             task.add_done_callback(self._tasks.discard)
 
-    async def _look_after_safely(self, connection: Connection) -> None:
+    async def _supervise_safely(self, connection: Connection) -> None:
         try:
-            await self._look_after_one(connection)
+            await self._supervise_one(connection)
         except Exception:  # a bug of ours: the other connections go on
             LOG.exception("a connection could not be looked after")
 
-    async def _look_after_one(self, connection: Connection) -> None:
+    async def _supervise_one(self, connection: Connection) -> None:
+        """Obey the experimenter's commands for a session, apply its time limits, and finish or drop it once over."""
         now_s = monotonic_s()
-        absence_s = connection.presence.absence_s(now_s)
+        absence_s = connection.presence.compute_absence_s(now_s)
         if connection.ping is not None:  # there was nothing to acknowledge
             connection.changed.set()
         if not connection.host.over:
             await connection.run(connection.read_inbox)
         if not connection.host.over and absence_s > self._web.reconnect_timeout_s:
             await connection.run(connection.stop, "connection_lost", "the page did not come back")
-        if not connection.host.over and 0 < self._web.idle_timeout_s < connection.presence.inactivity_s(now_s):
+        if not connection.host.over and 0 < self._web.idle_timeout_s < connection.presence.compute_inactivity_s(now_s):
             detail = f"nothing was pressed for {self._web.idle_timeout_s:g} s"
             await connection.run(connection.stop, "timed_out", detail)
         await self._finish_if_over(connection)
@@ -364,7 +362,7 @@ class WebServer:
             await connection.run(connection.host.close)
 
     async def _poll(self) -> None:
-        """Poll the sessions that wait for an answer from outside, such as a learner's policy."""
+        """Poll the sessions that may wait for an answer from outside, such as a learner's policy."""
         while True:
             await asyncio.sleep(LEARNER_POLL_INTERVAL_S)
             for connection in [each for each in self.connections.values() if each.host.has_agent]:
@@ -373,15 +371,16 @@ class WebServer:
 
     async def _poll_one(self, connection: Connection) -> None:
         if await connection.run(connection.poll):
-            self._want_more(connection)
+            self._schedule_look_ahead(connection)
 
     # Leases
 
-    async def _finish_ended(self) -> None:
-        """Finish the logs that this server left when it was killed, as soon as the database is available."""
+    async def _finish_ended_sessions(self) -> None:
+        """Finish the logs of sessions that had ended when this server was killed, once the database is available."""
         while True:
             try:
-                return await asyncio.to_thread(self._arrivals.finish_ended)
+                await asyncio.to_thread(self._arrivals.finish_ended)
+                return
             except OSError:
                 await asyncio.sleep(TTL_S)
             except MinihumanError as error:
@@ -389,13 +388,13 @@ class WebServer:
                 return
 
     async def _keep_leases(self) -> None:
-        """Renew this server's leases and copy what its sessions record; give up sessions that other servers have."""
+        """Renew this server's leases, copy what its sessions record, and hand over sessions to other servers."""
         leases = self._arrivals.leases
         if leases is None:
             return
         renewed_s = -RENEWAL_INTERVAL_S
-        is_away = False
-        thread = ThreadPoolExecutor(1, "minihuman-leases")  # its own: those who arrive may wait for the database
+        is_database_away = False
+        thread = ThreadPoolExecutor(1, "minihuman-leases")  # separate, as threads of arrivals may wait for the database
         while True:
             await asyncio.sleep(COPY_INTERVAL_S)
             now_s = monotonic_s()
@@ -408,42 +407,42 @@ class WebServer:
                     thread, leases.renew, [connection.lease for connection in leased if connection.lease is not None]
                 )
             except OSError as error:
-                if not is_away:
+                if not is_database_away:
                     LOG.warning("leases are not renewed, and nothing is acknowledged: %s", error)
-                is_away = True
+                is_database_away = True
                 self._factory.recorded.update(leased)
                 await asyncio.sleep(CHECK_INTERVAL_S)
                 continue
-            is_away = False
+            is_database_away = False
             if is_due:
                 renewed_s = now_s
             for connection in leased:
                 connection.changed.set()  # there is something to acknowledge
                 try:
-                    await self._give_up_if_wanted(connection)
+                    await self._hand_over_if_requested(connection)
                 except Exception:  # a bug of ours: the other connections go on
                     LOG.exception("a session could not be left to another server")
 
     def _take_leased(self, *, is_due: bool) -> list[Connection]:
-        """Return the connections whose leases to renew now: all if renewal is due, else those with new records."""
+        """Return, and no longer list as recorded, the connections to renew: all if due, else those with new records."""
         connections = set(self.connections.values())
         if not is_due:
             connections &= self._factory.recorded
         self._factory.recorded.clear()
         return [connection for connection in connections if _has_lease(connection)]
 
-    async def _give_up_if_wanted(self, connection: Connection) -> None:
+    async def _hand_over_if_requested(self, connection: Connection) -> None:
         """Hand a session over if another server has its lease or requests it."""
         lease = connection.lease
         if lease is None or connection.recording.is_finishing:
             return
         if lease.lost:
-            await self._give_up(connection, CLOSE_BUSY)
+            await self._hand_over(connection, CLOSE_BUSY)
         elif lease.is_requested:
-            await self._give_up(connection, ANOTHER)
+            await self._hand_over(connection, ANOTHER)
 
-    async def _give_up(self, connection: Connection, code: int) -> None:
-        """Hand a session over to another server."""
+    async def _hand_over(self, connection: Connection, code: int) -> None:
+        """Stop hosting a session, which another server resumes, and close its page's socket with a code."""
         if self.connections.get(connection.key) is connection:
             del self.connections[connection.key]
         connection.dismiss(code)
@@ -452,26 +451,27 @@ class WebServer:
 
     # Looking ahead
 
-    def _want_more(self, connection: Connection) -> None:
-        if connection not in self._growing:
-            self._growing.append(connection)
-        self._to_grow.set()
+    def _schedule_look_ahead(self, connection: Connection) -> None:
+        if connection not in self._to_look_ahead:
+            self._to_look_ahead.append(connection)
+        self._has_to_look_ahead.set()
 
-    async def _grow(self) -> None:
+    async def _look_ahead(self) -> None:
         while True:
-            if not self._growing:
-                self._to_grow.clear()
-                await self._to_grow.wait()
-            connection = self._growing.popleft()
-            await self._run_for(connection, self._grow_one(connection))
+            if not self._to_look_ahead:
+                self._has_to_look_ahead.clear()
+                await self._has_to_look_ahead.wait()
+            connection = self._to_look_ahead.popleft()
+            await self._run_for(connection, self._look_ahead_for(connection))
 
-    async def _grow_one(self, connection: Connection) -> None:
+    async def _look_ahead_for(self, connection: Connection) -> None:
+        """Look ahead for one connection for a slice of time, and send the scenes that were found."""
         began_s = monotonic_s()
-        turn_s = began_s
+        turn_s = began_s  # since when no messages could be handled
         while connection.presence.is_here and await connection.run(connection.grow):
             now_s = monotonic_s()
             if now_s > began_s + LOOK_AHEAD_SLICE_S:
-                self._want_more(connection)
+                self._schedule_look_ahead(connection)
                 break
             if now_s > turn_s + MAX_LOOP_BLOCK_S:
                 await asyncio.sleep(0)
@@ -481,7 +481,7 @@ class WebServer:
 
 
 async def _refuse(page: PageTransport, refusal: messages.Refusal) -> None:
-    """Send a page its refusal and close the socket; a page that has to wait gets only a closing code."""
+    """Send a page its refusal and close the transport; a page that has to wait gets only a closing code."""
     if refusal.reason == "wait":
         await page.close(CLOSE_BUSY)
         return
@@ -496,5 +496,5 @@ def _has_lease(connection: Connection) -> bool:
     return connection.lease is not None and not connection.lease.lost and not connection.recording.is_finished
 
 
-async def _no_icon(_: Request) -> Response:
+async def _answer_without_icon(_: Request) -> Response:
     return Response(status_code=204)

@@ -63,7 +63,7 @@ _REPORT_POLICY = "sandbox allow-scripts allow-downloads; default-src 'self' 'uns
 class StudyEntry:
     """A study with its protocol file, its recorded sessions, or both."""
 
-    key: str  # in addresses
+    key: str  # identifies the study in the page's addresses
     name: str
     folder: Path  # of its sessions; need not exist
     protocol: Path | None = None
@@ -102,10 +102,10 @@ class StudyEntry:
         folder = str(self.folder)
         protocol = str(self.protocol)
         data = f"--data={self.folder.parent}"
-        given_reason = form.get("reason", "")
+        reason_text = form.get("reason", "")
         session_number = form.get("session", 1)
         links = form.get("links", 1)
-        reason = f"--reason={given_reason}"
+        reason = f"--reason={reason_text}"
         report_folder = self.folder.parent.parent / REPORTS_FOLDER / self.name
         code = form.get("participant", "")
         window = "--fullscreen"
@@ -146,7 +146,12 @@ def describe_state(row: SessionRow, running: set[str]) -> str:
 
 
 def find_studies(folder: Path, data: Path) -> list[StudyEntry]:
-    """Find a folder's studies: files with a ``[study]`` table, then sessions without a protocol."""
+    """Find the studies that have a protocol in a folder, then other studies that have sessions in the data folder.
+
+    Args:
+        folder: the folder of the protocols, TOML files with a ``[study]`` table in it or in its subfolders.
+        data: the folder that contains the studies' folders.
+    """
     studies = []
     for path in sorted({*folder.glob("*.toml"), *folder.glob("[!.]*/*.toml")}):
         key = str(path.relative_to(folder))
@@ -163,8 +168,8 @@ def find_studies(folder: Path, data: Path) -> list[StudyEntry]:
             problem = problem or f"study.name is {name!r}; use a-z, 0-9, - and _"
             name = path.stem
         studies.append(StudyEntry(key, name, data / name, path, problem))
-    known = {study.name for study in studies}
-    folders = sorted(path.parent for path in data.glob(f"*/{ENROLMENT_FILE_NAME}") if path.parent.name not in known)
+    names = {study.name for study in studies}
+    folders = sorted(path.parent for path in data.glob(f"*/{ENROLMENT_FILE_NAME}") if path.parent.name not in names)
     return studies + [StudyEntry(f"{path.name}/", path.name, path) for path in folders]
 
 
@@ -188,29 +193,32 @@ class CommandProcess:
 
     @property
     def line(self) -> str:
-        """Return the command line as it would be typed."""
+        """Return the command line as a user would type it in a shell."""
         return shlex.join(["minihuman", *self.words])
 
     @property
     def verdict(self) -> str:
-        """Return one word for the command's state or outcome."""
+        """Return "running", or one word for how the command ended."""
         return _VERDICTS.get(self._process.poll(), "ended")
 
     def output(self) -> str:
-        """Return the end of the command's output."""
+        """Return the last part of what the command has printed."""
         with self._output.open("rb") as file:
             file.seek(max(0, self._output.stat().st_size - _SHOWN_BYTES))
             return file.read().decode(errors="replace")
 
     def links(self) -> list[str]:
-        """Return the addresses that a command which serves pages printed; empty for any other command."""
+        """Return the addresses in the output of a command that serves pages; empty for any other command."""
         if self.words[0] in ("watch", "serve"):
             return _LINK.findall(self.output())
         return []
 
     def last_line(self) -> str:
         """Return the last complete line that the command printed; "" if there is none."""
-        return next(reversed(self.output().split("\n")[:-1]), "")
+        *complete_lines, _ = self.output().split("\n")
+        if not complete_lines:
+            return ""
+        return complete_lines[-1]
 
     def stop(self) -> None:
         """Terminate the command and wait until it has ended."""
@@ -225,7 +233,7 @@ class StartPage:
         folder: the folder of the protocols.
         data: the folder of the studies' data.
         temporary: the folder for the commands' output.
-        rooms: further applications of the page, each by its path below the page's own.
+        rooms: further applications that the page links to, by their paths below the page's own path.
     """
 
     def __init__(
@@ -236,7 +244,8 @@ class StartPage:
         self._temporary = temporary
         self._rooms = rooms
         self._token = secrets.token_urlsafe(16)
-        self._report_token = secrets.token_urlsafe(16)  # a report may run scripts, so its address starts no command
+        # a report may run scripts, which must not learn the token with which commands are started
+        self._report_token = secrets.token_urlsafe(16)
         self._processes: list[CommandProcess] = []
         environment = Environment(
             loader=PackageLoader("minihuman.web.server"), autoescape=True, undefined=StrictUndefined, trim_blocks=True
@@ -261,14 +270,14 @@ class StartPage:
         pages = Router(
             [
                 Route("/", self._show_home),
-                Route("/study", self._study),
-                Route("/process/{number:int}", self._process),
+                Route("/study", self._show_study),
+                Route("/process/{number:int}", self._show_process),
                 Route("/start", self._start_command, methods=["POST"]),
-                Route("/process/{number:int}/stop", self._stop, methods=["POST"]),
+                Route("/process/{number:int}/stop", self._stop_command, methods=["POST"]),
                 Route("/{name:str}", self._send_file),
             ]
         )
-        reports = Router([Route("/{path:path}", self._report)])
+        reports = Router([Route("/{path:path}", self._send_report)])
         application = Starlette(
             routes=[
                 Mount(self._reports_path, HeaderMiddleware(reports, build_headers(policy=_REPORT_POLICY))),
@@ -286,7 +295,7 @@ class StartPage:
             if process.words[0] != "run" and process.verdict == "running":
                 process.stop()
 
-    def _page(self, kind: str, **values: object) -> HTMLResponse:
+    def _render_page(self, kind: str, **values: object) -> HTMLResponse:
         return HTMLResponse(
             self._template.render(
                 kind=kind,
@@ -300,7 +309,7 @@ class StartPage:
 
     def _show_home(self, _: Request) -> Response:
         """Answer with the list of studies and running commands."""
-        return self._page(
+        return self._render_page(
             "home",
             studies=[(study, *self._try_to_read(study.counts)) for study in find_studies(self._folder, self._data)],
             folder=self._folder.resolve().name,
@@ -310,30 +319,30 @@ class StartPage:
             ],
         )
 
-    def _study(self, request: Request) -> Response:
+    def _show_study(self, request: Request) -> Response:
         """Answer with the page of one study: its sessions, those due next, its problems and its commands."""
         study = self._find_study(request.query_params.get("key", ""))
         sessions, problem = self._try_to_read(study.sessions)
-        due, undecided = self._try_to_read(study.due)
+        due, due_problem = self._try_to_read(study.due)
         problems: Sequence[str] | None = ()
         if sessions:
             problems, _ = self._try_to_read(partial(list_problems, study.folder))
         report = self._data.parent / REPORTS_FOLDER / study.name / "report.html"
-        return self._page(
+        return self._render_page(
             "study",
             study=study,
             sessions=sessions or (),
             due=due or (),
             running=study.running(),
-            problems=[text for text in (study.problem, problem, undecided, *(problems or ())) if text],
+            problems=[text for text in (study.problem, problem, due_problem, *(problems or ())) if text],
             latest={command: self._find_latest(study, command) for command in ("check", "doctor", "verify", "report")},
             report=report.is_file(),
             processes=[(number, process) for number, process in enumerate(self._processes) if process.study == study],
         )
 
-    def _process(self, request: Request) -> Response:
+    def _show_process(self, request: Request) -> Response:
         number = request.path_params["number"]
-        return self._page("process", number=number, process=self._get_process(number))
+        return self._render_page("process", number=number, process=self._get_process(number))
 
     async def _start_command(self, request: Request) -> Response:
         """Start the command of a button, and redirect to the page with its output."""
@@ -351,13 +360,14 @@ class StartPage:
         self._processes.append(CommandProcess(words, study, self._temporary / f"{number}.txt"))
         return RedirectResponse(f"{self.path}process/{number}", 303)
 
-    async def _stop(self, request: Request) -> Response:
+    async def _stop_command(self, request: Request) -> Response:
         _require_own_form(request)
         number = request.path_params["number"]
         await asyncio.to_thread(self._get_process(number).stop)
         return RedirectResponse(f"{self.path}process/{number}", 303)
 
-    def _report(self, request: Request) -> Response:
+    def _send_report(self, request: Request) -> Response:
+        """Answer with a file below the folder of the reports."""
         reports = (self._data.parent / REPORTS_FOLDER).resolve()
         path = (reports / request.path_params["path"]).resolve()
         if not path.is_relative_to(reports) or not path.is_file():
@@ -368,12 +378,12 @@ class StartPage:
         name = request.path_params["name"]
         if name not in self._files:
             raise HTTPException(404)
-        content, kind = self._files[name]
-        return Response(content, media_type=kind)
+        content, media_type = self._files[name]
+        return Response(content, media_type=media_type)
 
     @staticmethod
     def _try_to_read(read: Callable[[], T]) -> tuple[T | None, str]:
-        """Return what a function reads, with ""; or None, with the reason why it cannot be read."""
+        """Return the result of a function that reads files, and ""; if it fails, return None and the error's text."""
         try:
             return read(), ""
         except (MinihumanError, OSError) as error:
@@ -408,8 +418,8 @@ def _require_own_form(request: Request) -> None:
         raise HTTPException(403, "this form is of another page")
     if read_length(request.headers.get("content-length", "0"), _MAX_FORM_BYTES) is None:
         raise HTTPException(413, "this form is too long")
-    kind = request.headers.get("content-type", "application/x-www-form-urlencoded")
-    if kind.partition(";")[0].strip() != "application/x-www-form-urlencoded":
+    media_type = request.headers.get("content-type", "application/x-www-form-urlencoded")
+    if media_type.partition(";")[0].strip() != "application/x-www-form-urlencoded":
         raise HTTPException(415, "this is no form")
 
 
@@ -421,14 +431,14 @@ def run_desk(
     say: Callable[[str], None],
     rooms: Mapping[str, ASGIApp] = MappingProxyType({}),
 ) -> None:
-    """Serve the start page until SIGTERM or Ctrl-C, after passing its address to ``say``.
+    """Pass the start page's address to ``say``, and serve the page until SIGTERM or Ctrl-C.
 
     Args:
         folder: the folder of the protocols.
         data: the folder of the studies' data.
         port: the port; 0 selects a free one.
         say: receives the page's address.
-        rooms: further applications of the page, as `StartPage` has them.
+        rooms: further applications that the page links to, as for `StartPage`.
 
     Raises:
         LogError: if the folder does not exist.

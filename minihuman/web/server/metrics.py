@@ -17,12 +17,12 @@ METRICS_TOKEN_VARIABLE = "MINIHUMAN_METRICS_TOKEN"
 class PageCounts:
     """Counts of pages since the server started."""
 
-    http_pages: int = 0  # welcomed over HTTP, as no web socket got through
-    too_slow_pages: int = 0  # sent away from a part in real time
-    unwelcomed_pages: int = 0  # that told their visitor that no connection came about, as far as they could report it
+    http_pages: int = 0  # pages welcomed over HTTP, as their network blocks web sockets
+    too_slow_pages: int = 0  # pages refused in a part in real time, as their network is too slow
+    unwelcomed_pages: int = 0  # pages that reported that they could not connect by any transport
 
     async def answer_unwelcomed(self, _: Request) -> Response:
-        """Count a page that no transport welcomed; anyone can send this request, so the count is a hint."""
+        """Count a page that could not connect by any transport; anyone can send this request, so it is only a hint."""
         self.unwelcomed_pages += 1
         return Response(status_code=204)
 
@@ -30,7 +30,7 @@ class PageCounts:
 def answer_metrics(
     request: Request, connections: Iterable[Connection], counts: PageCounts, *, n_silent: int
 ) -> Response:
-    """Answer Prometheus; refuse a request that came through a proxy, or lacks the token if one is configured.
+    """Answer a request of Prometheus with the metrics, or with 404 if the client may not read them.
 
     Args:
         request: the request for the metrics.
@@ -53,11 +53,11 @@ def answer_metrics(
         "too_slow_pages_total": counts.too_slow_pages,
         "unwelcomed_pages_total": counts.unwelcomed_pages,
     }
-    text = f"{_format_numbers('gauge', gauges)}{_format_numbers('counter', counters)}"
+    text = f"{_format_metrics('gauge', gauges)}{_format_metrics('counter', counters)}"
     return Response(text, media_type="text/plain; version=0.0.4")
 
 
-def _format_numbers(kind: str, numbers: Mapping[str, int]) -> str:
+def _format_metrics(kind: str, numbers: Mapping[str, int]) -> str:
     return "".join(f"# TYPE minihuman_{name} {kind}\nminihuman_{name} {number}\n" for name, number in numbers.items())
 
 

@@ -1,4 +1,4 @@
-"""A web socket to a page, with one exception for all the ways in which it ends."""
+"""A web socket to a page, which raises the same exception however the connection ends."""
 
 import contextlib
 
@@ -23,7 +23,11 @@ class PageSocket(PageTransport):
         self._socket = socket
 
     async def accept(self) -> None:
-        """Accept the connection."""
+        """Accept the connection.
+
+        Raises:
+            SocketClosedError: if the page has left meanwhile.
+        """
         try:
             await self._socket.accept()
         except _ENDS as error:
@@ -34,6 +38,7 @@ class PageSocket(PageTransport):
 
         Raises:
             MessageError: if the message is binary, which no page sends.
+            SocketClosedError: if the socket is closed.
         """
         try:
             return await self._socket.receive_text()

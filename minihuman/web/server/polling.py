@@ -24,7 +24,7 @@ from minihuman.web.traffic_limits import MAX_WAITING
 
 HOLD_S = 20.0  # the longest wait of a request for something to send; proxies give up after 30 s or more
 MAX_GAP_S = 10.0  # without a waiting request, after which the page counts as gone
-LINGER_S = 30.0  # for which an ended line is remembered, to tell its page why it ended
+LINGER_S = 30.0  # for which an ended line is remembered, so that its page can learn the reason
 MAX_BODY_BYTES = 8 * MAX_MESSAGE_BYTES
 MAX_TEXTS = 500  # of a request
 MAX_BUFFER_BYTES = 1 << 20  # sent but not fetched; further messages wait, as they do in a socket
@@ -74,9 +74,9 @@ class PollingLine(PageTransport):
         self._loop = asyncio.get_running_loop()
         self._changed = asyncio.Event()
         self._end: LineEnd | None = None
-        self._texts: deque[str] = deque()  # brought by requests, but not received by the server yet
-        self._n_brought = 0  # number of the latest request with texts
-        self._n_bringing = 0  # count of requests with texts that are not answered yet
+        self._texts: deque[str] = deque()  # delivered by requests, but not received by the server yet
+        self._n_delivered = 0  # number of the latest request with texts
+        self._n_delivering = 0  # count of requests with texts that are not answered yet
         self._batches: list[bytes] = []  # sent by the server, but not fetched yet
         self._buffer_bytes = 0  # size of these batches
         self._n_fetched = 0  # number of the latest request for messages
@@ -91,9 +91,9 @@ class PollingLine(PageTransport):
         while not self._texts:
             if self._end is not None:
                 raise SocketClosedError
-            await self._next_change()
+            await self._wait_for_change()
         text = self._texts.popleft()
-        self._say_changed()
+        self._announce_change()
         return text
 
     async def send(self, message: str | bytes) -> None:
@@ -102,12 +102,12 @@ class PollingLine(PageTransport):
         if isinstance(batch, str):
             batch = encode_part(batch)
         while self._buffer_bytes > MAX_BUFFER_BYTES and self._end is None:
-            await self._next_change()
+            await self._wait_for_change()
         if self._end is not None:
             raise SocketClosedError
         self._batches.append(batch)
         self._buffer_bytes += len(batch)
-        self._say_changed()
+        self._announce_change()
 
     async def close(self, code: int, reason: str = "") -> None:
         """End the line. The page can still fetch what was sent before."""
@@ -118,40 +118,47 @@ class PollingLine(PageTransport):
         if self._end is None:
             self._end = end
             self._gap.cancel()
-            self._say_changed()
+            self._announce_change()
 
     # The page's side
 
-    async def bring(self, number: int, texts: list[str]) -> None:
+    async def deliver(self, number: int, texts: list[str]) -> None:
         """Accept the texts of a request, and return once the server has received them. A repeated request is ignored.
 
+        Args:
+            number: the number of the request among those with texts, from 1.
+            texts: the texts.
+
         Raises:
-            LineEndedError: if the line has ended. A request out of turn ends it.
+            LineEndedError: if the line has ended. A request out of order ends it.
         """
-        self._require_line()
-        if number <= self._n_brought:
+        self._require_open()
+        if number <= self._n_delivered:
             return
-        if number > self._n_brought + 1 or self._n_bringing >= _MAX_PARALLEL:
+        if number > self._n_delivered + 1 or self._n_delivering >= _MAX_PARALLEL:
             self._refuse_request()
-        self._n_brought = number
-        self._n_bringing += 1
+        self._n_delivered = number
+        self._n_delivering += 1
         try:
-            await self._until_received()  # the texts of earlier requests
+            await self._wait_until_received()  # the texts of earlier requests
             self._texts.extend(texts)
-            self._say_changed()
-            await self._until_received()
+            self._announce_change()
+            await self._wait_until_received()
         finally:
-            self._n_bringing -= 1
+            self._n_delivering -= 1
 
     async def fetch(self, number: int) -> bytes:
-        """Wait for the server to send something and return it; return b"" if the wait becomes too long.
+        """Wait for the server to send batches, and return them joined; return b"" if it sends none for ``HOLD_S``.
 
         A repeated request gets the same response.
 
+        Args:
+            number: the number of the request among those for messages, from 1.
+
         Raises:
-            LineEndedError: if the line has ended and everything was fetched. A request out of turn ends it.
+            LineEndedError: if the line has ended and everything was fetched. A request out of order ends it.
         """
-        if number == self._n_fetched + 1:  # the page has the previous answer, as it sends the next request
+        if number == self._n_fetched + 1:  # the next request shows that the page has received the previous answer
             self._n_fetched = number
             self._answer = None
         elif number != self._n_fetched or self._n_fetching >= _MAX_PARALLEL:
@@ -161,7 +168,7 @@ class PollingLine(PageTransport):
         try:
             if self._answer is None:
                 with suppress(TimeoutError):
-                    await asyncio.wait_for(self._until_sent(), HOLD_S)
+                    await asyncio.wait_for(self._wait_until_sent(), HOLD_S)
             if self._answer is None:
                 self._answer = self._take_batches()
             return self._answer
@@ -170,12 +177,13 @@ class PollingLine(PageTransport):
             if not self._n_fetching and self._end is None:
                 self._gap = self._loop.call_later(MAX_GAP_S, self._end_abandoned)
 
-    def _require_line(self) -> None:
+    def _require_open(self) -> None:
+        """Raise ``LineEndedError`` if the line has ended."""
         if self._end is not None:
             raise LineEndedError(self._end)
 
     def _refuse_request(self) -> None:
-        """End the line because of a request out of turn, and raise ``LineEndedError``."""
+        """End the line because of a request out of order, and raise ``LineEndedError``."""
         end = LineEnd(_BROKEN)
         self.end(end)
         raise LineEndedError(end)
@@ -184,29 +192,30 @@ class PollingLine(PageTransport):
         self.end(LineEnd(_BROKEN))
 
     def _take_batches(self) -> bytes:
+        """Return and discard the batches that were not fetched; if there are none, raise an error on an ended line."""
         if not self._batches:
-            self._require_line()
+            self._require_open()
         answer = b"".join(self._batches)
         self._batches.clear()
         self._buffer_bytes = 0
-        self._say_changed()
+        self._announce_change()
         return answer
 
-    async def _until_received(self) -> None:
+    async def _wait_until_received(self) -> None:
         while self._texts and self._end is None:
-            await self._next_change()
+            await self._wait_for_change()
 
-    async def _until_sent(self) -> None:
+    async def _wait_until_sent(self) -> None:
         while not self._batches and self._answer is None and self._end is None:
-            await self._next_change()
+            await self._wait_for_change()
 
     # Changes, after each of which all waiting coroutines check their conditions again
 
-    def _say_changed(self) -> None:
+    def _announce_change(self) -> None:
         self._changed.set()
-        self._changed = asyncio.Event()
+        self._changed = asyncio.Event()  # for the next change
 
-    async def _next_change(self) -> None:
+    async def _wait_for_change(self) -> None:
         await self._changed.wait()
 
 
@@ -215,8 +224,8 @@ class PollingEntrance:
 
     Args:
         converse: serves a page until its line ends, given its transport and address.
-        is_busy: tells whether further pages must come back later.
-        max_lines: the largest number of lines that are kept, including ended ones.
+        is_busy: returns whether the server is too busy for further pages, which then try again later.
+        max_lines: the largest number of lines whose pages have said hello, including ended lines.
     """
 
     def __init__(
@@ -224,7 +233,7 @@ class PollingEntrance:
     ) -> None:
         self._converse = converse
         self._is_busy = is_busy
-        self._most_kept = max_lines + MAX_WAITING  # further lines wait for their first message
+        self._max_lines = max_lines + MAX_WAITING  # including lines that wait for their first message
         self._lines: dict[str, PollingLine] = {}
         self._tasks: set[asyncio.Task[None]] = set()
 
@@ -248,24 +257,24 @@ class PollingEntrance:
         if line is None:
             if poll.texts is None or poll.n != 1:
                 return _answer_end(LineEnd(_BROKEN))  # a line that ended, or was opened on an earlier server
-            if self._is_busy() or len(self._lines) >= self._most_kept:
+            if self._is_busy() or len(self._lines) >= self._max_lines:
                 return Response(status_code=503)
-            line = self._open(poll.line, request)
-        return await self._answer_on(line, poll, request)
+            line = self._open_line(poll.line, request)
+        return await self._answer_on_line(line, poll, request)
 
-    async def _answer_on(self, line: PollingLine, poll: PollRequest, request: Request) -> Response:
+    async def _answer_on_line(self, line: PollingLine, poll: PollRequest, request: Request) -> Response:
         """Pass a request to its line, and answer with what the line returns."""
         try:
             if poll.texts is not None:
-                await line.bring(poll.n, poll.texts)
+                await line.deliver(poll.n, poll.texts)
                 return Response(status_code=204)
             batches = await _fetch_while_connected(line, poll.n, request)
         except LineEndedError as error:
             return _answer_end(error.end)
         return Response(batches, media_type="application/octet-stream")
 
-    def _open(self, name: str, request: Request) -> PollingLine:
-        """Open a line and start serving its page."""
+    def _open_line(self, name: str, request: Request) -> PollingLine:
+        """Open a line with the name that the page has chosen, and start serving its page."""
         line = PollingLine()
         self._lines[name] = line
         address = ""
@@ -294,7 +303,7 @@ class PollingEntrance:
 
 
 async def _read_body(request: Request) -> bytes | None:
-    """Read a request's body; None if it is too long."""
+    """Read and return a request's body; return None if it is too long."""
     body = bytearray()
     async for chunk in request.stream():
         body += chunk
@@ -304,7 +313,7 @@ async def _read_body(request: Request) -> bytes | None:
 
 
 async def _fetch_while_connected(line: PollingLine, number: int, request: Request) -> bytes:
-    """Fetch what the server has sent, or stop waiting when the client of the request disconnects."""
+    """Fetch batches from a line for a request; stop waiting and return b"" if the request's client disconnects."""
 
     async def wait_for_disconnect() -> None:
         while (await request.receive())["type"] != "http.disconnect":
@@ -324,4 +333,5 @@ async def _fetch_while_connected(line: PollingLine, number: int, request: Reques
 
 
 def _answer_end(end: LineEnd) -> Response:
+    """Answer a request on a line that has ended with 410 (Gone), and the code and reason of the end."""
     return Response(msgspec.json.encode(end), status_code=410, media_type="application/json")

@@ -46,11 +46,9 @@ def require_browser_support(protocol: Protocol) -> None:
     Raises:
         ProtocolError: if the study has such a part.
     """
-    blocks = protocol.blocks
-    activities = protocol.activities
-    for name, kind in [(block.name, block.kind) for block in blocks] + [
-        (activity.name, activity.kind) for activity in activities
-    ]:
+    kinds = [(block.name, block.kind) for block in protocol.blocks]
+    kinds += [(activity.name, activity.kind) for activity in protocol.activities]
+    for name, kind in kinds:
         if not find_kind(kind).browser:
             raise ProtocolError(
                 f"part {name!r} is of kind {kind!r}, which cannot be shown in a browser; use `minihuman run`"
@@ -77,7 +75,11 @@ def open_listening_socket(port: int, host: str = HOST) -> socket.socket:
 
 
 def _require_handles(max_sessions: int) -> None:
-    """Raise this process's limit of open files; refuse to serve if the system allows too few."""
+    """Raise this process's limit of open files to what a server of so many sessions needs.
+
+    Raises:
+        ServeError: if the system allows too few.
+    """
     needed = count_handles(max_sessions)
     allowed = raise_file_limit(needed)
     if allowed < needed:
@@ -98,10 +100,16 @@ def run_server(
     address: str = "",
     worlds: IsolatedWorlds | None = None,
 ) -> None:
-    """Serve a study until SIGTERM or Ctrl-C; ``say`` receives each link, to ``address`` or to this machine.
+    """Serve a study until SIGTERM or Ctrl-C. Unfinished sessions can be resumed by the next server.
 
-    Sessions are left as they are, for the next server to resume. ``worlds`` runs foreign worlds in processes of their
-    own, and is left open; None runs all worlds in this process.
+    Args:
+        protocol: the study.
+        data: the folder that contains the studies' folders.
+        listening_socket: the socket on which to serve.
+        links: the number of new links to create.
+        say: receives each link, and other lines for the user.
+        address: the public base URL for links; "" for this machine's address.
+        worlds: runs foreign worlds in processes of their own, and is left open; None to run all worlds in this process.
 
     Raises:
         ArrivalKeyError: if the study requires signed arrivals and there is no key.
@@ -112,6 +120,21 @@ def run_server(
         obey_withdrawals(data / protocol.study.name, ask_store=True, say=say)
     except RemoteStoreError as error:  # people can take part all the same; `gather` asks again
         say(str(error))
+    arrivals = _open_arrivals(protocol, data)
+    if address:
+        address = f"{address.rstrip('/')}/"
+    else:
+        address = f"http://{HOST}:{listening_socket.getsockname()[1]}/"
+    _issue_links(arrivals, links, address, say)
+    _run_until_stopped(WebServer(arrivals, data, worlds=worlds), listening_socket)
+
+
+def _open_arrivals(protocol: Protocol, data: Path) -> Arrivals:
+    """Return the arrivals of a study, with session leases if its journals are in a database.
+
+    Raises:
+        ArrivalKeyError: if the study requires signed arrivals and there is no key.
+    """
     table = open_lease_table(data / protocol.study.name)
     arrival_key = b""
     if protocol.web.require_signed_arrival:
@@ -119,15 +142,16 @@ def run_server(
     leases = None
     if table is not None:
         leases = SessionLeases(table)
-    arrivals = Arrivals(protocol, data, leases, arrival_key=arrival_key)
-    if address:
-        address = f"{address.rstrip('/')}/"
-    else:
-        address = f"http://{HOST}:{listening_socket.getsockname()[1]}/"
-    _say_links(arrivals, links, address, say)
-    server = WebServer(arrivals, data, worlds=worlds)
+    return Arrivals(protocol, data, leases, arrival_key=arrival_key)
+
+
+def _run_until_stopped(server: WebServer, listening_socket: socket.socket) -> None:
+    """Run a server until SIGTERM or Ctrl-C. Garbage collection ignores the objects that were loaded before.
+
+    A full collection looks at 95,000 of them, and keeps all pages waiting for tens of milliseconds.
+    """
     gc.collect()
-    gc.freeze()  # what was loaded so far stays, and looking through it would keep all pages waiting, now and then
+    gc.freeze()
     with suppress(KeyboardInterrupt):  # uvicorn has shut down, and raises the signal again
         QueueingServer(_configure(server.app())).run(sockets=[listening_socket])
 
@@ -148,8 +172,8 @@ def _configure(app: ASGIApp) -> uvicorn.Config:
     )
 
 
-def _say_links(arrivals: Arrivals, count: int, address: str, say: Callable[[str], None]) -> None:
-    """Issue links and print them, or the bare address if none are wanted, and then each platform's link."""
+def _issue_links(arrivals: Arrivals, count: int, address: str, say: Callable[[str], None]) -> None:
+    """Issue ``count`` links and pass them to ``say``, or the address itself if 0; then pass each platform's link."""
     for token in arrivals.recruits.issue(count):
         say(build_link(address, token))
     if not count:
@@ -174,8 +198,8 @@ def list_process_commands(
 ) -> Iterator[tuple[str, ...]]:
     """Yield the arguments of each process that runs besides the first worker: the dashboard and the further workers.
 
-    Each worker has a port of its own; the ports are consecutive. ``options`` are further options of each worker. With
-    ``watch``, the study's folder is created if necessary.
+    The workers' ports are consecutive, and ``port`` is that of the first worker. ``options`` are further options of
+    each worker. With ``watch``, the dashboard is included, and the study's folder is created if necessary.
 
     Raises:
         LogError: if there are several workers and ``port`` is 0.

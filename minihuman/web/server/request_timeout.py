@@ -39,17 +39,17 @@ class TimedHttpProtocol(H11Protocol):
     _has_sent = False  # whether the client has sent anything
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        """Start the time limit for the first request; close another connection if too many wait."""
+        """Start the time limit for the first request; close a waiting connection if too many wait."""
         super().connection_made(transport)
         peer = transport.get_extra_info("peername") or ("",)
         self._open[self] = find_network(str(peer[0]))
-        self._close_one_too_many()
-        self._wait()
+        self._close_one_if_crowded()
+        self._start_deadline()
 
     def data_received(self, data: bytes) -> None:
         """Receive data, and start the time limit unless it is running."""
         if self._deadline is None:
-            self._wait()
+            self._start_deadline()
         self._has_sent = True
         super().data_received(data)
 
@@ -60,7 +60,7 @@ class TimedHttpProtocol(H11Protocol):
             self._deadline.cancel()
         super().connection_lost(exc)
 
-    def _wait(self) -> None:
+    def _start_deadline(self) -> None:
         self._deadline = self.loop.call_later(HELLO_TIMEOUT_S, self._close_if_incomplete)
 
     def _close_if_incomplete(self) -> None:
@@ -69,21 +69,24 @@ class TimedHttpProtocol(H11Protocol):
             self.transport.close()
 
     def _is_waiting(self) -> bool:
-        """Return whether the client has not sent all of a request; a connection that became a web socket has."""
+        """Return whether the client has not sent a whole request yet; False once the connection is a web socket."""
         is_http = self.transport.get_protocol() is self
         return is_http and not self.transport.is_closing() and self.conn.their_state in _INCOMPLETE
 
-    def _close_one_too_many(self) -> None:
-        """Close a waiting connection of the network that has most of them, if there are too many in all.
+    def _close_one_if_crowded(self) -> None:
+        """If too many connections wait for a whole request, close one of the network that has the most of them.
 
-        It is the oldest that has sent something, as a page's request comes in one piece, or else the oldest.
+        A page sends its request at once, so a connection that has sent only a part of a request is hardly a page's: the
+        oldest of these is closed. If there is none, the network's oldest connection is closed.
         """
-        waiting: defaultdict[str, list[TimedHttpProtocol]] = defaultdict(list)
+        waiting_by_network: defaultdict[str, list[TimedHttpProtocol]] = defaultdict(list)
         for connection, network in tuple(self._open.items()):
             if connection._is_waiting():
-                waiting[network].append(connection)
+                waiting_by_network[network].append(connection)
             elif connection.transport.get_protocol() is not connection:
                 del self._open[connection]  # a web socket has the connection now
-        if sum(map(len, waiting.values())) > MAX_WAITING:
-            crowd = max(waiting.values(), key=len)
-            next((connection for connection in crowd if connection._has_sent), crowd[0]).transport.close()
+        if sum(map(len, waiting_by_network.values())) > MAX_WAITING:
+            candidates = max(waiting_by_network.values(), key=len)
+            with_partial_requests = [connection for connection in candidates if connection._has_sent]
+            closed_connection = (with_partial_requests or candidates)[0]
+            closed_connection.transport.close()

@@ -11,21 +11,21 @@ from minihuman.experiment.plan.trials import list_protocol_sounds
 from minihuman.experiment.protocol.protocol import Protocol
 from minihuman.experiment.sounds import PAGE_RATE_HZ, compute_digest, encode_wav, render_sound
 
-_MOST_KEPT = 512  # encoded sounds
+_MAX_CACHED = 512  # encoded sounds
 
 
 def build_sound_route(protocol: Protocol) -> Route:
-    """Build the route of a study's sounds, each of which is encoded when a page asks for it first."""
+    """Build the route that serves a study's sounds as WAV files; each is encoded on the first request for it."""
     contents = {compute_digest(content, protocol.files): content for content in list_protocol_sounds(protocol)}
 
-    @lru_cache(maxsize=_MOST_KEPT)
+    @lru_cache(maxsize=_MAX_CACHED)
     def encode(digest: str) -> bytes:
         return encode_wav(render_sound(contents[digest], protocol.files, PAGE_RATE_HZ), PAGE_RATE_HZ)
 
-    async def answer(request: Request) -> Response:
+    async def send_sound(request: Request) -> Response:
         digest = request.path_params["digest"]
         if digest not in contents:
             return Response("", 404)
         return Response(await asyncio.to_thread(encode, digest), media_type="audio/wav")
 
-    return Route("/sounds/{digest}", answer)
+    return Route("/sounds/{digest}", send_sound)

@@ -1,6 +1,6 @@
-"""Describes what a page without a server runs by itself: screens on which time and keys do more than lead to another.
+"""Describes the screens that a page without a server runs by itself, as time and keys change more than the screen.
 
-A kind of activity that has such screens names a function that builds a `PageRun` (``ActivityKind.page_run``).
+An activity kind that has such screens names a function that builds a `PageRun` (``ActivityKind.page_run``).
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -16,15 +16,15 @@ from minihuman.experiment.machine.transitions import Phase
 
 @dataclass(frozen=True, slots=True)
 class PageRun:
-    """A present screen that a page runs by itself until one of its ends.
+    """A screen that a page runs by itself until the run reaches one of its ends.
 
     Attributes:
-        module: the JavaScript module that runs it, as "package:file"; it exports the class ``PageRun``
+        module: the JavaScript module that runs the screen, as "package:file"; it exports the class ``PageRun``
             (``page_tools.d.ts``).
-        values: what the module needs, as JSON values.
-        looks: what the screen's digest is of, with marks for what the module fills in; empty where the screen that was
-            described is what its digest is of.
-        ends: for each end, by name, a function that yields the inputs that lead a part there.
+        values: the JSON values that the module needs.
+        looks: the content from which the screen's digest is computed, with marks in place of the values that the module
+            fills in; empty if the digest is computed from the screen itself.
+        ends: for each end of the run, by name, a function that yields the inputs that lead a part to that end.
     """
 
     module: str
@@ -34,7 +34,7 @@ class PageRun:
 
 
 def build_page_run(session: SessionMachine) -> PageRun | None:
-    """Build what a page runs by itself on a session's present screen; return None if it runs nothing."""
+    """Build the run of a session's present screen; return None if a page does not run the screen by itself."""
     if session.over or session.phase in (Phase.START, Phase.UNFOCUSED, Phase.PAUSED, Phase.QUIT_QUESTION):
         return None
     module, _, name = find_kind(session.part.part.kind).page_run.partition(":")

@@ -1,7 +1,7 @@
 """Imports a site's records: runs each through the session host and the recorder, and reports every difference.
 
-The log is the real session machine's, of the messages that the page recorded. What the page says that it showed and
-computed is compared with it: each screen's digest, and each step's.
+The real session machine writes the log from the messages that the page recorded. The digests of the screens that the
+page showed, and of the steps that it computed, are compared with the session machine's.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -32,11 +32,11 @@ from minihuman.web.message_streams import IncomingStream
 from minihuman.web.page_data.imported_slots import build_imported_slot, require_only_imported
 from minihuman.web.session_host import SessionHost
 from minihuman.web.site.site_error import SiteError
-from minihuman.web.site.site_folder import digest_build, plan_site_session, site_page_settings
+from minihuman.web.site.site_folder import digest_build, get_page_settings, plan_site_session
 from minihuman.web.site.site_records import SiteRecord, read_records
 from minihuman.worlds.source_digest import kernels_digest
 
-_IMPORTED = "imported from a site, record "  # why a slot was taken, before the record's digest
+_IMPORTED = "imported from a site, record "  # the reason for which a slot was taken, followed by the record's digest
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,10 +45,10 @@ class ImportedRecord:
 
     Attributes:
         id: the record's name.
-        log: the session's log; None if the record was refused, declined, or is in the study already.
-        screens: the number of screens that the page says it showed.
-        differences: what the page showed or computed otherwise than the session machine, in words.
-        notes: what else is to be known of it, such as a slot that was taken before.
+        log: the session's log; None if the record was refused or imported before, or the participant declined.
+        screens: the number of screens that the page reported to have shown.
+        differences: a sentence for each screen or step that differs from the session machine's.
+        notes: further remarks on the import, such as that the slot was taken before.
         error: the error for which the record was refused; None if it was not.
     """
 
@@ -61,7 +61,7 @@ class ImportedRecord:
 
     @property
     def text(self) -> str:
-        """Describe the outcome in a few sentences."""
+        """Return a description of the outcome in one line."""
         if self.error is not None:
             return f"{self.id}: {self.error}"
         outcome = "nothing was written"
@@ -71,15 +71,15 @@ class ImportedRecord:
 
 
 def import_records(paths: Iterable[Path], study: Path, protocol: Protocol) -> Iterator[ImportedRecord]:
-    """Import records into a study's folder, one session per record.
+    """Import records into a study's folder as one session per record, and yield each outcome, in order of time.
 
     Args:
         paths: the files of the records.
-        study: the study's folder, which is named as the protocol is.
-        protocol: the protocol that the site was made of.
+        study: the study's folder, which must have the study's name.
+        protocol: the protocol from which the site was made.
 
     Raises:
-        SiteError: if a file is no record, or the folder has another study's name.
+        SiteError: if a file is no record, or the folder has another name.
     """
     if study.absolute().name != protocol.study.name:
         raise SiteError(f"the study's folder is {study.name!r}, the protocol is of study {protocol.study.name!r}")
@@ -91,30 +91,36 @@ def import_records(paths: Iterable[Path], study: Path, protocol: Protocol) -> It
 
 
 def _import_record(record: SiteRecord, study: Path, protocol: Protocol) -> ImportedRecord:
+    """Enrol a record's participant, unless that was done before, and write the session's log.
+
+    Raises:
+        MinihumanError: if the record is refused.
+    """
     _require_build(record, protocol)
     study.mkdir(parents=True, exist_ok=True)
     notes = []
     with open_enrolment_log(study).hold() as register:
         taken_slots = [line for line in register.lines if isinstance(line, SlotTaken)]
         require_only_imported(taken_slots, study, _IMPORTED)
-        known = next((line for line in taken_slots if line.reason == _IMPORTED + record.digest), None)
-        before = sum(line.index == record.slot for line in taken_slots)
-        code = format_participant_code(record.slot, before)
-        if known is not None:
-            code = known.participant
+        imported_slot = next((line for line in taken_slots if line.reason == _IMPORTED + record.digest), None)
+        n_taken_before = sum(line.index == record.slot for line in taken_slots)
+        code = format_participant_code(record.slot, n_taken_before)
+        if imported_slot is not None:
+            code = imported_slot.participant
         plan = plan_site_session(protocol, record.slot, code)
         if SegmentPath.of_plan(study.parent, plan).log.exists():
             return ImportedRecord(record.id, None, notes=("imported before",))
-        if known is None:
+        if imported_slot is None:
             register.append(build_imported_slot(plan, record.slot, _IMPORTED + record.digest))
-    if before and known is None:
-        notes.append(f"slot {record.slot + 1} was taken {before} times before, so that groups may be uneven")
+    if n_taken_before and imported_slot is None:
+        notes.append(f"slot {record.slot + 1} was taken {n_taken_before} times before, so that groups may be uneven")
     if record.missing:
         notes.append(f"lacks {record.missing}")
     return SiteSessionRun(record, plan, study.parent, protocol).write(notes)
 
 
 def _require_build(record: SiteRecord, protocol: Protocol) -> None:
+    """Raise SiteError if a record is of another protocol or other rules, or its slot is none of the study's."""
     build = digest_build(protocol)
     if record.build != build:
         raise SiteError(
@@ -126,7 +132,7 @@ def _require_build(record: SiteRecord, protocol: Protocol) -> None:
 
 
 class SiteSessionRun:
-    """Runs a record's session again, by its messages.
+    """Runs a record's session again, with the messages of the record.
 
     Args:
         record: the record.
@@ -141,12 +147,12 @@ class SiteSessionRun:
         self._files: list[McapRecorder] = []
         self._screens = 0
         self._differences: list[str] = []
-        self._recent: list[int] = []  # the names of the screens since the last one that the page reported
-        settings = site_page_settings(protocol)
+        self._recent: list[int] = []  # the names of the session's screens since the last one that the page reported
+        settings = get_page_settings(protocol)
         self._session = build_session(
             plan, PageWorld, self._collect_facts(plan), picture_px=settings.picture_px, renders_steps=False
         )
-        self._recorder = DeferredRecorder(plan, self._open_recorder)  # opened at once where no consent is asked for
+        self._recorder = DeferredRecorder(plan, self._open_recorder)  # opened at once if no consent is asked for
         self._host = SessionHost(self._session, self._recorder, PageWorld, settings)
         self._host.restart(computes=True)
 
@@ -168,10 +174,10 @@ class SiteSessionRun:
         return self._files[0]
 
     def write(self, notes: Sequence[str]) -> ImportedRecord:
-        """Run the session and write its log.
+        """Run the session, write its log, and return the outcome with ``notes``.
 
         Raises:
-            SiteError: if a message is out of order, or its time is before that of the one before.
+            SiteError: if a message is out of order, or its time is not later than that of the previous one.
             LogError: if the log cannot be written.
         """
         try:
@@ -201,9 +207,9 @@ class SiteSessionRun:
                 self._recent.append(name)
 
     def _compare_screen(self, message: messages.NumberedMessage) -> None:
-        """Compare a screen that the page showed with those of the session since the page's last report.
+        """Compare a screen that the page reported to have shown with the session's screens since the last report.
 
-        A report may come late: a screen that was on its way to the display when the session went on.
+        The session may have gone on to another screen before the reported one was on the display.
         """
         display = message.what
         if not isinstance(display, messages.DisplayedMessage) or display.step >= 0:
@@ -219,6 +225,6 @@ class SiteSessionRun:
 
 
 def _list_page_notes(log: Path) -> list[str]:
-    """Return what the session host noted of the page: steps that it computed otherwise, keys that a script pressed."""
+    """Return the session host's notes on the page, such as on steps that differ and keys that a script pressed."""
     notes = read_log(log).notes
     return [note.text for note in notes if isinstance(note, Noted) and note.kind == BROWSER_NOTE]

@@ -16,7 +16,7 @@ from minihuman.experiment.machine.session import SessionMachine
 
 
 def list_inputs(session: SessionMachine) -> Iterator[tuple[str, Callable[[int], Input]]]:
-    """Yield the inputs that may lead on from a screen, by name, and how each is made."""
+    """Yield the name of each input that may lead on from a session's screen, and a function that makes the input."""
     names: list[str] = []
     match session.screen:
         case TextScreen(keys=keys):
@@ -38,22 +38,25 @@ _KEYS_OF_PAGES = ("key:enter", "key:right", "key:left", "key:space", "key:page_d
 
 
 def _list_answers(widget: object) -> list[str]:
-    keys = ["up", "down", "left", "right", "space"]
-    count = 0
+    """Return the names of the inputs that may change the answer in a widget: keys, and clicks on its options."""
+    names = [f"key:{key}" for key in ("up", "down", "left", "right", "space")]
+    n_options = 0
     match widget:
         case OptionList(options=options):
-            count = len(options)
+            n_options = len(options)
         case RatingScale(points=points):
-            count = len(points)
+            n_options = len(points)
         case RatingMatrix(rows=rows, points=points):
-            count = len(rows) * len(points)
-    digits = range(1, min(9, count) + 1)
-    pointed = [f"point:option:{number}" for number in range(count)]
-    return [*(f"key:{key}" for key in keys), *(f"key:{n}" for n in digits), *(f"key:kp_{n}" for n in digits), *pointed]
+            n_options = len(rows) * len(points)
+    digits = range(1, min(9, n_options) + 1)
+    names += [f"key:{digit}" for digit in digits]
+    names += [f"key:kp_{digit}" for digit in digits]
+    names += [f"point:option:{number}" for number in range(n_options)]
+    return names
 
 
 def build_input_maker(name: str) -> Callable[[int], Input]:
-    """Return a function that makes an input of a name, such as "key:enter" or "point:go_on", from its time in ns."""
+    """Return a function that makes the input with a name, such as "key:enter" or "point:go_on", at a time in ns."""
     kind, _, target = name.partition(":")
     if kind == "point":
         return lambda t_ns: PointerPressed(t_ns, 0.5, 0.5, target, 0.5)

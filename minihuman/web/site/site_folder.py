@@ -1,7 +1,8 @@
 """Writes a site: the page's own modules and rules, and for each allocation slot the script of its session.
 
-A script holds the graph of the session's screens, the first state of each episode, and what the page needs to show
-them. It is made by the real session machine; the page follows it where a served page follows its server.
+A script contains the graph of the session's screens, the first state of each episode, and the pictures, arrays and
+texts that the page needs to show them. It is made by the real session machine; the page follows it as a served page
+follows its server.
 """
 
 import base64
@@ -45,7 +46,7 @@ from minihuman.worlds.source_digest import kernels_digest
 
 SITE_VERSION = 1
 _PAGE = Path(__file__).parents[1] / "page"
-_OWN = Path(__file__).parent / "page"
+_SITE_MODULES = Path(__file__).parent / "page"
 _COLLECTORS = ("download", "datapipe", "jatos")
 _JATOS_HEAD = Path(__file__).with_name("jatos_head.html")  # with the script that JATOS serves beside a component's page
 _ENCODER = msgspec.json.Encoder()
@@ -62,7 +63,7 @@ class SiteSummary:
 
 
 def digest_build(protocol: Protocol) -> str:
-    """Return the digest by which data of another protocol, or of other rules, are recognised."""
+    """Return a digest of the protocol and the rules, with which an import recognises records of another build."""
     parts: tuple[object, ...] = (
         SITE_VERSION,
         messages.MESSAGE_VERSION,
@@ -71,22 +72,21 @@ def digest_build(protocol: Protocol) -> str:
         CONSENT_RULES,
         KEY_RULES,
     )
-    if any(find_kind(block.kind).has_trials for block in protocol.blocks):  # whose tables lie beside the protocol
+    if any(find_kind(block.kind).has_trials for block in protocol.blocks):  # their tables are in separate files
         files = {name: hashlib.sha256(content).hexdigest() for name, content in sorted(protocol.files.items())}
         parts = (*parts, TRIAL_RULES, files)
     return hashlib.sha256(json.dumps(parts).encode()).hexdigest()[:32]
 
 
-def check_collector(collector: str) -> str:
-    """Return a collector: its name, or an address.
+def require_collector(collector: str) -> None:
+    """Check that a collector of records is known by its name, or is an address.
 
     Raises:
         SiteError: if it is neither.
     """
     name = collector.partition(":")[0]
-    if name in _COLLECTORS or urlsplit(collector).scheme in ("https", "http"):
-        return collector
-    raise SiteError(f"collector {collector!r} is none; use download, datapipe:EXPERIMENT_ID, jatos, or an address")
+    if name not in _COLLECTORS and urlsplit(collector).scheme not in ("https", "http"):
+        raise SiteError(f"collector {collector!r} is none; use download, datapipe:EXPERIMENT_ID, jatos, or an address")
 
 
 def write_site(protocol: Protocol, folder: Path, *, collector: str = "download", slots: int = 0) -> SiteSummary:
@@ -101,7 +101,7 @@ def write_site(protocol: Protocol, folder: Path, *, collector: str = "download",
     Raises:
         SiteError: if a part of the protocol needs a server, or the collector is unknown.
     """
-    check_collector(collector)
+    require_collector(collector)
     count = slots or protocol.study.participants
     if count > len(build_allocation_list(protocol)):
         raise SiteError(f"{count} slots are more than the study's {protocol.study.participants} participants")
@@ -111,25 +111,26 @@ def write_site(protocol: Protocol, folder: Path, *, collector: str = "download",
         head = _JATOS_HEAD.read_text(encoding="utf-8")
     _copy_page(folder, head)
     (folder / "study" / "arrays").mkdir(parents=True, exist_ok=True)
-    screens = 0
+    n_screens = 0  # of the first slot
     sounds: dict[str, SoundContent] = {}
     for index in range(count):
         script = SlotScript(protocol, index)
-        screens = screens or len(script.graph.nodes)
+        if index == 0:
+            n_screens = len(script.graph.nodes)
         sounds |= script.sounds
-        content = script.content(build)
+        content = script.build_content(build)
         _copy_modules(folder / "static", script.modules)
-        _write(folder / "study" / f"slot-{index}.json", content)
+        _write_json(folder / "study" / f"slot-{index}.json", content)
         for arrays in script.arrays.values():
-            _write(folder / "study" / "arrays" / f"{arrays.name}.json", arrays)
+            _write_json(folder / "study" / "arrays" / f"{arrays.name}.json", arrays)
     for digest, sound in sounds.items():
         _write_sound(folder / "sounds" / digest, sound, protocol.files)
-    _write(folder / "study" / "site.json", _describe_site(protocol, build, collector, count))
+    _write_json(folder / "study" / "site.json", _describe_site(protocol, build, collector, count))
     size_bytes = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
-    return SiteSummary(count, screens, size_bytes, build)
+    return SiteSummary(count, n_screens, size_bytes, build)
 
 
-def _write(path: Path, content: Any) -> None:
+def _write_json(path: Path, content: Any) -> None:
     path.write_bytes(_ENCODER.encode(content))
 
 
@@ -139,7 +140,7 @@ def _write_sound(path: Path, sound: SoundContent, files: Mapping[str, bytes]) ->
 
 
 def _copy_modules(static: Path, addresses: Iterable[str]) -> None:
-    """Copy the modules of kinds of activity to where the page looks for them."""
+    """Copy activity kinds' modules, given by their addresses at a server, into the folder of the static files."""
     files = dict(list_page_modules())
     for address in addresses:
         path = static / _find_relative_address(address)
@@ -148,7 +149,7 @@ def _copy_modules(static: Path, addresses: Iterable[str]) -> None:
 
 
 def _find_relative_address(address: str) -> str:
-    """Return a module's address beside the page's own modules, which may lie in any folder of a host."""
+    """Return the address of a module relative to the page's own modules, as a site may be in any folder of a host."""
     return f"./{address.removeprefix('/static/')}"
 
 
@@ -165,16 +166,16 @@ def _describe_site(protocol: Protocol, build: str, collector: str, slots: int) -
 
 
 def _copy_page(folder: Path, head: str) -> None:
-    """Copy the page's files, with the site's own modules in the place of those that speak to a server.
+    """Copy the page's files, with the site's own modules in place of those that communicate with a server.
 
     Args:
         folder: the site's folder.
-        head: elements for the end of the page's head, and its end tag in a line of its own; "" for none.
+        head: lines of HTML for the end of the page's head, of which the last is the head's end tag; "" for none.
     """
     static = folder / "static"
     shutil.rmtree(static, ignore_errors=True)
     shutil.copytree(_PAGE, static, ignore=shutil.ignore_patterns("*.html", "*.d.ts", "polling.js"))
-    for module in sorted(_OWN.glob("*.js")):
+    for module in sorted(_SITE_MODULES.glob("*.js")):
         shutil.copy(module, static / module.name)
     page = (_PAGE / "page.html").read_text(encoding="utf-8").replace('"/static/', '"static/')
     page = page.replace('<link rel="modulepreload" href="static/polling.js">\n', "")
@@ -189,7 +190,7 @@ class SlotScript:
 
     Args:
         protocol: the study.
-        index: the slot.
+        index: the slot's index in the allocation list, from 0.
 
     Raises:
         SiteError: if a part of the session needs a server.
@@ -200,10 +201,9 @@ class SlotScript:
         self._protocol = protocol
         self._plan = plan_site_session(protocol, index)
         self.sounds = {compute_digest(sound, self._plan.files): sound for sound in list_sounds(self._plan)}
-        self._settings = site_page_settings(protocol)
+        self._settings = get_page_settings(protocol)
         self._images = ImageCache(self._settings.encoding)
         self.modules: set[str] = set()  # of kinds of activity: addresses at a server
-        self._pictures: list[messages.PictureMessage] = []
         self._episodes: dict[int, dict[str, Any]] = {}
         require_site_support(protocol, self._plan)
         session = build_session(
@@ -211,12 +211,12 @@ class SlotScript:
         )
         session.receive(Tick(1))
         self.graph = ScreenGraph(session, self._images.number, self._describe_episode)
-        self._pictures = list(self._images.take_new())
+        self._pictures = self._images.take_new()
         self.graph.close()
         session.close()
 
-    def content(self, build: str) -> dict[str, Any]:
-        """Return the script as JSON values."""
+    def build_content(self, build: str) -> dict[str, Any]:
+        """Build the script as JSON values, with the digest of the build."""
         plan = self._plan
         words = get_page_texts(plan.language)
         quit_title = InterfaceWords(plan.language, plan.words)["quit.title"]
@@ -236,6 +236,7 @@ class SlotScript:
         }
 
     def _describe_episode(self, session: SessionMachine, play: RunningEpisode) -> None:
+        """Add an episode's rules and first state to the script, and its arrays."""
         computed = ComputedEpisode(play, self._settings.picture_px)
         self.arrays |= {arrays.name: arrays for arrays in computed.arrays}
         part_plan = session.part.part.plan
@@ -244,16 +245,18 @@ class SlotScript:
         self._episodes[play.plan.episode] = {"rules": rules, "arrays": names}
 
     def _describe_node(self, node: ScreenNode) -> dict[str, Any]:
-        described = asdict(node)
-        for values in (described["screen"], described["run"]):
+        """Return a node as JSON values, and record the modules that it needs."""
+        description = asdict(node)
+        for values in (description["screen"], description["run"]):
             if values and "module" in values:
                 self.modules.add(values["module"])
                 values["module"] = _find_relative_address(values["module"])
         if node.reason:
-            described["over"] = self._describe_end(node)
-        return described
+            description["over"] = self._build_session_over(node)
+        return description
 
-    def _describe_end(self, node: ScreenNode) -> messages.SessionOver:
+    def _build_session_over(self, node: ScreenNode) -> messages.SessionOver:
+        """Build the message that ends a session at a node."""
         reason: EndReason = node.reason  # type: ignore[assignment]
         end = classify_ending(reason, agreed=reason != "declined")
         completion = build_completion(self._protocol.web, end)
@@ -272,11 +275,11 @@ def _describe_picture(picture: messages.PictureMessage) -> dict[str, Any]:
 
 
 def plan_site_session(protocol: Protocol, index: int, code: str = "") -> SessionPlan:
-    """Plan the session of a slot, as the site shows it and the import runs it again.
+    """Plan the session of a slot, for the site and for the import, which runs the session again.
 
     Args:
         protocol: the study.
-        index: the slot.
+        index: the slot's index in the allocation list, from 0.
         code: the participant's code; "" for the slot's first participant.
     """
     participant = enrol_participant(protocol, index)
@@ -285,6 +288,6 @@ def plan_site_session(protocol: Protocol, index: int, code: str = "") -> Session
     return expand_protocol(protocol, participant)
 
 
-def site_page_settings(protocol: Protocol) -> PageSettings:
-    """Return the settings of the site's page."""
+def get_page_settings(protocol: Protocol) -> PageSettings:
+    """Return the protocol's settings for the site's page."""
     return PageSettings(protocol.web.image_size_px, protocol.web.image_encoding)

@@ -20,10 +20,11 @@ from minihuman.web.site.site_error import SiteError
 FORMAT = "minihuman-site"
 RECORD_VERSION = 1
 MAX_RECORD_BYTES = 256 * 1024 * 1024
+_FORMAT_BYTES = 200  # from a record's start, within which it states its format
 
 
 class RecordPart(msgspec.Struct, frozen=True):
-    """A record, or the part of it from message ``first`` on."""
+    """A record, or the part of a record that begins with the message of index ``first``."""
 
     format: str
     version: int
@@ -42,10 +43,10 @@ class SiteRecord(msgspec.Struct, frozen=True):
     """A participant's record.
 
     Attributes:
-        id: the page's random name of it.
-        digest: the SHA-256 of slot and messages, by which a repeated import is recognised.
+        id: the record's random name, which the page chose.
+        digest: the SHA-256 of name, slot and messages, with which a repeated import is recognised.
         messages: the numbered messages, in order.
-        missing: what a part that did not arrive would have held, in words; "" if all is here.
+        missing: a description of the messages that are missing, as a part of the record did not arrive; "" for none.
     """
 
     id: str
@@ -60,26 +61,30 @@ class SiteRecord(msgspec.Struct, frozen=True):
 
 
 def is_site_record(path: Path) -> bool:
-    """Return whether a file says that it is a record of a site."""
+    """Return whether a file states at its start that it is a record of a site."""
     with path.open("rb") as file:
-        return FORMAT.encode() in file.read(200)
+        return FORMAT.encode() in file.read(_FORMAT_BYTES)
 
 
 def read_records(paths: Iterable[Path]) -> list[SiteRecord]:
-    """Read records, and join those whose parts are in several files.
+    """Read records, and join the parts of each record, which may be in several files.
 
     Raises:
         SiteError: if a file is no record, or two parts contradict each other.
     """
-    parts: dict[str, list[RecordPart]] = defaultdict(list)
+    parts_by_record: dict[str, list[RecordPart]] = defaultdict(list)
     for path in paths:
         for part in _read_parts(path):
-            parts[part.id].append(part)
-    return [_join(parts_of_record) for parts_of_record in parts.values()]
+            parts_by_record[part.id].append(part)
+    return [_join_parts(parts) for parts in parts_by_record.values()]
 
 
 def _read_parts(path: Path) -> list[RecordPart]:
-    """Read a file: one part, or one part a line."""
+    """Read the parts of records in a file, which has one part per line.
+
+    Raises:
+        SiteError: if the file is too large, or a line is no part of a record in the present format.
+    """
     if path.stat().st_size > MAX_RECORD_BYTES:
         raise SiteError(f"{path} has {path.stat().st_size} bytes; a record has at most {MAX_RECORD_BYTES}")
     try:
@@ -93,19 +98,24 @@ def _read_parts(path: Path) -> list[RecordPart]:
     return parts
 
 
-def _join(parts: Sequence[RecordPart]) -> SiteRecord:
+def _join_parts(parts: Sequence[RecordPart]) -> SiteRecord:
+    """Join the parts of one record, which may overlap, up to the first message that no part has.
+
+    Raises:
+        SiteError: if two parts have different messages at the same place, or a message is not valid.
+    """
     newest = max(parts, key=lambda part: part.first + len(part.messages))
     texts: list[str] = []
     for part in sorted(parts, key=lambda part: part.first):
-        if part.first > len(texts):
+        if part.first > len(texts):  # a part between them is missing
             break
         overlap = texts[part.first :]
         if overlap != list(part.messages[: len(overlap)]):
             raise SiteError(f"record {part.id}: two of its parts differ in what both hold")
         texts += part.messages[len(overlap) :]
-    count = newest.first + len(newest.messages)
+    n_messages = newest.first + len(newest.messages)
     missing = ""
-    if len(texts) < count:
+    if len(texts) < n_messages:
         missing = f"messages from {len(texts) + 1} on, as the part that holds the next ones did not arrive"
     facts = next((part.facts for part in parts if part.facts), {})  # which only the first part has
     digest = hashlib.sha256(json.dumps([newest.id, newest.slot, texts]).encode()).hexdigest()
@@ -117,12 +127,13 @@ def _join(parts: Sequence[RecordPart]) -> SiteRecord:
         newest.started_unix_ms,
         dict(facts),
         digest,
-        tuple(_decode(text, newest.id) for text in texts),
+        tuple(_decode_message(text, newest.id) for text in texts),
         missing,
     )
 
 
-def _decode(text: str, record_id: str) -> NumberedMessage:
+def _decode_message(text: str, record_id: str) -> NumberedMessage:
+    """Decode a numbered message; raise SiteError, with the record's name, if it is none."""
     try:
         message = decode_page_message(text)
     except MessageError as error:

@@ -25,13 +25,13 @@ from minihuman.web.page_data.page_episodes import (
     NOT_PROVED,
     PageDataError,
     PageEpisode,
-    check_session_order,
     describe_difference,
+    find_order_error,
     name_key,
     read_page_data,
     verify_episode,
 )
-from minihuman.web.page_rows import PATH, write_page_rows
+from minihuman.web.page_rows import PATH, format_page_rows
 from minihuman.web.world_pack import pack_worlds, parse_seeds
 from minihuman.worlds.catalogue import BABYAI_WORLDS, FIRST_PERSON_WORLDS, GRID_WORLDS
 from tests.counts import PATIENCE_S, count
@@ -90,7 +90,7 @@ def _difference(trial: dict[str, Any]) -> str:
     """What Python says of an episode; "" if nothing differs."""
     try:
         episode = msgspec.convert(trial, PageEpisode)
-        return describe_difference(episode, verify_episode(episode)) or check_session_order([episode])
+        return describe_difference(episode, verify_episode(episode)) or find_order_error([episode])
     except (PageDataError, msgspec.ValidationError) as error:
         return str(error)
 
@@ -426,7 +426,7 @@ def test_keys_have_the_names_that_logs_have() -> None:
 
 
 def test_the_numbers_of_the_page_are_those_of_the_rules() -> None:
-    assert PATH.read_text(encoding="utf-8") == write_page_rows(), "run `python -m minihuman.web.page_rows`"
+    assert PATH.read_text(encoding="utf-8") == format_page_rows(), "run `python -m minihuman.web.page_rows`"
 
 
 def test_packing_refuses_what_no_page_computes_and_seeds_that_are_none(tmp_path: Path) -> None:
