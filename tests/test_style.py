@@ -6,6 +6,7 @@ writes the numbers that became smaller.
 
 import ast
 import csv
+import re
 import sys
 from collections import Counter
 from collections.abc import Iterator
@@ -151,6 +152,46 @@ def test_functions_and_modules_are_within_their_limits_but_for_exceptions_that_o
     assert {place: size for place, size in sizes.items() if size > allowed.get(place, 0)} == {}, "split it"
     shrunk = {place: sizes.get(place) for place, most in allowed.items() if sizes.get(place, 0) < most}
     assert shrunk == {}, "run: python -m tests.test_style"
+
+
+def list_documented_parameters(docstring: str) -> list[str]:
+    """Return the names under "Args:" in a docstring."""
+    _, _, after = docstring.partition("Args:\n")
+    section = re.split(r"\n(?=\S)", after)[0]
+    return re.findall(r"^    \*{0,2}(\w+): ", section, re.MULTILINE)
+
+
+def list_parameters(definition: ast.AST) -> set[str]:
+    """Return the parameters of a function, or those of a class's constructor and its fields."""
+    if isinstance(definition, ast.ClassDef):
+        fields = {
+            statement.target.id
+            for statement in definition.body
+            if isinstance(statement, ast.AnnAssign) and isinstance(statement.target, ast.Name)
+        }
+        constructors = [
+            statement
+            for statement in definition.body
+            if isinstance(statement, FUNCTIONS) and statement.name in ("__init__", "__new__")
+        ]
+        return fields.union(*map(list_parameters, constructors))
+    assert isinstance(definition, FUNCTIONS)
+    return {argument.arg for argument in ast.walk(definition.args) if isinstance(argument, ast.arg)}
+
+
+def test_a_docstring_describes_parameters_that_there_are() -> None:
+    checked = 0
+    for module, (_, tree) in read_trees().items():
+        for definition in ast.walk(tree):
+            if not isinstance(definition, (*FUNCTIONS, ast.ClassDef)):
+                continue
+            parameters = list_parameters(definition)
+            if isinstance(definition, ast.ClassDef) and not parameters:
+                continue  # a subclass whose constructor is its parent's
+            documented = list_documented_parameters(ast.get_docstring(definition) or "")
+            checked += len(documented)
+            assert parameters.issuperset(documented), (module, definition.name, documented)
+    assert checked > 1_000
 
 
 def test_few_functions_have_many_branches() -> None:

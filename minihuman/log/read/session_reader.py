@@ -267,7 +267,7 @@ class SessionAssembler:
         """Return the last known time of a segment, in nanoseconds since its start.
 
         Args:
-            part: the segment.
+            draft: the segment.
             times_ns: the times of the segment's steps, and those of its keys, in segment time.
         """
         if draft.ended is not None:

@@ -362,7 +362,7 @@ def put_aside(file: Path, why: str, *, linked: bool = False) -> Path:
     """Rename a file to an unused name and return the new path.
 
     Args:
-        part: the file, a live file or a finished log.
+        file: the file, a live file or a finished log.
         why: the reason, which becomes part of the new name.
         linked: whether to keep the file under its own name, too.
     """
