@@ -95,7 +95,7 @@ def survival_figure(
         for place, (group, survival_times) in enumerate(groups.items()):
             line = len(groups) - 1 - place
             colour = SERIES[place % len(SERIES)]
-            for time, count in zip(at, survival_times.waiting(at), strict=True):
+            for time, count in zip(at, survival_times.count_at_risk(at), strict=True):
                 below.text(time, line, str(count), ha="center", va="center", color=colour, fontsize=6.5)
             below.text(0, line + 0.45, f"{counted}, {group}:", ha="left", va="center", color=colour, fontsize=6)
     return figure
