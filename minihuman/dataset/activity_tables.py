@@ -96,6 +96,7 @@ def _load_tables_of(kind: ActivityKind) -> Iterable[ActivityTable]:
 
 
 def _check_table_name(kind: ActivityKind, table: ActivityTable) -> None:
+    """Raise QueryError if a table has the name of a table that every session has, or a name that SQL must quote."""
     if table.name in (*SESSION_TABLES, PERSON_TABLE):
         raise QueryError(f"activity {kind.name!r} has a table {table.name!r}, as every session has; rename it")
     if not _TABLE_NAME.fullmatch(table.name):

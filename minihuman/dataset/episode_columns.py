@@ -42,6 +42,7 @@ def list_episode_columns() -> tuple[EpisodeColumn, ...]:
 
 @remember_by_name
 def _load_column(name: str) -> EpisodeColumn:
+    """Load the column of an entry point; raise QueryError if it is not usable, as ``list_episode_columns`` says."""
     column = load_plugin(COLUMN_GROUP, name, QueryError, noun="column")
     if not isinstance(column, EpisodeColumn):
         raise QueryError(f"column {name!r} is of type {type(column).__name__}; register a minihuman.ext.EpisodeColumn")

@@ -150,6 +150,7 @@ def _make_withdrawn_code_finder() -> Callable[[Path], frozenset[str]]:
         return codes
 
     def find_codes(log: Path) -> frozenset[str]:
+        """Find the withdrawn codes of the folders in which the study of a log may lie."""
         folder = os.path.dirname(log)
         n_parents = _N_PARENTS
         if os.path.basename(folder).startswith("ses-"):  # only the folders above the participant's have enrolment logs
@@ -341,13 +342,13 @@ def _take_oldest_batch(pending: "deque[_Batch[T]]", work_on_batch: Callable[[lis
     """
     _, oldest = pending[0]
     while not oldest.done():
-        place = _cancel_newest_batch(pending)
-        if place is None:
+        index = _cancel_newest_batch(pending)
+        if index is None:
             break
-        batch, _ = pending[place]
+        batch, _ = pending[index]
         future = Future[list[T]]()
         future.set_result(work_on_batch(batch))
-        pending[place] = (batch, future)
+        pending[index] = (batch, future)
         _, oldest = pending[0]
     pending.popleft()
     return oldest.result()
@@ -355,10 +356,10 @@ def _take_oldest_batch(pending: "deque[_Batch[T]]", work_on_batch: Callable[[lis
 
 def _cancel_newest_batch(pending: "deque[_Batch[T]]") -> int | None:
     """Cancel the newest batch that no process has begun; return its index, or None if all are begun or done."""
-    for place in reversed(range(len(pending))):
-        _, future = pending[place]
+    for index in reversed(range(len(pending))):
+        _, future = pending[index]
         if future.cancel():
-            return place
+            return index
     return None
 
 

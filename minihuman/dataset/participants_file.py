@@ -151,6 +151,7 @@ def _read_lines(
 
 
 def _check_heads(path: Path, heads: Sequence[str], columns: Sequence[str]) -> None:
+    """Raise ParticipantsFileError if the column of codes or one of ``columns`` is missing or appears twice."""
     missing = sorted({CODE_COLUMN, *columns}.difference(heads))
     if missing:
         raise ParticipantsFileError(
@@ -182,13 +183,14 @@ def _parse_cell(column: ParticipantColumnSpec, cell: str, location: str, delimit
         raise ParticipantsFileError(f"{location}: {column.name} is {cell!r}; use one of {', '.join(column.levels)}")
     if delimiter == ";" and column.type == "number":
         cell = cell.replace(",", ".")
-    parsed = _READERS[column.type](cell)
+    parsed = _PARSERS[column.type](cell)
     if parsed is None:
         raise ParticipantsFileError(f"{location}: {column.name} is {cell!r}; use a value of type {column.type}")
     return parsed
 
 
-def _read_integer(cell: str) -> int | None:
+def _parse_integer(cell: str) -> int | None:
+    """Parse an integer of at most 64 bits, such as "12" or "12.0"; return None for any other text."""
     if not _INTEGER.fullmatch(cell):
         return None
     number = int(cell.partition(".")[0])
@@ -197,19 +199,21 @@ def _read_integer(cell: str) -> int | None:
     return number
 
 
-def _read_number(cell: str) -> float | None:
+def _parse_number(cell: str) -> float | None:
+    """Parse a decimal number; return None for any other text."""
     if not _NUMBER.fullmatch(cell):
         return None
     return float(cell)
 
 
-def _read_boolean(cell: str) -> bool | None:
+def _parse_boolean(cell: str) -> bool | None:
+    """Parse "true" or "false" in any case; return None for any other text."""
     return {"true": True, "false": False}.get(cell.lower())
 
 
-_READERS: Mapping[ColumnType, Callable[[str], PersonValue]] = {
+_PARSERS: Mapping[ColumnType, Callable[[str], PersonValue]] = {
     "text": str,
-    "integer": _read_integer,
-    "number": _read_number,
-    "boolean": _read_boolean,
+    "integer": _parse_integer,
+    "number": _parse_number,
+    "boolean": _parse_boolean,
 }

@@ -115,10 +115,11 @@ def arrow_columns(name: str, parts: Sequence[RowBatch]) -> list[pa.Array]:
     A NaN or an empty text becomes NULL: both mean that there is no value.
     """
     columns = RowBatch.stack([part for part in parts if part.count]).columns
-    return [_arrow_column(column.kind, columns.get(column.name, [])) for column in TABLES[name]]
+    return [_build_arrow_column(column.kind, columns.get(column.name, [])) for column in TABLES[name]]
 
 
-def _arrow_column(kind: TableColumnType, values: Any) -> pa.Array:
+def _build_arrow_column(kind: TableColumnType, values: Any) -> pa.Array:
+    """Build an Arrow array of a column of the given type; texts and keys become dictionaries."""
     if kind == "key":
         return _encode_texts(values, table_key_name)
     if kind == "text":

@@ -193,7 +193,7 @@ class SelectedSession:
     @property
     def episodes(self) -> tuple[EpisodeLog, ...]:
         """Return the included episodes, in the order in which they were played."""
-        return tuple(self.log.episodes[place] for place in self.places)
+        return tuple(self.log.episodes[index] for index in self.places)
 
     @property
     def places(self) -> tuple[int, ...]:
@@ -201,8 +201,8 @@ class SelectedSession:
         if self.session_reason:
             return ()
         return tuple(
-            place
-            for place, (is_selected, why) in enumerate(zip(self.selected, self.reasons, strict=True))
+            index
+            for index, (is_selected, why) in enumerate(zip(self.selected, self.reasons, strict=True))
             if is_selected and not why
         )
 
@@ -397,8 +397,8 @@ class Selection:
         ]
         practice = find_practice_blocks(log.plan)
         included = [
-            place
-            for place, (reason, row) in enumerate(zip(reasons, measured.rows, strict=True))
+            index
+            for index, (reason, row) in enumerate(zip(reasons, measured.rows, strict=True))
             if not reason and row["block"] not in practice
         ]
         compared = [rule.exclusion.measure for rule in rules if rule.exclusion.question]

@@ -57,16 +57,16 @@ class SessionMeasures:
             rows.append(row | compare_with_shortest_path(row, planner(tally.episode.plan)))
         return cls(tuple(rows), tallies)
 
-    def aggregate(self, places: Sequence[int]) -> MeasureRow:
+    def aggregate(self, indices: Sequence[int]) -> MeasureRow:
         """Aggregate the measures of the episodes at the given indices; None where a measure is unknown.
 
         The discovery time of a key does not depend on which episodes are included: it is computed from all episodes
         that were begun in the same blocks.
         """
         return _aggregate_episodes(
-            [self.rows[place] for place in places],
-            [self.tallies[place] for place in places],
-            self.select_tallies({self.rows[place]["block"] for place in places}),
+            [self.rows[index] for index in indices],
+            [self.tallies[index] for index in indices],
+            self.select_tallies({self.rows[index]["block"] for index in indices}),
         )
 
     def select_tallies(self, blocks: Collection[str]) -> list[KeyTally]:
@@ -152,7 +152,7 @@ def _encode_last_info(episode: EpisodeLog) -> str:
 
 
 def find_place_unit(episode: EpisodeLog) -> str:
-    """Return the unit of an episode's places, cell or m; "" if its world has no map."""
+    """Return the unit of an episode's positions, cell or m; "" if its world has no map."""
     floor = episode.start.map
     if not floor:
         return ""

@@ -68,20 +68,20 @@ def build_context_rows(
     attempts = Counter(episode.number for episode in log.episodes)
     channels = _read_channel_names(log)
     rows: dict[str, list[TableRow]] = {
-        "segments": [_segment_row(segment, log) for segment in log.segments],
-        "plan": [_plan_row(plan, attempts[plan.episode + 1]) for plan in log.plan.episodes],
-        "starts": [locate_episode(episode) | _start_row(episode) for episode in episodes],
+        "segments": [_build_segment_row(segment, log) for segment in log.segments],
+        "plan": [_build_plan_row(plan, attempts[plan.episode + 1]) for plan in log.plan.episodes],
+        "starts": [locate_episode(episode) | _build_start_row(episode) for episode in episodes],
         "notes": [],
         "samples": [],
         "marks": [msgspec.structs.asdict(mark) for mark in marks],
     }
     for segment in log.segments:
         segment_key = {"segment": segment.number}
-        rows["notes"] += [segment_key | _note_row(note) for note in segment.notes]
+        rows["notes"] += [segment_key | _build_note_row(note) for note in segment.notes]
         for sampled in segment.samples:
-            rows["samples"] += [segment_key | row for row in _sample_rows(sampled, channels)]
-    frames = [_frame_rows(episode) for episode in episodes]
-    other_presses = [_other_press_rows(segment, log.episodes) for segment in log.segments]
+            rows["samples"] += [segment_key | row for row in _build_sample_rows(sampled, channels)]
+    frames = [_build_frame_rows(episode) for episode in episodes]
+    other_presses = [_build_other_press_rows(segment, log.episodes) for segment in log.segments]
     batches = {}
     for name, table_rows in rows.items():
         batches[name] = RowBatch.of([{**session_key, **row} for row in table_rows])
@@ -90,7 +90,7 @@ def build_context_rows(
     return batches
 
 
-def _segment_row(segment: Segment, log: SessionLog) -> TableRow:
+def _build_segment_row(segment: Segment, log: SessionLog) -> TableRow:
     plan = log.plan
     return {
         "segment": segment.number,
@@ -116,7 +116,7 @@ def _segment_row(segment: Segment, log: SessionLog) -> TableRow:
     }
 
 
-def _plan_row(plan: EpisodePlan, attempts: int) -> TableRow:
+def _build_plan_row(plan: EpisodePlan, attempts: int) -> TableRow:
     return {
         "block": plan.block_name,
         "episode": plan.episode + 1,
@@ -140,7 +140,7 @@ def _plan_row(plan: EpisodePlan, attempts: int) -> TableRow:
     }
 
 
-def _start_row(episode: EpisodeLog) -> TableRow:
+def _build_start_row(episode: EpisodeLog) -> TableRow:
     x, y, z, yaw_rad = [None if math.isnan(number) else number for number in episode.poses[0].tolist()]
     return {
         "t_ns": int(episode.t_ns[0]),
@@ -155,13 +155,13 @@ def _start_row(episode: EpisodeLog) -> TableRow:
     }
 
 
-def _frame_rows(episode: EpisodeLog) -> RowBatch:
+def _build_frame_rows(episode: EpisodeLog) -> RowBatch:
     frames = episode.frames
     columns = {name: frames.column(name) for name in ("step", "submit_ns", "flip_ns")}
     return RowBatch(len(frames), locate_episode(episode) | columns)
 
 
-def _other_press_rows(segment: Segment, episodes: Sequence[EpisodeLog]) -> RowBatch:
+def _build_other_press_rows(segment: Segment, episodes: Sequence[EpisodeLog]) -> RowBatch:
     """Return a segment's key events that happened outside its episodes."""
     keys = segment.keys
     outside = np.ones(len(keys), bool)
@@ -174,7 +174,7 @@ def _other_press_rows(segment: Segment, episodes: Sequence[EpisodeLog]) -> RowBa
     return RowBatch(len(rows), {"segment": segment.number} | columns)
 
 
-def _note_row(note: SegmentNote) -> TableRow:
+def _build_note_row(note: SegmentNote) -> TableRow:
     match note:
         case Paused():
             return {"t_ns": note.t_ns, "kind": "pause", "note": note.reason}
@@ -183,7 +183,7 @@ def _note_row(note: SegmentNote) -> TableRow:
     return {"t_ns": note.t_ns, "kind": note.kind, "note": note.text}
 
 
-def _sample_rows(sampled: Sampled, channels: Mapping[str, Sequence[str]]) -> list[TableRow]:
+def _build_sample_rows(sampled: Sampled, channels: Mapping[str, Sequence[str]]) -> list[TableRow]:
     """Build a row for each number of a sample; a single row without a number if the sample has none.
 
     ``channels`` are the channel names by device; a number without a name has its position, from 1, as its channel.
@@ -244,13 +244,15 @@ def build_activity_rows(
 def build_episode_rows(episodes: Sequence[EpisodeLog], session_key: SessionKey) -> dict[str, RowBatch]:
     """Build the rows of the tables that activity kinds fill from episodes."""
     return {
-        table.name: RowBatch.of(list(_episode_rows(table, episodes, session_key)))
+        table.name: RowBatch.of(list(_build_kind_rows(table, episodes, session_key)))
         for table in list_activity_tables()
         if table.episode_row is not None
     }
 
 
-def _episode_rows(table: ActivityTable, episodes: Sequence[EpisodeLog], session_key: SessionKey) -> Iterator[TableRow]:
+def _build_kind_rows(
+    table: ActivityTable, episodes: Sequence[EpisodeLog], session_key: SessionKey
+) -> Iterator[TableRow]:
     assert table.episode_row is not None
     for episode in episodes:
         row = table.episode_row(episode)
@@ -337,18 +339,18 @@ def build_session_tables(session: SelectedSession, measured: SessionMeasures) ->
         "group": log.plan.participant.group,
         "session": log.plan.session,
     }
-    places = [place for place, is_selected in enumerate(session.selected) if is_selected]
-    played = [log.episodes[place] for place in places]
+    indices = [index for index, is_selected in enumerate(session.selected) if is_selected]
+    played = [log.episodes[index] for index in indices]
     blocks = dict.fromkeys(episode.plan.block_name for episode in played)
     rows: dict[str, list[MeasureRow]] = {
-        "keys": _key_rows(measured.select_tallies(blocks.keys())),
-        "episodes": [_episode_row(session, measured, place) for place in places],
-        "blocks": [_block_row(session, measured, places, name) for name in blocks],
-        "participants": [_participant_row(session, measured, places)] if session.is_selected else [],
+        "keys": _build_key_rows(measured.select_tallies(blocks.keys())),
+        "episodes": [_build_episode_row(session, measured, index) for index in indices],
+        "blocks": [_build_block_row(session, measured, indices, name) for name in blocks],
+        "participants": [_build_participant_row(session, measured, indices)] if session.is_selected else [],
     }
     batches = {
-        "steps": RowBatch.stack([_step_rows(episode) for episode in played], **session_key),
-        "presses": RowBatch.stack([_press_rows(episode) for episode in played], **session_key),
+        "steps": RowBatch.stack([_build_step_rows(episode) for episode in played], **session_key),
+        "presses": RowBatch.stack([_build_press_rows(episode) for episode in played], **session_key),
     }
     for name, table_rows in rows.items():
         batches[name] = RowBatch.of([session_key | row for row in table_rows])
@@ -358,38 +360,42 @@ def build_session_tables(session: SelectedSession, measured: SessionMeasures) ->
     return SessionTables(batches)
 
 
-def _episode_row(session: SelectedSession, measured: SessionMeasures, place: int) -> MeasureRow:
+def _build_episode_row(session: SelectedSession, measured: SessionMeasures, index: int) -> MeasureRow:
+    """Build the row of the episode with the given index among all of the session's episodes."""
     columns = {
-        "tags": " ".join(sorted(session.tags[place])),
-        "exclusion_reason": session.session_reason or session.reasons[place],
+        "tags": " ".join(sorted(session.tags[index])),
+        "exclusion_reason": session.session_reason or session.reasons[index],
     }
-    return measured.rows[place] | compute_episode_columns(session.log.episodes[place]) | columns
+    return measured.rows[index] | compute_episode_columns(session.log.episodes[index]) | columns
 
 
-def _block_row(session: SelectedSession, measured: SessionMeasures, places: Sequence[int], name: str) -> MeasureRow:
-    """Build a block's row from the included episodes among those at ``places``."""
-    included = [place for place in places if not session.reasons[place] and measured.rows[place]["block"] == name]
+def _build_block_row(
+    session: SelectedSession, measured: SessionMeasures, indices: Sequence[int], name: str
+) -> MeasureRow:
+    """Build a block's row from its included episodes among those with the given indices."""
+    included = [index for index in indices if not session.reasons[index] and measured.rows[index]["block"] == name]
     return (
         {"block": name}
         | measured.aggregate(included)
-        | {"exclusion_reason": _exclusion_reason(session, counts=bool(included))}
+        | {"exclusion_reason": _choose_exclusion_reason(session, counts=bool(included))}
     )
 
 
-def _participant_row(session: SelectedSession, measured: SessionMeasures, places: Sequence[int]) -> MeasureRow:
-    """Build the participant's row from the included episodes among those at ``places``, without practice blocks."""
+def _build_participant_row(session: SelectedSession, measured: SessionMeasures, indices: Sequence[int]) -> MeasureRow:
+    """Build the participant's row from the included episodes with the given indices, without practice blocks."""
     practice = find_practice_blocks(session.log.plan)
     analysed = [
-        place for place in places if not session.reasons[place] and measured.rows[place]["block"] not in practice
+        index for index in indices if not session.reasons[index] and measured.rows[index]["block"] not in practice
     ]
     return (
         summarize_session(session.log)
         | measured.aggregate(analysed)
-        | {"exclusion_reason": _exclusion_reason(session, counts=session.counts)}
+        | {"exclusion_reason": _choose_exclusion_reason(session, counts=session.counts)}
     )
 
 
-def _exclusion_reason(session: SelectedSession, *, counts: bool) -> str:
+def _choose_exclusion_reason(session: SelectedSession, *, counts: bool) -> str:
+    """Return why a row is excluded: by a rule for the participant, or since nothing in it ``counts``; "" if neither."""
     if session.session_reason:
         return session.session_reason
     if counts:
@@ -397,7 +403,7 @@ def _exclusion_reason(session: SelectedSession, *, counts: bool) -> str:
     return NO_EPISODE_INCLUDED
 
 
-def _step_rows(episode: EpisodeLog) -> RowBatch:
+def _build_step_rows(episode: EpisodeLog) -> RowBatch:
     n = len(episode.actions)
     columns = {
         "step": np.arange(1, n + 1),
@@ -431,7 +437,7 @@ def _encode_steps(n: int, records: NDArray[np.float64] | Sequence[Any] | None) -
     return CategoricalTexts.of([_encode_json(record) for record in records])
 
 
-def _press_rows(episode: EpisodeLog) -> RowBatch:
+def _build_press_rows(episode: EpisodeLog) -> RowBatch:
     keys = episode.keys
     columns = {
         "t_ns": keys.column("t_ns"),
@@ -444,7 +450,7 @@ def _press_rows(episode: EpisodeLog) -> RowBatch:
     return RowBatch(len(keys), locate_episode(episode) | columns)
 
 
-def _key_rows(tallies: Sequence[KeyTally]) -> list[MeasureRow]:
+def _build_key_rows(tallies: Sequence[KeyTally]) -> list[MeasureRow]:
     plans = [tally.episode.plan for tally in tallies]
     blocks = {plan.episode + 1: plan.block_name for plan in plans}
     return [

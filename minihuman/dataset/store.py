@@ -163,7 +163,7 @@ class StudyStore(AbstractContextManager["StudyStore", None]):
 
         Return False, without any change to the file, if the file is open for reading only and would have to be written.
         """
-        if any(self._lacks_shortest(known) for known in self._known.values()):
+        if any(self._lacks_shortest(log) for log in self._known.values()):
             self._read_tables |= {"plan", *PLANNED_TABLES}
         damage = self._find_damage()
         fresh, without_shortest = self._find_fresh_sessions(logs, damage)
@@ -189,9 +189,9 @@ class StudyStore(AbstractContextManager["StudyStore", None]):
         self._compared |= self._read_tables
         return True
 
-    def _lacks_shortest(self, known: KnownLog) -> bool:
+    def _lacks_shortest(self, log: KnownLog) -> bool:
         """Return whether the fewest possible steps are requested and the rows of a session lack them."""
-        return self._with_shortest and not known.with_shortest
+        return self._with_shortest and not log.with_shortest
 
     def _find_damage(self) -> _Damage:
         """Find the sessions whose rows or log lines differ from their digests, and the logs that are stored twice.
@@ -223,15 +223,15 @@ class StudyStore(AbstractContextManager["StudyStore", None]):
         """
         fresh: dict[str, int] = {}
         without_shortest: dict[str, int] = {}
-        for key, known in self._known.items():
-            if known.number in damage.changed or key in damage.doubled:
+        for key, stored_log in self._known.items():
+            if stored_log.number in damage.changed or key in damage.doubled:
                 continue
-            if key not in logs or not is_same_content(logs[key].fingerprint, known.fingerprint):
+            if key not in logs or not is_same_content(logs[key].fingerprint, stored_log.fingerprint):
                 continue
-            if self._lacks_shortest(known):
-                without_shortest[key] = known.number
+            if self._lacks_shortest(stored_log):
+                without_shortest[key] = stored_log.number
             else:
-                fresh[key] = known.number
+                fresh[key] = stored_log.number
         return fresh, without_shortest
 
     def _fill_account(self, logs: Mapping[str, ListedLog], *, include_readable: bool) -> None:

@@ -260,6 +260,7 @@ def _build_resource(
 
 
 def _describe_field(column: TableColumn) -> dict[str, Any]:
+    """Return the field descriptor of a column in a Frictionless schema."""
     field: dict[str, Any] = {"name": column.name, "type": _TYPES[column.kind], "description": column.meaning}
     if column.unit:
         field["unit"] = column.unit

@@ -193,11 +193,11 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
 
         If the table has rows under a number that no session has, that number is included.
         """
-        place = list(TABLES).index(name) + 1
+        digest_index = list(TABLES).index(name) + 1  # SQL counts from 1
         changed = self.connection.execute(
             f"SELECT log FROM (SELECT {_compose_row_digest(name)} FROM kept.{name} GROUP BY log) AS held "
             "FULL JOIN (SELECT log, row_digests FROM kept.logs) AS stored USING (log) "
-            f"WHERE coalesce(held.digest, 0) IS DISTINCT FROM stored.row_digests[{place}]"
+            f"WHERE coalesce(held.digest, 0) IS DISTINCT FROM stored.row_digests[{digest_index}]"
         )
         return {log for (log,) in changed.fetchall()}
 
@@ -367,10 +367,10 @@ def _compose_definition(name: str) -> str:
     """Return the SQL that creates a table and the view of it that queries read, without the session's number."""
     types = {field.name: _SQL_TYPES[field.type] for field in arrow_schema(name)}
     columns = ", ".join(f'"{column}" {sql_type}' for column, sql_type in types.items())
-    shown = ", ".join(f'"{column}"' for column in types)
+    view_columns = ", ".join(f'"{column}"' for column in types)
     return (
         f"CREATE TABLE kept.{name} (log INTEGER NOT NULL, row INTEGER, {columns}); "
-        f"CREATE VIEW {name} AS SELECT {shown} FROM kept.{name};"
+        f"CREATE VIEW {name} AS SELECT {view_columns} FROM kept.{name};"
     )
 
 

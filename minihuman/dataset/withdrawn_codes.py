@@ -38,13 +38,13 @@ class LedgerEntry(msgspec.Struct, frozen=True, omit_defaults=True):
     study: str = ""  # in a data folder's file, which has all its studies'
 
 
-def read_local_ledger(data: Path, study: str) -> Iterator[LedgerEntry]:
+def read_local_ledger(data_dir: Path, study: str) -> Iterator[LedgerEntry]:
     """Yield the entries about one study from a data folder's copy of the erasure ledger.
 
     As in the shared ledger of a study, the entries do not name it. Damaged lines are skipped.
     """
     try:
-        lines = (data / LEDGER_FILE_NAME).read_bytes().splitlines()
+        lines = (data_dir / LEDGER_FILE_NAME).read_bytes().splitlines()
     except FileNotFoundError:
         return
     for line in lines:

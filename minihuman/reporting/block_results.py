@@ -302,8 +302,8 @@ def _list_set_aside(rows: pd.DataFrame, episodes: pd.DataFrame, analysis: Analys
     Named measures are kept.
     """
     late = int(episodes["success"].eq(False).sum())
-    named = list_named_measures(analysis)
-    return {name: reason for name, reason in set_measures_aside(rows, late=late).items() if name not in named}
+    named_measures = list_named_measures(analysis)
+    return {name: reason for name, reason in set_measures_aside(rows, late=late).items() if name not in named_measures}
 
 
 def _select_measures(

@@ -350,9 +350,9 @@ def find_same_times(times: list[PressTimes]) -> dict[int, int]:
     session_pairs = owner[run_pairs]
     if not len(session_pairs):
         return {}
-    apart = session_pairs[session_pairs[:, 0] != session_pairs[:, 1]]
+    between_sessions = session_pairs[session_pairs[:, 0] != session_pairs[:, 1]]
     copies: dict[int, int] = {}
-    for pairs in (apart, apart[:, ::-1]):
+    for pairs in (between_sessions, between_sessions[:, ::-1]):
         # reversed, so that a session's first pair replaces its later pairs
         copies |= {int(session): int(similar_session) for session, similar_session in pairs[::-1]}
     return copies

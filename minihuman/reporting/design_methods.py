@@ -33,18 +33,19 @@ def _list_group_parts(protocol: Protocol) -> Iterator[str]:
 
 
 def _name_parts(protocol: Protocol, group: GroupSpec) -> str:
-    """Return the names of a group's parts, of each session apart if there are several."""
+    """Return the names of a group's parts as text, by session if there are several sessions."""
     sessions = [session.parts for session in protocol.sessions] or [group.parts or group.blocks]
-    named = []
+    names_by_session = []
     for parts in sessions:
         replaced = [group.replace_parts.get(name, name) for name in parts]
-        named.append(", ".join(name for name in replaced if name) or "none")
-    if len(named) == 1:
-        return named[0]
-    return " and ".join(f"in session {number} {names}" for number, names in enumerate(named, 1))
+        names_by_session.append(", ".join(name for name in replaced if name) or "none")
+    if len(names_by_session) == 1:
+        return names_by_session[0]
+    return " and ".join(f"in session {number} {names}" for number, names in enumerate(names_by_session, 1))
 
 
 def _describe_order(order: OrderSpec, *, has_groups: bool) -> str:
+    """State how the order of some parts was drawn, or balanced by Latin squares, between participants."""
     units = list(_name_units(order))
     parts = f"{', '.join(units[:-1])} and {units[-1]}"
     if order.order == "shuffled":

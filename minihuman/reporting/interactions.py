@@ -123,9 +123,9 @@ def compute_interaction(
 
 
 def _list_measures(rows: pd.DataFrame, analysis: AnalysisSpec) -> list[str]:
-    """Return the measures that the protocol names, or all, as far as they have values."""
-    named = [name for name in (analysis.primary_measure, *analysis.secondary_measures) if name]
-    return [name for name in named or list_default_measures(rows) if rows[name].notna().any()]
+    """Return the measures that the protocol names, or all measures if it names none, without those that lack values."""
+    named_measures = [name for name in (analysis.primary_measure, *analysis.secondary_measures) if name]
+    return [name for name in named_measures or list_default_measures(rows) if rows[name].notna().any()]
 
 
 def _name_conditions(rows: pd.DataFrame, design: ExperimentDesign) -> pd.DataFrame:
@@ -241,6 +241,7 @@ def state_interaction(interaction: InteractionResults) -> Iterator[str]:
 
 
 def _state_omnibus(opening: str, test: InteractionTest, interaction: InteractionResults) -> str:
+    """State whether differences between conditions depend on the group, by the test of all groups and conditions."""
     if test.reason:
         return f"{opening}: not tested ({test.reason})."
     sizes = ", ".join(f"{n} in {group}" for n, group in zip(test.n, interaction.groups, strict=True))
@@ -257,17 +258,17 @@ def _state_omnibus(opening: str, test: InteractionTest, interaction: Interaction
 def _summarise_contrasts(opening: str, interaction: InteractionResults) -> str:
     """State in how many comparisons the difference between conditions depends on the group, and in which."""
     comparisons = interaction.headline
-    shown = [compared for compared in comparisons if compared.groups.p_holm < ALPHA]
+    significant = [compared for compared in comparisons if compared.groups.p_holm < ALPHA]
     kind = "ratio" if any(compared.groups.is_log for compared in comparisons) else "difference"
     sizes = {group: n for compared in comparisons for group, n in _list_sizes(compared)}
     of_groups = ", ".join(f"{n} in {group}" for group, n in sizes.items())
     key = f"in brackets 95 % intervals; p by permutation, after Holm; {of_groups}"
     n = len(comparisons)
-    if not shown:
+    if not significant:
         verdict = f"in none of {n} comparisons is a {kind} between conditions shown to depend on the group"
         return f"{opening}: {verdict} ({key})."
-    larger = "; ".join(f"{name_contrast(compared)} is {_name_larger(compared.groups)}" for compared in shown)
-    verdict = f"in {len(shown)} of {n} comparisons a {kind} between conditions depends on the group"
+    larger = "; ".join(f"{name_contrast(compared)} is {_name_larger(compared.groups)}" for compared in significant)
+    verdict = f"in {len(significant)} of {n} comparisons a {kind} between conditions depends on the group"
     return f"{opening}: {verdict}: {larger} ({key})."
 
 
@@ -283,6 +284,7 @@ def _state_pairs(comparisons: Sequence[ContrastComparison]) -> str:
 
 
 def _state_pair(groups: GroupComparison) -> str:
+    """State how much two groups differ on a contrast, or why they are not compared, as a part of a sentence."""
     pair = format_pair(groups.first, groups.second, is_log=groups.is_log)
     if groups.reason and math.isnan(groups.p):
         return f"{pair} not compared ({groups.reason})"

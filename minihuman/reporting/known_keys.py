@@ -89,12 +89,15 @@ def find_blocks_without_discovery(plans: Sequence[PlanOutline], protocols: Seque
     In these blocks all keys were shown or known from before, or the participants of a group knew them in one session or
     order of blocks and not in another.
     """
-    shown: dict[str, bool] = {}
+    shows_keys: dict[str, bool] = {}  # whether all plans with a block show its keys
     for plan in plans:
         for block_plan in plan.blocks:
-            shown[block_plan.block_name] = shown.get(block_plan.block_name, True) and block_plan.show_keys
+            name = block_plan.block_name
+            shows_keys[name] = shows_keys.get(name, True) and block_plan.show_keys
     cells_by_block = find_known_cells(plans, BlockSpecs(protocols))
-    return frozenset(block for block in shown if shown[block] or not _tells_groups_apart(cells_by_block[block]))
+    return frozenset(
+        block for block, is_shown in shows_keys.items() if is_shown or not _tells_groups_apart(cells_by_block[block])
+    )
 
 
 def _tells_groups_apart(cells: Mapping[Cell, bool]) -> bool:

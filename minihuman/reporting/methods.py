@@ -105,15 +105,15 @@ def _describe_people(
     by_hand = sum(plan.by_hand for plan in plans)
     by_design = any(protocol.allocation.design for protocol in protocols)
     allocated = name_allocated(protocols, has_groups=len(groups) > 1, has_keys=_are_keys_drawn(plans, specs))
-    chosen = ""
+    by_hand_note = ""
     if by_hand:
-        chosen = f"; in {by_hand} sessions the participant or group was chosen by hand"
+        by_hand_note = f"; in {by_hand} sessions the participant or group was chosen by hand"
     return (
         f"{sum(groups.values())} participants took part{_describe_sessions(attrition.sessions)} "
         f"({parts}{_describe_simulated(plans, simulated, attrition)}). {attrition.describe()}"
         f"{allocated} came from an allocation list "
         f"drawn before the first session from the study's seed, {plans[0].seed}{_describe_later_keys(plans, specs)}"
-        f"{chosen}.{_describe_strata(plans, by_design=by_design)}"
+        f"{by_hand_note}.{_describe_strata(plans, by_design=by_design)}"
     )
 
 

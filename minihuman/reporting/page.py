@@ -194,9 +194,9 @@ def _count_excluded(exclusions: pd.DataFrame) -> str:
 
 def _list_absent_measures(results: Results, content: PageContent) -> list[str]:
     """Return the names of the measures that the protocol names but the results lack, because they have no values."""
-    shown = results.shown_measures | set(content.interaction.roles if content.interaction else ())
-    named = (content.analysis.primary_measure, *content.analysis.secondary_measures)
-    return [phrase_measure(name) for name in named if name and name not in shown]
+    shown_measures = results.shown_measures | set(content.interaction.roles if content.interaction else ())
+    named_measures = (content.analysis.primary_measure, *content.analysis.secondary_measures)
+    return [phrase_measure(name) for name in named_measures if name and name not in shown_measures]
 
 
 def _build_within_context(within: WithinResults | None) -> dict[str, Any] | None:
@@ -415,6 +415,7 @@ def _comparisons_table(block: BlockResults) -> Table:
 
 
 def _list_comparison_cells(comparison: GroupComparison, *, role: str, has_several_pairs: bool) -> tuple[str, ...]:
+    """Return the cells of a comparison; ``role`` is "" if the table has no column of roles."""
     words = [label_measure(comparison.measure)]
     if role:
         words.append(role)
@@ -470,6 +471,7 @@ def _name_growth(term: GrowthTerm, *, are_trials: bool) -> str:
 
 
 def _growth_table(terms: Sequence[GrowthTerm], *, are_trials: bool) -> Table:
+    """Tabulate the terms of a comparison of growth over episodes or trials."""
     rows = [
         (
             _name_growth(term, are_trials=are_trials),
@@ -484,6 +486,7 @@ def _growth_table(terms: Sequence[GrowthTerm], *, are_trials: bool) -> Table:
 
 
 def _measures_table(block: BlockResults) -> Table:
+    """Tabulate the mean and SD of each measure in each group of a block."""
     rows = [
         (label_measure(row["measure"]), row["group"], str(row["n"]), format_mean_sd(row["mean"], row["sd"]))
         for row in to_records(block.measures)

@@ -157,17 +157,17 @@ def compose_scorecard(
     rows["path_known"] = rows.groupby(_LEVEL)["feasible_steps"].transform("max").notna()
     costs = _sum_costs(plays, names)
     players = sorted(rows["player"].unique())
-    chosen = reference or next((name for name in (HUMAN, *_STAND_INS, *players) if name in players), "")
-    if chosen not in players:
+    reference_player = reference or next((name for name in (HUMAN, *_STAND_INS, *players) if name in players), "")
+    if reference_player not in players:
         raise ReportError(f"reference {reference!r} played none of the levels; use one of {', '.join(players)}")
-    scored = (_score_player(rows, name, chosen, costs.get(name, Costs()), seed, draws) for name in players)
+    scored = (_score_player(rows, name, reference_player, costs.get(name, Costs()), seed, draws) for name in players)
     lines = sorted(filter(None, scored), key=lambda line: -np.nan_to_num(line.score.efficiency.value, nan=-1.0))
-    label = _label_reference(chosen, rows.loc[rows["player"] == chosen, "run"].nunique())
+    label = _label_reference(reference_player, rows.loc[rows["player"] == reference_player, "run"].nunique())
     return Scorecard(
         label,
-        chosen,
+        reference_player,
         tuple(lines),
-        tuple(_list_notes(lines, chosen, label, set(players))),
+        tuple(_list_notes(lines, reference_player, label, set(players))),
         _summarize_answers(answers.assign(player=answers["player"].map(names)).dropna(subset="player")),
     )
 

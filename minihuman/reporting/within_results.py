@@ -90,8 +90,9 @@ def compare_within(
     rows = rows.reset_index(drop=True)
     positions = rows.groupby(["participant", "session"], sort=False).cumcount()
     condition_rows = rows.assign(place=positions)[rows["block"].isin(analysis.conditions)]
-    named = [name for name in (analysis.primary_measure, *analysis.secondary_measures) if name]
-    measured = [name for name in named or list_default_measures(condition_rows) if condition_rows[name].notna().any()]
+    named_measures = [name for name in (analysis.primary_measure, *analysis.secondary_measures) if name]
+    candidates = named_measures or list_default_measures(condition_rows)
+    measured = [name for name in candidates if condition_rows[name].notna().any()]
     scaled, logs = take_logarithms(condition_rows, measured)
     roles = assign_roles(measured, analysis)
     tables = {

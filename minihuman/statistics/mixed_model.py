@@ -57,10 +57,10 @@ def fit_mixed_model(rows: pd.DataFrame, measure: str, groups: Sequence[str]) -> 
     if np.linalg.matrix_rank(design) < design.shape[1]:  # the terms cannot be told apart, or explain everything
         return MixedModel(False, people, ())
     fits = [_fit_reml(design, at, begins, free) for free in range(4)]  # by the number of covariance parameters
-    chosen = _choose_fit(fits)
-    if chosen is None:
+    fit = _choose_fit(fits)
+    if fit is None:
         return MixedModel(False, people, ())
-    _, estimates, errors = chosen
+    _, estimates, errors = fit
     half = scipy.special.stdtrit(freedom, (1 + LEVEL) / 2) * errors
     ps = 2 * scipy.special.stdtr(freedom, -np.abs(estimates / errors))
     ps[0] = math.nan  # a test of a level against 0 means nothing
@@ -69,7 +69,7 @@ def fit_mixed_model(rows: pd.DataFrame, measure: str, groups: Sequence[str]) -> 
         GrowthTerm(name, float(b), (float(b - h), float(b + h)), float(p), people)
         for name, b, h, p in zip(names, estimates, half, ps, strict=True)
     )
-    return MixedModel(chosen is fits[3], people, terms)
+    return MixedModel(fit is fits[3], people, terms)
 
 
 def _choose_fit(fits: Sequence[_Fit]) -> _Fit | None:

@@ -44,7 +44,7 @@ class PairedTest:
     error: float  # of the mean
     sums: Values  # (flips,) of the signed deviations from the mean
     signs: Values  # (flips,) sum of the signs
-    extra: int  # 1 where flips are a random sample: the differences as they were count as one more
+    extra: int  # 1 where flips are a random sample, of which the observed signs count as one; else 0
 
     @property
     def smallest_p(self) -> float:

@@ -42,7 +42,7 @@ class PermutationTest:
     sums: Values  # (regroupings,) in the first group, of deviations from the own group's mean
     own_sums: Values  # (regroupings,) the same, over those who stay
     squares: Values  # (regroupings,) of those deviations
-    extra: int  # 1 where regroupings are a random sample: the groups as they were count as one more
+    extra: int  # 1 where regroupings are a random sample, of which the observed groups count as one; else 0
 
     def p(self, shift: float = 0.0) -> float:
         """Return the two-sided p of the null hypothesis that the difference is ``shift``.

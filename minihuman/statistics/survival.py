@@ -114,7 +114,7 @@ def _test_difference(
     if not own.enough[0] or not own.error[0] > 0:
         return not_tested
     differences = np.sort(_draw_differences(pooled, n))[::-1]
-    extra = int(count_regroupings(*n) > RESAMPLES)  # the groups as they were
+    extra = int(count_regroupings(*n) > RESAMPLES)  # the observed groups count as one of the random regroupings
     rank = math.ceil(ALPHA * (len(differences) + extra)) - extra
     if rank < 1 or not math.isfinite(differences[rank - 1]):
         return not_tested
@@ -260,7 +260,7 @@ def logrank_p(first: SurvivalTimes, second: SurvivalTimes) -> float:
             for part in np.array_split(members, members.size // _AT_ONCE + 1)
         ]
     )
-    extra = int(count_regroupings(*n) > RESAMPLES)  # the groups as they were
+    extra = int(count_regroupings(*n) > RESAMPLES)  # the observed groups count as one of the random regroupings
     n_as_far = int(np.count_nonzero(statistics >= observed * (1 - _TIES)))
     return (n_as_far + extra) / (len(statistics) + extra)
 
