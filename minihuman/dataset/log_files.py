@@ -183,12 +183,12 @@ def list_other_sessions(log: SessionLog) -> list[Path]:
     """
     folder = find_containing_folder(log.path).absolute()
     own = {"study": log.plan.study, "participant": log.plan.participant.id, "session": str(log.plan.session)}
-    in_place = _is_in_place(folder, own)
-    root = folder.parent if in_place else folder
+    is_in_place = _is_in_place(folder, own)
+    root = folder.parent if is_in_place else folder
     if not root.is_dir():
         return []
     sessions, _ = _find_sessions(root)
-    if not in_place:
+    if not is_in_place:
         prefix = f"{own['participant']}_"
         sessions = [(path, first) for path, first in sessions if first.name.startswith(prefix)]
     facts = {path: read_first_metadata(first) for path, first in sessions}

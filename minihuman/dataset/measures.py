@@ -374,15 +374,15 @@ def _find_discoveries(group: Sequence[KeyTally]) -> dict[str, _Discovery]:
     """
     discoveries: dict[str, _Discovery] = {}
     steps_before = 0
-    before_ns = 0
+    played_before_ns = 0
     for tally in group:
         episode = tally.episode
         for key, step in tally.first_shown.items():
             if key not in discoveries:
-                since_ns = before_ns + played_ns(episode, int(episode.key_t_ns[step]))
-                discoveries[key] = (since_ns / 1e9, steps_before + step + 1)
+                discovered_ns = played_before_ns + played_ns(episode, int(episode.key_t_ns[step]))
+                discoveries[key] = (discovered_ns / 1e9, steps_before + step + 1)
         steps_before += len(episode.actions)
-        before_ns += played_ns(episode)
+        played_before_ns += played_ns(episode)
     return discoveries
 
 

@@ -341,7 +341,7 @@ class Selection:
         measured: SessionMeasures | None = None,
         marks: Iterable[Annotation] | None = None,
     ) -> SelectedSession:
-        """Decide for each of a session's episodes whether it is selected and whether it is included.
+        """Return a session under this selection: which of its episodes are selected, and why some are excluded.
 
         The protocol's rules are applied to the whole session, whichever part of it is selected. ``measured`` holds the
         session's measures, if they have been computed; ``marks`` by default are read from the annotation file beside
@@ -420,11 +420,11 @@ class Selection:
         rules = self._read_rules(log.plan)
         in_force = collect_tags(read_annotations(log.path))
         episode_tags = [list_episode_tags(episode, in_force) for episode in log.episodes]
+        measured: SessionMeasures | None = None
         if rules:
             measured = SessionMeasures.of(log, self.planner(log.plan, with_shortest=False))
-        else:
-            measured = None
-        return log.plan.session, self._apply_rules(log, rules, measured, episode_tags)[1]
+        _, session_reason = self._apply_rules(log, rules, measured, episode_tags)
+        return log.plan.session, session_reason
 
     def planner(self, plan: SessionPlan, *, with_shortest: bool) -> PathPlanner:
         """Return the function that bounds the fewest steps of an episode.

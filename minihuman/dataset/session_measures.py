@@ -237,7 +237,7 @@ def _find_median_ms(times_ms: Iterable[NDArray[np.float64]]) -> float | None:
 
 
 def _aggregate_key_discoveries(begun_tallies: Sequence[KeyTally]) -> MeasureRow:
-    """Return how many keys were discovered, and how long it took to discover all of them."""
+    """Return how many keys were discovered, and how long it took to discover all; None if one never was."""
     times_s = key_discovery_times(begun_tallies)
     discovered_s = [time_s for time_s in times_s if time_s is not None]
     all_keys_discovered_s: float | None = None

@@ -139,6 +139,9 @@ class StudyStore(AbstractContextManager["StudyStore", None]):
         """Rewrite stale rows, and leave the study's file open for reading only, so that other processes can read it.
 
         Tables compared before the file was closed are not compared again unless the file changed in the meantime.
+
+        Raises:
+            duckdb.TransactionException: if other commands change the file again and again.
         """
         for _ in range(_MAX_OPENINGS):
             is_fresh = self._refresh(logs)

@@ -99,6 +99,7 @@ class StoreFile:
             self._temporary.cleanup()
 
     def _can_hold_selection(self) -> bool:
+        """Return whether the study's own file can hold the tables: only under the default selection, with a cache."""
         is_default = self._sessions.selection == Selection()
         return is_default and self._own.parent.is_dir() and not self._sessions.from_logs
 

@@ -187,7 +187,7 @@ def find_primary_key(name: str) -> tuple[str, ...]:
 
 
 def build_table_schema(name: str, columns: Iterable[TableColumn]) -> dict[str, Any]:
-    """Build the Frictionless schema of one table."""
+    """Build the Frictionless schema of one table; its foreign key refers to the table of episodes or participants."""
     schema: dict[str, Any] = {"fields": [_describe_field(column) for column in columns], "missingValues": [""]}
     if key := find_primary_key(name):
         schema["primaryKey"] = list(key)

@@ -245,13 +245,8 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
         schema = arrow_schema(name, without=without)
         columns = ", ".join(f'"{column}"' for column in schema.names)
         source = f"FROM kept.{name}"
-        if counting and "exclusion_reason" in arrow_schema(name).names:
-            source += f" SEMI JOIN (SELECT log, row FROM kept.{name} WHERE exclusion_reason IS NULL) USING (log, row)"
-        elif counting and is_episode_table(name):
-            included_episodes = "SELECT log, episode, attempt FROM kept.episodes WHERE exclusion_reason IS NULL"
-            source += f" SEMI JOIN ({included_episodes}) USING (log, episode, attempt)"
-        elif counting:
-            source += " SEMI JOIN (SELECT log FROM kept.participants WHERE exclusion_reason IS NULL) USING (log)"
+        if counting:
+            source += f" {_compose_included_join(name)}"
         if self.order is not None and not self._is_placed:
             self._place_sessions(self.order)
         if counting or self.order is not None:
@@ -304,7 +299,8 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
         A query can neither read nor write any other file. ``further`` are tables from elsewhere, by name.
 
         Raises:
-            QueryError: if the text is not a valid SELECT statement, or refers to something that does not exist.
+            QueryError: if the text is not a valid SELECT statement, refers to something that does not exist, or uses a
+                file.
         """
         self._require_checked(find_queried_tables(sql))
         self._connect_for_queries()
@@ -317,7 +313,7 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
                 raise QueryError(f"{sql!r} is not a SELECT statement; use SELECT to read the study's tables")
             try:
                 relation = self.connection.sql(sql)
-            except duckdb.BinderException:
+            except duckdb.BinderException:  # a column may have its earlier name
                 relation = self.connection.sql(use_current_columns(sql))
             if relation is None:
                 raise QueryError(f"{sql!r} returns no rows; a query must be a SELECT over the study's tables")
@@ -325,8 +321,8 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
         except duckdb.PermissionException as error:
             raise QueryError(f"{sql!r} uses a file; a query may only read the study's tables") from error
         except duckdb.Error as error:
-            line = " ".join(str(error).split("\n\n")[0].split())
-            raise QueryError(f"the query failed: {line}; the tables are {', '.join([*TABLES, *further])}") from error
+            reason = " ".join(str(error).split("\n\n")[0].split())
+            raise QueryError(f"the query failed: {reason}; the tables are {', '.join([*TABLES, *further])}") from error
 
     def _connect_for_queries(self) -> None:
         """Reconnect with the settings for queries; one process cannot open the file with two kinds of settings."""
@@ -361,6 +357,16 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
             made_by = (software_digest(), self._digest_catalogue())
             self.connection.execute("INSERT INTO kept.made_by VALUES (?, ?)", made_by)
         self.is_new = True
+
+
+def _compose_included_join(name: str) -> str:
+    """Return the SQL join that omits excluded rows of a table, and rows of excluded episodes or sessions."""
+    if "exclusion_reason" in arrow_schema(name).names:
+        return f"SEMI JOIN (SELECT log, row FROM kept.{name} WHERE exclusion_reason IS NULL) USING (log, row)"
+    if is_episode_table(name):
+        included_episodes = "SELECT log, episode, attempt FROM kept.episodes WHERE exclusion_reason IS NULL"
+        return f"SEMI JOIN ({included_episodes}) USING (log, episode, attempt)"
+    return "SEMI JOIN (SELECT log FROM kept.participants WHERE exclusion_reason IS NULL) USING (log)"
 
 
 def _compose_definition(name: str) -> str:

@@ -105,6 +105,8 @@ class Tables(AbstractContextManager["Tables", None]):
     def people(self) -> "PersonTable | None":
         """Return the person table, with the laboratory's own columns; None if no protocol declares such columns.
 
+        The table is built once; building it adds notes about `participants.csv` to the account.
+
         Raises:
             ParticipantsFileError: if `participants.csv` cannot be read, or does not fit the protocol.
         """

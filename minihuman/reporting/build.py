@@ -395,7 +395,7 @@ def _compose_methods(
 
 
 def _tabulate_task_load(report_input: _ReportInput, results: Results) -> Table | None:
-    """Tabulate the NASA Task Load Index of the included participants by condition; None if it has no conditions."""
+    """Tabulate the NASA Task Load Index of the included participants by condition; None if there are not several."""
     people = report_input.participants
     people = people[people["exclusion_reason"].isna()][["participant", "group"]].drop_duplicates("participant")
     return task_load_table(

@@ -134,7 +134,7 @@ def build_scorecard(
 def compose_scorecard(
     plays: Sequence[PlayerRows], *, reference: str = "", seed: int = 1, draws: int = DRAWS
 ) -> Scorecard:
-    """Score every player of some studies; the most efficient player comes first.
+    """Score every player of some studies; the most efficient comes first, players without an efficiency last.
 
     Participants with the same code in one data folder count as one, so that a set of levels can comprise several
     protocols.

@@ -39,13 +39,13 @@ def difference_statement(
         block: the block's name.
         team_units: by group, the words for its units if they are not participants alone.
     """
-    per = "over" if comparison.is_log else "minus"
-    groups = f"{comparison.first} {per} {comparison.second}"
+    operator = "over" if comparison.is_log else "minus"
+    groups = f"{comparison.first} {operator} {comparison.second}"
+    sizes = _count_units(comparison, team_units)
     opening = f"{_begin_with_measure(comparison.measure)}, block {block}: {groups} "
     if comparison.reason and math.isnan(comparison.p):
         return f"{opening}was not compared ({comparison.reason})."
     if comparison.reason == ALL_ALIKE and comparison.difference == 0:
-        sizes = _count_units(comparison, team_units)
         return f"{opening}is 0, and was not tested ({comparison.reason}; {sizes})."
     caveat = ""
     if comparison.smallest_p >= _ALPHA:
@@ -58,7 +58,6 @@ def difference_statement(
         size = f"; standardised difference g {format_number(comparison.g, 2)}, interval {interval}"
     estimate = f"{_state_estimate(comparison)}{_state_ratio(comparison)}"
     p = state_p(comparison.p, comparison.smallest_p)
-    sizes = _count_units(comparison, team_units)
     verdict = state_verdict(
         comparison.difference, comparison.p, comparison.first, comparison.second, p_holm=comparison.p_holm
     )
@@ -135,8 +134,8 @@ def paired_statement(comparison: PairedComparison) -> str:
     caveat = ""
     if comparison.smallest_p >= _ALPHA:
         caveat = " So few participants cannot reach p < 0.05, whatever the difference."
-    per = "over" if comparison.is_log else "minus"
-    conditions = f"{comparison.first} {per} {comparison.second}"
+    operator = "over" if comparison.is_log else "minus"
+    conditions = f"{comparison.first} {operator} {comparison.second}"
     if not comparison.second:
         conditions = f"contrast {comparison.first}"
     p = state_p(comparison.p, comparison.smallest_p)

@@ -63,14 +63,15 @@ class AnswerScore(StudyMeasure):
         self.label = f"answer to {argument}"
 
     def compute(self, tables: Tables) -> pd.DataFrame:
-        """Return the mean of the last answers each time the questions were asked."""
+        """Return the mean of the last answers per session or, if a session asked several times, per block before."""
         answers = tables["answers"]
         answers = answers[(answers["questions"] == self.questions) & answers["number"].notna()]
         if self.item:
             answers = answers[answers["item"] == self.item]
         answers = answers.drop_duplicates(["participant", "session", "part", "item"], keep="last")
         scores = answers.groupby(["participant", "session", "part"])["number"].mean().rename("value").reset_index()
-        if scores.groupby(["participant", "session"]).size().max() != 1:
+        is_asked_repeatedly = scores.groupby(["participant", "session"]).size().max() != 1
+        if is_asked_repeatedly:
             last = name_last_blocks(scores, tables["parts"], tables["blocks"]["block"].unique())
             scores = last[["participant", "session", "block", "value"]]
         return scores

@@ -282,6 +282,6 @@ def compute_logrank(pooled: SurvivalTimes, members: Values) -> Values:
     all_events = (sum_by_time @ pooled.observed)[:, None]
     excess = (events - all_events * at_risk / all_at_risk).sum(axis=0)
     spread = all_events * at_risk * (all_at_risk - at_risk) * (all_at_risk - all_events)
-    variance = (spread / np.maximum(all_at_risk**2 * (all_at_risk - 1), 1)).sum(axis=0)  # with one left nothing varies
+    variance = (spread / np.maximum(all_at_risk**2 * (all_at_risk - 1), 1)).sum(axis=0)  # 0 / 1 with one at risk
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.where(variance > _TIES, np.abs(excess) / np.sqrt(variance), math.nan)
