@@ -94,9 +94,9 @@ class SessionTables(Mapping[str, pa.Table]):
     parts: Mapping[str, RowBatch]
 
     def __getitem__(self, name: str) -> pa.Table:
-        arrow = arrow_schema(name)
-        columns = zip(arrow_columns(name, [self.parts[name]]), arrow.types, strict=True)
-        return pa.Table.from_arrays([values.cast(kind) for values, kind in columns], schema=arrow)
+        schema = arrow_schema(name)
+        columns = zip(arrow_columns(name, [self.parts[name]]), schema.types, strict=True)
+        return pa.Table.from_arrays([values.cast(kind) for values, kind in columns], schema=schema)
 
     def __iter__(self) -> Iterator[str]:
         return iter(TABLES)

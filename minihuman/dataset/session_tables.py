@@ -253,7 +253,7 @@ def build_episode_rows(episodes: Sequence[EpisodeLog], session_key: SessionKey) 
 def _build_kind_rows(
     table: ActivityTable, episodes: Sequence[EpisodeLog], session_key: SessionKey
 ) -> Iterator[TableRow]:
-    assert table.episode_row is not None
+    assert table.episode_row is not None  # as the caller selects
     for episode in episodes:
         row = table.episode_row(episode)
         if row is not None:

@@ -64,7 +64,8 @@ def read_withdrawn_codes(study_dir: Path) -> frozenset[str]:
     if url := find_database_url(study_dir):
         from minihuman.storage.postgres_journal import PostgresJournal
 
-        connect = current_system().open_database_journal or PostgresJournal  # not the one that is kept open
+        # opened for this call alone, not the shared journal of ``open_journal``, so that it can be closed here
+        connect = current_system().open_database_journal or PostgresJournal
         name = f"{study_dir.name}/{ENROLMENT_FILE_NAME}"
         with closing(connect(url, name, _read_code, chained=True)) as register:
             return frozenset(register.read())

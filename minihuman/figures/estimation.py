@@ -219,7 +219,8 @@ ScoreBar = tuple[str, PlayerScore, tuple[float, ...]]  # player, score, and shar
 def score_figure(bars: Sequence[ScoreBar], *, reference: str) -> Figure:
     """Draw the success, normalised score and relative efficiency of several players, and their success by episode.
 
-    The last panel is left out if no player has several episodes in a block. The reference player's scores are 1.
+    The last panel is left out if no player has several episodes in a block. A dashed line marks the score of 1 that the
+    reference player has by definition.
     """
     width_ratios = [1.0, 1.0, 1.0]
     has_curves = any(len(shares) > 1 for _, _, shares in bars)

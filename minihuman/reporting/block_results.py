@@ -428,7 +428,7 @@ def _estimate_changes(
     order: Sequence[str],
     logs: Collection[str],
 ) -> Iterator[SessionChange]:
-    """Estimate each group's mean change of each measure, by pair of sessions."""
+    """Estimate each group's mean change of each measure, by pair of sessions, from the result of ``list_changes``."""
     for sessions, rows in changed.items():
         for measure in measures:
             for group in order:
@@ -456,7 +456,7 @@ def _compare_changes(
     order: Sequence[str],
     logs: Collection[str],
 ) -> Iterator[tuple[tuple[int, int], GroupComparison]]:
-    """Compare groups on their changes, by pair of sessions."""
+    """Compare groups on their changes, by pair of sessions, from the result of ``list_changes``."""
     for sessions, rows in changed.items():
         for comparison in compare_measures(rows, roles, order, logs):
             yield sessions, comparison

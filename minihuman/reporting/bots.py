@@ -246,6 +246,7 @@ class Evidence:
         return line
 
     def _format_ratio(self) -> str:
+        """Format the likelihood ratio of a person against a program as odds."""
         if self.log10_ratio is None:
             return "too few keys"
         odds = f"{10 ** abs(self.log10_ratio):.2g}"

@@ -196,7 +196,10 @@ def _describe_strata(plans: Sequence[PlanOutline], *, by_design: bool = False) -
 
 
 def _describe_simulated(plans: Sequence[PlanOutline], simulated: int, attrition: Attrition) -> str:
-    """State how many sessions were simulated; "" if none was. It is unknown whether erased sessions were simulated."""
+    """State how many sessions were simulated; "" if none was.
+
+    "on record" is added if participants withdrew, because it is unknown whether erased sessions were simulated.
+    """
     if not simulated:
         return ""
     if simulated == len(plans):
@@ -226,6 +229,7 @@ def _describe_block(name: str, described: Sequence[tuple[PlanOutline, str]], kno
     """
     sentences = []
     for description, labels in _label_descriptions(described).items():
+        text = description
         qualifier = ""
         if any(labels):
             qualifier = f", {' and '.join(labels)}"
@@ -233,8 +237,8 @@ def _describe_block(name: str, described: Sequence[tuple[PlanOutline, str]], kno
             sessions = {(plan.group, plan.session) for plan, plan_text in described if plan_text == description}
             cells = {cell: is_known for cell, is_known in known_cells.items() if cell[:2] in sessions}
             keys = _KEPT if all(cells.values()) else f"{_TO_FIND}{_describe_known_keys(cells)}"
-            description = description.replace(_TO_FIND, keys)
-        sentences.append(f"Block {name}{qualifier}: {description}.")
+            text = description.replace(_TO_FIND, keys)
+        sentences.append(f"Block {name}{qualifier}: {text}.")
     return " ".join(sentences)
 
 
@@ -386,7 +390,7 @@ def _describe_count(block_plan: EpisodePlan, spec: BlockSpec | None) -> str:
 
 
 def _describe_pace(block_plan: EpisodePlan, spec: BlockSpec | None) -> str:
-    """State what triggered a step."""
+    """State whether keys or a clock triggered the steps; for a clock, also its period and what no key did."""
     if block_plan.pace == "on_key":
         step = "each press of a key made one step"
         if block_plan.auto_repeat:

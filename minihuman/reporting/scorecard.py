@@ -223,7 +223,7 @@ def _summarize_answers(answers: pd.DataFrame) -> pd.DataFrame:
 
 
 def read_player_rows(tables: Tables) -> PlayerRows:
-    """Read the included episodes and the answers with their players, and the costs of models."""
+    """Read the included episodes without practice and the answers, each with its player, and the costs of models."""
     columns = {"episodes": _COLUMNS, "participants": [*_SESSION, "player"], "answers": _ANSWER}
     tables.require((*columns, "model_calls"), shortest_paths=True)
     episodes, participants, answers = (tables.frame(name, names) for name, names in columns.items())

@@ -145,7 +145,7 @@ def _list_quality_cells(quality: RecordingQuality) -> tuple[str, ...]:
 
 
 def _state_quality(qualities: Sequence[RecordingQuality]) -> str:
-    """State in one sentence how late presses and frames were over all timed sessions."""
+    """State how late presses and frames were over all timed sessions, and which sessions were not timed."""
     timed = [quality for quality in qualities if _is_timed(quality)]
     late = sum(quality.late for quality in timed)
     presses = sum(quality.presses for quality in timed)
