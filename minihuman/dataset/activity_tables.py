@@ -75,18 +75,19 @@ def _find_kinds(names: Iterable[str]) -> Iterator[ActivityKind]:
 
 @cache
 def _load_tables(kinds: tuple[ActivityKind, ...]) -> tuple[ActivityTable, ...]:
-    """Load the tables of the given kinds of activity; raise QueryError for a table name that cannot be used."""
+    """Load the tables of the given kinds of activity; raise QueryError for a name that is invalid or used twice."""
     owners: dict[str, tuple[ActivityTable, str]] = {}
     for kind in kinds:
         for table in _load_tables_of(kind):
             _check_table_name(kind, table)
-            other, owner = owners.setdefault(table.name, (table, kind.name))
-            if other is not table:
+            first_table, owner = owners.setdefault(table.name, (table, kind.name))
+            if first_table is not table:
                 raise QueryError(f"activities {owner!r} and {kind.name!r} both have a table {table.name!r}; rename one")
     return tuple(table for table, _ in owners.values())
 
 
 def _load_tables_of(kind: ActivityKind) -> Iterable[ActivityTable]:
+    """Import the tables that a kind of activity declares as "module:attribute"; an empty tuple if it declares none."""
     if not kind.tables:
         return ()
     module, _, attribute = kind.tables.partition(":")
@@ -95,6 +96,7 @@ def _load_tables_of(kind: ActivityKind) -> Iterable[ActivityTable]:
 
 
 def _check_table_name(kind: ActivityKind, table: ActivityTable) -> None:
+    """Raise QueryError if a table has the name of a table that every session has, or a name that SQL must quote."""
     if table.name in (*SESSION_TABLES, PERSON_TABLE):
         raise QueryError(f"activity {kind.name!r} has a table {table.name!r}, as every session has; rename it")
     if not _TABLE_NAME.fullmatch(table.name):
@@ -102,7 +104,10 @@ def _check_table_name(kind: ActivityKind, table: ActivityTable) -> None:
 
 
 def list_table_sources() -> tuple[Path, ...]:
-    """List the source files whose code builds the rows of these tables; a cache filled by other code is stale."""
+    """List the source files of the activity kinds and plug-in columns that build table rows.
+
+    A cache that was filled by another version of these files is stale.
+    """
     modules = {kind.tables.partition(":")[0] for kind in _find_kinds(list_plugin_names(GROUP)) if kind.tables}
     for table in list_activity_tables():
         modules |= {build_row.__module__ for build_row in table.event_rows.values()}

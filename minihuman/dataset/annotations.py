@@ -84,7 +84,7 @@ def open_annotations(path: Path) -> FileJournal[Annotation]:
 
 
 def _decode_annotation(path: Path, line: bytes, number: int) -> Annotation:
-    """Decode a line of an annotation file; raise LogError if it is not an annotation."""
+    """Decode the line with the given number of an annotation file; raise LogError if it is not an annotation."""
     try:
         return msgspec.json.decode(line, type=Annotation)
     except (msgspec.DecodeError, UnicodeDecodeError) as error:

@@ -10,9 +10,10 @@ from minihuman.log.model.session_log import SessionLog
 
 
 def breaks_answer_rule(answer: Any, rule: ExclusionSpec) -> bool:
-    """Return whether a rule excludes an answer as the log has it: a number, a text, a list of codes, or None.
+    """Return whether an exclusion rule excludes a logged answer: a number, a text, a list of codes, or None.
 
-    None is an unanswered question. Of several chosen codes, one that the rule lists is enough.
+    None means that the question was not answered. Of several chosen codes, a single one in ``is_one_of`` excludes the
+    answer, and a single one in ``is_none_of`` satisfies that condition.
     """
     if answer is None:
         return rule.is_missing
@@ -30,14 +31,14 @@ def is_outside(number: float, rule: ExclusionSpec) -> bool:
 
 
 def list_compared_answers(log: SessionLog, measures: Collection[str]) -> dict[str, list[Any]]:
-    """List a session's answers to questions: the last attempt for each time that a question was asked.
+    """Return the answers of a session that exclusion rules compare, by measure.
+
+    A measure has one answer per part of the session that asked the question. If the same part was answered several
+    times, the last answer replaces the earlier ones.
 
     Args:
         log: the session's log.
         measures: the names of the answers, ``answer:PART.ITEM``.
-
-    Returns:
-        The answers by measure.
     """
     answers: dict[str, dict[int, Any]] = {measure: {} for measure in measures}
     if not answers:

@@ -84,25 +84,30 @@ def list_logs(source: Path, known: Mapping[str, KnownLog]) -> tuple[dict[str, Li
     The key is the log's path relative to the study's folder. The metadata of a log that has not changed since it was
     cached are taken from the cache.
 
+    Args:
+        source: the study's folder, or a single log.
+        known: the logs as the cache recorded them, by key.
+
     Raises:
         LogError: if there is no such file or folder.
     """
     folder = find_containing_folder(source)
-    key_start = len(os.fspath(folder / "_")) - 1
+    key_start = len(os.fspath(folder / "_")) - 1  # after the folder's path and its separator
     fingerprints: dict[str, str] = {}
     metadata: dict[str, dict[str, str]] = {}
     participant_fingerprints: dict[str, str] = {}
 
-    def read_metadata(log: Path, first: Path) -> dict[str, str]:
+    def read_metadata(log: Path, first_file: Path) -> dict[str, str]:
+        """Return a log's metadata; record them and the log's fingerprint under its key."""
         key = os.fspath(log)[key_start:]
         cached = known.get(key)
         fingerprints[key] = _fingerprint_log(
-            os.fspath(first), cached.fingerprint if cached else "", participant_fingerprints
+            os.fspath(first_file), cached.fingerprint if cached else "", participant_fingerprints
         )
         if cached and is_same_content(fingerprints[key], cached.fingerprint):
             metadata[key] = msgspec.msgpack.decode(cached.metadata)
         else:
-            metadata[key] = read_first_metadata(first)
+            metadata[key] = read_first_metadata(first_file)
         return metadata[key]
 
     paths, skipped = list_readable_logs(source, read_metadata)
@@ -110,39 +115,40 @@ def list_logs(source: Path, known: Mapping[str, KnownLog]) -> tuple[dict[str, Li
     return {key: ListedLog(path, fingerprints[key], metadata[key]) for key, path in logs.items()}, skipped
 
 
-def _fingerprint_log(first: str, known: str, of_participant: dict[str, str]) -> str:
+def _fingerprint_log(first_file: str, cached: str, participant_fingerprints: dict[str, str]) -> str:
     """Fingerprint a log by its first file, its annotation file and the participant's other sessions.
 
     A rule that excludes a participant can be broken in any of their sessions, so the rows of each session depend on all
     of them.
 
     Args:
-        first: the path of the log's first file.
-        known: the cached fingerprint, from which digests of unchanged files are taken.
-        of_participant: the fingerprints computed so far, by participant folder; this function adds to them.
+        first_file: the path of the log's first file.
+        cached: the cached fingerprint, from which digests of unchanged files are taken; "" for a new log.
+        participant_fingerprints: the fingerprints computed so far, by participant folder; this function adds to them.
     """
-    folder = os.path.dirname(first)
+    folder = os.path.dirname(first_file)
     if not os.path.basename(folder).startswith("ses-"):
-        marks = os.path.basename(annotations_path(Path(first)))
-        return _describe_files(folder, marks.partition("_")[0], known)
+        annotation_name = os.path.basename(annotations_path(Path(first_file)))
+        code = annotation_name.partition("_")[0]  # "sub-07" of sub-07_ses-01.marks.jsonl
+        return _describe_files(folder, code, cached)
     participant = os.path.dirname(folder)
-    if participant not in of_participant:
+    if participant not in participant_fingerprints:
         folders = sorted(
             entry.path for entry in os.scandir(participant or ".") if entry.name.startswith("ses-") and entry.is_dir()
         )
-        of_participant[participant] = "\n".join(_describe_files(folder_path, "", known) for folder_path in folders)
-    return of_participant[participant]
+        participant_fingerprints[participant] = "\n".join(_describe_files(path, "", cached) for path in folders)
+    return participant_fingerprints[participant]
 
 
-def _describe_files(folder: str, prefix: str, known: str) -> str:
+def _describe_files(folder: str, prefix: str, cached: str) -> str:
     """Describe the folder's files whose names begin with ``prefix``, one line per file.
 
-    ``known`` is as in ``describe_file``.
+    ``cached`` holds earlier descriptions, from which digests of unchanged files are taken.
     """
     folder_name = os.path.basename(folder)
     lines = []
     for entry in sorted(os.scandir(folder or "."), key=lambda entry: entry.name):
         if entry.name.startswith(prefix) and entry.is_file():
             name = f"{folder_name}/{entry.name}"
-            lines.append(describe_file(entry.path, entry.stat(), name=name, known=known))
+            lines.append(describe_file(entry.path, entry.stat(), name=name, known=cached))
     return "\n".join(lines)

@@ -102,13 +102,14 @@ def remove_cache(file: Path) -> None:
 
 
 def describe_cache(file: Path) -> str:
-    """Return a line that differs after every change to a cache, as DuckDB counts changes at the beginning of the file.
+    """Return a line that identifies the current state of a cache: its change time, name, size, time and digest.
 
-    No other process can write to the file while it is open.
+    The line differs after every change, because DuckDB counts changes at the beginning of the file, which the digest
+    covers. Call this while the file is open, because no other process can write to it then.
     """
-    facts = file.stat()
-    content = _drop_change_time(describe_file(file, facts))
-    return f"{facts.st_ctime_ns} {content}"
+    status = file.stat()
+    content = _drop_change_time(describe_file(file, status))
+    return f"{status.st_ctime_ns} {content}"
 
 
 def _drop_change_time(line: str) -> str:
@@ -119,7 +120,7 @@ def _drop_change_time(line: str) -> str:
 def read_checked(file: Path) -> frozenset[str]:
     """Return the names of the cache's tables that were compared with their digests.
 
-    Return an empty set if there is no such record, or if the cache has changed since it was written.
+    Return an empty set if this was not recorded, or if the cache has changed since.
     """
     try:
         described, names = file.with_name(f"{file.name}{_CHECKED}").read_text(encoding="utf-8").split("\n")
@@ -142,53 +143,58 @@ def write_checked(file: Path, names: Iterable[str]) -> None:
         keep_private(path)
 
 
-def describe_file(file: str | Path, facts: os.stat_result | None = None, *, name: str = "", known: str = "") -> str:
+def describe_file(file: str | Path, status: os.stat_result | None = None, *, name: str = "", known: str = "") -> str:
     """Describe a file in one line that distinguishes it from other content of the same name.
 
-    The line holds the size, the modification time, a digest of the first and last 64 KiB, and the time at which the
-    system last recorded any change.
+    The line holds the name, the size, the modification time, a digest of the first and last 64 KiB, and the time at
+    which the system last recorded any change. Compare descriptions with ``is_same_content``.
 
-    The digest is copied from a matching line in ``known`` (earlier descriptions) when no time differs, because users
-    cannot set the system's change time back. The change time is not trusted for a file changed just before it was
-    described, nor on Windows, which does not record it. Compare descriptions with ``is_same_content``. ``name``
-    replaces the file's own name in the line.
+    The change time is "-" if it cannot be trusted: for a file changed just before it was described, and on Windows,
+    which does not record it.
+
+    Args:
+        file: the file's path.
+        status: the file's status, if it was read already.
+        name: the name in the line; by default the file's own.
+        known: earlier descriptions, one per line. The digest is copied from a line in which no time differs, because
+            users cannot set the system's change time back.
     """
     name = name or os.path.basename(file)
     try:
-        facts = facts or os.stat(file)
+        status = status or os.stat(file)
     except FileNotFoundError:  # finished and renamed just now; the next listing finds it under its new name
         return f"{name} gone -"
-    if os.name == "nt" or time.time_ns() - facts.st_ctime_ns < _UNSETTLED_NS:
-        changed = "-"
+    if os.name == "nt" or time.time_ns() - status.st_ctime_ns < _UNSETTLED_NS:
+        change_time = "-"
     else:
-        changed = str(facts.st_ctime_ns)
-    head = f"{name} {facts.st_size} {facts.st_mtime_ns} "
-    end = f" {changed}"
-    if changed != "-":
+        change_time = str(status.st_ctime_ns)
+    head = f"{name} {status.st_size} {status.st_mtime_ns} "
+    end = f" {change_time}"
+    if change_time != "-":
         for line in known.split("\n"):
             if line.startswith(head) and line.endswith(end):
                 return line
-    if stat.S_ISREG(facts.st_mode):
-        ends = _digest_ends(file, facts.st_size)
+    if stat.S_ISREG(status.st_mode):
+        digest = _digest_ends(file, status.st_size)
     else:
-        ends = "no regular file"
-    return head + ends + end
+        digest = "no regular file"
+    return head + digest + end
 
 
-def is_same_content(description: str, other: str) -> bool:
-    """Return whether two descriptions, with one line per file, are of the same content, whenever it was written.
+def is_same_content(first: str, second: str) -> bool:
+    """Return whether two descriptions of files, with one line per file, describe the same content.
 
     The last field of each line, the system's change time, is ignored.
     """
-    if description == other:
+    if first == second:
         return True
-    contents = [_drop_change_time(line) for line in description.split("\n")]
-    other_contents = [_drop_change_time(line) for line in other.split("\n")]
-    return contents == other_contents
+    first_contents = [_drop_change_time(line) for line in first.split("\n")]
+    second_contents = [_drop_change_time(line) for line in second.split("\n")]
+    return first_contents == second_contents
 
 
 def _digest_ends(file: str | Path, size: int) -> str:
-    """Digest the first and last 64 KiB of a file.
+    """Return a digest of the first and last 64 KiB of a file of ``size`` bytes; "unreadable" if it cannot be read.
 
     Size and modification time are not enough: other content can have the same size, and a modification time can be set
     back.
@@ -217,10 +223,17 @@ def digest_sources(*packages: str) -> str:
     """Return a digest of the code in packages such as "log/model", excluding their subpackages.
 
     Without arguments, digest all of minihuman's code.
+
+    Raises:
+        AssertionError: if one of the packages holds no code.
     """
     root = Path(minihuman.__file__).parent
+    if packages:
+        sources_by_package = [sorted((root / package).glob("*.py")) for package in packages]
+    else:
+        sources_by_package = [sorted(root.rglob("*.py"))]
     digest = blake2b(digest_size=8)
-    for sources in [sorted((root / package).glob("*.py")) for package in packages] or [sorted(root.rglob("*.py"))]:
+    for sources in sources_by_package:
         if not sources:
             raise AssertionError(f"{root}: {packages} holds no code: a cache would never go stale")
         for source in sources:

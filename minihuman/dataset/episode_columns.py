@@ -34,19 +34,21 @@ def list_episode_columns() -> tuple[EpisodeColumn, ...]:
     """List the installed columns, in the order of their names.
 
     Raises:
-        QueryError: if a column cannot be loaded, is not an `EpisodeColumn`, or has the name of an existing column.
+        QueryError: if a column cannot be loaded, is not an `EpisodeColumn`, has another name than its entry point, or
+            has the name of a built-in column.
     """
     return tuple(_load_column(name) for name in list_plugin_names(COLUMN_GROUP))
 
 
 @remember_by_name
 def _load_column(name: str) -> EpisodeColumn:
+    """Load the column of an entry point; raise QueryError if it is not usable, as ``list_episode_columns`` says."""
     column = load_plugin(COLUMN_GROUP, name, QueryError, noun="column")
     if not isinstance(column, EpisodeColumn):
         raise QueryError(f"column {name!r} is of type {type(column).__name__}; register a minihuman.ext.EpisodeColumn")
     if column.column.name != name:
         raise QueryError(f"the entry point {name!r} is a column that calls itself {column.column.name!r}; rename one")
-    if name in {own.name for own in EPISODES}:
+    if name in {built_in.name for built_in in EPISODES}:
         raise QueryError(f"column {name!r} is in the table episodes already; rename it")
     return column
 

@@ -27,10 +27,11 @@ class IncludedEpisode:
 
     @property
     def facts(self) -> dict[str, Any]:
-        """Return the facts that every exported episode carries: participant, rule, keys and outcome.
+        """Return the facts that every exporter writes about an episode, such as participant, key map and outcome.
 
         ``session``, ``segment``, ``episode`` and ``attempt`` count from 1, as in the tables, so that they can be
-        joined. ``person`` has the laboratory's own columns of the participant, which cannot collide with the others.
+        joined. ``options`` are the world's. ``person`` has the laboratory's own columns of the participant, which
+        cannot collide with the others.
         """
         further = {"options": dict(self.episode.plan.options), "person": dict(self.person)}
         return build_episode_facts(self.log, self.episode) | further
@@ -77,9 +78,9 @@ class IncludedEpisodes:
                 facts_by_protocol[plan.protocol_sha256] = read_person_facts(self.sessions.source, plan.protocol_toml)
             person = facts_by_protocol[plan.protocol_sha256].get(plan.participant.id, {})
             for episode in selected.episodes:
-                item = IncludedEpisode(selected.session, episode, self._stored_frames, person)
-                self._on_included(selected.log.path, item.facts)
-                yield item
+                included = IncludedEpisode(selected.session, episode, self._stored_frames, person)
+                self._on_included(selected.log.path, included.facts)
+                yield included
 
     def counted(self) -> Iterator[SelectedSession]:
         """Yield every selected session with its included and excluded episodes; one session is in memory at a time.
@@ -94,7 +95,7 @@ class IncludedEpisodes:
                 yield selected
 
     def rows(self) -> Iterator[SessionRows]:
-        """Yield every session's rows of every table, reading several sessions in parallel.
+        """Yield the rows of every table for each selected session, reading several sessions in parallel.
 
         Excluded rows carry their reason.
 

@@ -37,9 +37,9 @@ _ARROW_TYPES = {"boolean": pa.bool_(), "number": pa.float64(), "text": pa.string
 
 
 def list_info_columns(connection: duckdb.DuckDBPyConnection, table: str) -> dict[str, TableColumn]:
-    """List the file columns for a table's JSON keys, by key.
+    """Return a file column for each key in a table's JSON column, by key; {} if the table has no JSON column.
 
-    The type is boolean or number where all values are, else text.
+    The column's type is boolean or number if all values of the key are, else text.
     """
     column = _JSON_COLUMNS.get(table)
     if column is None:
@@ -51,17 +51,21 @@ def list_info_columns(connection: duckdb.DuckDBPyConnection, table: str) -> dict
     ).fetchall()
     name = name_label_column if column is LABELS else "info_{}".format
     return {
-        key: TableColumn(name(key), _find_kind(types), "", column.meaning.format(key)) for key, types in types_by_key
+        key: TableColumn(name(key), _choose_kind(types), "", column.meaning.format(key)) for key, types in types_by_key
     }
 
 
-def _find_kind(types: Sequence[str]) -> TableColumnType:
+def _choose_kind(types: Sequence[str]) -> TableColumnType:
     """Return the type of a key's column, given DuckDB's types of its values; "text" if mixed or all missing."""
-    known_types = {name for name in types if name != "NULL"}
-    return next((kind for names, kind in _KINDS.items() if known_types and known_types <= names), "text")
+    types_present = {name for name in types if name != "NULL"}
+    if types_present:
+        for accepted_types, kind in _KINDS.items():
+            if types_present <= accepted_types:
+                return kind
+    return "text"
 
 
-def build_info_schema(columns: Mapping[str, TableColumn]) -> list[pa.Field]:
+def build_info_fields(columns: Mapping[str, TableColumn]) -> list[pa.Field]:
     """Build the Arrow fields of the columns for JSON keys."""
     return [pa.field(column.name, _ARROW_TYPES[column.kind]) for column in columns.values()]
 
@@ -71,7 +75,7 @@ def add_info_columns(rows: pa.Table, table: str, columns: Mapping[str, TableColu
     if not columns:
         return rows
     objects = [_parse_object(text) for text in rows.column(_JSON_COLUMNS[table].name).to_pylist()]
-    for (key, column), field in zip(columns.items(), build_info_schema(columns), strict=True):
+    for (key, column), field in zip(columns.items(), build_info_fields(columns), strict=True):
         values = [_convert_to_kind(content.get(key), column.kind) for content in objects]
         rows = rows.append_column(field, pa.array(values, field.type))
     return rows

@@ -33,7 +33,7 @@ from minihuman.log.salvage.summary_section import read_first_metadata
 from minihuman.operating_system import count_processes
 from minihuman.storage.study_journals import ENROLMENT_FILE_NAME, URL_FILE_NAME
 
-_UP = 3  # folders above a session's to search for its study: <study>/sub-07/ses-01
+_N_PARENTS = 3  # folders above a session's to search for its study: <study>/sub-07/ses-01
 
 T = TypeVar("T")
 _SEGMENT_ENDING = re.compile(r"(_seg-\d+)?\.mcap(\.part)?$")
@@ -61,7 +61,7 @@ class SkippedLog:
             path = self.path.relative_to(source)
         else:
             path = Path(self.path.name)
-        return SkippedLog(path, name_paths_from(source, self.reason))
+        return SkippedLog(path, make_paths_relative(source, self.reason))
 
 
 def find_containing_folder(path: Path) -> Path:
@@ -71,9 +71,10 @@ def find_containing_folder(path: Path) -> Path:
     return path.parent
 
 
-def name_paths_from(source: Path, text: str) -> str:
+def make_paths_relative(source: Path, text: str) -> str:
     """Return a text with its file paths relative to the study's folder, or to the folder that contains a single log."""
-    return text.replace(os.fspath(find_containing_folder(source) / "_")[:-1], "")
+    folder_prefix = os.fspath(find_containing_folder(source) / "_")[:-1]  # the folder's path with its separator
+    return text.replace(folder_prefix, "")
 
 
 def list_readable_logs(
@@ -107,52 +108,59 @@ def list_readable_logs(
 
 def _find_withdrawn_logs(facts: Mapping[Path, dict[str, str]]) -> set[Path]:
     """Find the logs of participants who withdrew; ``facts`` is each log's metadata."""
-    find_withdrawn_codes = _withdrawal_finder()
+    find_withdrawn_codes = _make_withdrawn_code_finder()
     return {path for path, metadata in facts.items() if metadata.get("participant") in find_withdrawn_codes(path)}
 
 
 def _skip_copies(facts: Mapping[Path, dict[str, str]]) -> Iterator[SkippedLog]:
-    """Yield, for sessions that have several logs, all logs but the one in its regular place."""
+    """Yield the copies to skip of each session that has several logs.
+
+    The log in the session's regular place is not skipped; if there is none, the first one by path is not.
+    """
     paths_by_session: dict[tuple[str, ...], list[Path]] = {}
     for path, metadata in facts.items():
-        paths_by_session.setdefault(_session_of(metadata) or (str(path),), []).append(path)
+        paths_by_session.setdefault(_find_session_key(metadata) or (str(path),), []).append(path)
     for paths in paths_by_session.values():
-        first, *copies = sorted(paths, key=lambda path: (not _in_place(path, facts[path]), path))
+        first, *copies = sorted(paths, key=lambda path: (not _is_in_place(path, facts[path]), path))
         for path in copies:
             yield SkippedLog(path, f"{_name_session(facts[path])}, as is {first}; move one of them away")
 
 
-def _withdrawal_finder() -> Callable[[Path], frozenset[str]]:
-    """Return a function that returns the codes of participants who withdrew from the study in which a log lies."""
+def _make_withdrawn_code_finder() -> Callable[[Path], frozenset[str]]:
+    """Return a function that finds the codes of the participants who withdrew from the study of a given log.
+
+    The function caches the codes of each folder.
+    """
 
     @cache
-    def read(folder: str, up: int) -> frozenset[str]:
-        """Read the withdrawn codes of a folder and of the ``up`` folders above it."""
-        above = os.path.dirname(folder)
-        places = (
+    def read_codes(folder: str, n_parents: int) -> frozenset[str]:
+        """Read the withdrawn codes of a folder and of the ``n_parents`` folders above it."""
+        parent = os.path.dirname(folder)
+        files = (
             os.path.join(folder, ENROLMENT_FILE_NAME),
-            os.path.join(above, URL_FILE_NAME),
-            os.path.join(above, LEDGER_FILE_NAME),
+            os.path.join(parent, URL_FILE_NAME),
+            os.path.join(parent, LEDGER_FILE_NAME),
         )
-        if any(map(os.path.exists, places)):
+        if any(map(os.path.exists, files)):
             codes = read_withdrawn_codes(Path(folder))
         else:
             codes = frozenset()
-        if up:
-            return codes | read(os.path.dirname(folder), up - 1)
+        if n_parents:
+            return codes | read_codes(parent, n_parents - 1)
         return codes
 
-    def find(log: Path) -> frozenset[str]:
+    def find_codes(log: Path) -> frozenset[str]:
+        """Find the withdrawn codes of the folders in which the study of a log may lie."""
         folder = os.path.dirname(log)
-        up = _UP
+        n_parents = _N_PARENTS
         if os.path.basename(folder).startswith("ses-"):  # only the folders above the participant's have enrolment logs
             folder = os.path.dirname(os.path.dirname(folder))
-            up = _UP - 2
+            n_parents -= 2
         if not os.path.isabs(folder):
             folder = os.path.abspath(folder)
-        return read(folder, up)
+        return read_codes(folder, n_parents)
 
-    return find
+    return find_codes
 
 
 def list_participant_logs(source: Path, participant: str) -> list[Path]:
@@ -160,11 +168,11 @@ def list_participant_logs(source: Path, participant: str) -> list[Path]:
 
     Logs that are too damaged to name their participant are included.
     """
-    firsts = dict(_find_sessions(source)[0])
-    participants = {
-        path: read_first_metadata(firsts[path]).get("participant", "") for path in list_readable_logs(source)[0]
+    first_files = dict(_find_sessions(source)[0])
+    codes = {
+        path: read_first_metadata(first_files[path]).get("participant", "") for path in list_readable_logs(source)[0]
     }
-    return [path for path, code in participants.items() if code in (participant, "")]
+    return [path for path, code in codes.items() if code in (participant, "")]
 
 
 def list_other_sessions(log: SessionLog) -> list[Path]:
@@ -175,18 +183,18 @@ def list_other_sessions(log: SessionLog) -> list[Path]:
     """
     folder = find_containing_folder(log.path).absolute()
     own = {"study": log.plan.study, "participant": log.plan.participant.id, "session": str(log.plan.session)}
-    in_place = _in_place(folder, own)
-    root = folder.parent if in_place else folder
+    is_in_place = _is_in_place(folder, own)
+    root = folder.parent if is_in_place else folder
     if not root.is_dir():
         return []
     sessions, _ = _find_sessions(root)
-    if not in_place:
+    if not is_in_place:
         prefix = f"{own['participant']}_"
         sessions = [(path, first) for path, first in sessions if first.name.startswith(prefix)]
     facts = {path: read_first_metadata(first) for path, first in sessions}
     path_by_session: dict[int, Path] = {}
-    for path in sorted(facts, key=lambda path: (not _in_place(path, facts[path]), path)):
-        study, participant, session = _session_of(facts[path]) or ("", "", "")
+    for path in sorted(facts, key=lambda path: (not _is_in_place(path, facts[path]), path)):
+        study, participant, session = _find_session_key(facts[path]) or ("", "", "")
         is_of_participant = (study, participant) == (own["study"], own["participant"])
         if is_of_participant and session not in ("", own["session"]):
             path_by_session.setdefault(int(session), path)
@@ -194,10 +202,13 @@ def list_other_sessions(log: SessionLog) -> list[Path]:
 
 
 def _find_sessions(source: Path) -> tuple[list[tuple[Path, Path]], list[Path]]:
-    """Find the paths that ``open_log`` accepts, and other systems' companion files.
+    """Find a log, or all session logs below a folder, and the companion files that operating systems add to logs.
 
     Returns:
-        The paths, each with the first file of its session; and the companion files.
+        The paths that ``open_log`` accepts, each with the first file of its session; and the companion files.
+
+    Raises:
+        LogError: if there is no such file or folder.
     """
     if source.is_file():
         return [(source, source)], []
@@ -213,7 +224,7 @@ def _find_sessions(source: Path) -> tuple[list[tuple[Path, Path]], list[Path]]:
     return logs, find_system_companions(folders)
 
 
-def _session_of(facts: dict[str, str]) -> tuple[str, ...]:
+def _find_session_key(facts: dict[str, str]) -> tuple[str, ...]:
     """Return the study, participant and session that a log names; an empty tuple if damage hides any of them."""
     session_key = tuple(facts.get(name, "") for name in ("study", "participant", "session"))
     if not all(session_key):
@@ -221,7 +232,7 @@ def _session_of(facts: dict[str, str]) -> tuple[str, ...]:
     return session_key
 
 
-def _in_place(path: Path, facts: dict[str, str]) -> bool:
+def _is_in_place(path: Path, facts: dict[str, str]) -> bool:
     """Return whether a log has its session's regular folder and name, unlike a copy kept beside it."""
     folder = find_containing_folder(path)
     participant = facts.get("participant", "")
@@ -258,8 +269,17 @@ def map_paths(
 ) -> Iterator[T]:
     """Yield the result of ``work`` for each log in order, working on several in parallel, here or in a Ray cluster.
 
-    Other processes are started only if there are ``per_process`` logs for each, so ``work`` and its results must be
-    picklable. Only a few results are held in memory at a time.
+    Only a few results are held in memory at a time.
+
+    Args:
+        paths: the paths of the logs.
+        work: the function to call with each path; it and its results must be picklable.
+        processes: the largest number of processes; by default the number of processors.
+        engine: "local" for processes of this machine, or "ray" for a Ray cluster.
+        per_process: the number of logs for which one further process is started.
+
+    Raises:
+        LogError: if the engine is neither "local" nor "ray".
     """
     paths = list(paths)
     if engine == "ray":
@@ -278,7 +298,7 @@ def map_paths(
 def _map_with_workers(paths: list[Path], work: Callable[[Path], T], n_workers: int) -> Iterator[T]:
     """Yield the result of ``work`` for each log in order, working in this process and in ``n_workers`` others."""
     work_on_batch = partial(_work_on_each, work=work)
-    with ProcessPoolExecutor(n_workers, get_context("spawn"), _settle, (work,)) as pool:
+    with ProcessPoolExecutor(n_workers, get_context("spawn"), _prepare_worker, (work,)) as pool:
         pending: deque[_Batch[T]] = deque()
         for first in range(0, len(paths), _BATCH):
             batch = paths[first : first + _BATCH]
@@ -322,13 +342,13 @@ def _take_oldest_batch(pending: "deque[_Batch[T]]", work_on_batch: Callable[[lis
     """
     _, oldest = pending[0]
     while not oldest.done():
-        place = _cancel_newest_batch(pending)
-        if place is None:
+        index = _cancel_newest_batch(pending)
+        if index is None:
             break
-        batch, _ = pending[place]
+        batch, _ = pending[index]
         future = Future[list[T]]()
         future.set_result(work_on_batch(batch))
-        pending[place] = (batch, future)
+        pending[index] = (batch, future)
         _, oldest = pending[0]
     pending.popleft()
     return oldest.result()
@@ -336,17 +356,18 @@ def _take_oldest_batch(pending: "deque[_Batch[T]]", work_on_batch: Callable[[lis
 
 def _cancel_newest_batch(pending: "deque[_Batch[T]]") -> int | None:
     """Cancel the newest batch that no process has begun; return its index, or None if all are begun or done."""
-    for place in reversed(range(len(pending))):
-        _, future = pending[place]
+    for index in reversed(range(len(pending))):
+        _, future = pending[index]
         if future.cancel():
-            return place
+            return index
     return None
 
 
-def _settle(work: Callable[[Path], object]) -> None:
-    """Make garbage collection rare in a worker process, and exempt the objects that exist now.
+def _prepare_worker(work: Callable[[Path], object]) -> None:
+    """Make garbage collection rare in a worker process, and exempt the objects that exist at its start.
 
-    Unpickling ``work`` has imported all that it needs, so the garbage collector can ignore the objects that exist now.
+    ``work`` is not called. It is an argument because unpickling it imports all modules that the worker needs, before
+    the objects of these modules are exempted.
     """
     gc.freeze()
     gc.set_threshold(*SELDOM)
@@ -358,7 +379,7 @@ def _work_on_each(paths: list[Path], work: Callable[[Path], T]) -> list[T]:
 
 
 def _read_and_work(path: Path, work: Callable[[SessionLog], T]) -> T | SkippedLog:
-    """Read a log and return what ``work`` makes of it, or the reason why the log is skipped."""
+    """Read a log and return the result of ``work``, or the reason why the log is skipped."""
     from minihuman.log.read.session_reader import read_log
 
     try:

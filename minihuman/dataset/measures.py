@@ -53,33 +53,34 @@ def response_ms(episode: EpisodeLog) -> NDArray[np.float64]:
     """
     if episode.plan.pace != "real_time":
         return episode.rt_ms
-    times = np.full(len(episode.actions), math.nan)
-    steps, first = np.unique(episode.frames.column("step"), return_index=True)
+    times_ms = np.full(len(episode.actions), math.nan)
+    shown_steps, first_frames = np.unique(episode.frames.column("step"), return_index=True)
     if episode.onsets is None:
-        onsets = np.zeros(len(episode.poses), bool)
+        is_onset = np.zeros(len(episode.poses), bool)
     else:
-        onsets = episode.onsets
-    flips_ns = np.sort(np.asarray(episode.frames.column("flip_ns"))[first[onsets[steps]]])
-    keyed = np.flatnonzero([key != "" for key in episode.step_keys])
-    latest = np.searchsorted(flips_ns, episode.key_t_ns[keyed], side="right") - 1
-    onset_of, places = np.unique(latest, return_index=True)
-    for onset, step in zip(onset_of.tolist(), keyed[places].tolist(), strict=True):
+        is_onset = episode.onsets
+    onsets_ns = np.sort(np.asarray(episode.frames.column("flip_ns"))[first_frames[is_onset[shown_steps]]])
+    key_steps = np.flatnonzero([key != "" for key in episode.step_keys])
+    latest_onsets = np.searchsorted(onsets_ns, episode.key_t_ns[key_steps], side="right") - 1
+    onsets, first_keys = np.unique(latest_onsets, return_index=True)  # only the first key after an onset answers it
+    for onset, step in zip(onsets.tolist(), key_steps[first_keys].tolist(), strict=True):
         if onset < 0:  # a key before the first onset
             continue
-        begin_ns = flips_ns[onset]
+        begin_ns = onsets_ns[onset]
         end_ns = episode.key_t_ns[step]
-        if not any(begin_ns < pause_end and pause < end_ns for pause, pause_end in episode.pauses):
-            times[step] = (end_ns - begin_ns) / 1e6
-    return times
+        if not any(begin_ns < pause_end_ns and pause_ns < end_ns for pause_ns, pause_end_ns in episode.pauses):
+            times_ms[step] = (end_ns - begin_ns) / 1e6
+    return times_ms
 
 
 def mean_and_median(times_ms: NDArray[np.float64]) -> tuple[float | None, float | None]:
     """Return the mean and the median of the times that are not NaN; None for both if there are none."""
-    known = times_ms[~np.isnan(times_ms)]
-    if not known.size:
+    present_ms = times_ms[~np.isnan(times_ms)]
+    n = present_ms.size
+    if not n:
         return (None, None)
-    middle = np.sort(known)[(known.size - 1) // 2 : known.size // 2 + 1]  # two times if their number is even
-    return (float(known.mean()), float(middle.mean()))
+    middle_ms = np.sort(present_ms)[(n - 1) // 2 : n // 2 + 1]  # two times if their number is even
+    return (float(present_ms.mean()), float(middle_ms.mean()))
 
 
 TURN_DTYPE = np.dtype([("row", np.int64), ("turned_rad", np.float64), ("steps", np.int64)])
@@ -141,9 +142,13 @@ def turns_in_place(episode: EpisodeLog) -> NDArray[np.void]:
     ``steps`` that turned. A run lasts while the position stays the same; runs without any change of heading are
     excluded.
     """
-    turned = np.abs(turned_rad(episode))
-    runs = zip(*(places.tolist() for places in _find_turns(episode.poses)), strict=True)
-    return np.array([(end, turned[begin:end].sum(), steps) for begin, end, steps in runs], dtype=TURN_DTYPE)
+    angles_rad = np.abs(turned_rad(episode))
+    begins, ends, n_steps = _find_turns(episode.poses)
+    records = [
+        (end, angles_rad[begin:end].sum(), steps)
+        for begin, end, steps in zip(begins.tolist(), ends.tolist(), n_steps.tolist(), strict=True)
+    ]
+    return np.array(records, dtype=TURN_DTYPE)
 
 
 def _measure_strides(poses: PoseArray) -> NDArray[np.float64]:
@@ -180,9 +185,9 @@ def excess_steps(steps: int, best: int | None, *, success: bool) -> float | None
 def log_excess_steps(steps: int, best: int | None, limit: int, outcome: str) -> float | None:
     """Return ln(1 + excess steps); an episode that missed the goal counts with its step limit.
 
-    What slows people down multiplies their steps, so the logarithm is compared; and a group that fails more often must
-    not look better because its failures are excluded. None for an episode that was broken off, or for which no path is
-    known.
+    The logarithm is compared because slower people need a multiple of the steps, not a fixed number more. Failures
+    count because otherwise a group that fails more often would look better. None for an episode that was broken off, or
+    if ``best``, the steps of the best known path to the goal, is None.
     """
     if best is None or outcome not in ("goal", "timeout", "failure"):
         return None
@@ -192,10 +197,10 @@ def log_excess_steps(steps: int, best: int | None, limit: int, outcome: str) -> 
 def log_steps_ratio(steps: int, best: int | None, limit: int, outcome: str) -> float | None:
     """Return ln(steps / steps of the best known path); an episode that missed the goal counts with its step limit.
 
-    Differences of this measure are ratios of steps: -0.36 is 30 % fewer. ``log_excess_steps`` weighs a step most where
-    hardly any were superfluous, so that one layout on which everybody is nearly perfect can weigh as much as all others
-    together; here a step is weighed by the length of the path. None for an episode that was broken off, or for which no
-    path is known.
+    Differences of this measure are ratios of steps: -0.36 is 30 % fewer. Here a step is weighed by the length of the
+    path. ``log_excess_steps`` weighs the first superfluous steps most, so that one layout on which all participants are
+    nearly perfect can weigh as much as all other layouts together. None for an episode that was broken off, or if
+    ``best``, the steps of the best known path to the goal, is None or 0.
     """
     if best is None or best < 1 or outcome not in ("goal", "timeout", "failure"):
         return None
@@ -317,7 +322,8 @@ def _summarize_key_map(key_map: KeyMap, group: Sequence[KeyTally]) -> Iterator[K
     steps = _sum_counts(tally.steps for tally in group)
     ineffective_steps = _sum_counts(tally.ineffective_steps for tally in group)
     discoveries = _find_discoveries(group)
-    further_keys = {*key_map.spare_keys, *+presses, *+steps} - {*key_map.keys, ""}  # "" caused a tick's no-op
+    used_keys = {*+presses, *+steps}  # the unary plus drops keys with a count of 0
+    further_keys = used_keys.union(key_map.spare_keys) - {*key_map.keys, ""}  # "" caused a tick's no-op
     for key in (*sorted(key_map.keys), *sorted(further_keys)):
         action = key_map.keys.get(key)
         discovered_s, discovered_steps = _UNDISCOVERED
@@ -368,15 +374,15 @@ def _find_discoveries(group: Sequence[KeyTally]) -> dict[str, _Discovery]:
     """
     discoveries: dict[str, _Discovery] = {}
     steps_before = 0
-    before_ns = 0
+    played_before_ns = 0
     for tally in group:
         episode = tally.episode
         for key, step in tally.first_shown.items():
             if key not in discoveries:
-                since_ns = before_ns + played_ns(episode, int(episode.key_t_ns[step]))
-                discoveries[key] = (since_ns / 1e9, steps_before + step + 1)
+                discovered_ns = played_before_ns + played_ns(episode, int(episode.key_t_ns[step]))
+                discoveries[key] = (discovered_ns / 1e9, steps_before + step + 1)
         steps_before += len(episode.actions)
-        before_ns += played_ns(episode)
+        played_before_ns += played_ns(episode)
     return discoveries
 
 

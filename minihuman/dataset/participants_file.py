@@ -70,12 +70,15 @@ def read_participants_file(source: Path, columns: Sequence[ParticipantColumnSpec
 
 
 def names_participant(study_dir: Path, code: str) -> bool:
-    """Return whether a study's `participants.csv` has a cell with a participant's code, in whatever encoding."""
+    """Return whether a study's `participants.csv` has a cell with a participant's code, whatever the file's encoding.
+
+    Return False if the study has no such file.
+    """
     path = find_participants_file(study_dir)
     if not path.is_file():
         return False
-    letters = path.read_bytes().replace(b"\0", b"")  # of UTF-16, as codes are ASCII
-    return code in re.split(r'[\s,;"]+', letters.decode("latin-1"))
+    without_zeros = path.read_bytes().replace(b"\0", b"")  # UTF-16 writes the ASCII letters of a code with zero bytes
+    return code in re.split(r'[\s,;"]+', without_zeros.decode("latin-1"))
 
 
 def _decode(path: Path) -> tuple[str, tuple[str, ...]]:
@@ -121,10 +124,13 @@ def _split_head(line: str, delimiter: str) -> list[str]:
 def _read_lines(
     path: Path, text: str, delimiter: str, columns: Sequence[str]
 ) -> Iterator[tuple[int, Mapping[str, str]]]:
-    """Yield the number and the cells of each line that names a participant, without spaces around them.
+    """Yield the number and the cells, by column name, of each line that is not blank; missing cells are empty.
+
+    Spaces around names and cells are removed.
 
     Raises:
-        ParticipantsFileError: if a column is missing or named twice, or a line has more cells than there are columns.
+        ParticipantsFileError: if a column is missing or named twice, if a line has more cells than there are columns,
+            or if the text is not valid CSV.
     """
     reader = csv.reader(text.splitlines(keepends=True), delimiter=delimiter)
     try:
@@ -145,6 +151,7 @@ def _read_lines(
 
 
 def _check_heads(path: Path, heads: Sequence[str], columns: Sequence[str]) -> None:
+    """Raise ParticipantsFileError if the column of codes or one of ``columns`` is missing or appears twice."""
     missing = sorted({CODE_COLUMN, *columns}.difference(heads))
     if missing:
         raise ParticipantsFileError(
@@ -155,8 +162,16 @@ def _check_heads(path: Path, heads: Sequence[str], columns: Sequence[str]) -> No
         raise ParticipantsFileError(f"{path} has two columns {doubled!r}; remove or rename one of them")
 
 
-def _parse_cell(column: ParticipantColumnSpec, cell: str, place: str, delimiter: str) -> PersonValue:
-    """Convert a cell to its column's type; return None if it is missing, which a free text is only if it is empty.
+def _parse_cell(column: ParticipantColumnSpec, cell: str, location: str, delimiter: str) -> PersonValue:
+    """Convert a cell to its column's type; return None for a missing value.
+
+    In a column of free texts, only an empty cell is missing. In other columns, so are words such as "NA".
+
+    Args:
+        column: the column as the protocol declares it.
+        cell: the text of the cell.
+        location: the file and the line, with which an error message begins.
+        delimiter: the file's delimiter; beside semicolons, a comma is the decimal mark.
 
     Raises:
         ParticipantsFileError: if the protocol does not allow the value.
@@ -165,16 +180,17 @@ def _parse_cell(column: ParticipantColumnSpec, cell: str, place: str, delimiter:
     if not cell or (cell in _MISSING and not is_free_text and cell not in column.levels):
         return None
     if column.levels and cell not in column.levels:
-        raise ParticipantsFileError(f"{place}: {column.name} is {cell!r}; use one of {', '.join(column.levels)}")
+        raise ParticipantsFileError(f"{location}: {column.name} is {cell!r}; use one of {', '.join(column.levels)}")
     if delimiter == ";" and column.type == "number":
         cell = cell.replace(",", ".")
-    value = _READERS[column.type](cell)
-    if value is None:
-        raise ParticipantsFileError(f"{place}: {column.name} is {cell!r}; use a value of type {column.type}")
-    return value
+    parsed = _PARSERS[column.type](cell)
+    if parsed is None:
+        raise ParticipantsFileError(f"{location}: {column.name} is {cell!r}; use a value of type {column.type}")
+    return parsed
 
 
-def _read_integer(cell: str) -> int | None:
+def _parse_integer(cell: str) -> int | None:
+    """Parse an integer of at most 64 bits, such as "12" or "12.0"; return None for any other text."""
     if not _INTEGER.fullmatch(cell):
         return None
     number = int(cell.partition(".")[0])
@@ -183,19 +199,21 @@ def _read_integer(cell: str) -> int | None:
     return number
 
 
-def _read_number(cell: str) -> float | None:
+def _parse_number(cell: str) -> float | None:
+    """Parse a decimal number; return None for any other text."""
     if not _NUMBER.fullmatch(cell):
         return None
     return float(cell)
 
 
-def _read_boolean(cell: str) -> bool | None:
+def _parse_boolean(cell: str) -> bool | None:
+    """Parse "true" or "false" in any case; return None for any other text."""
     return {"true": True, "false": False}.get(cell.lower())
 
 
-_READERS: Mapping[ColumnType, Callable[[str], PersonValue]] = {
+_PARSERS: Mapping[ColumnType, Callable[[str], PersonValue]] = {
     "text": str,
-    "integer": _read_integer,
-    "number": _read_number,
-    "boolean": _read_boolean,
+    "integer": _parse_integer,
+    "number": _parse_number,
+    "boolean": _parse_boolean,
 }

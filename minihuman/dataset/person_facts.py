@@ -11,7 +11,9 @@ from minihuman.experiment.protocol.about_spec import name_person_column
 
 
 def read_person_facts(source: Path, protocol_toml: bytes) -> dict[str, dict[str, PersonValue]]:
-    """Read what the laboratory says of each participant, by code, without missing values.
+    """Read the declared columns of a study's `participants.csv`; return each participant's values by code and column.
+
+    Missing values are omitted.
 
     Raises:
         ParticipantsFileError: if `participants.csv` cannot be read, or does not fit the protocol.

@@ -28,7 +28,7 @@ _KEY_COLUMNS = (
     TableColumn("study", "text", "", "The study's name in the protocol."),
     TableColumn(CODE_COLUMN, "text", "", "The participant's code."),
 )
-_MAX_NAMED = 5  # participants in a note
+_MAX_NAMED = 5  # participants whom a note names
 _ARROW_TYPES = {"text": pa.string(), "integer": pa.int64(), "number": pa.float64(), "boolean": pa.bool_()}
 
 
@@ -65,13 +65,14 @@ def build_person_table(
         for column in columns
     ]
     texts = [[study for study, _ in people], [code for _, code in people]]
-    values = [[file.rows.get(code, {}).get(column.name) for _, code in people] for column in declared]
-    arrays = [pa.array(cells, field.type) for cells, field in zip([*texts, *values], fields, strict=True)]
+    file_cells = [[file.rows.get(code, {}).get(column.name) for _, code in people] for column in declared]
+    arrays = [pa.array(cells, field.type) for cells, field in zip([*texts, *file_cells], fields, strict=True)]
     rows = pa.Table.from_arrays(arrays, schema=pa.schema(fields))
     return PersonTable(columns, rows, (*file.notes, *_describe_gaps(source, people, file.rows)))
 
 
 def _merge_columns(source: Path, protocols: Iterable[bytes]) -> tuple[ParticipantColumnSpec, ...]:
+    """Return the columns that the protocols declare; raise ParticipantsFileError if two protocols differ in one."""
     merged: dict[str, ParticipantColumnSpec] = {}
     for toml in protocols:
         for column in read_study_facts(source, toml).participant_columns:
@@ -96,7 +97,7 @@ def _describe_column(column: ParticipantColumnSpec) -> TableColumn:
 def _describe_gaps(
     source: Path, people: Sequence[tuple[str, str]], rows: Mapping[str, Mapping[str, PersonValue]]
 ) -> list[str]:
-    """Say that the file is missing, or whom it does not list."""
+    """Return a note that the file is missing or which participants it does not list; [] if it lists all of them."""
     if not find_participants_file(source).is_file():
         return [f"the columns of {FILE_NAME} are empty, as the study's folder has no such file"]
     missing = [code for _, code in dict.fromkeys(people) if code not in rows]

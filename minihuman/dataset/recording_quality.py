@@ -173,27 +173,27 @@ def _count_missing_pictures(episode: EpisodeLog) -> int:
 
 
 def _count_periods(episode: EpisodeLog, pauses: Sequence[tuple[int, int]]) -> NDArray[np.int64]:
-    """Count the step periods from each real-time step to the next, without steps around a pause.
+    """Count the step periods from each real-time step to the next; pairs of steps around a pause are omitted.
 
-    The array is empty if keys make the steps.
+    The array is empty if the episode has steps only when a key is pressed.
     """
     if episode.plan.pace != "real_time" or episode.plan.noop is None:
         return np.empty(0, np.int64)
-    made_ns = episode.t_ns[1:]
-    is_paused = np.zeros(max(0, len(made_ns) - 1), bool)
+    steps_ns = episode.t_ns[1:]
+    is_paused = np.zeros(max(0, len(steps_ns) - 1), bool)
     for begin_ns, end_ns in pauses:
-        is_paused |= (made_ns[:-1] < end_ns) & (made_ns[1:] > begin_ns)
+        is_paused |= (steps_ns[:-1] < end_ns) & (steps_ns[1:] > begin_ns)
     began_ns = next(iter(episode.frames.column("flip_ns")), 0)  # the clock starts with the first picture
-    gaps = np.diff((made_ns - began_ns) // round(episode.plan.step_period_ms * _NS_PER_MS))
+    gaps = np.diff((steps_ns - began_ns) // round(episode.plan.step_period_ms * _NS_PER_MS))
     return np.maximum(1, gaps[~is_paused])
 
 
 def _key_to_flip_ms(episode: EpisodeLog) -> NDArray[np.float64]:
     """List the times in milliseconds from a step's key to the first flip of its picture, for steps that have both."""
-    # backwards: of several pictures of a step the first is kept
+    # reversed, so that of several pictures of a step the assignment below keeps the first
     steps, flips_ns = (np.asarray(episode.frames.column(name), np.int64)[::-1] for name in ("step", "flip_ns"))
     is_done = (steps > 0) & (steps <= len(episode.actions))  # a log may break off between a picture and its step
     first_ns = np.full(len(episode.actions), _NO_FLIP, np.int64)
     first_ns[steps[is_done] - 1] = flips_ns[is_done]
-    counts = ~CategoricalTexts.of(episode.step_keys).equals_any(("",)) & (first_ns != _NO_FLIP)
-    return np.asarray((first_ns[counts] - episode.key_t_ns[counts]) / _NS_PER_MS)
+    has_both = ~CategoricalTexts.of(episode.step_keys).equals_any(("",)) & (first_ns != _NO_FLIP)
+    return np.asarray((first_ns[has_both] - episode.key_t_ns[has_both]) / _NS_PER_MS)

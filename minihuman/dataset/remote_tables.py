@@ -46,7 +46,7 @@ def store_tables(study_dir: Path, *, say: Callable[[str], None] = lambda line: N
     from minihuman.dataset.store import StudyStore
     from minihuman.dataset.table_files import list_partitions, write_partitions
 
-    store = _open_tables(study_dir)
+    store = _open_table_store(study_dir)
     if store is None:
         return None
     study_dir = study_dir.absolute()
@@ -60,13 +60,14 @@ def store_tables(study_dir: Path, *, say: Callable[[str], None] = lambda line: N
             with suppress(RemoteStoreConflictError):  # another machine has just stored the same rows
                 store.put(partition.name, path)
             path.unlink()
-    stale = list(_find_stale(stored | new.keys(), partitions.keys(), read_withdrawn_codes(study_dir)))
+    stale = list(_find_stale_partitions(stored | new.keys(), partitions.keys(), read_withdrawn_codes(study_dir)))
     for partition in stale:
         store.remove(partition.name)
     return len(new), len(stale)
 
 
 def _require_study(study_dir: Path, partitions: Iterable[TablePartition]) -> None:
+    """Raise LogError if a partition is of another study than the one that the folder is named after."""
     other_studies = {partition.study for partition in partitions} - {study_dir.name}
     if other_studies:
         raise LogError(
@@ -75,7 +76,7 @@ def _require_study(study_dir: Path, partitions: Iterable[TablePartition]) -> Non
         )
 
 
-def _find_stale(
+def _find_stale_partitions(
     stored: Set[TablePartition], local: Set[TablePartition], withdrawn: Set[str]
 ) -> Iterator[TablePartition]:
     """Yield the stored partitions of participants who withdrew, and of sessions whose local rows differ."""
@@ -101,7 +102,7 @@ def fetch_tables(source: str, folder: Path, *, say: Callable[[str], None] = lamb
         RemoteStoreError: if the store cannot be reached, or has no tables.
     """
     local_store = FolderStore(folder)
-    store = _open_tables(Path(source))
+    store = _open_table_store(Path(source))
     study = Path(source).absolute().name
     if store is None:
         store = open_store_url(source, may_be_new=False)
@@ -114,16 +115,22 @@ def fetch_tables(source: str, folder: Path, *, say: Callable[[str], None] = lamb
             f"participants withdrew, delete the tables in {folder}"
         )
     missing = sorted(stored - local, key=lambda partition: partition.name)
-    fetched = sum(_fetch_partition(store, local_store, partition, say) for partition in missing)
+    n_fetched = 0
+    for partition in missing:
+        if _fetch_partition(store, local_store, partition, say):
+            n_fetched += 1
     for partition in local - stored:
         local_store.remove(partition.name)
-    return fetched, len(local - stored)
+    return n_fetched, len(local - stored)
 
 
 def _fetch_partition(
     store: RemoteStore, local_store: RemoteStore, partition: TablePartition, say: Callable[[str], None]
 ) -> bool:
-    """Fetch a partition into the local store and return True, or remove it from the remote store if it is damaged."""
+    """Fetch a partition into the local store, and return whether it was fetched.
+
+    A damaged partition is not fetched but removed from the remote store, if that can be written.
+    """
     from minihuman.dataset.table_files import find_partition_damage
 
     with fetch_temporarily(store, partition.name) as path:
@@ -149,7 +156,7 @@ def delete_remote_tables(study_dir: Path, code: str) -> int | None:
     Raises:
         RemoteStoreError: if the tables cannot be deleted.
     """
-    store = _open_tables(study_dir)
+    store = _open_table_store(study_dir)
     if store is None:
         return None
     stored = _list_partitions(store, study_dir.absolute().name)
@@ -158,7 +165,8 @@ def delete_remote_tables(study_dir: Path, code: str) -> int | None:
     return len(names)
 
 
-def _open_tables(study_dir: Path) -> RemoteStore | None:
+def _open_table_store(study_dir: Path) -> RemoteStore | None:
+    """Open the store that ``tables.url`` beside the study's folder names; None if there is no such file."""
     path = study_dir.absolute().parent / TABLES_URL_FILE_NAME
     if not path.is_file():
         return None

@@ -10,7 +10,7 @@ import pyarrow as pa
 
 from minihuman.dataset.cached_sessions import CachedSession, ListedLog, build_cached_session
 from minihuman.dataset.caches import transaction
-from minihuman.dataset.log_files import SkippedLog, infrequent_collection, map_logs, name_paths_from
+from minihuman.dataset.log_files import SkippedLog, infrequent_collection, make_paths_relative, map_logs
 from minihuman.dataset.rows import SessionTables
 from minihuman.dataset.sessions import SessionRows, StudySessions, read_session_rows
 from minihuman.dataset.table_catalogue import TABLES
@@ -59,10 +59,14 @@ class RowWriter:
             self._tables.remove(numbers)
             self._tables.connection.execute("DELETE FROM kept.logs WHERE log IN (SELECT unnest(?))", (numbers,))
 
-    def plan_paths(self, unplanned: Mapping[str, int]) -> dict[str, int]:
+    def fill_path_measures(self, unplanned: Mapping[str, int]) -> dict[str, int]:
         """Fill in the measures that require the worlds, for included sessions that lack only these.
 
-        ``unplanned`` has the sessions' numbers by key. Return those of the sessions that were filled in.
+        Args:
+            unplanned: the numbers of the sessions that lack these measures, by key.
+
+        Returns:
+            The keys and numbers of the sessions that were filled in; excluded sessions are not.
         """
         filled: dict[str, int] = {}
         waiting = iter(unplanned.values())
@@ -81,14 +85,17 @@ class RowWriter:
         return filled
 
     def _store_planned_digests(self, former: Mapping[int, Sequence[int]]) -> None:
-        """Store new digests of the tables that changed, keeping the former digests of the others."""
-        digests = {name: self._tables.digest_rows(name) for name in PLANNED_TABLES}
-        stored = []
+        """Store new digests of the tables with world columns, keeping the former digests of all other tables.
+
+        ``former`` has each session's digests in the order of ``TABLES``, by session number.
+        """
+        new_digests = {name: self._tables.digest_rows(name) for name in PLANNED_TABLES}
+        rows = []
         for number, former_digests in former.items():
-            by_table = dict(zip(TABLES, former_digests, strict=True))
-            by_table |= {name: of_table.get(number, 0) for name, of_table in digests.items()}
-            stored.append({"log": number, "row_digests": list(by_table.values())})
-        new = pa.Table.from_pylist(stored, _ROW_DIGESTS)  # noqa: F841 - SQL reads it
+            digest_by_table = dict(zip(TABLES, former_digests, strict=True))
+            digest_by_table |= {name: digests.get(number, 0) for name, digests in new_digests.items()}
+            rows.append({"log": number, "row_digests": list(digest_by_table.values())})
+        new = pa.Table.from_pylist(rows, _ROW_DIGESTS)  # noqa: F841 - SQL reads it
         self._tables.connection.execute(
             "UPDATE kept.logs SET with_shortest = true, row_digests = new.row_digests, digest = NULL "
             "FROM new WHERE logs.log = new.log"
@@ -96,13 +103,17 @@ class RowWriter:
         self._digest_logs()
 
     @infrequent_collection()
-    def read(self, logs: Mapping[str, ListedLog]) -> None:
-        """Read logs and store their rows, a limited number of sessions per transaction."""
-        ((last,),) = self._tables.connection.execute("SELECT coalesce(max(log), 0) FROM kept.logs").fetchall()
+    def store_logs(self, logs: Mapping[str, ListedLog]) -> None:
+        """Read logs, given by key, and store their rows, a limited number of sessions per transaction.
+
+        Raises:
+            LogError: if a log cannot be read and is the only source.
+        """
+        ((last_number,),) = self._tables.connection.execute("SELECT coalesce(max(log), 0) FROM kept.logs").fetchall()
         work = partial(read_session_rows, selection=self._sessions.selection, with_shortest=self._with_shortest)
         paths = [log.path for log in logs.values()]
         sessions = map_logs(paths, work, processes=self._sessions.processes, engine=self._sessions.engine)
-        numbered = iter(enumerate(zip(logs.items(), sessions, strict=True), last + 1))
+        numbered = iter(enumerate(zip(logs.items(), sessions, strict=True), last_number + 1))
         for _ in range(0, len(logs), SESSIONS_PER_COMMIT):
             with transaction(self._tables.connection):
                 self._insert_sessions(islice(numbered, SESSIONS_PER_COMMIT))
@@ -112,11 +123,13 @@ class RowWriter:
     ) -> None:
         """Store the rows of some sessions, or why their logs cannot be read.
 
-        Only few sessions are in memory at a time.
+        Each session is given by its number, its key, its log, and its rows or the reason to skip it. Only few sessions
+        are in memory at a time.
         """
         lines: dict[int, _LogLine] = {}
 
-        def list_rows() -> Iterator[tuple[int, SessionTables]]:
+        def iterate_rows() -> Iterator[tuple[int, SessionTables]]:
+            """Yield the rows of each readable session, after adding the line of its log to ``lines``."""
             for number, ((key, log), session) in sessions:
                 cached_session, facts = self._describe(session)
                 lines[number] = _LogLine(
@@ -129,12 +142,12 @@ class RowWriter:
                 if not isinstance(session, SkippedLog):
                     yield number, session.rows
 
-        digests = self._tables.insert(list_rows())
+        digests = self._tables.insert(iterate_rows())
         self._insert_log_lines(lines, digests)
         self._digest_logs()
 
     def _insert_log_lines(self, lines: Mapping[int, _LogLine], digests: Mapping[int, list[int]]) -> None:
-        """Store what is known of each log and the digests of its rows; a log that cannot be read has no rows."""
+        """Store the line of each log with the digests of its rows, which are 0 for a log that cannot be read."""
         no_digests = [0] * len(TABLES)
         self._tables.connection.executemany(
             "INSERT INTO kept.logs VALUES (?, ?, ?, ?, ?, ?, ?, ?, NULL)",
@@ -164,7 +177,7 @@ class RowWriter:
         source = self._sessions.source
         if not source.is_dir():
             raise LogError(session.reason)
-        return CachedSession("", problem=name_paths_from(source, session.reason)), None
+        return CachedSession("", problem=make_paths_relative(source, session.reason)), None
 
     def _digest_logs(self) -> None:
         """Compute the digests of the newly written lines of the table of logs."""

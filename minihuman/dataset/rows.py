@@ -65,23 +65,26 @@ class RowBatch:
         counts = [part.count for part in filled]
         columns = {}
         for name in parts[0].columns:
-            columns[name] = _stack_columns([part.columns[name] for part in filled], counts)
+            columns[name] = _concatenate_column([part.columns[name] for part in filled], counts)
         return cls(sum(counts), columns | shared)
 
 
-def _stack_columns(values: Sequence[Any], counts: Sequence[int]) -> Any:
-    """Concatenate a column of several batches; a value that a whole batch shares is repeated for its rows."""
-    match values:
+def _concatenate_column(parts: Sequence[Any], counts: Sequence[int]) -> Any:
+    """Concatenate one column of several batches, which have ``counts`` rows.
+
+    All parts are arrays, lists or categories; or all are single values, each shared by the rows of its batch.
+    """
+    match parts:
         case [np.ndarray(), *_]:
-            return np.concatenate(values)
+            return np.concatenate(parts)
         case [CategoricalTexts(), *_]:
-            return CategoricalTexts.joined(values)
+            return CategoricalTexts.joined(parts)
         case [list(), *_]:
-            return list(chain.from_iterable(values))
+            return list(chain.from_iterable(parts))
         case [str(), *_]:
-            distinct = CategoricalTexts.of(values)
-            return CategoricalTexts(np.repeat(distinct.codes, counts), distinct.categories)
-    return np.repeat(values, counts)
+            texts = CategoricalTexts.of(parts)
+            return CategoricalTexts(np.repeat(texts.codes, counts), texts.categories)
+    return np.repeat(parts, counts)
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,9 +94,9 @@ class SessionTables(Mapping[str, pa.Table]):
     parts: Mapping[str, RowBatch]
 
     def __getitem__(self, name: str) -> pa.Table:
-        arrow = arrow_schema(name)
-        columns = zip(arrow_columns(name, [self.parts[name]]), arrow.types, strict=True)
-        return pa.Table.from_arrays([values.cast(kind) for values, kind in columns], schema=arrow)
+        schema = arrow_schema(name)
+        columns = zip(arrow_columns(name, [self.parts[name]]), schema.types, strict=True)
+        return pa.Table.from_arrays([values.cast(kind) for values, kind in columns], schema=schema)
 
     def __iter__(self) -> Iterator[str]:
         return iter(TABLES)
@@ -112,10 +115,11 @@ def arrow_columns(name: str, parts: Sequence[RowBatch]) -> list[pa.Array]:
     A NaN or an empty text becomes NULL: both mean that there is no value.
     """
     columns = RowBatch.stack([part for part in parts if part.count]).columns
-    return [_arrow_column(column.kind, columns.get(column.name, [])) for column in TABLES[name]]
+    return [_build_arrow_column(column.kind, columns.get(column.name, [])) for column in TABLES[name]]
 
 
-def _arrow_column(kind: TableColumnType, values: Any) -> pa.Array:
+def _build_arrow_column(kind: TableColumnType, values: Any) -> pa.Array:
+    """Build an Arrow array of a column of the given type; texts and keys become dictionaries."""
     if kind == "key":
         return _encode_texts(values, table_key_name)
     if kind == "text":
@@ -126,22 +130,22 @@ def _arrow_column(kind: TableColumnType, values: Any) -> pa.Array:
 # The next functions build arrays from buffers: pa.array would import pandas, which takes half a second.
 
 
-def _encode_texts(values: CategoricalTexts | list[str | None], name: Callable[[str], str]) -> pa.DictionaryArray:
-    """Encode a column of texts as an Arrow dictionary; ``name`` gives the text that is written for each category."""
-    if isinstance(values, list):
-        words = CategoricalTexts.of(value or "" for value in values)
+def _encode_texts(texts: CategoricalTexts | list[str | None], rename: Callable[[str], str]) -> pa.DictionaryArray:
+    """Encode a column of texts as an Arrow dictionary; ``rename`` returns the text to write for each category."""
+    if isinstance(texts, list):
+        categorical = CategoricalTexts.of(text or "" for text in texts)
     else:
-        words = values
-    encoded = [name(word).encode() for word in words.categories]
-    ends = np.cumsum([0, *map(len, encoded)], dtype=np.int32)
+        categorical = texts
+    encoded = [rename(category).encode() for category in categorical.categories]
+    offsets = np.cumsum([0, *map(len, encoded)], dtype=np.int32)
     is_present = np.array([bool(word) for word in encoded], np.bool_)
     buffers = [
         pa.py_buffer(np.packbits(is_present, bitorder="little")),
-        pa.py_buffer(ends),
+        pa.py_buffer(offsets),
         pa.py_buffer(b"".join(encoded)),
     ]
-    texts = pa.Array.from_buffers(pa.string(), len(encoded), buffers)
-    return pa.DictionaryArray.from_arrays(as_int64(words.codes), texts)
+    text_array = pa.Array.from_buffers(pa.string(), len(encoded), buffers)
+    return pa.DictionaryArray.from_arrays(as_int64(categorical.codes), text_array)
 
 
 def as_int64(numbers: NDArray[np.integer[Any]]) -> pa.Array:

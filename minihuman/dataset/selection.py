@@ -65,19 +65,19 @@ def check_exclusion_measures(exclusions: Sequence[ExclusionSpec], source: str) -
     """Check that every exclusion rule uses an existing measure, and labels only at the level of episodes.
 
     Raises:
-        ReportError: if one does not; the message begins with ``source``, the protocol's name, and the rule's path.
+        ReportError: if a rule does not; the message begins with ``source`` (which protocol) and the rule's path.
     """
     for number, rule in enumerate(exclusions):
-        place = f"{source}: $.exclusions[{number}]"
+        path = f"{source}: $.exclusions[{number}]"
         if rule.level != "episode" and (rule.where or rule.measured_label):
-            raise ReportError(f"{place}: a participant has no labels; use level = 'episode'")
+            raise ReportError(f"{path}: a participant has no labels; use level = 'episode'")
         if rule.measured_label or (rule.question and rule.level == "participant"):
             continue
-        known = [column.name for column in _COLUMNS[rule.level] if column.kind in _MEASURED_KINDS]
-        if rule.measure not in known:
+        measures = [column.name for column in _COLUMNS[rule.level] if column.kind in _MEASURED_KINDS]
+        if rule.measure not in measures:
             level = "an episode" if rule.level == "episode" else "a participant"
-            names = ", ".join(known)
-            raise ReportError(f"{place}.measure: {rule.measure!r} is not a measure of {level}; use one of {names}")
+            names = ", ".join(measures)
+            raise ReportError(f"{path}.measure: {rule.measure!r} is not a measure of {level}; use one of {names}")
 
 
 @lru_cache(maxsize=16)
@@ -94,7 +94,7 @@ def find_practice_blocks(plan: SessionPlan) -> frozenset[str]:
     Raises:
         ProtocolError: if the protocol in the log cannot be decoded.
     """
-    if b"analysed" not in plan.protocol_toml:  # of nearly all: decoding takes a millisecond
+    if b"analysed" not in plan.protocol_toml:  # as in nearly all protocols; decoding would take a millisecond
         return frozenset()
     blocks = decode_logged_protocol(plan.protocol_toml).blocks
     group_blocks = (apply_overrides(block, plan.participant.group) for block in blocks)
@@ -113,7 +113,7 @@ class ExclusionRule:
         return self.exclusion.measure in COLUMNS_NEEDING_WORLD
 
     def broken_by(self, row: Mapping[str, Any]) -> bool:
-        """Return whether a row breaks the rule; one with other labels or an unknown measure does not."""
+        """Return whether a row breaks the rule; a row with other labels, or without the measure, does not."""
         rule = self.exclusion
         if rule.question:
             return any(breaks_answer_rule(answer, rule) for answer in row.get(rule.measure, ()))
@@ -121,12 +121,12 @@ class ExclusionRule:
         if any(labels.get(name) != level for name, level in rule.where.items()):
             return False
         if rule.measured_label:
-            value = labels.get(rule.measured_label)
+            measured = labels.get(rule.measured_label)
         else:
-            value = row.get(rule.measure)
-        if not isinstance(value, int | float):  # unknown, or a text label
+            measured = row.get(rule.measure)
+        if not isinstance(measured, int | float):  # unknown, or a text label
             return False
-        return is_outside(value, rule)
+        return is_outside(measured, rule)
 
 
 def read_exclusion_rules(plan: SessionPlan) -> tuple[ExclusionRule, ...]:
@@ -143,9 +143,12 @@ def read_exclusion_rules(plan: SessionPlan) -> tuple[ExclusionRule, ...]:
     )
 
 
-def find_broken_rule(rules: Sequence[ExclusionRule], level: str, row: Mapping[str, Any]) -> str:
-    """Return the reason of the first rule that an episode's or a participant's row breaks; "" if it breaks none."""
-    return next((rule.exclusion.reason for rule in rules if rule.exclusion.level == level and rule.broken_by(row)), "")
+def find_exclusion_reason(rules: Sequence[ExclusionRule], level: str, row: Mapping[str, Any]) -> str:
+    """Return the reason of the first rule of a level that a row breaks; "" if it breaks none."""
+    for rule in rules:
+        if rule.exclusion.level == level and rule.broken_by(row):
+            return rule.exclusion.reason
+    return ""
 
 
 ExclusionLevel = Literal["participant", "episode"]
@@ -190,7 +193,7 @@ class SelectedSession:
     @property
     def episodes(self) -> tuple[EpisodeLog, ...]:
         """Return the included episodes, in the order in which they were played."""
-        return tuple(self.log.episodes[place] for place in self.places)
+        return tuple(self.log.episodes[index] for index in self.places)
 
     @property
     def places(self) -> tuple[int, ...]:
@@ -198,8 +201,8 @@ class SelectedSession:
         if self.session_reason:
             return ()
         return tuple(
-            place
-            for place, (is_selected, why) in enumerate(zip(self.selected, self.reasons, strict=True))
+            index
+            for index, (is_selected, why) in enumerate(zip(self.selected, self.reasons, strict=True))
             if is_selected and not why
         )
 
@@ -338,7 +341,7 @@ class Selection:
         measured: SessionMeasures | None = None,
         marks: Iterable[Annotation] | None = None,
     ) -> SelectedSession:
-        """Decide for each of a session's episodes whether it is selected and whether it is included.
+        """Return a session under this selection: which of its episodes are selected, and why some are excluded.
 
         The protocol's rules are applied to the whole session, whichever part of it is selected. ``measured`` holds the
         session's measures, if they have been computed; ``marks`` by default are read from the annotation file beside
@@ -357,9 +360,9 @@ class Selection:
             measured = SessionMeasures.of(log, self.planner(log.plan, with_shortest=False))
         in_force = collect_tags(marks)
         episode_tags = [list_episode_tags(episode, in_force) for episode in log.episodes]
-        reasons, of_session = self._apply_rules(log, rules, measured, episode_tags)
+        reasons, session_reason = self._apply_rules(log, rules, measured, episode_tags)
         if any(rule.exclusion.level == "participant" for rule in rules):
-            of_session = self._find_participant_reason(log, of_session)
+            session_reason = self._find_participant_reason(log, session_reason)
         selected = [
             self._selects_episode(log, episode, tags) for episode, tags in zip(log.episodes, episode_tags, strict=True)
         ]
@@ -369,7 +372,7 @@ class Selection:
         else:
             is_selected = self._selects_session(log) and not (self.outcome or self.block or self.only)
         return SelectedSession(
-            log, tuple(episode_tags), tuple(selected), tuple(reasons), is_selected, marks, of_session
+            log, tuple(episode_tags), tuple(selected), tuple(reasons), is_selected, marks, session_reason
         )
 
     def _apply_rules(
@@ -389,45 +392,44 @@ class Selection:
         if not rules or measured is None:
             return reasons, ""
         reasons = [
-            reason or find_broken_rule(rules, "episode", row)
+            reason or find_exclusion_reason(rules, "episode", row)
             for reason, row in zip(reasons, measured.rows, strict=True)
         ]
         practice = find_practice_blocks(log.plan)
         included = [
-            place
-            for place, (reason, row) in enumerate(zip(reasons, measured.rows, strict=True))
+            index
+            for index, (reason, row) in enumerate(zip(reasons, measured.rows, strict=True))
             if not reason and row["block"] not in practice
         ]
         compared = [rule.exclusion.measure for rule in rules if rule.exclusion.question]
         row = measured.aggregate(included) | summarize_session(log) | list_compared_answers(log, compared)
-        return reasons, find_broken_rule(rules, "participant", row)
+        return reasons, find_exclusion_reason(rules, "participant", row)
 
-    def _find_participant_reason(self, log: SessionLog, own: str) -> str:
-        """Return the reason to exclude the participant, from the first of their sessions that breaks a rule.
+    def _find_participant_reason(self, log: SessionLog, own_reason: str) -> str:
+        """Return the reason to exclude the participant, from their first session that breaks a rule; "" if none does.
 
-        "" if none does.
-
-        A participant is excluded as a whole, so the result for one session depends on the logs of the others.
+        ``own_reason`` is that of this session. The logs of all others are read: participants are excluded as a whole.
         """
         judgements = map_logs(list_other_sessions(log), self._judge_participant, processes=1)
         other_reasons = [judgement for judgement in judgements if not isinstance(judgement, SkippedLog)]
-        return next((reason for _, reason in sorted([(log.plan.session, own), *other_reasons]) if reason), "")
+        reasons = [reason for _, reason in sorted([(log.plan.session, own_reason), *other_reasons])]
+        return next(filter(None, reasons), "")
 
     def _judge_participant(self, log: SessionLog) -> tuple[int, str]:
-        """Return a session's number, and the reason to exclude the participant that this session alone gives."""
+        """Return a session's number, and the reason to exclude its participant judged by this session alone, or ""."""
         rules = self._read_rules(log.plan)
         in_force = collect_tags(read_annotations(log.path))
         episode_tags = [list_episode_tags(episode, in_force) for episode in log.episodes]
+        measured: SessionMeasures | None = None
         if rules:
             measured = SessionMeasures.of(log, self.planner(log.plan, with_shortest=False))
-        else:
-            measured = None
-        return log.plan.session, self._apply_rules(log, rules, measured, episode_tags)[1]
+        _, session_reason = self._apply_rules(log, rules, measured, episode_tags)
+        return log.plan.session, session_reason
 
     def planner(self, plan: SessionPlan, *, with_shortest: bool) -> PathPlanner:
-        """Return the function that finds shortest paths.
+        """Return the function that bounds the fewest steps of an episode.
 
-        It skips them unless they are requested or a rule needs them.
+        It returns unknown bounds unless ``with_shortest`` requests them or a rule needs them.
         """
         if with_shortest or any(rule.needs_world for rule in self._read_rules(plan)):
             return find_path_bounds
@@ -469,9 +471,9 @@ class Selection:
 
 
 def summarize_session(log: SessionLog) -> MeasureRow:
-    """Return a session's columns of the table "participants".
+    """Return the columns of the table "participants" that describe a session as a whole, whatever is selected.
 
-    ``completed_share`` is the share of the planned episodes.
+    ``completed_share`` is the share of planned episodes played to an end, without skipped ones; None without a plan.
     """
     completed = {episode.number for episode in log.episodes if episode.outcome_word not in UNFINISHED_OUTCOMES}
     n_skipped = sum(event.count for event in log.part_events if isinstance(event, EpisodesSkipped))

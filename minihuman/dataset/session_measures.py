@@ -57,19 +57,19 @@ class SessionMeasures:
             rows.append(row | compare_with_shortest_path(row, planner(tally.episode.plan)))
         return cls(tuple(rows), tallies)
 
-    def aggregate(self, places: Sequence[int]) -> MeasureRow:
+    def aggregate(self, indices: Sequence[int]) -> MeasureRow:
         """Aggregate the measures of the episodes at the given indices; None where a measure is unknown.
 
         The discovery time of a key does not depend on which episodes are included: it is computed from all episodes
         that were begun in the same blocks.
         """
         return _aggregate_episodes(
-            [self.rows[place] for place in places],
-            [self.tallies[place] for place in places],
-            self.select_blocks({self.rows[place]["block"] for place in places}),
+            [self.rows[index] for index in indices],
+            [self.tallies[index] for index in indices],
+            self.select_tallies({self.rows[index]["block"] for index in indices}),
         )
 
-    def select_blocks(self, blocks: Collection[str]) -> list[KeyTally]:
+    def select_tallies(self, blocks: Collection[str]) -> list[KeyTally]:
         """Return the tallies of all episodes that were begun in the given blocks."""
         return [tally for row, tally in zip(self.rows, self.tallies, strict=True) if row["block"] in blocks]
 
@@ -152,7 +152,7 @@ def _encode_last_info(episode: EpisodeLog) -> str:
 
 
 def find_place_unit(episode: EpisodeLog) -> str:
-    """Return the unit of an episode's places, cell or m; "" if its world has no map."""
+    """Return the unit of an episode's positions, cell or m; "" if its world has no map."""
     floor = episode.start.map
     if not floor:
         return ""
@@ -171,25 +171,36 @@ def encode_map(floor: Map | None) -> str:
     return msgspec.json.encode(fields).decode()
 
 
-def compare_with_shortest_path(row: Mapping[str, Any], least: PathLengthBounds) -> MeasureRow:
-    """Return the measures that compare an episode's steps with the fewest possible and with the best known path."""
+def compare_with_shortest_path(row: Mapping[str, Any], bounds: PathLengthBounds) -> MeasureRow:
+    """Return the measures that compare an episode's steps with the fewest possible and with the best known path.
+
+    Args:
+        row: the episode's row, with at least its ``steps``, ``max_steps`` and ``outcome``.
+        bounds: the bounds on the fewest steps to the goal.
+    """
     steps = row["steps"]
     limit = row["max_steps"]
     outcome = row["outcome"]
     return {
-        "shortest_steps": least.at_least,
-        "feasible_steps": least.feasible,
-        "excess_steps": excess_steps(steps, least.feasible, success=outcome == "goal"),
-        "log_excess_steps": log_excess_steps(steps, least.feasible, limit, outcome),
-        "log_steps_ratio": log_steps_ratio(steps, least.feasible, limit, outcome),
-        "spl": spl(steps, least.feasible, outcome),
+        "shortest_steps": bounds.at_least,
+        "feasible_steps": bounds.feasible,
+        "excess_steps": excess_steps(steps, bounds.feasible, success=outcome == "goal"),
+        "log_excess_steps": log_excess_steps(steps, bounds.feasible, limit, outcome),
+        "log_steps_ratio": log_steps_ratio(steps, bounds.feasible, limit, outcome),
+        "spl": spl(steps, bounds.feasible, outcome),
     }
 
 
 def _aggregate_episodes(
     rows: Sequence[MeasureRow], tallies: Sequence[KeyTally], begun_tallies: Sequence[KeyTally]
 ) -> MeasureRow:
-    """Aggregate the included episodes of a block or a session; None where a measure is unknown."""
+    """Aggregate the included episodes of a block or a session; None where a measure is unknown.
+
+    Args:
+        rows: the measures of the included episodes.
+        tallies: their key counts.
+        begun_tallies: the key counts of all episodes begun in the same blocks, for the discovery of keys.
+    """
     rewards = [row["reward"] for row in rows]
     steps = [row["steps"] for row in rows]
     n_steps = sum(steps)
@@ -226,7 +237,7 @@ def _find_median_ms(times_ms: Iterable[NDArray[np.float64]]) -> float | None:
 
 
 def _aggregate_key_discoveries(begun_tallies: Sequence[KeyTally]) -> MeasureRow:
-    """Return how many keys were discovered, and how long it took to discover all of them."""
+    """Return how many keys were discovered, and how long it took to discover all; None if one never was."""
     times_s = key_discovery_times(begun_tallies)
     discovered_s = [time_s for time_s in times_s if time_s is not None]
     all_keys_discovered_s: float | None = None
@@ -269,10 +280,10 @@ def _fit_reward_slope(rows: Sequence[MeasureRow]) -> float | None:
 
 def _mean(values: Iterable[float | None]) -> float | None:
     """Return the mean of the values that are not None; None if there are none."""
-    known = [value for value in values if value is not None]
-    if not known:
+    present_values = [value for value in values if value is not None]
+    if not present_values:
         return None
-    return statistics.fmean(known)
+    return statistics.fmean(present_values)
 
 
 def _none_if_nan(value: float) -> float | None:

@@ -48,7 +48,7 @@ from minihuman.log.model.session_log import EpisodeLog, Segment, SegmentNote, Se
 
 SessionKey = Mapping[str, Any]  # the columns that all rows of a session share
 RowMaker = Callable[[Any, SessionLog], TableRow | None]
-_TABLE_BUILDERS = ("segments", "plan", "starts", "frames", "other_presses", "notes", "samples", "marks")
+_CONTEXT_TABLES = ("segments", "plan", "starts", "frames", "other_presses", "notes", "samples", "marks")
 
 
 def build_context_rows(
@@ -59,26 +59,29 @@ def build_context_rows(
     *,
     is_selected: bool = True,
 ) -> dict[str, RowBatch]:
-    """Build the rows of the context tables, empty for an unselected session; starts and frames are of ``episodes``."""
+    """Build the rows of the tables about a session's circumstances, such as segments, plan, notes and samples.
+
+    The tables starts and frames have rows of ``episodes`` only. All tables are empty if the session is not selected.
+    """
     if not is_selected:
-        return dict.fromkeys(_TABLE_BUILDERS, RowBatch(0, {}))
+        return dict.fromkeys(_CONTEXT_TABLES, RowBatch(0, {}))
     attempts = Counter(episode.number for episode in log.episodes)
-    channels = _channels(log)
+    channels = _read_channel_names(log)
     rows: dict[str, list[TableRow]] = {
-        "segments": [_segment_row(segment, log) for segment in log.segments],
-        "plan": [_plan_row(plan, attempts[plan.episode + 1]) for plan in log.plan.episodes],
-        "starts": [_identify_episode(episode) | _start_row(episode) for episode in episodes],
+        "segments": [_build_segment_row(segment, log) for segment in log.segments],
+        "plan": [_build_plan_row(plan, attempts[plan.episode + 1]) for plan in log.plan.episodes],
+        "starts": [locate_episode(episode) | _build_start_row(episode) for episode in episodes],
         "notes": [],
         "samples": [],
         "marks": [msgspec.structs.asdict(mark) for mark in marks],
     }
     for segment in log.segments:
-        place = {"segment": segment.number}
-        rows["notes"] += [place | _note_row(note) for note in segment.notes]
+        segment_key = {"segment": segment.number}
+        rows["notes"] += [segment_key | _build_note_row(note) for note in segment.notes]
         for sampled in segment.samples:
-            rows["samples"] += [place | row for row in _sample_rows(sampled, channels)]
-    frames = [_frame_rows(episode) for episode in episodes]
-    other_presses = [_other_press_rows(segment, log.episodes) for segment in log.segments]
+            rows["samples"] += [segment_key | row for row in _build_sample_rows(sampled, channels)]
+    frames = [_build_frame_rows(episode) for episode in episodes]
+    other_presses = [_build_other_press_rows(segment, log.episodes) for segment in log.segments]
     batches = {}
     for name, table_rows in rows.items():
         batches[name] = RowBatch.of([{**session_key, **row} for row in table_rows])
@@ -87,7 +90,7 @@ def build_context_rows(
     return batches
 
 
-def _segment_row(segment: Segment, log: SessionLog) -> TableRow:
+def _build_segment_row(segment: Segment, log: SessionLog) -> TableRow:
     plan = log.plan
     return {
         "segment": segment.number,
@@ -109,21 +112,21 @@ def _segment_row(segment: Segment, log: SessionLog) -> TableRow:
         "study_seed": plan.study_seed,
         "protocol_sha256": plan.protocol_sha256,
         "consent_sha256": plan.consent_sha256,
-        "station": _json(segment.facts),
+        "station": _encode_json(segment.facts),
     }
 
 
-def _plan_row(plan: EpisodePlan, attempts: int) -> TableRow:
+def _build_plan_row(plan: EpisodePlan, attempts: int) -> TableRow:
     return {
         "block": plan.block_name,
         "episode": plan.episode + 1,
         "episode_in_block": plan.episode_in_block + 1,
         "world": plan.world,
-        "options": _json(plan.options),
+        "options": _encode_json(plan.options),
         "seed": plan.seed,
         "max_steps": plan.max_steps,
         "actions": " ".join(plan.actions),
-        "key_map": _json(plan.key_map.keys),
+        "key_map": _encode_json(plan.key_map.keys),
         "key_map_seed": plan.key_map.seed,
         "spare_keys": " ".join(plan.key_map.spare_keys),
         "show_keys": plan.show_keys,
@@ -137,17 +140,7 @@ def _plan_row(plan: EpisodePlan, attempts: int) -> TableRow:
     }
 
 
-def _identify_episode(episode: EpisodeLog) -> TableRow:
-    """Return the columns that identify an episode within its session."""
-    return {
-        "block": episode.plan.block_name,
-        "segment": episode.segment,
-        "episode": episode.number,
-        "attempt": episode.attempt,
-    }
-
-
-def _start_row(episode: EpisodeLog) -> TableRow:
+def _build_start_row(episode: EpisodeLog) -> TableRow:
     x, y, z, yaw_rad = [None if math.isnan(number) else number for number in episode.poses[0].tolist()]
     return {
         "t_ns": int(episode.t_ns[0]),
@@ -162,13 +155,13 @@ def _start_row(episode: EpisodeLog) -> TableRow:
     }
 
 
-def _frame_rows(episode: EpisodeLog) -> RowBatch:
+def _build_frame_rows(episode: EpisodeLog) -> RowBatch:
     frames = episode.frames
     columns = {name: frames.column(name) for name in ("step", "submit_ns", "flip_ns")}
-    return RowBatch(len(frames), _identify_episode(episode) | columns)
+    return RowBatch(len(frames), locate_episode(episode) | columns)
 
 
-def _other_press_rows(segment: Segment, episodes: Sequence[EpisodeLog]) -> RowBatch:
+def _build_other_press_rows(segment: Segment, episodes: Sequence[EpisodeLog]) -> RowBatch:
     """Return a segment's key events that happened outside its episodes."""
     keys = segment.keys
     outside = np.ones(len(keys), bool)
@@ -181,7 +174,7 @@ def _other_press_rows(segment: Segment, episodes: Sequence[EpisodeLog]) -> RowBa
     return RowBatch(len(rows), {"segment": segment.number} | columns)
 
 
-def _note_row(note: SegmentNote) -> TableRow:
+def _build_note_row(note: SegmentNote) -> TableRow:
     match note:
         case Paused():
             return {"t_ns": note.t_ns, "kind": "pause", "note": note.reason}
@@ -190,21 +183,24 @@ def _note_row(note: SegmentNote) -> TableRow:
     return {"t_ns": note.t_ns, "kind": note.kind, "note": note.text}
 
 
-def _sample_rows(sampled: Sampled, channels: Mapping[str, Sequence[str]]) -> list[TableRow]:
-    """Build a row for each number of a sample; a single row without a number if the sample has none."""
+def _build_sample_rows(sampled: Sampled, channels: Mapping[str, Sequence[str]]) -> list[TableRow]:
+    """Build a row for each number of a sample; a single row without a number if the sample has none.
+
+    ``channels`` are the channel names by device; a number without a name has its position, from 1, as its channel.
+    """
     names = channels.get(sampled.device, ())
     shared = {"t_ns": sampled.t_ns, "device": sampled.device, "said": sampled.text}
     if not sampled.values:
         return [shared | {"channel": "", "value": None}]
     rows = []
-    for place, number in enumerate(sampled.values):
-        channel = names[place] if place < len(names) else str(place + 1)
+    for index, number in enumerate(sampled.values):
+        channel = names[index] if index < len(names) else str(index + 1)
         rows.append(shared | {"channel": channel, "value": number})
     return rows
 
 
-def _channels(log: SessionLog) -> dict[str, tuple[str, ...]]:
-    """Return the protocol's channel names for the numbers in each device's samples."""
+def _read_channel_names(log: SessionLog) -> dict[str, tuple[str, ...]]:
+    """Return the protocol's names for the numbers in samples, by device; {} without samples or a readable protocol."""
     if not any(segment.samples for segment in log.segments):
         return {}
     try:
@@ -213,11 +209,11 @@ def _channels(log: SessionLog) -> dict[str, tuple[str, ...]]:
         return {}
 
 
-def _json(value: Any) -> str:
+def _encode_json(value: Any) -> str:
     return json.dumps(value, sort_keys=True)
 
 
-_MS = 1e-6
+_MS_PER_NS = 1e-6
 
 
 def build_activity_rows(
@@ -248,25 +244,27 @@ def build_activity_rows(
 def build_episode_rows(episodes: Sequence[EpisodeLog], session_key: SessionKey) -> dict[str, RowBatch]:
     """Build the rows of the tables that activity kinds fill from episodes."""
     return {
-        table.name: RowBatch.of(list(_episode_rows(table, episodes, session_key)))
+        table.name: RowBatch.of(list(_build_kind_rows(table, episodes, session_key)))
         for table in list_activity_tables()
         if table.episode_row is not None
     }
 
 
-def _episode_rows(table: ActivityTable, episodes: Sequence[EpisodeLog], session_key: SessionKey) -> Iterator[TableRow]:
-    assert table.episode_row is not None
+def _build_kind_rows(
+    table: ActivityTable, episodes: Sequence[EpisodeLog], session_key: SessionKey
+) -> Iterator[TableRow]:
+    assert table.episode_row is not None  # as the caller selects
     for episode in episodes:
         row = table.episode_row(episode)
         if row is not None:
             yield {**session_key, **locate_episode(episode), **row}
 
 
-def _build_start_row(event: PartStarted, log: SessionLog) -> TableRow:
+def _build_part_start_row(event: PartStarted, log: SessionLog) -> TableRow:
     return {"part": event.part + 1, "what": "started", "kind": event.kind, "name": event.name, "next": None}
 
 
-def _build_end_row(event: PartEnded, log: SessionLog) -> TableRow:
+def _build_part_end_row(event: PartEnded, log: SessionLog) -> TableRow:
     part = log.plan.parts[event.part]
     return {"part": event.part + 1, "what": event.end, "kind": part.kind, "name": part.name, "next": event.next + 1}
 
@@ -292,10 +290,10 @@ def _build_axis_row(event: AxisMoved, log: SessionLog) -> TableRow:
 
 def _build_link_row(event: Linked, log: SessionLog) -> TableRow:
     return {
-        "offset_ms": event.offset_ns * _MS,
-        "error_ms": event.error_ns * _MS,
-        "rtt_ms": event.rtt_ns * _MS,
-        "least_rtt_ms": event.least_rtt_ns * _MS,
+        "offset_ms": event.offset_ns * _MS_PER_NS,
+        "error_ms": event.error_ns * _MS_PER_NS,
+        "rtt_ms": event.rtt_ns * _MS_PER_NS,
+        "least_rtt_ms": event.least_rtt_ns * _MS_PER_NS,
         "drift_ppm": event.drift_ppm,
     }
 
@@ -314,7 +312,7 @@ def _build_call_row(event: ModelCall, log: SessionLog) -> TableRow | None:
 
 
 _EVENT_TABLES = (
-    ActivityTable("parts", PARTS, {PartStarted: _build_start_row, PartEnded: _build_end_row}),
+    ActivityTable("parts", PARTS, {PartStarted: _build_part_start_row, PartEnded: _build_part_end_row}),
     ActivityTable(
         "other_inputs",
         OTHER_INPUTS,
@@ -341,18 +339,18 @@ def build_session_tables(session: SelectedSession, measured: SessionMeasures) ->
         "group": log.plan.participant.group,
         "session": log.plan.session,
     }
-    places = [place for place, is_selected in enumerate(session.selected) if is_selected]
-    played = [log.episodes[place] for place in places]
+    indices = [index for index, is_selected in enumerate(session.selected) if is_selected]
+    played = [log.episodes[index] for index in indices]
     blocks = dict.fromkeys(episode.plan.block_name for episode in played)
     rows: dict[str, list[MeasureRow]] = {
-        "keys": _key_rows(measured.select_blocks(blocks.keys())),
-        "episodes": [_episode_row(session, measured, place) for place in places],
-        "blocks": [_block_row(session, measured, places, name) for name in blocks],
-        "participants": [_participant_row(session, measured, places)] if session.is_selected else [],
+        "keys": _build_key_rows(measured.select_tallies(blocks.keys())),
+        "episodes": [_build_episode_row(session, measured, index) for index in indices],
+        "blocks": [_build_block_row(session, measured, indices, name) for name in blocks],
+        "participants": [_build_participant_row(session, measured, indices)] if session.is_selected else [],
     }
     batches = {
-        "steps": RowBatch.stack([_step_rows(episode) for episode in played], **session_key),
-        "presses": RowBatch.stack([_press_rows(episode) for episode in played], **session_key),
+        "steps": RowBatch.stack([_build_step_rows(episode) for episode in played], **session_key),
+        "presses": RowBatch.stack([_build_press_rows(episode) for episode in played], **session_key),
     }
     for name, table_rows in rows.items():
         batches[name] = RowBatch.of([session_key | row for row in table_rows])
@@ -362,38 +360,42 @@ def build_session_tables(session: SelectedSession, measured: SessionMeasures) ->
     return SessionTables(batches)
 
 
-def _episode_row(session: SelectedSession, measured: SessionMeasures, place: int) -> MeasureRow:
+def _build_episode_row(session: SelectedSession, measured: SessionMeasures, index: int) -> MeasureRow:
+    """Build the row of the episode with the given index among all of the session's episodes."""
     columns = {
-        "tags": " ".join(sorted(session.tags[place])),
-        "exclusion_reason": session.session_reason or session.reasons[place],
+        "tags": " ".join(sorted(session.tags[index])),
+        "exclusion_reason": session.session_reason or session.reasons[index],
     }
-    return measured.rows[place] | compute_episode_columns(session.log.episodes[place]) | columns
+    return measured.rows[index] | compute_episode_columns(session.log.episodes[index]) | columns
 
 
-def _block_row(session: SelectedSession, measured: SessionMeasures, places: Sequence[int], name: str) -> MeasureRow:
-    """Build a block's row from the included episodes among those at ``places``."""
-    included = [place for place in places if not session.reasons[place] and measured.rows[place]["block"] == name]
+def _build_block_row(
+    session: SelectedSession, measured: SessionMeasures, indices: Sequence[int], name: str
+) -> MeasureRow:
+    """Build a block's row from its included episodes among those with the given indices."""
+    included = [index for index in indices if not session.reasons[index] and measured.rows[index]["block"] == name]
     return (
         {"block": name}
         | measured.aggregate(included)
-        | {"exclusion_reason": _exclusion_reason(session, counts=bool(included))}
+        | {"exclusion_reason": _choose_exclusion_reason(session, counts=bool(included))}
     )
 
 
-def _participant_row(session: SelectedSession, measured: SessionMeasures, places: Sequence[int]) -> MeasureRow:
-    """Build the participant's row from the included episodes among those at ``places``, without practice blocks."""
+def _build_participant_row(session: SelectedSession, measured: SessionMeasures, indices: Sequence[int]) -> MeasureRow:
+    """Build the participant's row from the included episodes with the given indices, without practice blocks."""
     practice = find_practice_blocks(session.log.plan)
     analysed = [
-        place for place in places if not session.reasons[place] and measured.rows[place]["block"] not in practice
+        index for index in indices if not session.reasons[index] and measured.rows[index]["block"] not in practice
     ]
     return (
         summarize_session(session.log)
         | measured.aggregate(analysed)
-        | {"exclusion_reason": _exclusion_reason(session, counts=session.counts)}
+        | {"exclusion_reason": _choose_exclusion_reason(session, counts=session.counts)}
     )
 
 
-def _exclusion_reason(session: SelectedSession, *, counts: bool) -> str:
+def _choose_exclusion_reason(session: SelectedSession, *, counts: bool) -> str:
+    """Return why a row is excluded: by a rule for the participant, or since nothing in it ``counts``; "" if neither."""
     if session.session_reason:
         return session.session_reason
     if counts:
@@ -401,7 +403,7 @@ def _exclusion_reason(session: SelectedSession, *, counts: bool) -> str:
     return NO_EPISODE_INCLUDED
 
 
-def _step_rows(episode: EpisodeLog) -> RowBatch:
+def _build_step_rows(episode: EpisodeLog) -> RowBatch:
     n = len(episode.actions)
     columns = {
         "step": np.arange(1, n + 1),
@@ -432,10 +434,10 @@ def _encode_steps(n: int, records: NDArray[np.float64] | Sequence[Any] | None) -
         return CategoricalTexts(np.zeros(n, np.int64), ("",))
     if isinstance(records, np.ndarray):
         records = records.tolist()
-    return CategoricalTexts.of([_json(record) for record in records])
+    return CategoricalTexts.of([_encode_json(record) for record in records])
 
 
-def _press_rows(episode: EpisodeLog) -> RowBatch:
+def _build_press_rows(episode: EpisodeLog) -> RowBatch:
     keys = episode.keys
     columns = {
         "t_ns": keys.column("t_ns"),
@@ -448,7 +450,7 @@ def _press_rows(episode: EpisodeLog) -> RowBatch:
     return RowBatch(len(keys), locate_episode(episode) | columns)
 
 
-def _key_rows(tallies: Sequence[KeyTally]) -> list[MeasureRow]:
+def _build_key_rows(tallies: Sequence[KeyTally]) -> list[MeasureRow]:
     plans = [tally.episode.plan for tally in tallies]
     blocks = {plan.episode + 1: plan.block_name for plan in plans}
     return [

@@ -93,7 +93,9 @@ class StudySessions:
             yield from result.outputs
 
     def rows(self, *, with_shortest: bool) -> Iterator["SessionRows"]:
-        """Yield every session's rows of every table; excluded rows carry the reason.
+        """Yield the rows of every table for each selected session; excluded rows carry the reason.
+
+        ``with_shortest`` also computes the fewest possible steps, which requires the worlds themselves.
 
         Raises:
             LogError: as for ``__iter__``.
@@ -162,6 +164,8 @@ def read_selected_sessions(sources: Iterable[Path], selection: Selection) -> tup
 def read_session_rows(log: SessionLog, *, selection: Selection, with_shortest: bool) -> SessionRows:
     """Build a session's rows of every table.
 
+    ``with_shortest`` also computes the fewest possible steps, which requires the worlds themselves.
+
     Raises:
         LogError: if the annotations beside the log are not valid.
         ProtocolError: if the protocol in the log cannot be decoded.
@@ -189,6 +193,7 @@ class _SessionResult(Generic[T]):
 
 
 def _process_session(selection: Selection, work: Callable[[SelectedSession], T], log: SessionLog) -> _SessionResult[T]:
+    """Return the result of ``work`` for a session, or no result if none of its episodes is included."""
     session = selection.judge(log)
     if not session.places:
         return _SessionResult((), _summarize_selection(session))

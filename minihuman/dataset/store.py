@@ -82,7 +82,7 @@ class StudyStore(AbstractContextManager["StudyStore", None]):
             self._known = {}
         except duckdb.Error as error:
             self.close()
-            raise self._file.name_no_room(error) from error
+            raise self._file.build_no_space_error(error) from error
         except BaseException:
             self.close()
             raise
@@ -97,8 +97,9 @@ class StudyStore(AbstractContextManager["StudyStore", None]):
         paths = {key: self._sessions.source / key for key in self._keys}
         rows = self.tables.connection.execute("SELECT key, facts FROM kept.logs WHERE facts IS NOT NULL")
         while lines := rows.fetchmany(SESSIONS_PER_COMMIT):
-            for key, facts in lines:
-                yield from ((paths[key], of_episode) for of_episode in msgspec.msgpack.decode(facts))
+            for key, encoded_facts in lines:
+                for facts in msgspec.msgpack.decode(encoded_facts):
+                    yield paths[key], facts
 
     def close(self) -> None:
         """Close the file, so that other processes can use it."""
@@ -109,7 +110,7 @@ class StudyStore(AbstractContextManager["StudyStore", None]):
         self.close()
 
     def _list_and_refresh(self) -> dict[str, ListedLog]:
-        """List the logs and bring the rows up to date, in a temporary file if the study's own fails."""
+        """Bring the rows up to date, in a temporary file if the study's own fails; return the readable logs by key."""
         self._described = describe_cache(self.tables.path)
         self._compared = read_checked(self.tables.path)
         self._known = self._list_known()
@@ -122,7 +123,7 @@ class StudyStore(AbstractContextManager["StudyStore", None]):
             if self._file.is_temporary:
                 raise
             self.tables.close()
-            self._file.note_not_kept(error)
+            self._file.note_unusable_file(error)
             self.tables = self._file.open_temporary()
             self._known = {}
             self._compared = frozenset()
@@ -138,6 +139,9 @@ class StudyStore(AbstractContextManager["StudyStore", None]):
         """Rewrite stale rows, and leave the study's file open for reading only, so that other processes can read it.
 
         Tables compared before the file was closed are not compared again unless the file changed in the meantime.
+
+        Raises:
+            duckdb.TransactionException: if other commands change the file again and again.
         """
         for _ in range(_MAX_OPENINGS):
             is_fresh = self._refresh(logs)
@@ -158,11 +162,11 @@ class StudyStore(AbstractContextManager["StudyStore", None]):
         raise duckdb.TransactionException("other commands are changing it")
 
     def _refresh(self, logs: Mapping[str, ListedLog]) -> bool:
-        """Bring every session's rows up to date.
+        """Bring every session's rows up to date, and return True.
 
-        Return False, without any change, if a read-only file would have to be written.
+        Return False, without any change to the file, if the file is open for reading only and would have to be written.
         """
-        if any(self._lacks_shortest(known) for known in self._known.values()):
+        if any(self._lacks_shortest(log) for log in self._known.values()):
             self._read_tables |= {"plan", *PLANNED_TABLES}
         damage = self._find_damage()
         fresh, without_shortest = self._find_fresh_sessions(logs, damage)
@@ -173,7 +177,7 @@ class StudyStore(AbstractContextManager["StudyStore", None]):
         if self.tables.read_only and (is_damaged or not all_fresh):
             return False
         writer = RowWriter(self.tables, self._sessions, with_shortest=self._with_shortest)
-        fresh |= writer.plan_paths(without_shortest)
+        fresh |= writer.fill_path_measures(without_shortest)
         damaged = damage.changed | {self._known[key].number for key in damage.doubled}
         if damaged:
             self._file.note_damage(len(damaged))
@@ -184,27 +188,32 @@ class StudyStore(AbstractContextManager["StudyStore", None]):
         writer.remove(sorted(stale_numbers))
         unread = {key: log for key, log in logs.items() if key not in fresh}
         if unread:
-            writer.read(unread)
+            writer.store_logs(unread)
         self._compared |= self._read_tables
         return True
 
-    def _lacks_shortest(self, known: KnownLog) -> bool:
+    def _lacks_shortest(self, log: KnownLog) -> bool:
         """Return whether the fewest possible steps are requested and the rows of a session lack them."""
-        return self._with_shortest and not known.with_shortest
+        return self._with_shortest and not log.with_shortest
 
     def _find_damage(self) -> _Damage:
-        """Compare rows with their digests in the requested tables that were not compared yet."""
+        """Find the sessions whose rows or log lines differ from their digests, and the logs that are stored twice.
+
+        Only requested tables that were not compared yet are read. A file that this object created has no damage.
+        """
         changed = set[int]()
         doubled = set[str]()
         if self.tables.is_new:
             return _Damage(changed, doubled)
         if not self._compared:
             connection = self.tables.connection
-            other_lines = f"SELECT log FROM kept.logs WHERE digest IS DISTINCT FROM hash({LOG_COLUMNS})"
-            changed = {log for (log,) in connection.execute(other_lines).fetchall()}
-            more_than_once = "SELECT key FROM kept.logs GROUP BY key HAVING count(*) > 1"
-            doubled = {key for (key,) in connection.execute(more_than_once).fetchall()}
-        return _Damage(changed.union(*map(self.tables.find_changed, self._read_tables - self._compared)), doubled)
+            changed_lines = f"SELECT log FROM kept.logs WHERE digest IS DISTINCT FROM hash({LOG_COLUMNS})"
+            changed = {log for (log,) in connection.execute(changed_lines).fetchall()}
+            doubled_keys = "SELECT key FROM kept.logs GROUP BY key HAVING count(*) > 1"
+            doubled = {key for (key,) in connection.execute(doubled_keys).fetchall()}
+        for name in self._read_tables - self._compared:
+            changed |= self.tables.find_changed(name)
+        return _Damage(changed, doubled)
 
     def _find_fresh_sessions(
         self, logs: Mapping[str, ListedLog], damage: _Damage
@@ -212,19 +221,20 @@ class StudyStore(AbstractContextManager["StudyStore", None]):
         """Find the sessions whose rows match their logs.
 
         Returns:
-            The numbers of the sessions that are complete, and of those that lack only the fewest possible steps.
+            By key, the numbers of the sessions that are complete, and of those that lack only the fewest possible
+            steps.
         """
         fresh: dict[str, int] = {}
         without_shortest: dict[str, int] = {}
-        for key, known in self._known.items():
-            if known.number in damage.changed or key in damage.doubled:
+        for key, stored_log in self._known.items():
+            if stored_log.number in damage.changed or key in damage.doubled:
                 continue
-            if key not in logs or not is_same_content(logs[key].fingerprint, known.fingerprint):
+            if key not in logs or not is_same_content(logs[key].fingerprint, stored_log.fingerprint):
                 continue
-            if self._lacks_shortest(known):
-                without_shortest[key] = known.number
+            if self._lacks_shortest(stored_log):
+                without_shortest[key] = stored_log.number
             else:
-                fresh[key] = known.number
+                fresh[key] = stored_log.number
         return fresh, without_shortest
 
     def _fill_account(self, logs: Mapping[str, ListedLog], *, include_readable: bool) -> None:

@@ -11,6 +11,8 @@ from minihuman.dataset.sessions import StudySessions
 from minihuman.dataset.table_database import CatalogueChangedError, StoreVersionError, TableDatabase
 from minihuman.errors import QueryError
 
+_MAX_TRIES = 2  # the file as it is; after its removal, a new file
+
 
 class StoreFile:
     """Opens the file of a study's tables, and recreates it if its contents are not usable.
@@ -37,11 +39,11 @@ class StoreFile:
         """
         if not self._can_hold_selection():
             return self.open_temporary()
-        for _ in ("as it is", "anew"):
+        for _ in range(_MAX_TRIES):
             try:
                 return self._open_own(read_only=read_only)
             except (duckdb.IOException, *IN_USE_ERRORS, OSError) as error:  # in use, or a read-only folder
-                self.note_not_kept(error)
+                self.note_unusable_file(error)
                 break
             except StoreVersionError:
                 if read_only:
@@ -53,7 +55,7 @@ class StoreFile:
             try:
                 remove_cache(self._own)
             except OSError as error:
-                self.note_not_kept(error)
+                self.note_unusable_file(error)
                 break
         return self.open_temporary()
 
@@ -68,22 +70,22 @@ class StoreFile:
             return TableDatabase(Path(self._temporary.name) / TABLE_CACHE)
         except duckdb.Error as error:
             self._temporary.cleanup()
-            raise self.name_no_room(error) from error
+            raise self.build_no_space_error(error) from error
 
-    def name_no_room(self, error: duckdb.Error) -> QueryError:
-        """Return the error for tables that can be stored neither beside the study nor in the temporary folder."""
+    def build_no_space_error(self, error: duckdb.Error) -> QueryError:
+        """Return an error which says that neither the study's folder nor the temporary folder can hold the tables."""
         reason = str(error).splitlines()[0]
         return QueryError(
             f"{self._sessions.source}: its tables cannot be made, beside it or in {tempfile.gettempdir()}: {reason}"
         )
 
-    def note_not_kept(self, error: Exception) -> None:
-        """Note why the study's own file is not used."""
+    def note_unusable_file(self, error: Exception) -> None:
+        """Add a note that the study's own file is not used because of an error."""
         reason = " ".join(str(error).split("\n")[0].split())
         self.note(f"{self._own} cannot be used now ({reason}); the tables were made anew for this once")
 
     def note_damage(self, count: int) -> None:
-        """Note that the rows of ``count`` sessions differ from what was written."""
+        """Add a note that the rows of ``count`` sessions were changed by another program and built again."""
         sessions = "1 session" if count == 1 else f"{count} sessions"
         self.note(f"{self._own} was changed by another program: the rows of {sessions} were made anew from the logs")
 
@@ -97,10 +99,11 @@ class StoreFile:
             self._temporary.cleanup()
 
     def _can_hold_selection(self) -> bool:
+        """Return whether the study's own file can hold the tables: only under the default selection, with a cache."""
         is_default = self._sessions.selection == Selection()
         return is_default and self._own.parent.is_dir() and not self._sessions.from_logs
 
     def _open_own(self, *, read_only: bool) -> TableDatabase:
         if not self._own.exists():
-            remove_cache(self._own)
+            remove_cache(self._own)  # the write-ahead log of a deleted file, which DuckDB would replay into a new one
         return TableDatabase(self._own, read_only=read_only and self._own.exists())

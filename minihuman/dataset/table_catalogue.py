@@ -49,8 +49,9 @@ def list_tables() -> TableSet:
 
 
 @cache
-def _gather_columns(tables: tuple[ActivityTable, ...], further: tuple[EpisodeColumn, ...]) -> TableSet:
-    episodes = (*SESSION_TABLES["episodes"], *(column.column for column in further))
+def _gather_columns(tables: tuple[ActivityTable, ...], plugin_columns: tuple[EpisodeColumn, ...]) -> TableSet:
+    """Return the tables of every session with plug-in columns in ``episodes``, and the tables of activity kinds."""
+    episodes = (*SESSION_TABLES["episodes"], *(column.column for column in plugin_columns))
     return TableSet(SESSION_TABLES | {"episodes": episodes} | {table.name: table.columns for table in tables})
 
 
@@ -65,34 +66,43 @@ EVERY_MOMENT = frozenset({"steps", "presses", "other_presses", "frames", "sample
 
 
 def build_data_dictionary(*, without: frozenset[str] = frozenset()) -> dict[str, dict[str, dict[str, str]]]:
-    """Build the data dictionary without some columns: table, then column, then its type, unit and meaning."""
+    """Build the data dictionary without some columns: by table and column, the column's type, unit and meaning."""
     descriptions = {}
     for table, columns in TABLES.items():
-        described = [column for column in columns if column.name not in without]
-        descriptions[table] = describe_columns(described)
+        described_columns = [column for column in columns if column.name not in without]
+        descriptions[table] = describe_columns(described_columns)
     return descriptions
 
 
 def describe_columns(columns: Iterable[TableColumn]) -> dict[str, dict[str, str]]:
-    """Describe columns as in the data dictionary."""
+    """Return the entries of columns in the data dictionary, by column name."""
     return {
-        column.name: {"type": column.kind, "unit": column.unit, "meaning": column.meaning, **_history(column)}
+        column.name: {
+            "type": column.kind,
+            "unit": column.unit,
+            "meaning": column.meaning,
+            **_list_rare_entries(column),
+        }
         for column in columns
     }
 
 
-def _history(column: TableColumn) -> dict[str, str]:
-    """Return what else there is to say of a column: its levels, its size, its definition and its earlier name."""
-    old = next((old for old, now in COLUMN_ALIASES.items() if now == column.name), "")
+def _list_rare_entries(column: TableColumn) -> dict[str, str]:
+    """Return the entries of the data dictionary that only some columns have; empty entries are omitted.
+
+    These are a category's levels, whether integers may be too large for a double, the number of the definition of a
+    quantity with several definitions, and the column's name in earlier versions.
+    """
+    earlier_name = next((old for old, current in COLUMN_ALIASES.items() if current == column.name), "")
     levels = "; ".join(f"{level}: {meaning}" for level, meaning in column.levels)
     exceeds_double = "true" if column.name in WIDE_INTEGERS else ""
-    history = {
+    entries = {
         "levels": levels,
         "exceeds_double": exceeds_double,
         "definition": str(column.definition or ""),
-        "earlier_name": old,
+        "earlier_name": earlier_name,
     }
-    return {name: value for name, value in history.items() if value}
+    return {name: text for name, text in entries.items() if text}
 
 
 _TYPES = {"text": "string", "key": "string", "integer": "integer", "number": "number", "boolean": "boolean"}
@@ -106,7 +116,7 @@ _EPISODE = (*_SESSION, "episode", "attempt")
 
 _PRIMARY_KEYS: Mapping[
     str, tuple[str, ...]
-] = {  # that no two rows share; tables of what may happen twice at once have none
+] = {  # columns that identify a row; tables of events, several of which can happen at the same time, have none
     "steps": (*_EPISODE, "step"),
     "keys": (*_SESSION, "first_episode", "key"),
     "episodes": _EPISODE,
@@ -160,6 +170,7 @@ _EPISODE_TABLES = frozenset({"steps", "presses", "starts", "frames"})
 
 
 def _find_episode_tables() -> set[str]:
+    """Return the names of the activity kinds' tables whose rows belong to episodes."""
     return {table.name for table in list_activity_tables() if table.episode_row is not None}
 
 
@@ -176,7 +187,7 @@ def find_primary_key(name: str) -> tuple[str, ...]:
 
 
 def build_table_schema(name: str, columns: Iterable[TableColumn]) -> dict[str, Any]:
-    """Build the Frictionless schema of one table."""
+    """Build the Frictionless schema of one table; its foreign key refers to the table of episodes or participants."""
     schema: dict[str, Any] = {"fields": [_describe_field(column) for column in columns], "missingValues": [""]}
     if key := find_primary_key(name):
         schema["primaryKey"] = list(key)
@@ -214,7 +225,13 @@ def build_data_package(
 
 
 def add_person_resource(package: dict[str, Any], path: Path, columns: Sequence[TableColumn]) -> None:
-    """Add the person table's file to a data package; every other table then refers to it by the participant."""
+    """Add the person table's file to a data package, and make the table of participants refer to it.
+
+    Args:
+        package: the data package, which this function changes.
+        path: the path of the person table's file.
+        columns: the columns of the person table.
+    """
     keys = ["study", "participant"]
     for resource in package["resources"]:
         if resource["name"] == "participants":
@@ -243,6 +260,7 @@ def _build_resource(
 
 
 def _describe_field(column: TableColumn) -> dict[str, Any]:
+    """Return the field descriptor of a column in a Frictionless schema."""
     field: dict[str, Any] = {"name": column.name, "type": _TYPES[column.kind], "description": column.meaning}
     if column.unit:
         field["unit"] = column.unit

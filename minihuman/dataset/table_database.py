@@ -116,7 +116,7 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
         # not a view, which would keep the rows in memory until the transaction ends
         new = self.connection.from_arrow(pa.Table.from_arrays(columns, ["log", "row", *arrow_schema(name).names]))
         table_place = list(TABLES).index(name)
-        for number, digest in new.aggregate(_row_digest(name), "log").fetchall():
+        for number, digest in new.aggregate(_compose_row_digest(name), "log").fetchall():
             digests[number][table_place] = digest
         new.insert_into(f"kept.{name}")
         parts.clear()
@@ -132,19 +132,19 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
         episodes = self._measure_paths(numbers)
         if not episodes:  # none of these sessions has an episode
             return
-        by_block: dict[tuple[int, str], list[dict[str, Any]]] = {}
-        by_session: dict[tuple[int, str], list[dict[str, Any]]] = {}
+        rows_by_block: dict[tuple[int, str], list[dict[str, Any]]] = {}  # by session number and block name
+        rows_by_session: dict[tuple[int, str], list[dict[str, Any]]] = {}  # by session number and ""
         for row in episodes:
             log = row["log"]
             block = row["block"]
-            of_block = by_block.setdefault((log, block), [])
-            of_session = by_session.setdefault((log, ""), [])
+            block_rows = rows_by_block.setdefault((log, block), [])  # a block may have no included episode
+            session_rows = rows_by_session.setdefault((log, ""), [])
             if row["counts"]:
-                of_block.append(row)
+                block_rows.append(row)
                 if block not in practice[log]:
-                    of_session.append(row)
+                    session_rows.append(row)
         self._update_world_columns("episodes", episodes)
-        for name, groups in (("blocks", by_block), ("participants", by_session)):
+        for name, groups in (("blocks", rows_by_block), ("participants", rows_by_session)):
             means = [
                 {"log": log, "block": block, **average_path_measures(rows)} for (log, block), rows in groups.items()
             ]
@@ -191,20 +191,21 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
     def find_changed(self, name: str) -> set[int]:
         """Return the numbers of sessions whose rows in a table differ from those inserted.
 
-        The numbers of rows that belong to no session are among them.
+        If the table has rows under a number that no session has, that number is included.
         """
-        place = list(TABLES).index(name) + 1
+        digest_index = list(TABLES).index(name) + 1  # SQL counts from 1
         changed = self.connection.execute(
-            f"SELECT log FROM (SELECT {_row_digest(name)} FROM kept.{name} GROUP BY log) AS held "
+            f"SELECT log FROM (SELECT {_compose_row_digest(name)} FROM kept.{name} GROUP BY log) AS held "
             "FULL JOIN (SELECT log, row_digests FROM kept.logs) AS stored USING (log) "
-            f"WHERE coalesce(held.digest, 0) IS DISTINCT FROM stored.row_digests[{place}]"
+            f"WHERE coalesce(held.digest, 0) IS DISTINCT FROM stored.row_digests[{digest_index}]"
         )
         return {log for (log,) in changed.fetchall()}
 
     def _digest_catalogue(self) -> str:
-        """Digest the definitions of all tables, views and macros, any of which could shadow one of ours.
+        """Return a digest of the definitions of all tables, views and macros.
 
-        The session index is excluded, because it is rebuilt whatever its schema holds.
+        All are covered, because an added one could hide one of this program's. The session index is excluded, because
+        it is rebuilt whatever its schema holds.
         """
         definitions = self.connection.execute(
             f"SELECT schema_name || table_name || sql FROM duckdb_tables() WHERE schema_name <> '{INDEX_SCHEMA}' "
@@ -216,7 +217,7 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
         return blake2b(repr(definitions).encode(), digest_size=16).hexdigest()
 
     def put_in_order(self, numbers: Sequence[int]) -> None:
-        """Set the order in which sessions are returned."""
+        """Set the order in which ``batches`` yields the sessions, given by number."""
         if list(numbers) == sorted(numbers):
             self.order = None
             return
@@ -244,13 +245,8 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
         schema = arrow_schema(name, without=without)
         columns = ", ".join(f'"{column}"' for column in schema.names)
         source = f"FROM kept.{name}"
-        if counting and "exclusion_reason" in arrow_schema(name).names:
-            source += f" SEMI JOIN (SELECT log, row FROM kept.{name} WHERE exclusion_reason IS NULL) USING (log, row)"
-        elif counting and is_episode_table(name):
-            included_episodes = "SELECT log, episode, attempt FROM kept.episodes WHERE exclusion_reason IS NULL"
-            source += f" SEMI JOIN ({included_episodes}) USING (log, episode, attempt)"
-        elif counting:
-            source += " SEMI JOIN (SELECT log FROM kept.participants WHERE exclusion_reason IS NULL) USING (log)"
+        if counting:
+            source += f" {_compose_included_join(name)}"
         if self.order is not None and not self._is_placed:
             self._place_sessions(self.order)
         if counting or self.order is not None:
@@ -303,7 +299,8 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
         A query can neither read nor write any other file. ``further`` are tables from elsewhere, by name.
 
         Raises:
-            QueryError: if the text is not a valid SELECT statement, or refers to something that does not exist.
+            QueryError: if the text is not a valid SELECT statement, refers to something that does not exist, or uses a
+                file.
         """
         self._require_checked(find_queried_tables(sql))
         self._connect_for_queries()
@@ -316,7 +313,7 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
                 raise QueryError(f"{sql!r} is not a SELECT statement; use SELECT to read the study's tables")
             try:
                 relation = self.connection.sql(sql)
-            except duckdb.BinderException:
+            except duckdb.BinderException:  # a column may have its earlier name
                 relation = self.connection.sql(use_current_columns(sql))
             if relation is None:
                 raise QueryError(f"{sql!r} returns no rows; a query must be a SELECT over the study's tables")
@@ -324,8 +321,8 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
         except duckdb.PermissionException as error:
             raise QueryError(f"{sql!r} uses a file; a query may only read the study's tables") from error
         except duckdb.Error as error:
-            line = " ".join(str(error).split("\n\n")[0].split())
-            raise QueryError(f"the query failed: {line}; the tables are {', '.join([*TABLES, *further])}") from error
+            reason = " ".join(str(error).split("\n\n")[0].split())
+            raise QueryError(f"the query failed: {reason}; the tables are {', '.join([*TABLES, *further])}") from error
 
     def _connect_for_queries(self) -> None:
         """Reconnect with the settings for queries; one process cannot open the file with two kinds of settings."""
@@ -334,7 +331,9 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
         self._is_placed = False  # the temporary table went with the connection
 
     def _require_checked(self, names: Collection[str]) -> None:
-        if unchecked := set(names) - self.checked:
+        """Raise AssertionError if one of the tables was not compared with its digests when the store was opened."""
+        unchecked = set(names) - self.checked
+        if unchecked:
             raise AssertionError(f"the store was not opened for {', '.join(sorted(unchecked))}")
 
     def close(self) -> None:
@@ -348,7 +347,8 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
         """Create the tables of a new file, and record the software that made them."""
         with transaction(self.connection):
             self.connection.execute("CREATE SCHEMA kept")
-            self.connection.execute("\n".join(map(_write_definition, TABLES)))  # at once: each call takes a millisecond
+            definitions = "\n".join(map(_compose_definition, TABLES))
+            self.connection.execute(definitions)  # all at once, as each call takes a millisecond
             self.connection.execute(
                 "CREATE TABLE kept.logs (log INTEGER NOT NULL, key TEXT, fingerprint TEXT, with_shortest BOOLEAN, "
                 "row_digests UBIGINT[], metadata BLOB, about BLOB, facts BLOB, digest UBIGINT)"
@@ -359,29 +359,46 @@ class TableDatabase(AbstractContextManager["TableDatabase", None]):
         self.is_new = True
 
 
-def _write_definition(name: str) -> str:
-    """Return the SQL that creates a table and the view of it that queries read."""
+def _compose_included_join(name: str) -> str:
+    """Return the SQL join that omits excluded rows of a table, and rows of excluded episodes or sessions."""
+    if "exclusion_reason" in arrow_schema(name).names:
+        return f"SEMI JOIN (SELECT log, row FROM kept.{name} WHERE exclusion_reason IS NULL) USING (log, row)"
+    if is_episode_table(name):
+        included_episodes = "SELECT log, episode, attempt FROM kept.episodes WHERE exclusion_reason IS NULL"
+        return f"SEMI JOIN ({included_episodes}) USING (log, episode, attempt)"
+    return "SEMI JOIN (SELECT log FROM kept.participants WHERE exclusion_reason IS NULL) USING (log)"
+
+
+def _compose_definition(name: str) -> str:
+    """Return the SQL that creates a table and the view of it that queries read, without the session's number."""
     types = {field.name: _SQL_TYPES[field.type] for field in arrow_schema(name)}
     columns = ", ".join(f'"{column}" {sql_type}' for column, sql_type in types.items())
-    shown = ", ".join(f'"{column}"' for column in types)
+    view_columns = ", ".join(f'"{column}"' for column in types)
     return (
         f"CREATE TABLE kept.{name} (log INTEGER NOT NULL, row INTEGER, {columns}); "
-        f"CREATE VIEW {name} AS SELECT {shown} FROM kept.{name};"
+        f"CREATE VIEW {name} AS SELECT {view_columns} FROM kept.{name};"
     )
 
 
 def digest_relation(
     rows: duckdb.DuckDBPyRelation, name: str, *, without: frozenset[str] = frozenset()
 ) -> dict[int, int]:
-    """Digest a table's rows by session, as ``digest_rows`` does.
+    """Return a digest of each session's rows in a relation, by session number, without some columns.
 
-    Each row has the column ``log``, which is the number of its session, and the column ``row``.
+    Args:
+        rows: the rows, with the table's columns and two more: ``log``, the session's number, and ``row``, the number of
+            the row in the session.
+        name: the name of the table.
+        without: the columns to omit.
     """
-    return dict(rows.aggregate(_row_digest(name, without=without), "log").fetchall())
+    return dict(rows.aggregate(_compose_row_digest(name, without=without), "log").fetchall())
 
 
-def _row_digest(name: str, *, without: frozenset[str] = frozenset()) -> str:
-    """Return the select list of a query that digests a table's rows by session."""
+def _compose_row_digest(name: str, *, without: frozenset[str] = frozenset()) -> str:
+    """Return the SQL select list of a query that digests a table's rows by session.
+
+    The digests of the rows are added, so that the order of the rows does not matter.
+    """
     columns = ", ".join(f'"{column}"' for column in arrow_schema(name, without=without).names)
     return f"log, (sum(hash(row::BIGINT, {columns})) % {_DIGEST_MODULUS})::UBIGINT AS digest"
 
@@ -419,11 +436,15 @@ def _read_log_number(batch: pa.RecordBatch) -> int:
 
 
 def _combine(batches: list[pa.RecordBatch]) -> pa.RecordBatch:
+    """Concatenate batches, at least one of which has rows, into a single batch."""
     [batch] = pa.Table.from_batches(batches).combine_chunks().to_batches()
     return batch
 
 
 def software_digest() -> str:
-    """Return a digest of the software that builds the rows; files made by other software are not extended."""
+    """Return the versions of minihuman and DuckDB and a digest of the code that builds the rows.
+
+    A file that was made by other software is not extended but built again.
+    """
     sources = f"{digest_sources(*_MAKERS)} {digest_files(list_table_sources())}"
     return f"{minihuman.__version__} duckdb {duckdb.__version__} {sources}"

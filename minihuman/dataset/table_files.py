@@ -23,7 +23,7 @@ import pyarrow.parquet
 
 import minihuman
 from minihuman.dataset.caches import TABLE_CACHE
-from minihuman.dataset.info_columns import add_info_columns, build_info_schema, list_info_columns
+from minihuman.dataset.info_columns import add_info_columns, build_info_fields, list_info_columns
 from minihuman.dataset.measure_columns import COLUMNS_NEEDING_WORLD
 from minihuman.dataset.person_table import PERSON_TABLE, PersonTable
 from minihuman.dataset.rows import arrow_schema
@@ -45,7 +45,7 @@ TableFormat = Literal["parquet", "csv"]
 TABLE_METADATA = {"table_version": TABLE_VERSION, "minihuman_version": minihuman.__version__}
 
 
-def _parquet(path: Path, columns: pa.Schema) -> pa.parquet.ParquetWriter:
+def _open_parquet_writer(path: Path, columns: pa.Schema) -> pa.parquet.ParquetWriter:
     """Open a Parquet writer that encodes recurring values in dictionaries.
 
     For numbers it stores the smallest and largest value of each row group, so that readers can skip row groups. For
@@ -57,52 +57,52 @@ def _parquet(path: Path, columns: pa.Schema) -> pa.parquet.ParquetWriter:
     )
 
 
-class _TimedParquet:
-    """A Parquet writer that stores columns of UTC texts as timestamps with a time zone."""
+class _ParquetTableWriter:
+    """A writer of Parquet tables that stores columns of UTC texts as timestamps with a time zone."""
 
     def __init__(self, path: Path, columns: pa.Schema) -> None:
         self._times = [field.name for field in columns if (field.metadata or {}).get(b"unit") == b"UTC"]
         fields = [field.with_type(TIMES) if field.name in self._times else field for field in columns]
-        self._writer = _parquet(path, pa.schema(fields, metadata=TABLE_METADATA))
+        self._writer = _open_parquet_writer(path, pa.schema(fields, metadata=TABLE_METADATA))
 
     def write_table(self, table: pa.Table) -> None:
         for name in self._times:
-            place = table.schema.get_field_index(name)
+            index = table.schema.get_field_index(name)
             times = parse_times(table.column(name))
-            table = table.set_column(place, table.schema.field(place).with_type(TIMES), times)
+            table = table.set_column(index, table.schema.field(index).with_type(TIMES), times)
         self._writer.write_table(table.replace_schema_metadata(TABLE_METADATA))
 
     def close(self) -> None:
         self._writer.close()
 
 
-class _Csv:
-    """A CSV writer for pandas, polars, R and DuckDB: booleans are TRUE and FALSE, and missing values are empty.
+class _CsvTableWriter:
+    """A writer of CSV tables for pandas, polars, R and DuckDB: booleans are TRUE and FALSE, missing values are empty.
 
-    Texts that a spreadsheet would run are guarded, as ``guard_text`` does.
+    Texts that a spreadsheet would run as a formula are guarded by ``guard_texts``.
     """
 
     def __init__(self, path: Path, columns: pa.Schema) -> None:
         self._texts = [field.name for field in columns if pa.types.is_string(field.type)]
-        self._yes_no = [name for name in columns.names if pa.types.is_boolean(columns.field(name).type)]
-        fields = [field.with_type(pa.string()) if field.name in self._yes_no else field for field in columns]
+        self._booleans = [field.name for field in columns if pa.types.is_boolean(field.type)]
+        fields = [field.with_type(pa.string()) if field.name in self._booleans else field for field in columns]
         self._writer = pa.csv.CSVWriter(path, pa.schema(fields))
 
     def write_table(self, table: pa.Table) -> None:
-        for name in self._yes_no:
-            place = table.schema.get_field_index(name)
+        for name in self._booleans:
+            index = table.schema.get_field_index(name)
             texts = pc.if_else(table.column(name), "TRUE", "FALSE")
-            table = table.set_column(place, table.schema.field(place).with_type(pa.string()), texts)
+            table = table.set_column(index, table.schema.field(index).with_type(pa.string()), texts)
         for name in self._texts:
-            place = table.schema.get_field_index(name)
-            table = table.set_column(place, table.schema.field(place), guard_texts(table.column(name)))
+            index = table.schema.get_field_index(name)
+            table = table.set_column(index, table.schema.field(index), guard_texts(table.column(name)))
         self._writer.write_table(table)
 
     def close(self) -> None:
         self._writer.close()
 
 
-_WRITERS: dict[TableFormat, Callable[[Path, pa.Schema], Any]] = {"parquet": _TimedParquet, "csv": _Csv}
+_WRITERS: dict[TableFormat, Callable[[Path, pa.Schema], Any]] = {"parquet": _ParquetTableWriter, "csv": _CsvTableWriter}
 
 
 def write_tables(
@@ -147,7 +147,7 @@ def write_tables(
 
 
 def _write_people(people: PersonTable, folder: Path, kinds: Sequence[TableFormat]) -> list[Path]:
-    """Write the person table into a file of each of the given formats."""
+    """Write the person table into a file of each of the given formats; return the paths of the files."""
     paths = []
     for kind in kinds:
         path = folder / f"{PERSON_TABLE}.{kind}"
@@ -167,7 +167,7 @@ def _write_table(
     infos: Mapping[str, TableColumn],
 ) -> None:
     """Write one table into a file of each of the given formats."""
-    columns = pa.schema([*arrow_schema(name, without=without), *build_info_schema(infos)])
+    columns = pa.schema([*arrow_schema(name, without=without), *build_info_fields(infos)])
     writers = [_WRITERS[kind](path, columns) for kind, path in files.items()]
     for batch in tables.batches(name, without=without):
         rows = add_info_columns(pa.Table.from_batches([batch]), name, infos)
@@ -186,20 +186,21 @@ def list_partitions(store: StudyStore) -> dict[TablePartition, int]:
     partitions: dict[TablePartition, int] = {}
     sql = "SELECT log, study, participant, session FROM kept.participants"
     sessions = store.tables.connection.execute(sql).fetchall()
-    of_session = {log: (study, participant, session) for log, study, participant, session in sessions}
+    session_keys = {log: (study, participant, session) for log, study, participant, session in sessions}
     for table in TABLES:
-        for number, rows in sorted(store.tables.digest_rows(table, without=COLUMNS_NEEDING_WORLD).items()):
-            digest = _digest_partition(table, rows, str(store.selection))
-            partitions[TablePartition(table, *of_session[number], digest)] = number
+        for number, row_digest in sorted(store.tables.digest_rows(table, without=COLUMNS_NEEDING_WORLD).items()):
+            digest = _digest_partition(table, row_digest, str(store.selection))
+            partitions[TablePartition(table, *session_keys[number], digest)] = number
     return partitions
 
 
 def write_partitions(
     store: StudyStore, partitions: Mapping[TablePartition, int], folder: Path
 ) -> Iterator[tuple[TablePartition, Path]]:
-    """Write partitions from ``list_partitions`` below a folder; yield each with its file when the file is complete.
+    """Write the partitions that ``list_partitions`` returned into files below a folder.
 
-    Each file's key-value metadata state the digest, the selection, the selection's digest and the version of minihuman.
+    Yield each partition with the path of its file when the file is complete. The file's key-value metadata state the
+    partition's digest, the selection, the selection's digest, and the versions of minihuman and DuckDB.
     """
     selection = str(store.selection)
     made_by = {
@@ -216,7 +217,7 @@ def write_partitions(
             path.parent.mkdir(parents=True, exist_ok=True)
             facts = made_by | {"partition_digest": partition.digest}
             schema = arrow_schema(table, without=COLUMNS_NEEDING_WORLD).with_metadata(facts)
-            with _parquet(path, schema) as writer:
+            with _open_parquet_writer(path, schema) as writer:
                 for batch in batches:
                     writer.write_batch(batch)
             yield partition, path
@@ -248,9 +249,10 @@ def find_partition_damage(path: Path, partition: TablePartition) -> str:
     return ""
 
 
-def _digest_partition(table: str, rows: int, selection: str) -> str:
-    described = [column for column in TABLES[table] if column.name not in COLUMNS_NEEDING_WORLD]
-    return blake2b(repr((selection, described, rows)).encode(), digest_size=8).hexdigest()
+def _digest_partition(table: str, row_digest: int, selection: str) -> str:
+    """Return a digest of a partition's selection and columns, and of the digest of its rows; 16 hexadecimal digits."""
+    columns = [column for column in TABLES[table] if column.name not in COLUMNS_NEEDING_WORLD]
+    return blake2b(repr((selection, columns, row_digest)).encode(), digest_size=8).hexdigest()
 
 
 def _digest_file(path: Path, table: str) -> int:
@@ -274,11 +276,11 @@ def compare_cache(fresh: StudyStore, study: Path) -> Iterator[str]:
 
     Sessions whose logs have changed are not compared, because the next command reads them again.
     """
-    own = study / TABLE_CACHE
-    if not own.exists():
+    cache_path = study / TABLE_CACHE
+    if not cache_path.exists():
         return
     try:
-        TableDatabase(own, read_only=True).close()
+        TableDatabase(cache_path, read_only=True).close()
     except StoreVersionError:  # every command ignores such a cache
         return
     except Exception as error:
@@ -286,8 +288,8 @@ def compare_cache(fresh: StudyStore, study: Path) -> Iterator[str]:
         yield f"{TABLE_CACHE} cannot be read and will be made anew: {first_line}"
         return
     connection = fresh.tables.connection
-    path = str(own).replace("'", "''")
-    connection.execute(f"ATTACH '{path}' AS cache (READ_ONLY)")
+    quoted_path = str(cache_path).replace("'", "''")
+    connection.execute(f"ATTACH '{quoted_path}' AS cache (READ_ONLY)")
     try:
         yield from _compare_databases(connection)
     finally:
@@ -298,6 +300,7 @@ _CONTENT = r"regexp_replace({}.fingerprint, ' [^ \n]+(\n|$)', '\1', 'g')"  # as 
 
 
 def _compare_databases(connection: duckdb.DuckDBPyConnection) -> Iterator[str]:
+    """Yield the differences of the attached database ``cache`` from the connection's own, which was built from logs."""
     connection.execute(
         "CREATE OR REPLACE TEMP TABLE pairs AS "
         "SELECT fresh.key, fresh.log AS fresh_log, cached.log AS cached_log, cached.with_shortest, "
@@ -330,18 +333,18 @@ def _compare_rows_with_cache(connection: duckdb.DuckDBPyConnection, name: str, c
     """Yield the first differences between a table's recomputed and cached rows."""
     differing_rows = connection.execute(_compose_row_comparison(name, columns)).fetchall()
     for session, number, is_added, is_missing, *cells in differing_rows:
-        place = f"{TABLE_CACHE}: table {name}, {session}, row {number}"
+        location = f"{TABLE_CACHE}: table {name}, {session}, row {number}"
         if is_added:
-            yield f"{place} is in no log"
+            yield f"{location} is in no log"
             continue
         if is_missing:
-            yield f"{place} is missing"
+            yield f"{location} is missing"
             continue
         expected_cells = cells[: len(columns)]
         cached_cells = cells[len(columns) :]
         for column, expected, cached_cell in zip(columns, expected_cells, cached_cells, strict=True):
             if expected != cached_cell:
-                yield _describe_cell(place, column, cached_cell, expected)
+                yield _describe_difference(location, column, cached_cell, expected)
 
 
 def _compose_row_comparison(name: str, columns: list[str]) -> str:
@@ -378,24 +381,25 @@ def compare_table_files(folder: Path, recomputed: Path) -> Iterator[str]:
     for path in files:
         if path.stem not in TABLES or path.suffix not in _READERS:
             continue
-        own = recomputed / path.name
-        if not own.exists():
+        expected_path = recomputed / path.name
+        if not expected_path.exists():
             yield f"{path}: there is no such table"
-        elif path.read_bytes() != own.read_bytes():
-            yield from islice(_compare_rows(path, own), MAX_NAMED)
+        elif path.read_bytes() != expected_path.read_bytes():
+            yield from islice(_compare_rows(path, expected_path), MAX_NAMED)
     suffixes = {path.suffix for path in files}
-    for own in sorted(recomputed.iterdir()):
-        is_expected = own.stem in TABLES and own.suffix in suffixes
-        if is_expected and not (folder / own.name).exists():
-            yield f"{folder / own.name} is missing"
+    for expected_path in sorted(recomputed.iterdir()):
+        is_required = expected_path.stem in TABLES and expected_path.suffix in suffixes
+        if is_required and not (folder / expected_path.name).exists():
+            yield f"{folder / expected_path.name} is missing"
 
 
 def compare_pages(page: Path, recomputed: Path) -> Iterator[str]:
-    """Yield the differences of a report page from one made from recomputed tables, line by line."""
-    lines, own = (path.read_text(encoding="utf-8").splitlines() for path in (page, recomputed))
+    """Yield the first lines of a report page that differ from the page made from recomputed tables."""
+    lines = page.read_text(encoding="utf-8").splitlines()
+    expected_lines = recomputed.read_text(encoding="utf-8").splitlines()
     differences = (
-        _describe_cell(str(page), f"line {number}", _shorten(line), _shorten(expected))
-        for number, (line, expected) in enumerate(zip_longest(lines, own, fillvalue=""), 1)
+        _describe_difference(str(page), f"line {number}", _shorten(line), _shorten(expected))
+        for number, (line, expected) in enumerate(zip_longest(lines, expected_lines, fillvalue=""), 1)
         if line != expected
     )
     yield from islice(differences, MAX_NAMED)
@@ -409,21 +413,21 @@ def _shorten(line: str) -> str:
     return f"{text[:MAX_SHOWN]}..."
 
 
-def _compare_rows(path: Path, own: Path) -> Iterator[str]:
-    """Yield the differences of a table's file from ``own``, which was written from the logs."""
+def _compare_rows(path: Path, expected_path: Path) -> Iterator[str]:
+    """Yield the differences of a table's file from ``expected_path``, which was written from the logs."""
     read = _READERS[path.suffix]
     try:
         heads, rows = read(path)
-        own_heads, own_rows = read(own)
+        expected_heads, expected_rows = read(expected_path)
     except (OSError, UnicodeError, ValueError, csv.Error) as error:  # pyarrow raises ValueError
         yield f"{path} cannot be read: {error}"
         return
-    if heads != own_heads:
-        changed = sorted({*map(str, heads)} ^ {*map(str, own_heads)})
+    if heads != expected_heads:
+        changed = sorted({*map(str, heads)} ^ {*map(str, expected_heads)})
         yield f"{path}: the columns are others: {', '.join(changed) or 'in another order'}"
         return
     is_equal = True
-    for number, (row, expected) in enumerate(zip_longest(rows, own_rows), 1):
+    for number, (row, expected) in enumerate(zip_longest(rows, expected_rows), 1):
         if row is None:
             yield f"{path}: row {number} is missing"
             return
@@ -433,7 +437,7 @@ def _compare_rows(path: Path, own: Path) -> Iterator[str]:
         for head, cell, expected_cell in zip_longest(heads, row, expected):
             if not _is_same_cell(cell, expected_cell):
                 is_equal = False
-                yield _describe_cell(f"{path}: row {number}", str(head), cell, expected_cell)
+                yield _describe_difference(f"{path}: row {number}", str(head), cell, expected_cell)
     if is_equal:
         yield f"{path}: the numbers are those of the logs, but the bytes are not as they are written"
 
@@ -443,8 +447,8 @@ def _is_same_cell(cell: object, expected: object) -> bool:
     return cell == expected or are_both_nan
 
 
-def _describe_cell(place: str, column: str, actual: object, expected: object) -> str:
-    return f"{place}, {column} is {actual!r}; the logs say {expected!r}"
+def _describe_difference(location: str, column: str, actual: object, expected: object) -> str:
+    return f"{location}, {column} is {actual!r}; the logs say {expected!r}"
 
 
 def _read_csv(path: Path) -> tuple[_Cells, Iterable[_Cells]]:

@@ -40,7 +40,7 @@ def find_queried_tables(sql: str) -> frozenset[str]:
 
 
 def mentions_person_table(sql: str) -> bool:
-    """Return whether a query has the word that names the person table, which does not come from the logs."""
+    """Return whether the name of the person table occurs as a word in a query."""
     return re.search(rf"\b{PERSON_TABLE}\b", sql, re.IGNORECASE) is not None
 
 
@@ -56,8 +56,8 @@ def needs_shortest_paths(sql: str) -> bool:
             ((tree,),) = parser.execute("SELECT json_serialize_sql(?::VARCHAR)", (use_current_columns(sql),)).fetchall()
     except duckdb.Error:
         return True
-    nodes = list(_walk(msgspec.json.decode(tree)))
-    names_of_whole_rows = set()
+    nodes = list(_walk_objects(msgspec.json.decode(tree)))
+    names_of_whole_rows = set()  # the name or alias of a table stands for its whole row where a column is expected
     for node in nodes:
         for key in ("alias", "table_name"):
             if node.get(key):
@@ -73,15 +73,15 @@ def _may_read_columns(node: Mapping[str, Any], columns: Set[str]) -> bool:
     return isinstance(column_names, list) and column_names[-1].lower() in columns
 
 
-def _walk(tree: Any) -> Iterator[dict[str, Any]]:
+def _walk_objects(tree: Any) -> Iterator[dict[str, Any]]:
     """Yield every object in a JSON document."""
     if isinstance(tree, dict):
         yield tree
         for part in tree.values():
-            yield from _walk(part)
+            yield from _walk_objects(part)
     elif isinstance(tree, list):
         for part in tree:
-            yield from _walk(part)
+            yield from _walk_objects(part)
 
 
 def has_world_columns(name: str) -> bool:
@@ -89,14 +89,14 @@ def has_world_columns(name: str) -> bool:
     return any(column.name in COLUMNS_NEEDING_WORLD for column in TABLES.get(name, ()))
 
 
-MAX_SHOWN_ROWS = 100  # rows; more are for a file
+MAX_SHOWN_ROWS = 100  # in the terminal; longer results are for a file
 
 
 def format_result_csv(answer: pa.Table) -> str:
     """Format all rows as CSV with a header of column names; texts are guarded as in an export."""
-    for place, field in enumerate(answer.schema):
+    for index, field in enumerate(answer.schema):
         if pa.types.is_string(field.type):
-            answer = answer.set_column(place, field, guard_texts(answer.column(place)))
+            answer = answer.set_column(index, field, guard_texts(answer.column(index)))
     file = io.BytesIO()
     pa.csv.write_csv(answer, file)
     return file.getvalue().decode()

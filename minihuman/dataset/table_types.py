@@ -10,6 +10,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 TIMES = pa.timestamp("us", tz="UTC")
+_TIME_LENGTH = len("2026-01-31T12:00:00.123456")  # further digits are below a microsecond
 _SEPARATORS = r"^|[;\t\r\n]"  # a cell begins at a semicolon, too, where that is the locale's separator
 _FORMULA = re.compile(rf"({_SEPARATORS})('*[=+\-@])")
 _NUMBER = re.compile(r"[+-]?[0-9]+([.,][0-9]+)*([eE][+-]?[0-9]+)?")
@@ -17,15 +18,14 @@ _NUMBER = re.compile(r"[+-]?[0-9]+([.,][0-9]+)*([eE][+-]?[0-9]+)?")
 
 def parse_times(texts: pa.ChunkedArray | pa.Array) -> pa.ChunkedArray | pa.Array:
     """Convert ISO 8601 texts in UTC to times in microseconds; a missing or empty text is a missing time."""
-    return pc.assume_timezone(
-        pc.cast(pc.utf8_slice_codeunits(pc.utf8_rtrim(texts, "Z"), 0, 26), pa.timestamp("us")), "UTC"
-    )
+    to_microseconds = pc.utf8_slice_codeunits(pc.utf8_rtrim(texts, "Z"), 0, _TIME_LENGTH)
+    return pc.assume_timezone(pc.cast(to_microseconds, pa.timestamp("us")), "UTC")
 
 
 def guard_text(text: str) -> str:
-    """Put an apostrophe before whatever a spreadsheet would run as a formula; plain numbers stay as they are.
+    """Put an apostrophe before each part of a text that a spreadsheet would run as a formula; numbers are unchanged.
 
-    A text that already begins with apostrophes before such a sign gets a further one, so that `unguard_text` returns
+    If apostrophes already precede the sign of a formula, a further one is added, so that `unguard_text` can restore
     every text.
     """
     if _NUMBER.fullmatch(text):
@@ -34,17 +34,17 @@ def guard_text(text: str) -> str:
 
 
 def unguard_text(text: str) -> str:
-    """Return the text that was guarded."""
+    """Return the original of a text that `guard_text` guarded."""
     return re.sub(rf"({_SEPARATORS})'('*[=+\-@])", r"\1\2", text)
 
 
 def guard_texts(texts: pa.ChunkedArray) -> pa.ChunkedArray:
-    """Guard the texts of a column; each distinct text is looked at once."""
+    """Apply `guard_text` to the texts of a column; missing texts stay missing."""
     if isinstance(texts, pa.ChunkedArray):
         texts = texts.combine_chunks()
-    unique = texts.unique()
-    distinct = unique.to_pylist()
-    guarded = [text and guard_text(text) for text in distinct]
-    if guarded == distinct:
+    distinct = texts.unique()  # guarded once each, as most columns repeat few texts
+    distinct_texts = distinct.to_pylist()
+    guarded_texts = [text and guard_text(text) for text in distinct_texts]  # None stays None
+    if guarded_texts == distinct_texts:
         return texts
-    return pa.array(guarded, pa.string()).take(pc.index_in(texts, unique))
+    return pa.array(guarded_texts, pa.string()).take(pc.index_in(texts, distinct))

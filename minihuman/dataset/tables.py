@@ -82,7 +82,7 @@ class Tables(AbstractContextManager["Tables", None]):
         self._has_shortest = shortest_paths
         if names is not None and PERSON_TABLE in names:
             names = set(names) - {PERSON_TABLE}
-            with_account = True  # it says which protocols there are
+            with_account = True  # fills in the sessions, from which the protocols are read
         self._opened = StudyStore(self._logs, with_shortest=shortest_paths, tables=names, with_account=with_account)
 
     @property
@@ -105,6 +105,8 @@ class Tables(AbstractContextManager["Tables", None]):
     def people(self) -> "PersonTable | None":
         """Return the person table, with the laboratory's own columns; None if no protocol declares such columns.
 
+        The table is built once; building it adds notes about `participants.csv` to the account.
+
         Raises:
             ParticipantsFileError: if `participants.csv` cannot be read, or does not fit the protocol.
         """
@@ -112,16 +114,21 @@ class Tables(AbstractContextManager["Tables", None]):
 
         sessions = self.store.tables.table("participants", ["study", "participant"]).to_pylist()
         people = list(dict.fromkeys((session["study"], session["participant"]) for session in sessions))
-        last_by_digest = {
-            session.outline.protocol_sha256: session for session in self.sessions if session.outline is not None
-        }
-        protocols = [self.read_log(session).plan.protocol_toml for session in last_by_digest.values()]
+        protocols = [self.read_log(session).plan.protocol_toml for session in self._list_protocol_sessions()]
         table = build_person_table(self.source, people, protocols)
         if table is not None:
             self.account.notes.extend(table.notes)
         return table
 
+    def _list_protocol_sessions(self) -> list["CachedSession"]:
+        """Return one selected session for each protocol under which sessions were played."""
+        last_by_digest = {
+            session.outline.protocol_sha256: session for session in self.sessions if session.outline is not None
+        }
+        return list(last_by_digest.values())
+
     def _require_people(self) -> "PersonTable":
+        """Return the person table; raise QueryError if no protocol declares its columns."""
         if self.people is None:
             raise QueryError(
                 f"the study has no table {PERSON_TABLE!r}, as its protocol declares no column of participants.csv; "
@@ -135,12 +142,10 @@ class Tables(AbstractContextManager["Tables", None]):
             return self.store.tables.table(name, columns, counting=included)
         rows = self._require_people().rows
         if included:
-            counted = self.store.tables.table("participants", ["study", "participant"], counting=True)
-            rows = rows.join(
-                counted.group_by(["study", "participant"]).aggregate([]),
-                ["study", "participant"],
-                join_type="left semi",
-            )
+            keys = ["study", "participant"]
+            included_sessions = self.store.tables.table("participants", keys, counting=True)
+            included_people = included_sessions.group_by(keys).aggregate([])
+            rows = rows.join(included_people, keys, join_type="left semi")
         if columns is None:
             return rows
         return rows.select(columns)
@@ -230,10 +235,7 @@ class Tables(AbstractContextManager["Tables", None]):
 
     def read_protocols(self) -> list[Protocol]:
         """Read the protocols under which the selected sessions were played, without duplicates."""
-        last_by_digest = {
-            session.outline.protocol_sha256: session for session in self.sessions if session.outline is not None
-        }
-        protocols = (self.read_protocol(session) for session in last_by_digest.values())
+        protocols = (self.read_protocol(session) for session in self._list_protocol_sessions())
         return [protocol for protocol in protocols if protocol is not None]
 
     def read_sessions(self) -> Iterator[SelectedSession]:
@@ -249,7 +251,7 @@ class Tables(AbstractContextManager["Tables", None]):
     def release(self) -> None:
         """Close the study's own file after all tables were read, so that other processes can use it.
 
-        Keep a temporary one open.
+        A temporary file stays open, because closing it would delete the tables.
         """
         if self._opened is not None and not self._opened.is_temporary:
             self._opened.close()

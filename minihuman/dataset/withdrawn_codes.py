@@ -26,6 +26,7 @@ class _Line(msgspec.Struct, frozen=True):
 
 _CODE = re.compile(r"(sub|model)-[0-9]{2,9}", re.ASCII)  # as the enrolment log gives them
 LEDGER_FILE_NAME = "withdrawals.jsonl"  # in the data folder: what this machine knows of the erasure ledger
+_MAX_QUOTED = 60  # characters of a damaged line in an error message
 
 
 class LedgerEntry(msgspec.Struct, frozen=True, omit_defaults=True):
@@ -37,14 +38,17 @@ class LedgerEntry(msgspec.Struct, frozen=True, omit_defaults=True):
     study: str = ""  # in a data folder's file, which has all its studies'
 
 
-def read_local_ledger(data: Path, study: str) -> Iterator[LedgerEntry]:
-    """Yield a data folder's ledger entries about one study, in the form of the shared ledger."""
+def read_local_ledger(data_dir: Path, study: str) -> Iterator[LedgerEntry]:
+    """Yield the entries about one study from a data folder's copy of the erasure ledger.
+
+    As in the shared ledger of a study, the entries do not name it. Damaged lines are skipped.
+    """
     try:
-        lines = (data / LEDGER_FILE_NAME).read_bytes().splitlines()
+        lines = (data_dir / LEDGER_FILE_NAME).read_bytes().splitlines()
     except FileNotFoundError:
         return
     for line in lines:
-        with suppress(msgspec.DecodeError):  # half a line, of a crash
+        with suppress(msgspec.DecodeError):  # a line that a crash cut off
             entry = msgspec.json.decode(line, type=LedgerEntry)
             if entry.study == study and (not entry.code or _CODE.fullmatch(entry.code)):
                 yield msgspec.structs.replace(entry, study="")
@@ -60,7 +64,8 @@ def read_withdrawn_codes(study_dir: Path) -> frozenset[str]:
     if url := find_database_url(study_dir):
         from minihuman.storage.postgres_journal import PostgresJournal
 
-        connect = current_system().open_database_journal or PostgresJournal  # not the one that is kept open
+        # opened for this call alone, not the shared journal of ``open_journal``, so that it can be closed here
+        connect = current_system().open_database_journal or PostgresJournal
         name = f"{study_dir.name}/{ENROLMENT_FILE_NAME}"
         with closing(connect(url, name, _read_code, chained=True)) as register:
             return frozenset(register.read())
@@ -73,18 +78,22 @@ def read_withdrawn_codes(study_dir: Path) -> frozenset[str]:
 
 
 def _read_code(line: bytes, number: int) -> str | None:
-    """Return the code of the participant who withdrew according to a line; None if the line records no withdrawal."""
+    """Return the code of the participant who withdrew according to a line; None if the line records no withdrawal.
+
+    Raises:
+        LogError: if the line is damaged, or names no participant code.
+    """
     try:
         withdrawn = msgspec.json.decode(line, type=_Line).withdrawn
     except (msgspec.DecodeError, UnicodeDecodeError) as error:
         raise LogError(
-            f"{ENROLMENT_FILE_NAME}:{number}: {line[:60]!r} cannot be read; restore the file from a copy"
+            f"{ENROLMENT_FILE_NAME}:{number}: {line[:_MAX_QUOTED]!r} cannot be read; restore the file from a copy"
         ) from error
     if not withdrawn or not isinstance(withdrawn, str):
         return None
-    if not _CODE.fullmatch(withdrawn):  # whose folder would be erased
+    if not _CODE.fullmatch(withdrawn):  # a code names the folder to erase, so nothing else is accepted
         raise LogError(
-            f"{ENROLMENT_FILE_NAME}:{number}: {withdrawn[:60]!r} is not a participant code; restore the file from a "
-            "copy"
+            f"{ENROLMENT_FILE_NAME}:{number}: {withdrawn[:_MAX_QUOTED]!r} is not a participant code; restore the file "
+            "from a copy"
         )
     return withdrawn

@@ -45,14 +45,14 @@ def draw_cells(
     for number, (group, values) in enumerate(groups.items()):
         colour = SERIES[number % len(SERIES)]
         centre = (number - (len(groups) - 1) / 2) * width
-        places = np.arange(len(conditions), dtype=np.float64) + centre
-        at = _place_dots(values, places, width=width / 3)
-        ax.plot(at.T, values.T, color=colour, lw=0.35, alpha=0.3, zorder=1)
+        group_x = np.arange(len(conditions), dtype=np.float64) + centre
+        dots_x = _place_dots(values, group_x, width=width / 3)
+        ax.plot(dots_x.T, values.T, color=colour, lw=0.35, alpha=0.3, zorder=1)
         ax.plot(
-            at.ravel(), values.ravel(), _MARKERS[number % len(_MARKERS)], ms=size, mfc=colour, mec="white", mew=0.3,
+            dots_x.ravel(), values.ravel(), _MARKERS[number % len(_MARKERS)], ms=size, mfc=colour, mec="white", mew=0.3,
             alpha=0.75, zorder=2, gid=f"participants: {group}",
         )  # fmt: skip
-        _draw_means(ax, group, values, places, number, limits)
+        _draw_means(ax, group, values, group_x, number, limits)
     ax.set_xticks(range(len(conditions)), list(conditions))
     ax.set(xlim=(-0.6, len(conditions) - 0.4), ylabel=measure)
     ax.legend(loc="lower left", bbox_to_anchor=(0, 1), borderaxespad=0.2, ncols=min(3, len(groups)))
@@ -68,18 +68,28 @@ def _choose_dot_size(n: int) -> float:
     return 1.4
 
 
-def _place_dots(values: Values, places: Values, *, width: float) -> Values:
-    """Return the x coordinate of each dot, (participants, conditions); dots of equal values lie side by side."""
-    at = np.full(values.shape, np.nan)
-    for column, place in enumerate(places):
-        known = ~np.isnan(values[:, column])
-        at[known, column] = place + spread_dots(values[known, column], width=width)
-    return at
+def _place_dots(values: Values, group_x: Values, *, width: float) -> Values:
+    """Return the x coordinate of each dot, (participants, conditions); dots of equal values lie side by side.
+
+    Args:
+        values: the participants' values, (participants, conditions).
+        group_x: the x coordinate around which a group's dots lie in each condition, (conditions,).
+        width: the largest distance of a dot from it.
+    """
+    dots_x = np.full(values.shape, np.nan)
+    for column, x in enumerate(group_x):
+        is_present = ~np.isnan(values[:, column])
+        dots_x[is_present, column] = x + spread_dots(values[is_present, column], width=width)
+    return dots_x
 
 
 def _draw_means(
-    ax: Axes, group: str, values: Values, places: Values, number: int, limits: tuple[float, float] | None
+    ax: Axes, group: str, values: Values, group_x: Values, number: int, limits: tuple[float, float] | None
 ) -> None:
+    """Draw a group's mean in each condition, joined by a line, with 95 % intervals clipped to ``limits``.
+
+    ``group_x`` has the x coordinate of each mean; ``number`` selects the group's colour, marker and line.
+    """
     mean, low, high = mean_and_band(values)
     if limits is not None:
         low = np.clip(low, *limits)
@@ -89,12 +99,12 @@ def _draw_means(
     colour = SERIES[number % len(SERIES)]
     n_participants = int((~np.isnan(values)).any(axis=1).sum())
     ax.plot(
-        places, mean, marker + line, color="black", mfc=colour, mec="black", mew=0.9, ms=5.5, lw=1.1, zorder=4,
+        group_x, mean, marker + line, color="black", mfc=colour, mec="black", mew=0.9, ms=5.5, lw=1.1, zorder=4,
         gid=f"means: {group}", label=f"{group} (n = {n_participants})",
     )  # fmt: skip
-    for place, bottom, top in zip(places, low, high, strict=True):
+    for x, bottom, top in zip(group_x, low, high, strict=True):
         if np.isfinite(bottom):
-            ax.plot([place, place], [bottom, top], color="black", lw=1.1, zorder=3, gid=f"interval: {group}")
+            ax.plot([x, x], [bottom, top], color="black", lw=1.1, zorder=3, gid=f"interval: {group}")
 
 
 def _name_difference(difference: Difference) -> str:
@@ -103,6 +113,7 @@ def _name_difference(difference: Difference) -> str:
 
 
 def _label_differences(ax: Axes, differences: Sequence[Difference], title: str) -> None:
+    """Write the name of each difference beside its row, and the title above the axes."""
     ax.set_yticks(range(len(differences)), [*map(_name_difference, differences)])
     ax.set_title(title, loc="left")
 
@@ -144,6 +155,6 @@ def cells_figure(
         left.set_xlabel(condition)
         draw_differences(right, differences, level=level, are_ratios=are_ratios)
         _label_differences(right, differences, comparison)
-        for place, ax in enumerate((left, right)):
-            label_panel(ax, place)
+        for index, ax in enumerate((left, right)):
+            label_panel(ax, index)
     return figure

@@ -27,6 +27,7 @@ Values = NDArray[np.float64]
 _TICKS_MS = (50, 100, 200, 500, 1000, 2000, 5000, 10_000, 20_000, 50_000)
 _MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 _LINE_STYLES = ("-", "--", ":", "-.")
+_LARGEST_STEP = 0.09  # between dots side by side, of the distance between two groups
 
 
 def compare_every_pair(groups: Mapping[str, Values]) -> list[Difference]:
@@ -41,20 +42,26 @@ def compare_every_pair(groups: Mapping[str, Values]) -> list[Difference]:
 
 
 def spread_dots(values: Values, *, rows: int = 40, width: float = 0.36) -> Values:
-    """Return sideways offsets (n,) of at most ``width`` that place the dots of equal values side by side."""
+    """Return sideways offsets (n,) that place the dots of nearly equal values side by side.
+
+    Args:
+        values: the value of each dot, (n,).
+        rows: the number of rows into which the range of the values is divided; dots in a row lie side by side.
+        width: the largest offset to either side.
+    """
     if not len(values):
         return np.zeros(0)
     extent = float(np.ptp(values))
     height = np.zeros(len(values))
     if extent:
         height = (values - values.min()) / extent
-    row = (height * (rows - 1)).round().astype(int)
+    row_of_dot = (height * (rows - 1)).round().astype(int)
     offsets = np.zeros(len(values))
-    fullest = max(np.bincount(row).max(), 2)
-    step = min(0.09, 2 * width / fullest)
-    for level in np.unique(row):
-        places = np.flatnonzero(row == level)
-        offsets[places] = (np.arange(len(places)) - (len(places) - 1) / 2) * step
+    largest_row = max(np.bincount(row_of_dot).max(), 2)
+    step = min(_LARGEST_STEP, 2 * width / largest_row)
+    for row in np.unique(row_of_dot):
+        dots = np.flatnonzero(row_of_dot == row)
+        offsets[dots] = (np.arange(len(dots)) - (len(dots) - 1) / 2) * step
     return offsets
 
 
@@ -69,23 +76,23 @@ def draw_participants(
 
     size = _choose_dot_size(max((len(values) for values in groups.values()), default=1))
     tick_labels = []
-    for place, (group, values) in enumerate(groups.items()):
-        colour = SERIES[place % len(SERIES)]
-        known = values[~np.isnan(values)]
-        tick_labels.append(f"{group}\nn = {len(known)}")
-        offsets = spread_dots(known)
-        mean_offset = max([0.1, *offsets]) + 0.08
+    for x, (group, values) in enumerate(groups.items()):
+        colour = SERIES[x % len(SERIES)]
+        present = values[~np.isnan(values)]
+        tick_labels.append(f"{group}\nn = {len(present)}")
+        offsets = spread_dots(present)
+        mean_x = x + (max([0.1, *offsets]) + 0.08)  # to the right of all dots
         ax.plot(
-            place + offsets, known, _MARKERS[place % len(_MARKERS)], ms=size, mfc=colour, mec="white", mew=0.3,
+            x + offsets, present, _MARKERS[x % len(_MARKERS)], ms=size, mfc=colour, mec="white", mew=0.3,
             alpha=0.85, gid=f"participants: {group}",
         )  # fmt: skip
-        if len(known):
-            (mean,), (low,), (high,) = mean_and_band(known[:, None])
+        if len(present):
+            (mean,), (low,), (high,) = mean_and_band(present[:, None])
             if np.isfinite(low):
                 if limits is not None:
                     low, high = np.clip((low, high), *limits)
-                ax.plot([place + mean_offset] * 2, [low, high], color="black", lw=1.1, gid=f"interval: {group}")
-            ax.plot(place + mean_offset, mean, "D", ms=3.6, color="black", gid=f"mean: {group}")
+                ax.plot([mean_x] * 2, [low, high], color="black", lw=1.1, gid=f"interval: {group}")
+            ax.plot(mean_x, mean, "D", ms=3.6, color="black", gid=f"mean: {group}")
     ax.set_xticks(range(len(groups)), tick_labels)
     ax.set(xlim=(-0.55, len(groups) - 0.4), ylabel=measure)
     return ax
@@ -121,7 +128,8 @@ def draw_differences(
     if are_ratios:
         ax.xaxis.set_major_formatter(lambda log_ratio, _: f"\N{MULTIPLICATION SIGN}{math.exp(log_ratio):.3g}")
     low, high = ax.get_xlim()
-    ax.set_xlim(min(low, -0.05 * (high - low)), max(high, 0.05 * (high - low)))
+    margin = 0.05 * (high - low)
+    ax.set_xlim(min(low, -margin), max(high, margin))  # the line at zero is always visible
     return ax
 
 
@@ -156,9 +164,9 @@ def estimation_figure(
         level = "ratio of geometric means" if are_ratios else "difference of means"
         draw_differences(right, differences, level=level, are_ratios=are_ratios)
         titles = (f"every {unit}, mean and 95 % interval", level.partition(" ")[0])
-        for place, (ax, name) in enumerate(zip((left, right), titles, strict=True)):
+        for index, (ax, name) in enumerate(zip((left, right), titles, strict=True)):
             ax.set_title(name, loc="left")
-            label_panel(ax, place)
+            label_panel(ax, index)
     return figure
 
 
@@ -173,19 +181,19 @@ def draw_reaction_times(ax: Axes, groups: Mapping[str, NDArray[np.float64]], edg
         groups: per group, the share of each participant's reaction times in each bin, (participants, bins).
         edges_ms: the edges of the bins, (bins + 1,).
     """
-    middles = np.sqrt(edges_ms[:-1] * edges_ms[1:])
+    middles_ms = np.sqrt(edges_ms[:-1] * edges_ms[1:])
     has_lines = are_few(groups)
-    for place, (group, shares) in enumerate(groups.items()):
-        colour = SERIES[place % len(SERIES)]
+    for number, (group, shares) in enumerate(groups.items()):
+        colour = SERIES[number % len(SERIES)]
         if has_lines:
-            ax.plot(middles, 100 * shares.T, color=colour, lw=0.4, alpha=0.5)
+            ax.plot(middles_ms, 100 * shares.T, color=colour, lw=0.4, alpha=0.5)
         else:
             low, high = np.percentile(100 * shares, (10, 90), axis=0)
-            ax.fill_between(middles, low, high, color=colour, alpha=0.2, lw=0, gid=f"band: {group}")
+            ax.fill_between(middles_ms, low, high, color=colour, alpha=0.2, lw=0, gid=f"band: {group}")
         mean = 100 * shares.mean(axis=0)
-        line = _LINE_STYLES[place % len(_LINE_STYLES)]
+        line = _LINE_STYLES[number % len(_LINE_STYLES)]
         ax.plot(
-            middles, mean, line, color=colour, lw=1.8, zorder=3,
+            middles_ms, mean, line, color=colour, lw=1.8, zorder=3,
             label=f"{group} (n = {len(shares)})", path_effects=[withStroke(linewidth=3, foreground="white")],
         )  # fmt: skip
     ax.set(xscale="log", xlabel="reaction time (ms, log scale)", ylabel="share of responses (%)", ylim=(0, None))
@@ -209,7 +217,11 @@ ScoreBar = tuple[str, PlayerScore, tuple[float, ...]]  # player, score, and shar
 
 
 def score_figure(bars: Sequence[ScoreBar], *, reference: str) -> Figure:
-    """Draw the scores of several players. The reference player has a score of 1."""
+    """Draw the success, normalised score and relative efficiency of several players, and their success by episode.
+
+    The last panel is left out if no player has several episodes in a block. A dashed line marks the score of 1 that the
+    reference player has by definition.
+    """
     width_ratios = [1.0, 1.0, 1.0]
     has_curves = any(len(shares) > 1 for _, _, shares in bars)
     if has_curves:
@@ -249,11 +261,11 @@ def draw_scores(
     """
     if mark is not None:
         ax.axvline(mark, color=MUTED, lw=0.8, ls="--")
-    for place, (_, score, _) in enumerate(bars):
+    for row, (_, score, _) in enumerate(bars):
         estimate: Estimate = getattr(score, name)
-        colour = SERIES[place % len(SERIES)]
-        ax.plot([estimate.low, estimate.high], [place, place], color=colour, lw=1.6, solid_capstyle="butt")
-        ax.plot([estimate.value], [place], "o", ms=4, color=colour)
+        colour = SERIES[row % len(SERIES)]
+        ax.plot([estimate.low, estimate.high], [row, row], color=colour, lw=1.6, solid_capstyle="butt")
+        ax.plot([estimate.value], [row], "o", ms=4, color=colour)
     ax.set_yticks(range(len(bars)), [player for player, _, _ in bars])
     ax.set_ylim(len(bars) - 0.5, -0.5)
     ax.set_xlabel(label)
@@ -263,13 +275,13 @@ def draw_scores(
 
 def draw_curves(ax: Axes, bars: Sequence[ScoreBar]) -> None:
     """Draw each player's share of successes over the episodes of a block."""
-    for place, (_, _, shares) in enumerate(bars):
-        size = 5.0 - 3.0 * place / max(1, len(bars))  # those behind another still show
-        colour = SERIES[place % len(SERIES)]
+    for number, (_, _, shares) in enumerate(bars):
+        size = 5.0 - 3.0 * number / max(1, len(bars))  # smaller in front, so that markers behind still show
+        colour = SERIES[number % len(SERIES)]
         ax.plot(
             np.arange(1, len(shares) + 1),
             shares,
-            marker="os^DvPX"[place % 7],
+            marker=_MARKERS[number % len(_MARKERS)],
             ms=size,
             color=colour,
         )

@@ -44,7 +44,7 @@ class Difference(NamedTuple):
 
 
 def name_measure(measure: str, block: str = "", *, width: int = 52) -> str:
-    """Return a figure's title: the block and the measure, in lines that fit a column."""
+    """Return a figure's title with the block, if any, and the measure, in lines of at most ``width`` characters."""
     title = measure[:1].upper() + measure[1:]
     if block:
         title = f"Block {block}: {measure}"
@@ -71,21 +71,24 @@ def collect_learning_curves(
     last = episodes.drop_duplicates(["participant", "session", "episode_in_block"], keep="last")
     values = last.assign(value=last[measure].astype(float)).groupby(["group", "session"])
     has_several_sessions = episodes["session"].nunique() > 1
-    curves = {
-        (str(group), session): part.pivot(index="participant", columns="episode_in_block", values="value")
-        for (group, session), part in values
+    tables = {
+        (str(group), session): rows.pivot(index="participant", columns="episode_in_block", values="value")
+        for (group, session), rows in values
     }
-    named = {}
-    for group in order or sorted({group for group, _ in curves}):
-        for (curve_group, session), table in curves.items():
-            if curve_group == group:
+    curves = {}
+    for group in order or sorted({group for group, _ in tables}):
+        for (table_group, session), table in tables.items():
+            if table_group == group:
                 name = f"{group}, session {session}" if has_several_sessions else group
-                named[name] = table.reindex(columns=numbers).to_numpy(np.float64)
-    return named
+                curves[name] = table.reindex(columns=numbers).to_numpy(np.float64)
+    return curves
 
 
 def group_by_block(log: SessionLog) -> list[tuple[str, Sequence[EpisodeLog]]]:
-    """Return a session's episodes by block, in the order of play: the first ten of each, for its path figure."""
+    """Return the first ten episodes of each block of a session, by block in the order of play.
+
+    They are the episodes of the session's figure of paths; their key presses and pictures are removed.
+    """
     blocks: dict[str, list[EpisodeLog]] = defaultdict(list)
     for episode in log.episodes:
         blocks[episode.plan.block_name].append(episode)
@@ -128,7 +131,7 @@ def draw_figure_files(stem: Path, name: str, *values: object, **options: object)
     """
     digest = digest_figure(name, values, options)
     png, pdf = (stem.with_name(f"{stem.name}{suffix}") for suffix in _ENDS)
-    if not (_holds(png, digest) and _holds(pdf, digest)):
+    if not (_has_digest(png, digest) and _has_digest(pdf, digest)):
         from minihuman.figures.style import save_figure
 
         module, _, function = name.partition(".")
@@ -138,7 +141,16 @@ def draw_figure_files(stem: Path, name: str, *values: object, **options: object)
 
 
 def digest_figure(name: str, values: Sequence[object], options: dict[str, Any]) -> str:
-    """Return the digest of everything that determines a figure: its data and options, our code, and the libraries."""
+    """Return a digest of everything that determines a figure: its data and options, minihuman's code, and libraries.
+
+    Args:
+        name: the module below ``minihuman.figures`` and the function that draws the figure.
+        values: the positional arguments of the function.
+        options: the keyword arguments of the function.
+
+    Raises:
+        TypeError: if an argument cannot be encoded.
+    """
     encoded = msgspec.msgpack.encode((_describe_software(), name, values, options), enc_hook=_encode_for_digest)
     return blake2b(encoded, digest_size=16).hexdigest()
 
@@ -148,7 +160,7 @@ def _describe_software() -> tuple[str, ...]:
     return digest_sources(), *(version(library) for library in _LIBRARIES)
 
 
-def _holds(path: Path, digest: str) -> bool:
+def _has_digest(path: Path, digest: str) -> bool:
     """Return whether a file is complete and has the given digest in its metadata."""
     if not path.is_file():
         return False
@@ -157,12 +169,16 @@ def _holds(path: Path, digest: str) -> bool:
 
 
 def _encode_for_digest(value: Any) -> object:
-    """Return a part of a figure's data as values from which a digest can be computed."""
+    """Return a part of a figure's data as plain values that can be encoded.
+
+    Raises:
+        TypeError: if the part is neither an array or number of NumPy nor a sequence.
+    """
     if isinstance(value, np.ndarray) and not value.dtype.hasobject:
         return value.dtype.str, value.shape, value.tobytes()
     if isinstance(value, np.generic):
         return value.item()
-    if isinstance(value, Sequence):  # of our own: columns of a log
+    if isinstance(value, Sequence):  # such as the columns of a log's events
         return list(value)
     raise TypeError(f"a figure's data contain a {type(value).__qualname__}, which has no digest; use plain values")
 
@@ -178,10 +194,13 @@ def are_shares(curves: Mapping[str, NDArray[np.float64]], limits: tuple[float, f
 
 
 def has_participant_lines(curves: Mapping[str, NDArray[np.float64]], limits: tuple[float, float] | None) -> bool:
-    """Return whether learning curves have a thin line for each participant: of few, and not of shares."""
+    """Return whether learning curves show a thin line per participant: if these are few and the means are no shares."""
     return are_few(curves) and not are_shares(curves, limits)
 
 
 def are_few(groups: Mapping[str, NDArray[np.float64]]) -> bool:
-    """Return whether no group has more participants (the first axis) than can have a thin line each."""
+    """Return whether no group has more than ``MOST_LINES`` participants, so that each can have a thin line.
+
+    The participants are the first axis of a group's array.
+    """
     return max(map(len, groups.values())) <= MOST_LINES

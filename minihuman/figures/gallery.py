@@ -21,26 +21,27 @@ if TYPE_CHECKING:
 
 
 def draw_all_figures(tables: Tables, out: Path, *, each_session: bool = False) -> Iterator[Path]:
-    """Draw the paths and overview of one session, or the common figures of many; yield the paths of the files.
+    """Draw the overview and paths of a single session, or the occupancy and rewards of several sessions together.
 
-    With ``each_session``, every one of many sessions is drawn too, which takes some seconds per session.
+    Yield the paths of the files. With ``each_session``, the overview and paths of every session are drawn as well,
+    which takes some seconds per session.
 
     Raises:
         LogError: if the file or folder does not exist.
     """
     first: SessionLog | None = None
-    everyone: list[SessionLog] = []
+    all_sessions: list[SessionLog] = []
     for selected in tables.read_sessions():
         if not selected.places:
             continue
         if each_session:
-            yield from draw_session(selected.session, out / _name(selected.log))
+            yield from draw_session(selected.session, out / _name_session(selected.log))
         first = first or selected.session
-        everyone.append(_strip_session(selected.session))
-    if first is not None and len(everyone) == 1 and not each_session:
-        yield from draw_session(first, out / _name(first))
-    if len(everyone) > 1:
-        yield from draw_study(everyone, out)
+        all_sessions.append(_strip_session(selected.session))
+    if first is not None and len(all_sessions) == 1 and not each_session:
+        yield from draw_session(first, out / _name_session(first))
+    if len(all_sessions) > 1:
+        yield from draw_study(all_sessions, out)
 
 
 def draw_session(log: SessionLog, out: Path) -> Iterator[Path]:
@@ -54,10 +55,10 @@ def draw_study(logs: Sequence[SessionLog], out: Path) -> Iterator[Path]:
     for world in dict.fromkeys(episode.plan.world for log in logs for episode in log.episodes):
         groups = group_participants_by_group(logs, world)
         if groups:
-            yield from save_figure(occupancy_figure(world, groups), out / f"occupancy_{_file_name(world)}")
+            yield from save_figure(occupancy_figure(world, groups), out / f"occupancy_{_make_file_name(world)}")
     for block, episodes in collect_rewards(logs).groupby("block", sort=False):
         title = name_measure("reward", str(block))
-        file_name = _file_name(str(block))
+        file_name = _make_file_name(str(block))
         means = episodes.groupby(["group", "participant"])["reward"].mean()
         by_group = {str(group): group_means.to_numpy(float) for group, group_means in means.groupby("group")}
         if len(by_group) > 1:
@@ -80,7 +81,7 @@ def _strip_session(log: SessionLog) -> SessionLog:
 
 
 def collect_rewards(logs: Iterable[SessionLog]) -> "pd.DataFrame":
-    """Return a table with the reward of every episode, its participant and its place in the block.
+    """Return a table with a row per episode: its participant, session, group, block, number in the block, and reward.
 
     The columns are named as in the table "episodes".
     """
@@ -97,10 +98,10 @@ def collect_rewards(logs: Iterable[SessionLog]) -> "pd.DataFrame":
     return pd.DataFrame(rows, columns=columns)
 
 
-def _name(log: SessionLog) -> str:
+def _name_session(log: SessionLog) -> str:
     return f"{log.plan.participant.id}_ses-{log.plan.session:02d}"
 
 
-def _file_name(text: str) -> str:
+def _make_file_name(text: str) -> str:
     """Return a file name made of the text after the last slash, with hyphens for unusual characters."""
     return "".join(letter if letter.isalnum() or letter in "-_" else "-" for letter in text.rpartition("/")[2])

@@ -46,6 +46,8 @@ def share_and_band(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Return the share of ones and the limits of its 95 % interval (Wilson), each (episodes,).
 
+    All three are NaN in an episode without a value.
+
     Args:
         values: an array of 0, 1 and NaN, of shape (participants, episodes).
     """
@@ -54,8 +56,8 @@ def share_and_band(
     with np.errstate(invalid="ignore"):
         share = ones / counts
     low, high = np.array([wilson_interval(int(successes), int(n)) for successes, n in zip(ones, counts, strict=True)]).T
-    missing = np.where(counts, 0.0, np.nan)
-    return share, low + missing, high + missing
+    is_empty = counts == 0
+    return share, np.where(is_empty, np.nan, low), np.where(is_empty, np.nan, high)
 
 
 def draw_learning(
@@ -80,21 +82,21 @@ def draw_learning(
         level: the confidence level of the bands.
         limits: the lowest and the highest possible value of the measure; None if it has no bounds.
         xlabel: the label of the horizontal axis.
-        numbers: the places of the episodes on the horizontal axis; by default 1, 2 and so on.
+        numbers: the positions of the episodes on the horizontal axis; by default 1, 2 and so on.
     """
     draws_shares = are_shares(curves, limits)
     has_lines = has_participant_lines(curves, limits)
-    for place, (group, values) in enumerate(curves.items()):
-        colour = SERIES[place % len(SERIES)]
+    for index, (group, values) in enumerate(curves.items()):
+        colour = SERIES[index % len(SERIES)]
         mean, low, high = share_and_band(values) if draws_shares else mean_and_band(values, level=level)
         low, high = _clip_band(low, high, limits)
-        at = np.arange(1, values.shape[1] + 1) if numbers is None else np.asarray(numbers)
+        x = np.arange(1, values.shape[1] + 1) if numbers is None else np.asarray(numbers)
         if has_lines:
-            ax.plot(at, values.T, color=colour, lw=0.4, alpha=0.35, gid=f"participant: {group}")
-        line, marker = _DASHES[place % len(_DASHES)], _MARKERS[place % len(_MARKERS)]
+            ax.plot(x, values.T, color=colour, lw=0.4, alpha=0.35, gid=f"participant: {group}")
+        line, marker = _DASHES[index % len(_DASHES)], _MARKERS[index % len(_MARKERS)]
         label = f"{group} (n = {len(values)})"
-        ax.plot(at, mean, line, marker=marker, ms=3.2, color=colour, label=label)
-        ax.fill_between(at, low, high, color=colour, alpha=0.18, lw=0, gid=f"band: {group}")
+        ax.plot(x, mean, line, marker=marker, ms=3.2, color=colour, label=label)
+        ax.fill_between(x, low, high, color=colour, alpha=0.18, lw=0, gid=f"band: {group}")
     ax.set(xlabel=xlabel, ylabel=measure)
     _set_limits(ax, limits)
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
@@ -103,8 +105,10 @@ def draw_learning(
 
 
 def _count_columns(groups: Collection[str]) -> int:
-    """Return the number of the legend's columns: one where names are long."""
-    return 1 if max(map(len, groups)) > _LONG_NAME else min(2, len(groups))
+    """Return the number of columns of the legend: one if a group's name is long, else at most two."""
+    if max(map(len, groups)) > _LONG_NAME:
+        return 1
+    return min(2, len(groups))
 
 
 def _clip_band(

@@ -11,13 +11,15 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from minihuman.errors import LogError
-from minihuman.figures.path_figures import check_map_bounds
+from minihuman.figures.path_figures import get_valid_bounds
 from minihuman.figures.style import COLUMN_CM, OCCUPANCY_COLOURS, PAGE_CM, WALL, figure_style, label_panel, new_figure
 from minihuman.log.model.session_log import EpisodeLog, SessionLog
 
-_BIN = {"cell": 1.0, "m": 0.5}
+_SQUARE_SIZE = {"cell": 1.0, "m": 0.5}  # in the unit of the map
 _ROUNDING = 1e-9  # so that a rounding error adds no edge beyond the last one
 _MAX_SQUARES = 4_000_000
+_WALL_DECIMALS = 6  # of coordinates; walls that differ by less are the same
+_COLOUR_RANGE = 300  # the largest percentage over the smallest on the colour scale
 
 
 def compute_occupancy(
@@ -61,8 +63,8 @@ def _measure_extent(episodes: Sequence[EpisodeLog]) -> tuple[NDArray[np.float64]
     if len(units) != 1:
         names = ", ".join(sorted(units)) or "none"
         raise ValueError(f"occupancy needs episodes with a map and poses in one unit; found units: {names}")
-    size = _BIN[units.pop()]
-    bounds = np.array([check_map_bounds(floor).bounds for floor in maps])
+    size = _SQUARE_SIZE[units.pop()]
+    bounds = np.array([get_valid_bounds(floor) for floor in maps])
     positions = _stack_positions(episodes)
     low = np.minimum(bounds[:, :2].min(axis=0), positions.min(axis=0))  # a step can lie outside its world's map
     high = np.maximum(bounds[:, 2:].max(axis=0), positions.max(axis=0))
@@ -82,9 +84,9 @@ def _stack_positions(episodes: Sequence[EpisodeLog]) -> NDArray[np.float64]:
 def draw_occupancy(
     ax: Axes, participants: Sequence[Sequence[EpisodeLog]], *, limits: tuple[float, float] | None = None
 ) -> Axes:
-    """Draw the share of steps in each place, darker for more, with the walls of every map.
+    """Draw the share of steps in each square of the floor, darker for more, with the walls of every map.
 
-    Places that were never visited are white. Walls that differ between episodes are the paler, the rarer they are.
+    Squares that were never visited are white. Walls that only some of the episodes have are paler.
 
     Args:
         ax: the axes to draw on.
@@ -105,11 +107,9 @@ def draw_occupancy(
         if episode.start.map
         for wall in episode.start.map.walls
     ]
-    kinds, counts = np.unique(np.round(walls, 6), axis=0, return_counts=True)
-    strength = counts / counts.max()
-    lines = LineCollection(
-        [((w[0], w[1]), (w[2], w[3])) for w in kinds], colors=WALL, linewidths=0.8, alpha=list(strength)
-    )
+    distinct_walls, counts = np.unique(np.round(walls, _WALL_DECIMALS), axis=0, return_counts=True)
+    segments = [((x0, z0), (x1, z1)) for x0, z0, x1, z1 in distinct_walls]
+    lines = LineCollection(segments, colors=WALL, linewidths=0.8, alpha=list(counts / counts.max()))
     ax.add_collection(lines)
     ax.set(aspect="equal", xticks=[], yticks=[])
     ax.set_ylim(z_edges[-1] + 0.1, z_edges[0] - 0.1)
@@ -124,7 +124,7 @@ def find_occupancy_limits(*shares: NDArray[np.float64]) -> tuple[float, float]:
     """
     highest = max(100 * float(share.max()) for share in shares)
     lowest = min(100 * float(share[share > 0].min()) for share in shares)
-    return max(lowest, highest / 300), highest
+    return max(lowest, highest / _COLOUR_RANGE), highest
 
 
 def occupancy_figure(title: str, groups: Mapping[str, Sequence[Sequence[EpisodeLog]]]) -> Figure:
@@ -141,13 +141,13 @@ def occupancy_figure(title: str, groups: Mapping[str, Sequence[Sequence[EpisodeL
         width_cm = COLUMN_CM if len(groups) == 1 else PAGE_CM
         figure = new_figure(width_cm=width_cm, height_cm=7.6)
         axes = figure.subplots(1, len(groups), squeeze=False)[0]
-        for place, (ax, (group, participants)) in enumerate(zip(axes, groups.items(), strict=True)):
+        for index, (ax, (group, participants)) in enumerate(zip(axes, groups.items(), strict=True)):
             draw_occupancy(ax, participants, limits=limits)
             noun = "participant" if len(participants) == 1 else "participants"
             name = title if len(groups) == 1 else group
             ax.set_title(f"{name}, {len(participants)} {noun}", loc="left")
             if len(groups) > 1:
-                label_panel(ax, place)
+                label_panel(ax, index)
         if len(groups) > 1:
             figure.suptitle(title)
         bar = figure.colorbar(axes[0].collections[0], ax=list(axes), shrink=0.8)
@@ -167,7 +167,10 @@ def group_by_participant(logs: Iterable[SessionLog], world: str) -> list[list[Ep
 
 
 def group_participants_by_group(logs: Iterable[SessionLog], world: str) -> dict[str, list[list[EpisodeLog]]]:
-    """Return the participants' episodes of a world by group, in alphabetical order."""
+    """Return, for each group that played a world, the episodes of each participant; groups are in alphabetical order.
+
+    Only episodes with positions are included.
+    """
     logs = list(logs)
     groups = sorted({log.plan.participant.group for log in logs})
     by_group = {

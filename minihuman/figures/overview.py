@@ -21,7 +21,7 @@ _KEY_KINDS = (("steps", SERIES[0]), ("no action", SERIES[1]), ("not playing", MU
 
 def draw_steps(ax: Axes, log: SessionLog) -> Axes:
     """Draw the number of steps of each episode, with its outcome as colour and shape, and its step limit as a bar."""
-    numbers = _numbers(log)
+    numbers = _list_episode_numbers(log)
     for episode, number in zip(log.episodes, numbers, strict=True):
         name = episode.outcome_word
         ax.plot([number, number], [0, len(episode.actions)], color=OUTCOME_COLOURS[name], lw=1.4, zorder=1)
@@ -43,7 +43,7 @@ def draw_steps(ax: Axes, log: SessionLog) -> Axes:
 def draw_time(ax: Axes, log: SessionLog) -> Axes:
     """Draw the playing time of each episode in seconds, from the reset to the last step, without pauses."""
     seconds = [playing_s(episode) for episode in log.episodes]
-    ax.bar(_numbers(log), seconds, width=0.7, color=SERIES[4])
+    ax.bar(_list_episode_numbers(log), seconds, width=0.7, color=SERIES[4])
     ax.set_ylabel("playing time (s)")
     return ax
 
@@ -54,7 +54,7 @@ def draw_keys(ax: Axes, log: SessionLog) -> Axes:
     bottom = np.zeros(len(counts))
     for kind, colour in _KEY_KINDS:
         heights = np.array([count[kind] for count in counts], dtype=float)
-        ax.bar(_numbers(log), heights, bottom=bottom, width=0.7, color=colour, label=kind)
+        ax.bar(_list_episode_numbers(log), heights, bottom=bottom, width=0.7, color=colour, label=kind)
         bottom += heights
     ax.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=3, borderaxespad=0, handlelength=1.0)
     ax.set_ylabel("presses")
@@ -63,11 +63,11 @@ def draw_keys(ax: Axes, log: SessionLog) -> Axes:
 
 def draw_different_keys(ax: Axes, log: SessionLog) -> Axes:
     """Draw the number of different keys pressed in each episode; a bar marks the number of keys with an action."""
-    tried = [len({press.key for press in episode.keys if press.down}) for episode in log.episodes]
-    ax.bar(_numbers(log), tried, width=0.7, color=SERIES[3])
-    for number, episode in zip(_numbers(log), log.episodes, strict=True):
-        mapped = len(episode.plan.key_map.keys)
-        ax.plot([number - 0.42, number + 0.42], [mapped, mapped], color="black", lw=0.9)
+    n_pressed = [len({press.key for press in episode.keys if press.down}) for episode in log.episodes]
+    ax.bar(_list_episode_numbers(log), n_pressed, width=0.7, color=SERIES[3])
+    for number, episode in zip(_list_episode_numbers(log), log.episodes, strict=True):
+        n_mapped = len(episode.plan.key_map.keys)
+        ax.plot([number - 0.42, number + 0.42], [n_mapped, n_mapped], color="black", lw=0.9)
     ax.plot([], [], color="black", lw=0.9, label="keys with an action")
     ax.legend(loc="lower right", bbox_to_anchor=(1, 1), borderaxespad=0, handlelength=1.2)
     ax.set_ylabel("different keys")
@@ -88,10 +88,10 @@ def overview_figure(log: SessionLog) -> Figure:
         axes = figure.subplots(4, 1, sharex=True)
         for ax, draw in zip(axes, (draw_steps, draw_time, draw_keys, draw_different_keys), strict=True):
             draw(ax, log)
-            _bands(ax, log)
+            _shade_blocks(ax, log)
         axes[-1].set_xlabel("episode")
-        axes[-1].set_xlim(min(_numbers(log)) - 0.8, max(_numbers(log)) + 0.8)
-        axes[-1].set_xticks(_numbers(log), minor=len(log.episodes) > _TICKS)
+        axes[-1].set_xlim(min(_list_episode_numbers(log)) - 0.8, max(_list_episode_numbers(log)) + 0.8)
+        axes[-1].set_xticks(_list_episode_numbers(log), minor=len(log.episodes) > _TICKS)
         if len(log.episodes) > _TICKS:
             axes[-1].xaxis.set_major_locator(MaxNLocator(_TICKS, integer=True, steps=[1, 2, 5, 10]))
         _name_blocks(axes[0], log)
@@ -101,12 +101,12 @@ def overview_figure(log: SessionLog) -> Figure:
     return figure
 
 
-def _numbers(log: SessionLog) -> list[int]:
+def _list_episode_numbers(log: SessionLog) -> list[int]:
     return [episode.number for episode in log.episodes]
 
 
 def _count_presses(episode: EpisodeLog) -> Counter[str]:
-    """Count an episode's key presses by kind, as `draw_keys` stacks them."""
+    """Count an episode's key presses by the kinds that `draw_keys` draws: "steps", "no action" and "not playing"."""
     kinds = {"accepted": "steps", "queued": "steps", "unmapped": "no action", "spare": "no action"}
     return Counter(
         kinds.get(press.verdict, "not playing")
@@ -124,10 +124,10 @@ def _name_blocks(ax: Axes, log: SessionLog) -> None:
         ax.text(middle, 0.98, name, ha="center", va="top", transform=ax.get_xaxis_transform(), fontweight="bold")
 
 
-def _bands(ax: Axes, log: SessionLog) -> None:
+def _shade_blocks(ax: Axes, log: SessionLog) -> None:
     """Shade the episodes of every other block."""
     blocks = dict.fromkeys(episode.plan.block for episode in log.episodes)
-    for place, block in enumerate(blocks):
+    for index, block in enumerate(blocks):
         numbers = [episode.number for episode in log.episodes if episode.plan.block == block]
-        if place % 2:
+        if index % 2 == 1:
             ax.axvspan(min(numbers) - 0.5, max(numbers) + 0.5, color="#efefef", zorder=-1, lw=0)

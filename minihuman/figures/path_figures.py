@@ -50,27 +50,32 @@ def get_marker(thing: Thing) -> str:
 
 
 def draw_object(ax: Axes, thing: Thing) -> None:
-    """Draw an object in its size on a map, whose z axis points down the page."""
+    """Draw an object on a map in its true size, as the marker of its kind; the map's z axis points down the page."""
     style = MarkerStyle(get_marker(thing))
     path = style.get_path().transformed(style.get_transform())
     reach = max(abs(path.get_extents().get_points()).max(), 1e-9)
     size = thing.radius / reach
-    place = Affine2D().scale(size, -size).translate(thing.x, thing.z)
+    transform = Affine2D().scale(size, -size).translate(thing.x, thing.z)
     patch = PathPatch(
-        path.transformed(place), facecolor=thing.colour, edgecolor=WALL, alpha=0.6, linewidth=0.4, zorder=1
+        path.transformed(transform), facecolor=thing.colour, edgecolor=WALL, alpha=0.6, linewidth=0.4, zorder=1
     )
     patch.set_gid(f"thing: {thing.name}")
     ax.add_patch(patch)
 
 
 def build_object_legend(maps: Iterable[Map | None]) -> list[Line2D]:
-    """Return legend entries for the objects on some maps, one per kind, without goals, which have their own entry."""
+    """Return legend entries for the named objects on some maps, one per kind, at most ``MAX_LEGEND_ENTRIES``.
+
+    Goals are left out, because they have their own entry.
+    """
     handles: dict[tuple[str, str], Line2D] = {}
-    for thing in (thing for floor in maps if floor is not None for thing in floor.things):
-        key = thing.name, get_marker(thing)
+    things = [thing for floor in maps if floor is not None for thing in floor.things]
+    for thing in things:
+        marker = get_marker(thing)
+        key = (thing.name, marker)
         if thing.name and "goal" not in thing.name and key not in handles:
             handles[key] = Line2D(
-                [], [], ls="", marker=key[1], ms=5, mfc=thing.colour, mec=WALL, mew=0.4, alpha=0.6, label=thing.name
+                [], [], ls="", marker=marker, ms=5, mfc=thing.colour, mec=WALL, mew=0.4, alpha=0.6, label=thing.name
             )  # fmt: skip
     return list(handles.values())[:MAX_LEGEND_ENTRIES]
 
@@ -78,14 +83,17 @@ def build_object_legend(maps: Iterable[Map | None]) -> list[Line2D]:
 _SPREAD_CELLS = 0.11  # how far a cell's next visit is drawn from its last, so that ways there and back both show
 _FLOOR_GAP = 1.15  # from one floor of a building to the next, in depths of the plan
 _RING_FROM_RAD = math.pi / 4  # a smaller turn is a bend of the line, which shows without a ring
+_ROUNDING_RAD = 1e-6
 _FULL_CIRCLE = 2 * math.pi
 _ACROSS = 4  # panels beside each other that stay readable in a column
+_PANEL_TITLE_CM = 0.3  # height of the number and outcome above a panel
+_GROUP_TITLE_CM = 0.5  # height of the title above a group of columns
 _KEY_CM = 1.25  # height of the strip that explains colours and marks
 _NAMES_CM = 0.35  # and of each row of things named in it
 
 
-def check_map_bounds(floor: Map) -> Map:
-    """Check that the bounds of a map are valid, and return the map.
+def get_valid_bounds(floor: Map) -> tuple[float, float, float, float]:
+    """Return the bounds of a map (x0, z0, x1, z1) if they are valid.
 
     Raises:
         LogError: if the bounds are not finite, or do not increase.
@@ -96,7 +104,7 @@ def check_map_bounds(floor: Map) -> Map:
             f"a map's bounds are x {x0:g} to {x1:g}, z {z0:g} to {z1:g}, which must increase; the log was changed or "
             "the world's map is wrong; run: minihuman verify"
         )
-    return floor
+    return floor.bounds
 
 
 def draw_map(ax: Axes, floor: Map) -> Axes:
@@ -107,8 +115,8 @@ def draw_map(ax: Axes, floor: Map) -> Axes:
     Raises:
         LogError: if the map's bounds are invalid.
     """
-    x0, z0, x1, z1 = check_map_bounds(floor).bounds
-    shifts = shift_of_floors(floor)
+    x0, z0, x1, z1 = get_valid_bounds(floor)
+    shifts = find_floor_shifts(floor)
     segments = []
     for number, shift in enumerate(shifts):
         ax.add_patch(Rectangle((x0, z0 + shift), x1 - x0, z1 - z0, facecolor=FLOOR, edgecolor="none", zorder=0))
@@ -129,13 +137,13 @@ def draw_map(ax: Axes, floor: Map) -> Axes:
     return ax
 
 
-def shift_of_floors(floor: Map) -> NDArray[np.float64]:
+def find_floor_shifts(floor: Map) -> NDArray[np.float64]:
     """Return how far along z each floor of a map is drawn from the lowest one, float64[floors]; 0 in a flat world."""
     _, z0, _, z1 = floor.bounds
     return np.array([-_FLOOR_GAP * (z1 - z0) * number for number in range(max(1, len(floor.levels)))])
 
 
-def _floors_of(episode: EpisodeLog, poses: NDArray[np.float64]) -> NDArray[np.int64]:
+def _find_floors(episode: EpisodeLog, poses: NDArray[np.float64]) -> NDArray[np.int64]:
     """Return the floor of each pose, int64[n]; 0 in a flat world."""
     floor = episode.start.map
     if floor is None or not floor.levels:
@@ -154,19 +162,19 @@ def draw_path(ax: Axes, episode: EpisodeLog) -> Axes:
         return ax
     _draw_partners(ax, episode)
     unit = episode.start.map.unit if episode.start.map else "m"
-    floors = _floors_of(episode, episode.poses[has_pose])
+    floors = _find_floors(episode, episode.poses[has_pose])
     if unit == "cell":
-        points = _spread(episode.poses[has_pose][:, [0, 2]])
+        points = _spread_visits(episode.poses[has_pose][:, [0, 2]])
     else:
         points = episode.poses[has_pose][:, [0, 2]]
     if episode.start.map is not None and episode.start.map.levels:
-        points[:, 1] += shift_of_floors(episode.start.map)[floors]
-    spent = (episode.t_ns[has_pose] - episode.t_ns[0]) / max(1, int(episode.t_ns[-1] - episode.t_ns[0]))
+        points[:, 1] += find_floor_shifts(episode.start.map)[floors]
+    time_share = (episode.t_ns[has_pose] - episode.t_ns[0]) / max(1, int(episode.t_ns[-1] - episode.t_ns[0]))
     segments = np.stack([points[:-1], points[1:]], axis=1)
-    moved = (np.abs(np.diff(points, axis=0)).sum(axis=1) > 0) & (np.diff(floors) == 0)
+    has_moved = (np.abs(np.diff(points, axis=0)).sum(axis=1) > 0) & (np.diff(floors) == 0)
     line = LineCollection(
-        list(segments[moved]),
-        array=spent[1:][moved],
+        list(segments[has_moved]),
+        array=time_share[1:][has_moved],
         cmap=TIME_COLOURS,
         clim=(0, 1),
         linewidths=1.1,
@@ -182,9 +190,12 @@ def draw_path(ax: Axes, episode: EpisodeLog) -> Axes:
 
 
 def _draw_turns(ax: Axes, episode: EpisodeLog, points: NDArray[np.float64], has_pose: NDArray[np.bool_]) -> None:
-    """Draw a ring at each turn in place; ``points`` has a row for each step that has a pose."""
+    """Draw a ring at each turn in place of 45 degrees and more, larger for larger turns.
+
+    ``points`` has the drawn position of each pose that is not missing; ``has_pose`` says which poses are these.
+    """
     turns = turns_in_place(episode)
-    turns = turns[turns["turned_rad"] > _RING_FROM_RAD - 1e-6]
+    turns = turns[turns["turned_rad"] > _RING_FROM_RAD - _ROUNDING_RAD]
     if not turns.size:
         return
     index = np.cumsum(has_pose)[turns["row"]] - 1
@@ -223,15 +234,16 @@ def find_goal(episode: EpisodeLog) -> tuple[float, float] | None:
     if episode.start.map is None:
         return None
     things = episode.start.map.things
-    named = [thing for thing in things if "goal" in thing.name]
+    candidates = [thing for thing in things if "goal" in thing.name]
     mentioned = [thing for thing in things if thing.name and thing.name in episode.start.mission]
-    only = list(things) if len(things) == 1 else []
-    if len(mentioned) > 1:  # "put the ball near the box", or a kitchen's mission, has no one place to reach
-        mentioned = []
-    candidates = [*named, *mentioned, *only]
+    if len(mentioned) == 1:  # "put the ball near the box", or a kitchen's mission, has no single place to reach
+        candidates += mentioned
+    if len(things) == 1:
+        candidates += things
     if not candidates:
         return None
-    return candidates[0].x, candidates[0].z + float(shift_of_floors(episode.start.map)[candidates[0].floor])
+    goal = candidates[0]
+    return goal.x, goal.z + float(find_floor_shifts(episode.start.map)[goal.floor])
 
 
 def episode_panel(ax: Axes, episode: EpisodeLog) -> Axes:
@@ -247,11 +259,11 @@ def episode_panel(ax: Axes, episode: EpisodeLog) -> Axes:
         ax.axis("off")
     steps = len(episode.actions)
     if episode.outcome == "goal":
-        ended = f"{steps} steps"
+        outcome_text = f"{steps} steps"
     else:
-        ended = f"{episode.outcome_word} ({steps})"
+        outcome_text = f"{episode.outcome_word} ({steps})"
     ax.set_title(f"{episode.number}", loc="left", fontweight="bold", pad=2)
-    ax.set_title(ended, loc="right", x=0.96, fontsize=6.0, pad=2)
+    ax.set_title(outcome_text, loc="right", x=0.96, fontsize=6.0, pad=2)
     return ax
 
 
@@ -267,7 +279,7 @@ def paths_figure(
     """
     groups = [(title, list(episodes)) for title, episodes in columns if episodes]
     rows = max((math.ceil(len(episodes) / across) for _, episodes in groups), default=1)
-    panels_cm = rows * (width_cm / max(1, across * len(groups)) + 0.3) + 0.5
+    panels_cm = rows * (width_cm / max(1, across * len(groups)) + _PANEL_TITLE_CM) + _GROUP_TITLE_CM
     all_episodes = [episode for _, episodes in groups for episode in episodes]
     marks = _build_mark_legend(has_goal=any(find_goal(episode) is not None for episode in all_episodes))
     things = [*_build_partner_legend(all_episodes), *build_object_legend(episode.start.map for episode in all_episodes)]
@@ -331,26 +343,29 @@ def _draw_key(part: SubFigure, entries: Sequence[Line2D], key_cm: float) -> None
 def _build_mark_legend(*, has_goal: bool) -> list[Line2D]:
     """Return legend entries for the marks that every path has, and for the goal where one is drawn."""
 
-    def mark(label: str, marker: str, size: float, face: str, edge: str = "black") -> Line2D:
+    def make_entry(label: str, marker: str, size: float, face: str, edge: str = "black") -> Line2D:
         return Line2D([], [], ls="", marker=marker, ms=size, mfc=face, mec=edge, mew=0.6, label=label)
 
-    goals = [mark("goal", "*", 7, GOAL)] if has_goal else []
+    goal_entries = [make_entry("goal", "*", 7, GOAL)] if has_goal else []
     return [
-        mark("start", "o", 4, START),
-        *goals,
-        mark("end", "X", 5, END),
-        mark("turned in place", "o", 5, "none", WALL),
+        make_entry("start", "o", 4, START),
+        *goal_entries,
+        make_entry("end", "X", 5, END),
+        make_entry("turned in place", "o", 5, "none", WALL),
     ]
 
 
-def _spread(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the points, with repeated visits to a cell shifted along its diagonal, cycling through five offsets."""
-    moved = points.copy()
+def _spread_visits(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the points, with repeated visits to a cell shifted along its diagonal, cycling through five offsets.
+
+    The offsets are 0, 1, 2, -2 and -1 times ``_SPREAD_CELLS``; the first visit is not shifted.
+    """
+    shifted = points.copy()
     visits: dict[tuple[float, float], int] = {}
     for row in range(len(points)):
         cell = (float(points[row, 0]), float(points[row, 1]))
-        arrives = row == 0 or bool((points[row] != points[row - 1]).any())
-        if arrives:
+        has_arrived = row == 0 or bool((points[row] != points[row - 1]).any())
+        if has_arrived:
             visits[cell] = visits.get(cell, -1) + 1
-        moved[row] += _SPREAD_CELLS * ((visits[cell] + 2) % 5 - 2) * np.array([1.0, 1.0])
-    return moved
+        shifted[row] += _SPREAD_CELLS * ((visits[cell] + 2) % 5 - 2) * np.array([1.0, 1.0])
+    return shifted

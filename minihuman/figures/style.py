@@ -22,6 +22,7 @@ from minihuman.log.model.session_log import CUT_OFF
 
 COLUMN_CM = 8.5  # one column of a two-column page
 PAGE_CM = 17.5  # both columns
+_CM_PER_INCH = 2.54
 
 WALL = "#3b3b3b"
 FLOOR = "#f7f6f2"
@@ -78,7 +79,7 @@ _SETTINGS: dict[Any, Any] = {
 
 @contextmanager
 def figure_style() -> Iterator[None]:
-    """Apply our Matplotlib settings to the figures drawn in this context, then restore the user's settings."""
+    """Apply minihuman's Matplotlib settings to the figures drawn in this context, then restore the user's settings."""
     with mpl.rc_context():
         mpl.rcdefaults()
         mpl.rcParams.update(_SETTINGS)
@@ -87,12 +88,12 @@ def figure_style() -> Iterator[None]:
 
 def new_figure(*, width_cm: float = COLUMN_CM, height_cm: float) -> Figure:
     """Return an empty figure of the given size, whose layout is computed when it is saved."""
-    return Figure(figsize=(width_cm / 2.54, height_cm / 2.54), layout="constrained")
+    return Figure(figsize=(width_cm / _CM_PER_INCH, height_cm / _CM_PER_INCH), layout="constrained")
 
 
-def label_panel(ax: Axes, place: int) -> None:
-    """Write the letter of a panel outside its upper left corner, A for the first panel."""
-    letter = chr(ord("A") + place)
+def label_panel(ax: Axes, index: int) -> None:
+    """Write the letter of a panel outside its upper left corner, A for the first panel, whose index is 0."""
+    letter = chr(ord("A") + index)
     ax.annotate(
         letter, (0, 1), (-10, 5), "axes fraction", textcoords="offset points", ha="right", weight="bold", size=9
     )
@@ -126,7 +127,7 @@ def save_figure(figure: Figure, stem: Path, *, digest: str = "") -> tuple[Path, 
     pdf = stem.with_name(stem.name + ".pdf")
     keywords = {"Keywords": f"minihuman {digest}"} if digest else {}
     with figure_style():
-        _lay_out(figure, dpi=300)  # the places worked out for the PNG are the PDF's
+        _lay_out(figure, dpi=300)  # the PDF has the same layout as the PNG
         FigureCanvasAgg(figure).print_figure(str(png), metadata=_METADATA["png"] | keywords, dpi=300)
         with _slim_fonts():
             FigureCanvasPdf(figure).print_figure(str(pdf), metadata=_METADATA["pdf"] | keywords)

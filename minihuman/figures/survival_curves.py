@@ -44,13 +44,13 @@ def draw_survival(ax: Axes, groups: Mapping[str, SurvivalTimes], *, label: str, 
         independent: whether each observation is from another participant; intervals are drawn only then.
     """
     last = max(float(survival_times.times.max()) for survival_times in groups.values())
-    for place, (group, survival_times) in enumerate(groups.items()):
+    for index, (group, survival_times) in enumerate(groups.items()):
         survival = kaplan_meier(survival_times)
-        colour = SERIES[place % len(SERIES)]
+        colour = SERIES[index % len(SERIES)]
         end = float(survival_times.times.max())
         times = np.concatenate([[0.0], survival.times, [end]])
         share = np.concatenate([[1.0], survival.share, [survival.share[-1] if len(survival.share) else 1.0]])
-        ax.step(times, share, _DASHES[place % len(_DASHES)], where="post", color=colour, label=group)
+        ax.step(times, share, _DASHES[index % len(_DASHES)], where="post", color=colour, label=group)
         if independent and len(survival.times):
             low, high = (np.concatenate([[1.0], bound]) for bound in survival_band(survival))
             at_events = np.concatenate([[0.0], survival.times])
@@ -58,9 +58,9 @@ def draw_survival(ax: Axes, groups: Mapping[str, SurvivalTimes], *, label: str, 
                 np.append(at_events, end), np.append(low, low[-1]), np.append(high, high[-1]),
                 step="post", color=colour, alpha=0.16, lw=0, gid=f"band: {group}",
             )  # fmt: skip
-        cut = np.unique(survival_times.times[~survival_times.observed])
-        at = np.array([share[np.searchsorted(times, time, side="right") - 1] for time in cut])
-        ax.plot(cut, at, "|", color=colour, ms=5)
+        censored = np.unique(survival_times.times[~survival_times.observed])
+        censored_share = np.array([share[np.searchsorted(times, time, side="right") - 1] for time in censored])
+        ax.plot(censored, censored_share, "|", color=colour, ms=5)
     ax.set(xlabel=label, ylabel="share without the event", ylim=(0, 1.02), xlim=(0, last * 1.02))
     ax.legend(loc="lower left", bbox_to_anchor=(0, 1), borderaxespad=0.2, ncols=min(2, len(groups)))
     return ax
@@ -81,7 +81,7 @@ def survival_figure(
         label: the label of the time axis.
         title: the title of the figure.
         independent: whether each observation is from another participant; intervals are drawn only then.
-        counted: what is counted under the axis.
+        counted: the words for what is counted under the axis.
     """
     with figure_style():
         figure = new_figure(height_cm=6.2 + 0.45 * len(groups) + 0.4 * len(title.splitlines()))
@@ -91,11 +91,11 @@ def survival_figure(
         below.set(xlim=axes.get_xlim(), ylim=(-0.6, len(groups) + 0.4))
         below.axis("off")
         last = max(float(survival_times.times.max()) for survival_times in groups.values())
-        at = np.array([tick for tick in axes.get_xticks() if 0 <= tick <= last])
-        for place, (group, survival_times) in enumerate(groups.items()):
-            line = len(groups) - 1 - place
-            colour = SERIES[place % len(SERIES)]
-            for time, count in zip(at, survival_times.waiting(at), strict=True):
-                below.text(time, line, str(count), ha="center", va="center", color=colour, fontsize=6.5)
-            below.text(0, line + 0.45, f"{counted}, {group}:", ha="left", va="center", color=colour, fontsize=6)
+        ticks = np.array([tick for tick in axes.get_xticks() if 0 <= tick <= last])
+        for index, (group, survival_times) in enumerate(groups.items()):
+            y = len(groups) - 1 - index
+            colour = SERIES[index % len(SERIES)]
+            for time, count in zip(ticks, survival_times.count_at_risk(ticks), strict=True):
+                below.text(time, y, str(count), ha="center", va="center", color=colour, fontsize=6.5)
+            below.text(0, y + 0.45, f"{counted}, {group}:", ha="left", va="center", color=colour, fontsize=6)
     return figure

@@ -22,31 +22,33 @@ _RATED = {1.0: ("^", SERIES[2], "good"), -1.0: ("v", SERIES[5], "bad")}
 def draw_steering(ax: Axes, episodes: Sequence[EpisodeLog]) -> Axes:
     """Draw who steered at each step, the first episode on top, with a thin line at each change of the policy.
 
+    Ratings are drawn as marks at their steps.
+
     Args:
         ax: the axes to draw on.
         episodes: the episodes, each with ``taught``.
     """
-    rated: set[float] = set()
-    before: str | None = None
+    drawn_ratings: set[float] = set()
+    last_policy: str | None = None
     for row, episode in enumerate(episodes):
         taught = episode.taught
         assert taught is not None, f"{episode.name} had no agent"
         for begin, end, person in _split_runs(taught.by_person):
             ax.barh(row, end - begin, left=begin, height=0.8, color=PERSON if person else AGENT, linewidth=0)
-        if before is not None and taught.policy != before:
+        if last_policy is not None and taught.policy != last_policy:
             ax.axhline(row - 0.5, color="black", linewidth=0.6)
-        before = taught.policy
+        last_policy = taught.policy
         for rating in taught.ratings:
             marker, colour, _ = _RATED[rating.value]
             ax.plot(rating.step, row, marker, color=colour, ms=4, mec="white", mew=0.4)
-            rated.add(rating.value)
+            drawn_ratings.add(rating.value)
     handles: list[Artist] = [Patch(color=AGENT, label="agent"), Patch(color=PERSON, label="person")]
-    for value in sorted(rated):
-        marker, colour, label = _RATED[value]
+    for number in sorted(drawn_ratings):
+        marker, colour, label = _RATED[number]
         handles += ax.plot([], [], marker, color=colour, label=label)
     ax.legend(handles=handles, loc="lower left", bbox_to_anchor=(0, 1), ncols=len(handles))
-    every = max(1, len(episodes) // _MOST_TICKS)
-    ax.set_yticks(range(0, len(episodes), every), [str(episode.number) for episode in episodes[::every]])
+    tick_step = max(1, len(episodes) // _MOST_TICKS)
+    ax.set_yticks(range(0, len(episodes), tick_step), [str(episode.number) for episode in episodes[::tick_step]])
     ax.set(xlabel="step", ylabel="episode", ylim=(len(episodes) - 0.4, -0.6))
     return ax
 
@@ -65,7 +67,7 @@ def _split_runs(by_person: NDArray[np.bool_]) -> list[tuple[int, int, bool]]:
     return [(begin, end, bool(by_person[begin])) for begin, end in pairwise(edges) if end > begin]
 
 
-WINDOW_PRESSES = 10  # presses that a share is of
+WINDOW_PRESSES = 10  # the latest rating presses, of which the share of good ones is drawn
 NS_PER_MIN = 60e9
 
 
@@ -115,15 +117,15 @@ def draw_ratings(ax: Axes, episodes: Sequence[EpisodeLog]) -> Axes:
 
 
 def _find_policy_changes_ns(episodes: Sequence[EpisodeLog]) -> Iterator[int]:
-    """Yield the time at which each episode begins whose policy is not that of the episode before."""
-    before: str | None = None
+    """Yield the start times of the episodes whose policy differs from that of the episode before, in ns."""
+    last_policy: str | None = None
     for episode in episodes:
         if episode.taught is None:
             continue
         policy = episode.taught.policy
-        if before is not None and policy != before:
+        if last_policy is not None and policy != last_policy:
             yield episode.t_ns[0]
-        before = policy
+        last_policy = policy
 
 
 def ratings_figure(episodes: Sequence[EpisodeLog]) -> Figure:

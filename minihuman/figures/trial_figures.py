@@ -33,11 +33,11 @@ def draw_conditions(
     """
     from minihuman.figures.learning_curves import mean_and_band
 
-    places = np.arange(len(conditions))
+    centres = np.arange(len(conditions))
     for number, (name, values) in enumerate(groups):
         colour = SERIES[number % len(SERIES)]
         shift = (number - (len(groups) - 1) / 2) * _GROUP_OFFSET
-        ax.plot(places + shift, values.T, color=colour, lw=0.5, alpha=0.35, marker=".", ms=2.5, gid=f"people: {name}")
+        ax.plot(centres + shift, values.T, color=colour, lw=0.5, alpha=0.35, marker=".", ms=2.5, gid=f"people: {name}")
         means, lows, highs = mean_and_band(values)
         if limits:
             lows = np.clip(lows, *limits)
@@ -45,10 +45,10 @@ def draw_conditions(
         errors = np.nan_to_num(np.stack([means - lows, highs - means]))
         marker = _MARKERS[number % len(_MARKERS)]
         ax.errorbar(
-            places + shift, means, errors, color="black", mfc=colour, mec="black", marker=marker, ms=5,
+            centres + shift, means, errors, color="black", mfc=colour, mec="black", marker=marker, ms=5,
             lw=1.2, capsize=2, zorder=3, label=f"{name} (n = {len(values)})",
         )  # fmt: skip
-    ax.set_xticks(places, [str(condition) for condition in conditions])
+    ax.set_xticks(centres, [str(condition) for condition in conditions])
     ax.set(xlim=(-0.5, len(conditions) - 0.5), ylabel=measure)
     if limits:
         ax.axhline(limits[1], color=MUTED, lw=0.4)
@@ -74,10 +74,10 @@ def condition_figure(
         figure = new_figure(width_cm=PAGE_CM, height_cm=7.4)
         figure.suptitle(title)
         axes = np.atleast_1d(figure.subplots(1, len(panels)))
-        for place, (ax, (measure, groups, limits)) in enumerate(zip(axes, panels, strict=True)):
+        for index, (ax, (measure, groups, limits)) in enumerate(zip(axes, panels, strict=True)):
             draw_conditions(ax, groups, conditions, measure=measure, limits=limits)
             ax.set_xlabel(label)
-            label_panel(ax, place)
-            if len(groups) > 1 and not place:
+            label_panel(ax, index)
+            if len(groups) > 1 and index == 0:
                 ax.legend(loc="best")
     return figure

@@ -85,9 +85,10 @@ class SectionSource:
         return rows[[pair not in self._practice for pair in pairs]]
 
     def read_logs(self, rows: pd.DataFrame) -> Mapping[str, SessionLog]:
-        """Read the sessions that have rows in a table, with their included episodes, by participant and session.
+        """Read the sessions that have rows in a table, with their included episodes.
 
-        No session is opened for an empty table; sessions without an included episode are omitted.
+        The key of a session is a text such as "sub-07 session 1". No session is opened for an empty table; sessions
+        without an included episode are omitted.
         """
         if rows.empty:
             return {}
@@ -100,19 +101,20 @@ class SectionSource:
 
     @cached_property
     def _logs(self) -> dict[tuple[str, int], SessionLog]:
-        """Read the included episodes of all sessions, once for all sections."""
-        asked_for = (session for session in self._tables.sessions if session.outline is not None)
-        selected = (self._tables.read_session(session) for session in asked_for)
-        logs = [session.session for session in selected if session.places]
+        """Read the included episodes of all selected sessions, once for all sections; by participant and session."""
+        cached_sessions = (session for session in self._tables.sessions if session.outline is not None)
+        selected_sessions = (self._tables.read_session(session) for session in cached_sessions)
+        logs = [session.session for session in selected_sessions if session.places]
         return dict(sorted(((log.plan.participant.id, log.plan.session), log) for log in logs))
 
 
 def build_activity_sections(source: SectionSource) -> list[ReportSection]:
     """Build the sections of all installed activity kinds, in the order of the kinds' names.
 
-    Shared sections are built once.
+    A section that several kinds share is built once. A kind has no section if it cannot be loaded, if it declares no
+    builder, or if its builder returns None.
     """
-    builders: dict[str, None] = {}
+    builders: dict[str, None] = {}  # "module:function" of each section, without duplicates
     for name in list_plugin_names(GROUP):
         with suppress(ProtocolError):  # a kind that cannot be loaded here has no section
             if find_kind(name).report:
@@ -127,12 +129,16 @@ def build_activity_sections(source: SectionSource) -> list[ReportSection]:
 
 
 def join_sections(sections: Iterable[ReportSection]) -> list[ReportSection]:
-    """Join the tables of sections with the same title under one heading."""
-    by_title: dict[str, list[ReportSection]] = defaultdict(list)
+    """Join the tables of sections with the same title under one heading, in the order of the sections' ranks.
+
+    Sections without tables are omitted.
+    """
+    sections_by_title: dict[str, list[ReportSection]] = defaultdict(list)
     for section in sections:
         if section.tables:
-            by_title[section.title].append(section)
-    return [
-        ReportSection(title, [table for part in sorted(parts, key=lambda part: part.rank) for table in part.tables])
-        for title, parts in by_title.items()
-    ]
+            sections_by_title[section.title].append(section)
+    joined = []
+    for title, parts in sections_by_title.items():
+        parts.sort(key=lambda part: part.rank)
+        joined.append(ReportSection(title, [table for part in parts for table in part.tables]))
+    return joined

@@ -15,43 +15,57 @@ from minihuman.reporting.block_results import lacks_goal, list_named_measures
 def leave_out_navigation(
     episodes: pd.DataFrame, blocks: pd.DataFrame, trial_blocks: Collection[str]
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Clear the navigation measures of trial blocks; their accuracy and times are in the section on trials."""
+    """Return episodes and blocks in which the navigation measures of trial blocks are missing.
+
+    The accuracy and times of trials are in the report's section on trials.
+
+    Args:
+        episodes: rows of the table of episodes.
+        blocks: rows of the table of blocks.
+        trial_blocks: the names of the blocks of trials.
+    """
     if not trial_blocks:
         return episodes, blocks
     is_trial = episodes["block"].isin(trial_blocks)
-    empty = [name for name in ("success", "playing_s", "log_excess_steps", "spl") if name in episodes]
-    episodes = episodes.astype(dict.fromkeys(empty, object))
-    episodes.loc[is_trial, empty] = None
-    is_trial = blocks["block"].isin(trial_blocks)
-    dropped = [name for name in MEASURES if name not in TRIAL_BLOCK_MEASURES]
-    blocks = blocks.astype(dict.fromkeys(dropped, np.float64))
-    blocks.loc[is_trial, dropped] = np.nan
-    blocks.loc[is_trial, "keys_total"] = 0
+    episode_measures = [name for name in ("success", "playing_s", "log_excess_steps", "spl") if name in episodes]
+    episodes = episodes.astype(dict.fromkeys(episode_measures, object))
+    episodes.loc[is_trial, episode_measures] = None
+    is_trial_block = blocks["block"].isin(trial_blocks)
+    block_measures = [name for name in MEASURES if name not in TRIAL_BLOCK_MEASURES]
+    blocks = blocks.astype(dict.fromkeys(block_measures, np.float64))
+    blocks.loc[is_trial_block, block_measures] = np.nan
+    blocks.loc[is_trial_block, "keys_total"] = 0  # so that no participant counts as one who missed a key
     return episodes, blocks
 
 
 def leave_out_discovery(blocks: pd.DataFrame, known_blocks: Collection[str]) -> pd.DataFrame:
-    """Clear the time until all keys were discovered in blocks where nobody had to discover them."""
-    is_known = blocks["block"].isin(known_blocks)
-    if not is_known.any():
+    """Return rows of blocks without the time until all keys were discovered in the blocks where keys were known.
+
+    ``known_blocks`` are the names of these blocks.
+    """
+    has_known_keys = blocks["block"].isin(known_blocks)
+    if not has_known_keys.any():
         return blocks
     blocks = blocks.astype({"all_keys_discovered_s": np.float64})
-    blocks.loc[is_known, "all_keys_discovered_s"] = np.nan
-    blocks.loc[is_known, "keys_total"] = 0
+    blocks.loc[has_known_keys, "all_keys_discovered_s"] = np.nan
+    blocks.loc[has_known_keys, "keys_total"] = 0
     return blocks
 
 
 def leave_out_goals(blocks: pd.DataFrame, episodes: pd.DataFrame, analysis: AnalysisSpec) -> pd.DataFrame:
-    """Clear the measures of reaching a goal in blocks that have none, unless the protocol names them."""
-    named = {*list_named_measures(analysis), *analysis.covariates}
-    cleared = [name for name in GOAL_MEASURES if name in blocks and name not in named]
+    """Return rows of blocks without measures of reaching a goal in blocks that have no goal.
+
+    Measures that the protocol names are kept. ``episodes`` are the episodes of all blocks.
+    """
+    named_measures = {*list_named_measures(analysis), *analysis.covariates}
+    goal_measures = [name for name in GOAL_MEASURES if name in blocks and name not in named_measures]
     included = episodes[episodes["exclusion_reason"].isna()]
-    goalless = [name for name, played in included.groupby("block") if lacks_goal(played)]
-    is_goalless = blocks["block"].isin(goalless)
+    blocks_without_goal = [name for name, block_episodes in included.groupby("block") if lacks_goal(block_episodes)]
+    is_goalless = blocks["block"].isin(blocks_without_goal)
     if not is_goalless.any():
         return blocks
-    blocks = blocks.astype(dict.fromkeys(cleared, np.float64))
-    blocks.loc[is_goalless, cleared] = np.nan
+    blocks = blocks.astype(dict.fromkeys(goal_measures, np.float64))
+    blocks.loc[is_goalless, goal_measures] = np.nan
     return blocks
 
 

@@ -17,12 +17,14 @@ from minihuman.reporting.statements import (
 )
 from minihuman.reporting.template import format_difference, format_p_value, format_pair
 from minihuman.statistics.comparison import GroupComparison
+from minihuman.statistics.permutation import ALPHA
 
 _LIMITED_MEASURES = frozenset(  # that have one value, or nearly so, wherever the goal was not reached
     {"log_excess_steps_mean", "log_steps_ratio_mean", "steps_at_limit_mean", "spl_mean", "reward_mean"}
 )
 _MOST_AT_LIMIT = 1 / 3  # of a cell's episodes, above which the page warns at the top
 _UNKNOWN = (math.nan, math.nan)
+_WEIGHT_DIGITS = 9  # after the decimal point: weights such as 1/3 are rounded before they are compared
 
 
 def state_answers(
@@ -32,6 +34,12 @@ def state_answers(
 
     If the question is about the interaction, its answer comes first, and conditions pooled over groups are left to
     their table. Where groups were measured in several sessions, their changes come before their means.
+
+    Args:
+        results: the study's results.
+        interaction_results: the interaction of groups and conditions; None unless the design is mixed.
+        design: the experimental design.
+        first_block: the block whose group comparison answers the question; "" for none.
     """
     is_about_interaction = interaction_results is not None and design.primary_effect == "interaction"
     statements: list[str] = []
@@ -68,8 +76,8 @@ def _state_differences(target: BlockResults | None) -> Iterator[str]:
 def _state_changes(target: BlockResults) -> Iterator[str]:
     """Yield sentences on how the groups' changes of the main measure between sessions differ, then on each change.
 
-    The sentences on single groups have no verdict beside a comparison: that one group's change is shown and another's
-    is not does not say that the groups differ.
+    If the groups' changes are compared, the sentences on single groups have no verdict. A change that is significant in
+    only one of two groups would not show that the groups differ.
     """
     measures = {comparison.measure for comparison in target.headline}
     for sessions, comparison in target.changes_compared:
@@ -80,31 +88,32 @@ def _state_changes(target: BlockResults) -> Iterator[str]:
             yield _state_change(change, target.block, has_verdict=not target.changes_compared)
 
 
-def _open_change(measure: str, block: str, sessions: tuple[int, int]) -> str:
+def _compose_change_opening(measure: str, block: str, sessions: tuple[int, int]) -> str:
+    """Return the beginning of a sentence on a change: the measure, the block and the two sessions."""
     words = phrase_measure(measure)
     return f"{words[0].upper()}{words[1:]}, block {block}, from session {sessions[0]} to {sessions[1]}"
 
 
 def _state_change(change: SessionChange, block: str, *, has_verdict: bool) -> str:
-    """State how a group changed between two sessions, with or without a sentence on what is shown."""
+    """State how a group changed between two sessions; ``has_verdict`` adds a sentence on whether a change is shown."""
     estimate = format_difference(change.estimate, _UNKNOWN, is_log=change.is_log, sign="+")
     p = f"paired permutation p {format_p_value(change.p)}"
     if math.isnan(change.p) or not has_verdict:
         verdict = ""
-    elif change.p >= 0.05:
+    elif change.p >= ALPHA:
         verdict = " No change is shown."
     else:
         verdict = f" The value {'rises' if change.estimate > 0 else 'falls'}."
     return (
-        f"{_open_change(change.measure, block, change.sessions)}: {change.group} changes by {estimate} "
+        f"{_compose_change_opening(change.measure, block, change.sessions)}: {change.group} changes by {estimate} "
         f"({state_interval(change.interval, is_log=change.is_log)}; {p}; n {change.n}).{verdict}"
     )
 
 
 def _state_changes_compared(sessions: tuple[int, int], comparison: GroupComparison, block: str) -> str:
-    """State how the changes of two groups differ."""
+    """State how the changes of two groups between two sessions differ, or why they are not compared."""
     groups = format_pair(comparison.first, comparison.second, is_log=comparison.is_log)
-    opening = f"{_open_change(comparison.measure, block, sessions)}, difference of the changes, {groups}"
+    opening = f"{_compose_change_opening(comparison.measure, block, sessions)}, difference of the changes, {groups}"
     if math.isnan(comparison.p):
         return f"{opening}: not compared ({comparison.reason})."
     estimate = format_difference(comparison.difference, _UNKNOWN, is_log=comparison.is_log, sign="+")
@@ -123,29 +132,34 @@ def _compares_ratios(results: Results, interaction: InteractionResults | None) -
 
 
 def _define_contrasts(contrasts: Sequence[Contrast], *, is_log: bool) -> str:
-    """State what each contrast subtracts from what; of logarithms, what it divides by what."""
-    per = "over" if is_log else "minus"
-    definitions = [f"{contrast.name}: {_spell_contrast(contrast, per)}" for contrast in contrasts]
+    """Return a sentence that defines each contrast as a difference or, for logarithms, as a ratio of conditions."""
+    operator = "over" if is_log else "minus"
+    definitions = [f"{contrast.name}: {_spell_contrast(contrast, operator)}" for contrast in contrasts]
     return f"Contrasts, in this direction: {'; '.join(definitions)}."
 
 
-def _spell_contrast(contrast: Contrast, per: str) -> str:
-    """Write a contrast as its positive side minus, or over, its negative side."""
-    sides = [{name: sign * weight for name, weight in contrast.weights if sign * weight > 0} for sign in (1, -1)]
-    return f" {per} ".join(_spell_side(side) for side in sides)
+def _spell_contrast(contrast: Contrast, operator: str) -> str:
+    """Return a contrast as its positive side, the operator ("minus" or "over") and its negative side."""
+    positive = {name: weight for name, weight in contrast.weights if weight > 0}
+    negative = {name: -weight for name, weight in contrast.weights if weight < 0}
+    return f"{_spell_side(positive)} {operator} {_spell_side(negative)}"
 
 
 def _spell_side(weights: dict[str, float]) -> str:
-    """Write the weighted sum of a side's conditions, as a mean where it is one."""
+    """Return the weighted sum of conditions as text; equal weights that sum to 1 are written as a mean."""
     names = list(weights)
-    if len({round(weight, 9) for weight in weights.values()}) == 1 and math.isclose(sum(weights.values()), 1):
+    distinct_weights = {round(weight, _WEIGHT_DIGITS) for weight in weights.values()}
+    if len(distinct_weights) == 1 and math.isclose(sum(weights.values()), 1):
         return names[0] if len(names) == 1 else f"the mean of {', '.join(names[:-1])} and {names[-1]}"
     terms = [name if weight == 1 else f"{weight:g} \N{MULTIPLICATION SIGN} {name}" for name, weight in weights.items()]
     return f"({' + '.join(terms)})" if len(terms) > 1 else terms[0]
 
 
 def _count_failures(results: Results, compared: set[str]) -> Iterator[tuple[str, float]]:
-    """Yield each cell of compared blocks with episodes that did not reach the goal: how many, and their share."""
+    """Yield the words and the share for each group in a compared block with episodes that did not reach the goal.
+
+    The words name the block, the group if there are several, and the number of such episodes.
+    """
     for block in results.blocks:
         for group, times in block.waits.goal.items():
             missed = int((~times.observed).sum())
@@ -158,7 +172,10 @@ def _count_failures(results: Results, compared: set[str]) -> Iterator[tuple[str,
 def _state_ceiling(
     results: Results, interaction: InteractionResults | None, design: ExperimentDesign, first_block: str
 ) -> Iterator[str]:
-    """Yield a sentence that counts the episodes of compared cells that did not reach the goal; none if all did."""
+    """Yield a sentence that counts the episodes of compared cells that did not reach the goal.
+
+    Nothing is yielded if all did, or if no compared measure is limited by failures.
+    """
     target = results.target_block
     measures: set[str] = set()
     if first_block and target is not None and len(target.groups) > 1:
@@ -170,16 +187,16 @@ def _state_ceiling(
     if not measures & _LIMITED_MEASURES:
         return
     cells = list(_count_failures(results, {first_block, *dict(design.condition_of_block)}))
-    missing = [words for words, _ in cells]
-    many = [words for words, share in cells if share > _MOST_AT_LIMIT]
-    if many:
+    failing = [words for words, _ in cells]
+    often_failing = [words for words, share in cells if share > _MOST_AT_LIMIT]
+    if often_failing:
         yield (
             f"Many values are at the limit: of the episodes of a cell, more than a third did not reach the goal "
-            f"({', '.join(many)}). There the measure cannot tell how far from the goal they were, and differences "
-            "from other cells may be larger than shown."
+            f"({', '.join(often_failing)}). There the measure cannot tell how far from the goal they were, and "
+            "differences from other cells may be larger than shown."
         )
-    elif missing:
+    elif failing:
         yield (
-            f"The measure counts an episode that did not reach the goal with its worst value ({', '.join(missing)}): "
+            f"The measure counts an episode that did not reach the goal with its worst value ({', '.join(failing)}): "
             "differences between cells include these failures."
         )

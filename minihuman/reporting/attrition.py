@@ -34,15 +34,15 @@ class Attrition:
         if is_whole and flow is not None and flow.analysis is not None:
             lost.update(flow.analysis.unreadable)
         if flow is not None:
-            for number, course in flow.courses.items():
+            for session, course in flow.courses.items():
                 withdrew.update(course.withdrew)
                 if is_whole:
-                    n_withdrew = sum(course.withdrew.values())
-                    sessions.update(dict.fromkeys(range(1, number + 1), n_withdrew))
-                    sessions[number] += sum(course.lost.values())
+                    n_withdrew = sum(course.withdrew.values())  # they began this session last, and all before it
+                    sessions.update(dict.fromkeys(range(1, session + 1), n_withdrew))
+                    sessions[session] += sum(course.lost.values())
         if is_whole:
             groups.update(withdrew + lost)
-        counted_sessions = {number: count for number, count in sessions.items() if count}
+        counted_sessions = {session: count for session, count in sessions.items() if count}
         return cls(groups, counted_sessions, withdrew, lost, flow, is_whole)
 
     def describe(self) -> str:
@@ -52,6 +52,7 @@ class Attrition:
         return "".join(f"{sentence} " for sentence in self._list_sentences(self.flow))
 
     def _list_sentences(self, flow: ParticipantFlow) -> Iterator[str]:
+        """Yield a sentence for each kind of loss that occurred."""
         if flow.before:
             losses = ", ".join(f"{count} {label}" for label, count in flow.before.items())
             n_allocated = sum(flow.allocated.values())

@@ -81,12 +81,12 @@ NAMES_IN_SENTENCES = {  # of MEASURES whose labels say how they are computed, wh
 
 
 def label_measure(name: str) -> str:
-    """Return a measure's label in tables and figures, which says how it is computed."""
+    """Return the label of a measure for tables and figures, which says how the measure is computed."""
     return MEASURES.get(name) or find_measure(name).label
 
 
 def phrase_measure(name: str) -> str:
-    """Return a measure's name in the sentences of the page."""
+    """Return the name of a measure for sentences, which is shorter than its label for some measures."""
     return NAMES_IN_SENTENCES.get(name) or label_measure(name)
 
 
@@ -99,19 +99,26 @@ def list_default_measures(rows: pd.DataFrame) -> list[str]:
 
 
 def take_logarithms(rows: pd.DataFrame, measures: Sequence[str]) -> tuple[pd.DataFrame, frozenset[str]]:
-    """Replace measures of ``LOG_MEASURES`` by their logarithms; return the rows and the names of the replaced measures.
+    """Replace measures that are compared on a log scale by their natural logarithms.
 
-    A measure with a value of 0 or less is left unchanged.
+    Return the rows and the names of the replaced measures. A measure with a value of 0 or less is left unchanged.
     """
-    times = [name for name in measures if name in LOG_MEASURES or (":" in name and find_measure(name).is_log)]
-    logs = [name for name in times if not (rows[name] <= 0).any()]
-    return rows.assign(**{name: np.log(rows[name].astype(float)) for name in logs}), frozenset(logs)
+    log_measures = [name for name in measures if name in LOG_MEASURES or _is_log_study_measure(name)]
+    positive = [name for name in log_measures if not (rows[name] <= 0).any()]
+    return rows.assign(**{name: np.log(rows[name].astype(float)) for name in positive}), frozenset(positive)
+
+
+def _is_log_study_measure(name: str) -> bool:
+    """Return whether a name, such as "design:threshold", is of a study measure that is compared on its logarithm."""
+    return ":" in name and find_measure(name).is_log
 
 
 def set_measures_aside(rows: pd.DataFrame, *, late: int) -> dict[str, str]:
-    """Return the measures that omit participants or episodes that failed, with the reason.
+    """Return the measures that are not to be compared because they omit failures, each with the reason.
 
-    ``late`` is the number of episodes without success.
+    Args:
+        rows: a block's rows of the table of blocks.
+        late: the number of the block's episodes without success.
     """
     undiscovered = int((rows["all_keys_discovered_s"].isna() & (rows["keys_total"] > 0)).sum())
     reasons: dict[str, str] = {}
@@ -125,8 +132,9 @@ def set_measures_aside(rows: pd.DataFrame, *, late: int) -> dict[str, str]:
 
 
 def assign_roles(names: Sequence[str], analysis: AnalysisSpec) -> dict[str, Role]:
-    """Return the role of each measure according to the protocol."""
+    """Return the role of each measure: as the protocol names it, else exploratory."""
     roles: dict[str, Role] = dict.fromkeys(names, "exploratory")
     roles |= {name: "secondary" for name in analysis.secondary_measures if name in roles}
-    roles |= {name: "primary" for name in (analysis.primary_measure,) if name in roles}
+    if analysis.primary_measure in roles:
+        roles[analysis.primary_measure] = "primary"
     return roles

@@ -113,16 +113,17 @@ _JOINT_EPISODE = ["group", "participant", "session", "block", "episode_in_block"
 
 
 def _unite_waits(waits: BlockSurvival, episodes: pd.DataFrame, order: Sequence[str]) -> BlockSurvival:
-    """Count the joint episodes of teams once; keys are not compared, as times of a team's members are not independent.
+    """Return survival times in which an episode that a team played together counts once.
 
-    ``participant`` in ``episodes`` is the unit.
+    The times until all keys were discovered are not compared, because those of a team's members are not independent.
+    ``participant`` in ``episodes`` is the team, or the participant without a team.
     """
-    joint = _count_once(episodes[episodes["exclusion_reason"].isna()])
-    return replace(waits, compared=(), goal=_collect_goal_times(joint, order))
+    included = episodes[episodes["exclusion_reason"].isna()]
+    return replace(waits, compared=(), goal=_collect_goal_times(_drop_joint_duplicates(included), order))
 
 
-def _count_once(episodes: pd.DataFrame) -> pd.DataFrame:
-    """Keep one row of each episode that members of a unit played together; ``participant`` is the unit."""
+def _drop_joint_duplicates(episodes: pd.DataFrame) -> pd.DataFrame:
+    """Keep one row of each episode that the members of a team played together; ``participant`` is the team."""
     return episodes.drop_duplicates([column for column in _JOINT_EPISODE if column in episodes])
 
 
@@ -208,7 +209,7 @@ class BlockResults:
 
     @property
     def headline(self) -> tuple[GroupComparison, ...]:
-        """Return the comparisons on the primary measure, or on the first of ``MEASURES`` in which anybody differs."""
+        """Return the comparisons on the primary measure or, without one, on the first measure whose values differ."""
         return _select_headline(self.comparisons, self.roles)
 
 
@@ -225,11 +226,14 @@ def _name_team_units(rows: pd.DataFrame, teams: Collection[str]) -> dict[str, st
 
 
 def _select_headline(comparisons: Sequence[GroupComparison], roles: Mapping[str, Role]) -> tuple[GroupComparison, ...]:
-    compared = [comparison.measure for comparison in comparisons]
-    primary = [measure for measure in compared if roles[measure] == "primary"]
+    """Return the comparisons on the primary measure or, without one, on the first measure whose values differ.
+
+    If no values differ, return the comparisons on the first measure.
+    """
+    primary = [comparison.measure for comparison in comparisons if roles[comparison.measure] == "primary"]
     varying = {comparison.measure for comparison in comparisons if comparison.reason != ALL_ALIKE}
-    chosen = next(iter([*primary, *(measure for measure in roles if measure in varying), *roles]), None)
-    return tuple(comparison for comparison in comparisons if comparison.measure == chosen)
+    candidates = [*primary, *(measure for measure in roles if measure in varying), *roles]
+    return tuple(comparison for comparison in comparisons if comparison.measure == candidates[0])
 
 
 def compute_block_results(
@@ -265,7 +269,7 @@ def compute_block_results(
     changed = list_changes(scaled, measured)
     return BlockResults(
         block=block,
-        episodes=len(_count_once(episodes) if units else episodes),
+        episodes=len(_drop_joint_duplicates(episodes) if units else episodes),
         subjects=_order_by_group(people, order)[_SUBJECT_COLUMNS].reset_index(drop=True),
         groups=_order_by_group(summarise_group_rewards(means), order),
         measures=_describe_measures(_order_by_group(means, order), measured, ["group"]),
@@ -298,8 +302,8 @@ def _list_set_aside(rows: pd.DataFrame, episodes: pd.DataFrame, analysis: Analys
     Named measures are kept.
     """
     late = int(episodes["success"].eq(False).sum())
-    named = list_named_measures(analysis)
-    return {name: reason for name, reason in set_measures_aside(rows, late=late).items() if name not in named}
+    named_measures = list_named_measures(analysis)
+    return {name: reason for name, reason in set_measures_aside(rows, late=late).items() if name not in named_measures}
 
 
 def _select_measures(
@@ -352,18 +356,22 @@ def compare_adjusted(
     covariates = list(analysis.covariates)
     if not covariates or primary not in participant_means:
         return ()
-    known = participant_means.dropna(subset=[primary, *covariates])
+    complete = participant_means.dropna(subset=[primary, *covariates])
     parts = {
         group: (rows[primary].to_numpy(float), rows[covariates].to_numpy(float))
-        for group, rows in known.groupby(known["group"].astype(str))
+        for group, rows in complete.groupby(complete["group"].astype(str))
     }
     comparisons = []
     for first, second in combinations([group for group in order if group in parts], 2):
         adjusted = adjust_groups(parts[first], parts[second])
-        a, b, test = adjusted or (parts[first][0], parts[second][0], None)
-        comparison = compare_pair(primary, (first, a), (second, b), test, is_log=primary in logs)
+        pair = (first, parts[first][0]), (second, parts[second][0])
+        test = None
+        if adjusted is not None:
+            first_adjusted, second_adjusted, test = adjusted
+            pair = (first, first_adjusted), (second, second_adjusted)
+        comparison = compare_pair(primary, *pair, test, is_log=primary in logs)
         if test is None:
-            sizes = f"{len(a)} and {len(b)} are too few, or too much alike"
+            sizes = f"{len(pair[0][1])} and {len(pair[1][1])} are too few, or too much alike"
             comparison = replace(comparison, reason=f"{sizes}, for the slopes of {len(covariates)} covariates")
         comparisons.append(comparison)
     return correct_comparisons(comparisons)
@@ -399,13 +407,19 @@ def list_changes(rows: pd.DataFrame, measures: Sequence[str]) -> dict[tuple[int,
     A participant who has only one of the two sessions has NaN. A pair of sessions that no participant has both of is
     omitted.
     """
-    values = {
+    means_by_session = {
         int(str(session)): part.groupby(["group", "participant"])[list(measures)].mean().astype(float)
         for session, part in rows.groupby("session")
     }
-    first, *later = sorted(values) or [0]
-    changed = {(first, session): (values[session] - values[first]).reset_index() for session in later}
-    return {sessions: change for sessions, change in changed.items() if change[list(measures)].notna().any(axis=None)}
+    if not means_by_session:
+        return {}
+    first, *later = sorted(means_by_session)
+    changes = {}
+    for session in later:
+        change = (means_by_session[session] - means_by_session[first]).reset_index()
+        if change[list(measures)].notna().any(axis=None):
+            changes[first, session] = change
+    return changes
 
 
 def _estimate_changes(
@@ -414,7 +428,7 @@ def _estimate_changes(
     order: Sequence[str],
     logs: Collection[str],
 ) -> Iterator[SessionChange]:
-    """Estimate each group's mean change of each measure, by pair of sessions."""
+    """Estimate each group's mean change of each measure, by pair of sessions, from the result of ``list_changes``."""
     for sessions, rows in changed.items():
         for measure in measures:
             for group in order:
@@ -442,7 +456,7 @@ def _compare_changes(
     order: Sequence[str],
     logs: Collection[str],
 ) -> Iterator[tuple[tuple[int, int], GroupComparison]]:
-    """Compare groups on their changes, by pair of sessions."""
+    """Compare groups on their changes, by pair of sessions, from the result of ``list_changes``."""
     for sessions, rows in changed.items():
         for comparison in compare_measures(rows, roles, order, logs):
             yield sessions, comparison
@@ -474,13 +488,13 @@ def summarise_group_rewards(participant_means: pd.DataFrame) -> pd.DataFrame:
 
 def _order_by_group(rows: pd.DataFrame, order: Sequence[str]) -> pd.DataFrame:
     """Sort rows by group, keeping their order within each group."""
-    places = {group: place for place, group in enumerate(order)}
-    return rows.sort_values("group", key=lambda groups: groups.map(places), kind="stable").reset_index(drop=True)
+    ranks = {group: rank for rank, group in enumerate(order)}
+    return rows.sort_values("group", key=lambda groups: groups.map(ranks), kind="stable").reset_index(drop=True)
 
 
 def _describe_measures(rows: pd.DataFrame, names: list[str], by: list[str]) -> pd.DataFrame:
     """Return the number of values, mean and standard deviation of each measure, grouped by the columns in ``by``."""
     long = rows.melt(by, names, var_name="measure")
     table = long.groupby(["measure", *by], sort=False)["value"].agg(n="count", mean="mean", sd="std").reset_index()
-    order = {name: place for place, name in enumerate(dict.fromkeys([*MEASURES, *names]))}
-    return table.sort_values("measure", key=lambda names: names.map(order), kind="stable").reset_index(drop=True)
+    ranks = {name: rank for rank, name in enumerate(dict.fromkeys([*MEASURES, *names]))}
+    return table.sort_values("measure", key=lambda column: column.map(ranks), kind="stable").reset_index(drop=True)

@@ -51,6 +51,8 @@ _SAME_MS = 2.0  # the largest difference of shared times
 _VARIED_MS = 50 * _SAME_MS  # a steadier run, as of a held key, can be the same in two sessions by chance
 _MIN_MS = 0.1  # shorter times count as this, so that each has a logarithm
 _MIN_RATIO = 1e-3  # added to a spread for the same reason
+_ADDED_MS = 1.0  # added to both quartile distances for the same reason
+_NO_SPREAD = 1e-9  # a smaller standard deviation is rounding
 _ANSWER_AT_ONCE = 40  # characters
 
 
@@ -75,17 +77,19 @@ class PressTimes:
 
 def read_key_times(log: SessionLog) -> PressTimes:
     """Read the key times of a session, from the episodes that a person played."""
-    parts = [part for part in map(_read_episode, log.episodes) if part is not None]
-    joined = [np.concatenate([np.empty(0), *column]) for column in zip(*parts, strict=True)] or [np.empty(0)] * 5
-    intervals, same, firsts, holds, overlaps = joined
+    parts = [part for part in map(_read_episode_times, log.episodes) if part is not None]
+    if not parts:
+        return PressTimes(np.empty(0), np.empty(0, bool), np.empty(0), np.empty(0), np.nan)
+    intervals_ms, same, firsts_ms, holds_ms, overlaps = map(np.concatenate, zip(*parts, strict=True))
     overlap = float(overlaps.mean()) if len(overlaps) else np.nan
-    return PressTimes(intervals, same.astype(bool), firsts, holds, overlap)
+    return PressTimes(intervals_ms, same.astype(bool), firsts_ms, holds_ms, overlap)
 
 
-def _read_episode(episode: EpisodeLog) -> tuple[Array, ...] | None:
+def _read_episode_times(episode: EpisodeLog) -> tuple[Array, ...] | None:
     """Return an episode's intervals, repetitions, first time, hold times and overlaps; None if no key was pressed.
 
-    A press is marked as an overlap if the next key went down before its own came up.
+    Times are in milliseconds, and repetitions and overlaps are 1 or 0 for each press. A press is an overlap if the next
+    key went down before its own came up.
     """
     keys = episode.keys
     t_ns = np.asarray(keys.column("t_ns")) - np.asarray(keys.column("waited_ns"))
@@ -100,8 +104,8 @@ def _read_episode(episode: EpisodeLog) -> tuple[Array, ...] | None:
         return None
     up_ns = np.full(len(down_ns), np.nan)
     for code in np.unique(pressed_codes):
-        of_key = pressed_codes == code
-        up_ns[of_key] = _find_next(np.sort(t_ns[is_release & (codes == code)]), down_ns[of_key])
+        is_of_key = pressed_codes == code
+        up_ns[is_of_key] = _find_next(np.sort(t_ns[is_release & (codes == code)]), down_ns[is_of_key])
     n_pauses_before = np.searchsorted([begin for begin, _ in episode.pauses], down_ns)
     is_before_pause = np.append(np.diff(n_pauses_before) > 0, False)
     intervals_ms = np.append(np.diff(down_ns) / _NS_PER_MS, np.nan)
@@ -114,25 +118,25 @@ def _read_episode(episode: EpisodeLog) -> tuple[Array, ...] | None:
 
 
 def _find_next(times_ns: Array, after_ns: Array) -> Array:
-    """Return, for each of some times, the first of other sorted times that is not before it; NaN if there is none."""
+    """Return, for each time in ``after_ns``, the first of the sorted ``times_ns`` at or after it; NaN without one."""
     with_none = np.append(times_ns.astype(float), np.nan)
     return with_none[np.searchsorted(with_none[:-1], after_ns)]
 
 
 def measure_key_times(times: PressTimes) -> dict[str, float]:
     """Return each measure of `MEASURES`, NaN if its data are insufficient; an empty dict if intervals are too few."""
-    known = ~np.isnan(times.intervals_ms)
+    is_present = ~np.isnan(times.intervals_ms)
     intervals = np.maximum(times.intervals_ms, _MIN_MS)
-    if known.sum() < N_INTERVALS:
+    if is_present.sum() < N_INTERVALS:
         return {}
     logs = np.log10(intervals)
-    same_key_logs = logs[known & times.same]
-    other_key_logs = logs[known & ~times.same]
+    same_key_logs = logs[is_present & times.same]
+    other_key_logs = logs[is_present & ~times.same]
     # Repeated keys come faster and in runs, which alone would correlate successive times.
     if min(len(same_key_logs), len(other_key_logs)) >= N_OTHERS:
         logs = logs - np.where(times.same, np.median(same_key_logs), np.median(other_key_logs))
-    pairs = known[1:] & known[:-1]
-    low, middle, high = np.quantile(intervals[known], (0.25, 0.5, 0.75))
+    is_pair = is_present[1:] & is_present[:-1]
+    low, middle, high = np.quantile(intervals[is_present], (0.25, 0.5, 0.75))
     if len(times.holds_ms) >= N_OTHERS:
         holds_ms = np.maximum(times.holds_ms, _MIN_MS)
     else:
@@ -140,11 +144,11 @@ def measure_key_times(times: PressTimes) -> dict[str, float]:
     measures = {
         "median": np.log10(middle),
         "spread": np.log10((high - low) / middle + _MIN_RATIO),
-        "skewness": np.log10((high - middle + 1.0) / (middle - low + 1.0)),
-        "autocorrelation": _correlate(logs[1:][pairs], logs[:-1][pairs]),
-        "repetition": _compare_medians(intervals[known & times.same], intervals[known & ~times.same]),
-        "first": _compare_medians(times.firsts_ms, intervals[known]),
-        "practice": _correlate(scipy.stats.rankdata(intervals[known]), np.arange(known.sum())),
+        "skewness": np.log10((high - middle + _ADDED_MS) / (middle - low + _ADDED_MS)),
+        "autocorrelation": _correlate(logs[1:][is_pair], logs[:-1][is_pair]),
+        "repetition": _compare_medians(intervals[is_present & times.same], intervals[is_present & ~times.same]),
+        "first": _compare_medians(times.firsts_ms, intervals[is_present]),
+        "practice": _correlate(scipy.stats.rankdata(intervals[is_present]), np.arange(is_present.sum())),
         "hold": np.log10(np.median(holds_ms)),
         "hold_spread": np.log10(np.ptp(np.quantile(holds_ms, (0.25, 0.75))) / np.median(holds_ms) + _MIN_RATIO),
         "overlap": times.overlap,
@@ -154,7 +158,7 @@ def measure_key_times(times: PressTimes) -> dict[str, float]:
 
 def _correlate(first: Array, second: Array) -> float:
     """Return Pearson's correlation; NaN if there are too few values or one side does not vary."""
-    if len(first) < N_OTHERS or min(np.std(first), np.std(second)) < 1e-9:
+    if len(first) < N_OTHERS or min(np.std(first), np.std(second)) < _NO_SPREAD:
         return float("nan")
     return float(np.corrcoef(first, second)[0, 1])
 
@@ -187,23 +191,26 @@ def weigh_measures(
             each bin's probability; ``slope`` and ``intercept`` of the logistic regression.
         bound: the largest log10 of a ratio that is reported in either direction.
     """
-    places = {name: place_in_bin(name, value) for name, value in measured.items() if np.isfinite(value)}
-    people_likelihood, best_person = _fit_kinds(model["people"], places)
-    program_likelihood, best_program = _fit_kinds(model["programs"], places)
+    bins = {name: place_in_bin(name, value) for name, value in measured.items() if np.isfinite(value)}
+    people_likelihood, best_person = _fit_kinds(model["people"], bins)
+    program_likelihood, best_program = _fit_kinds(model["programs"], bins)
     slope: float = model["slope"]
     ratio = slope * (people_likelihood - program_likelihood) + model["intercept"]
-    shares = {name: slope * (best_person[name][at] - best_program[name][at]) for name, at in places.items()}
+    shares = {name: slope * (best_person[name][index] - best_program[name][index]) for name, index in bins.items()}
     return float(np.clip(ratio, -bound, bound)), shares
 
 
-def _fit_kinds(kinds: Sequence[Mapping[str, Any]], places: Mapping[str, int]) -> tuple[float, Mapping[str, Any]]:
-    """Return log10 of the likelihood under all kinds together, and the bins' probabilities of the kind that fits best.
+def _fit_kinds(kinds: Sequence[Mapping[str, Any]], bins: Mapping[str, int]) -> tuple[float, Mapping[str, Any]]:
+    """Return log10 of the likelihood under all kinds together, and the log10 probabilities of the best-fitting kind.
 
     Args:
         kinds: the kinds of people or of programs in the model.
-        places: the index of the histogram bin of each measure.
+        bins: the index of the histogram bin of each measure.
     """
-    fits = [np.log10(kind["weight"]) + sum(kind["log10"][name][at] for name, at in places.items()) for kind in kinds]
+    fits = []
+    for kind in kinds:
+        log_probability = sum(kind["log10"][name][index] for name, index in bins.items())
+        fits.append(np.log10(kind["weight"]) + log_probability)
     likelihood = np.logaddexp.reduce(np.array(fits) * np.log(10)) / np.log(10)
     return likelihood, kinds[int(np.argmax(fits))]["log10"]
 
@@ -239,6 +246,7 @@ class Evidence:
         return line
 
     def _format_ratio(self) -> str:
+        """Format the likelihood ratio of a person against a program as odds."""
         if self.log10_ratio is None:
             return "too few keys"
         odds = f"{10 ** abs(self.log10_ratio):.2g}"
@@ -254,9 +262,9 @@ def weigh_sessions(sessions: Iterable[SelectedSession], *, typing: bool = False)
         sessions: the sessions of one study, as key times of one session are searched for in the others.
         typing: whether to examine also how answers were typed.
     """
-    read = [(session.log, session.marks, read_key_times(session.log)) for session in sessions]
-    copies = find_same_times([times for _, _, times in read])
-    for number, (log, marks, times) in enumerate(read):
+    sessions_with_times = [(session.log, session.marks, read_key_times(session.log)) for session in sessions]
+    copies = find_same_times([times for _, _, times in sessions_with_times])
+    for number, (log, marks, times) in enumerate(sessions_with_times):
         measured = measure_key_times(times)
         total: float | None = None
         shares: dict[str, float] = {}
@@ -264,11 +272,12 @@ def weigh_sessions(sessions: Iterable[SelectedSession], *, typing: bool = False)
             total, shares = weigh_measures(measured, load_model())
         facts = list(_find_facts(log, typing=typing))
         if number in copies:
-            plan = read[copies[number]][0].plan
-            name = f"{plan.participant.id} session {plan.session}"
+            similar_log, _, _ = sessions_with_times[copies[number]]
+            name = f"{similar_log.plan.participant.id} session {similar_log.plan.session}"
             facts.append(f"{_SAME_RUN} times in a row within {_SAME_MS:g} ms of those of {name}")
         is_ratio_low = total is not None and total <= FLAG
-        strongest = sorted(shares, key=lambda name: -shares[name] * np.sign(total or 1))[:_N_REASONS]
+        direction = np.sign(total or 1)  # -1 if a program is more likely
+        strongest = sorted(shares, key=lambda name: -shares[name] * direction)[:_N_REASONS]
         yield Evidence(
             participant=log.plan.participant.id,
             session=log.plan.session,
@@ -324,9 +333,10 @@ def _count_keys_without_focus(log: SessionLog) -> int:
 
 
 def find_same_times(times: list[PressTimes]) -> dict[int, int]:
-    """Map the index of each session that shares a run of key times with another session to the index of that other.
+    """Find the sessions that share a run of key times with another session, as replayed logs do.
 
-    Replayed logs share such runs. If a session shares runs with several others, one of these is returned.
+    ``times`` has the key times of each session. Return, by the index of such a session, the index of the session with
+    which it shares a run, or of one of them if there are several.
     """
     rows = [np.empty((0, _SAME_RUN))]
     owners = [np.empty(0, int)]
@@ -341,8 +351,9 @@ def find_same_times(times: list[PressTimes]) -> dict[int, int]:
     session_pairs = owner[run_pairs]
     if not len(session_pairs):
         return {}
-    apart = session_pairs[session_pairs[:, 0] != session_pairs[:, 1]]
+    between_sessions = session_pairs[session_pairs[:, 0] != session_pairs[:, 1]]
     copies: dict[int, int] = {}
-    for pairs in (apart, apart[:, ::-1]):
-        copies |= {int(session): int(other) for session, other in pairs[::-1]}  # reversed: a session's first pair stays
+    for pairs in (between_sessions, between_sessions[:, ::-1]):
+        # reversed, so that a session's first pair replaces its later pairs
+        copies |= {int(session): int(similar_session) for session, similar_session in pairs[::-1]}
     return copies

@@ -149,7 +149,7 @@ def build_report(
 def _leave_out_practice(
     tables: Tables, report_input: _ReportInput, practice: Collection[tuple[str, str]]
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Return the episodes and blocks without practice, and without the measures that a block's kind does not have."""
+    """Return the episodes and blocks without practice, and without the measures that say nothing about a block."""
     episodes = report_input.episodes[~is_practice(report_input.episodes, practice)]
     blocks = report_input.blocks[~is_practice(report_input.blocks, practice)]
     blocks = leave_out_discovery(blocks, find_blocks_without_discovery(_list_outlines(tables), report_input.protocols))
@@ -249,11 +249,12 @@ def _add_figures(
     elif results.within is not None and results.within.comparisons:
         first_figures.append(draw_conditions(results.within, out))
     figures: list[ReportFigure] = []
-    of_answers = (
-        *draw_sessions(analysed[1], results, out),
-        *draw_estimates(analysed[1], results, out, report_input.teams),
+    _, blocks = analysed
+    block_figures = (
+        *draw_sessions(blocks, results, out),
+        *draw_estimates(blocks, results, out, report_input.teams),
     )
-    for figure in of_answers:
+    for figure in block_figures:
         if figure.block == content.first_block:
             first_figures.append(figure)
         else:
@@ -263,7 +264,14 @@ def _add_figures(
 
 
 def _read_input(tables: Tables, study: str, names: Sequence[str], figures: Path) -> _ReportInput:
-    """Read the data from which the report is computed."""
+    """Read the data from which the report is computed.
+
+    Args:
+        tables: the study's tables.
+        study: the study's name.
+        names: the tables that the measures of plug-ins can use.
+        figures: the folder of the figures.
+    """
     protocols = tables.read_protocols()
     analysis = read_planned_analysis(protocols)
     blocks = tables.frame("blocks")
@@ -342,7 +350,7 @@ def _gather_content(
         simulated=simulated,
         imported=int((participants["evidence"] == "consistent").sum()),
         flow=flow,
-        methods=_write_methods(tables, report_input, results, simulated, flow),
+        methods=_compose_methods(tables, report_input, results, simulated, flow),
         worlds=name_worlds(outlines, report_input.protocols),
         known_keys=find_known_keys(outlines, report_input.protocols),
         figures=(),
@@ -366,11 +374,11 @@ def _gather_content(
     )
 
 
-def _write_methods(
+def _compose_methods(
     tables: Tables, report_input: _ReportInput, results: Results, simulated: int, flow: FlowSection | None
 ) -> list[str]:
-    """Write the methods of the sessions that could be read."""
-    first, *others = build_methods(
+    """Return the paragraphs of the methods section on the sessions that could be read, the sample after the first."""
+    participants_paragraph, *further_paragraphs = build_methods(
         _list_outlines(tables),
         [session.quality for session in tables.sessions if session.quality is not None],
         simulated,
@@ -383,11 +391,11 @@ def _write_methods(
     people = report_input.participants
     included = people[people["exclusion_reason"].isna()]
     groups = dict(zip(included["participant"], included["group"], strict=True))
-    return [first, *describe_sample(tables.people, groups), *others]
+    return [participants_paragraph, *describe_sample(tables.people, groups), *further_paragraphs]
 
 
 def _tabulate_task_load(report_input: _ReportInput, results: Results) -> Table | None:
-    """Tabulate the NASA Task Load Index of the included participants by condition; None if it has no conditions."""
+    """Tabulate the NASA Task Load Index of the included participants by condition; None if there are not several."""
     people = report_input.participants
     people = people[people["exclusion_reason"].isna()][["participant", "group"]].drop_duplicates("participant")
     return task_load_table(
@@ -408,8 +416,8 @@ def _fit_mixed(episodes: pd.DataFrame, block: BlockResults) -> MixedModel | None
     if block.growth is None or block.teams:
         return None
     rows = episodes[(episodes["block"] == block.block) & episodes["exclusion_reason"].isna()]
-    left_out = {text.rpartition(": ")[0] for text in block.growth.left_out}
-    groups = [group for group in block.groups["group"] if group not in left_out]
+    omitted_groups = {text.rpartition(": ")[0] for text in block.growth.left_out}  # of texts "GROUP: REASON"
+    groups = [group for group in block.groups["group"] if group not in omitted_groups]
     measure = block.growth.measure
     if measure != "reward":
         rows = rows.rename(columns={"log_excess_steps": measure})
@@ -417,7 +425,10 @@ def _fit_mixed(episodes: pd.DataFrame, block: BlockResults) -> MixedModel | None
 
 
 def _score_models(plays: Sequence[PlayerRows], out: Path) -> tuple[list[ReportFigure], list[Path]]:
-    """Draw the scores of the study's models and people and write their table, unless the study has no models."""
+    """Draw the scores of a study's models and people and write their table; return the figure and the table's path.
+
+    Both lists are empty if the study has no models.
+    """
     if not plays:
         return [], []
     card = compose_scorecard(plays)
@@ -433,27 +444,27 @@ def find_stale_figures(out: Path, report_files: Collection[Path]) -> tuple[str, 
     Such figures are of another study or of excluded participants.
     """
     stems = {path.stem for path in report_files}
-    left = sorted(path.name for path in (out / "figures").glob("*.p[nd][gf]") if path.stem not in stems)
-    if not left:
+    figures = (out / "figures").glob("*.p[nd][gf]")  # PNG and PDF
+    stale = sorted(path.name for path in figures if path.stem not in stems)
+    if not stale:
         return ()
-    return (
-        f"{out / 'figures'} holds {len(left)} files that are not this report's: {left[0]} to {left[-1]}; remove them",
-    )
+    files = f"{len(stale)} files that are not this report's: {stale[0]} to {stale[-1]}"
+    return (f"{out / 'figures'} holds {files}; remove them",)
 
 
 def read_planned_analysis(protocols: Sequence[Protocol]) -> AnalysisSpec:
     """Return the analysis that the protocol planned; an empty one if its versions name different analyses."""
-    named = {protocol.analysis for protocol in protocols}
-    if len(named) == 1:
-        return named.pop()
+    analyses = {protocol.analysis for protocol in protocols}
+    if len(analyses) == 1:
+        return analyses.pop()
     return AnalysisSpec()
 
 
 def read_planned_design(protocols: Sequence[Protocol]) -> ExperimentDesign:
     """Return the experimental design that the protocol states; an empty one if its versions differ."""
-    named = {derive_design(protocol) for protocol in protocols}
-    if len(named) == 1:
-        return named.pop()
+    designs = {derive_design(protocol) for protocol in protocols}
+    if len(designs) == 1:
+        return designs.pop()
     return ExperimentDesign()
 
 

@@ -20,7 +20,7 @@ def describe_orders(protocols: Sequence[Protocol]) -> list[str]:
 
 
 def describe_group_parts(protocols: Sequence[Protocol]) -> list[str]:
-    """Return a paragraph on which parts each group had, in their order; [] if all groups had the same."""
+    """Return a sentence for each protocol whose groups had different parts; [] if there is none."""
     sentences = dict.fromkeys(sentence for protocol in protocols for sentence in _list_group_parts(protocol))
     return list(sentences)
 
@@ -33,18 +33,19 @@ def _list_group_parts(protocol: Protocol) -> Iterator[str]:
 
 
 def _name_parts(protocol: Protocol, group: GroupSpec) -> str:
-    """Return the names of a group's parts, of each session apart if there are several."""
+    """Return the names of a group's parts as text, by session if there are several sessions."""
     sessions = [session.parts for session in protocol.sessions] or [group.parts or group.blocks]
-    named = []
+    names_by_session = []
     for parts in sessions:
         replaced = [group.replace_parts.get(name, name) for name in parts]
-        named.append(", ".join(name for name in replaced if name) or "none")
-    if len(named) == 1:
-        return named[0]
-    return " and ".join(f"in session {number} {names}" for number, names in enumerate(named, 1))
+        names_by_session.append(", ".join(name for name in replaced if name) or "none")
+    if len(names_by_session) == 1:
+        return names_by_session[0]
+    return " and ".join(f"in session {number} {names}" for number, names in enumerate(names_by_session, 1))
 
 
 def _describe_order(order: OrderSpec, *, has_groups: bool) -> str:
+    """State how the order of some parts was drawn, or balanced by Latin squares, between participants."""
     units = list(_name_units(order))
     parts = f"{', '.join(units[:-1])} and {units[-1]}"
     if order.order == "shuffled":
@@ -59,18 +60,18 @@ def _describe_order(order: OrderSpec, *, has_groups: bool) -> str:
 
 
 def _name_units(order: OrderSpec) -> Iterator[str]:
-    """Yield a name for each unit: its part, or its first part with the others in brackets."""
-    for first, *others in order.units:
-        if others:
-            yield f"{first} (with {', '.join(others)})"
+    """Yield a name for each unit whose place in the order varies: its first part, with further parts in brackets."""
+    for first, *following in order.units:
+        if following:
+            yield f"{first} (with {', '.join(following)})"
         else:
             yield first
 
 
 def name_allocated(protocols: Sequence[Protocol], *, has_groups: bool, has_keys: bool) -> str:
-    """Return the words for what the allocation list assigned.
+    """Return the words for what the allocation list assigned: groups, keys, orders or only slots.
 
-    It assigns no group if an adaptive design does, or if the study has only one.
+    It assigns no group if an adaptive design does, or if the study has only one group.
     """
     by_design = any(protocol.allocation.design for protocol in protocols)
     has_groups = has_groups or any(len(protocol.groups) > 1 for protocol in protocols)

@@ -11,12 +11,16 @@ PRACTICE_ALONE = "only practice was played"
 
 
 def exclude_practice_alone(participants: pd.DataFrame) -> pd.DataFrame:
-    """Exclude participants of whom only practice is included, but keep participants who had nothing to play."""
+    """Return the table of participants with a reason to exclude those of whom only practice is included.
+
+    Participants whose sessions planned no episodes are kept.
+    """
     is_included = participants["exclusion_reason"].isna()
-    played = (participants["episodes"] > 0) | participants["completed_share"].isna()
-    players = participants.loc[is_included & played, "participant"]
-    practice_only = is_included & ~participants["participant"].isin(players)
-    return participants.assign(exclusion_reason=participants["exclusion_reason"].mask(practice_only, PRACTICE_ALONE))
+    is_kept = (participants["episodes"] > 0) | participants["completed_share"].isna()  # no share: none was planned
+    codes = participants.loc[is_included & is_kept, "participant"]
+    has_practice_alone = is_included & ~participants["participant"].isin(codes)
+    reasons = participants["exclusion_reason"].mask(has_practice_alone, PRACTICE_ALONE)
+    return participants.assign(exclusion_reason=reasons)
 
 
 def list_exclusion_reasons(participants: pd.DataFrame) -> dict[str, str]:
@@ -37,7 +41,7 @@ def count_excluded(participants: pd.DataFrame) -> dict[str, int]:
 
 
 def list_exclusions(episodes: pd.DataFrame, participants: pd.DataFrame) -> pd.DataFrame:
-    """List every excluded row with its reason: participants first, then the episodes of the others.
+    """List the excluded sessions with their reasons, then the excluded episodes of all other sessions.
 
     The level of an excluded session is "session" if another session of the participant is included, else "participant".
     """
@@ -45,10 +49,11 @@ def list_exclusions(episodes: pd.DataFrame, participants: pd.DataFrame) -> pd.Da
     included = participants.loc[participants["exclusion_reason"].isna(), "participant"]
     people = people.assign(level=np.where(people["participant"].isin(included), "session", "participant"))
     excluded_sessions = set(zip(people["exclusion_reason"], people["participant"], people["session"], strict=True))
-    single = episodes.loc[
+    rows = episodes.loc[
         episodes["exclusion_reason"].notna(), ["exclusion_reason", "participant", "session", "episode", "attempt"]
     ]
-    session_keys = zip(single["exclusion_reason"], single["participant"], single["session"], strict=True)
-    single = single[np.array([key not in excluded_sessions for key in session_keys], bool)].assign(level="episode")
-    exclusions = pd.concat([people.astype(object), single.astype(object)], ignore_index=True)
+    session_keys = zip(rows["exclusion_reason"], rows["participant"], rows["session"], strict=True)
+    is_single = np.array([key not in excluded_sessions for key in session_keys], bool)
+    rows = rows[is_single].assign(level="episode")
+    exclusions = pd.concat([people.astype(object), rows.astype(object)], ignore_index=True)
     return exclusions.reindex(columns=["exclusion_reason", "level", "participant", "session", "episode", "attempt"])

@@ -42,14 +42,14 @@ def count_clauses(episodes: pd.DataFrame, starts: pd.DataFrame, completed: pd.Da
 
 
 def _list_clauses(episodes: pd.DataFrame) -> list[dict[str, Any]]:
-    """Return a row per clause of each episode's mission."""
+    """Return a row per clause of each episode's mission, with the clause's number (from 1) and its verb."""
     from minihuman.worlds.grid.babyai.language import clauses, parse  # brings Numba, which few reports need
 
     rows: list[dict[str, Any]] = []
     for episode in episodes.itertuples(index=False):
-        named = dict(zip([*ATTEMPT_COLUMNS, "block", "group"], episode[:-1], strict=True))
+        columns = dict(zip([*ATTEMPT_COLUMNS, "block", "group"], episode[:-1], strict=True))  # all but the mission
         for number, clause in enumerate(clauses(parse(str(episode.mission))), start=1):
-            rows.append({**named, "clause": number, "verb": VERBS[type(clause).__name__]})
+            rows.append({**columns, "clause": number, "verb": VERBS[type(clause).__name__]})
     return rows
 
 

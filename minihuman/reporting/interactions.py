@@ -5,8 +5,8 @@ The module computes the results, the sentences that answer the study's question 
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from itertools import combinations
+from dataclasses import dataclass
+from itertools import combinations, product
 from typing import get_args
 
 import numpy as np
@@ -73,7 +73,7 @@ class InteractionResults:
     @property
     def measure(self) -> str:
         """Return the primary measure, or the first measure that has values."""
-        return next(iter(sorted(self.roles, key=lambda name: self.roles[name] != "primary")), "")
+        return min(self.roles, key=lambda name: self.roles[name] != "primary", default="")
 
     @property
     def headline(self) -> tuple[ContrastComparison, ...]:
@@ -94,8 +94,8 @@ def compute_interaction(
     A participant's value in a condition is the mean over its blocks and sessions. Participants without a value in every
     condition are omitted. The result is None unless the design is mixed and at least two groups have values.
 
-    ``rows`` are the included rows of the table of blocks, with teams in place of their members; ``order`` is that of
-    the groups. Without ``intervals``, which take most of the time, contrasts have p alone.
+    ``rows`` are the included rows of the table of blocks, with teams in place of their members, and ``order`` has the
+    groups in order. ``intervals`` says whether to compute intervals of contrasts, which take most of the time.
     """
     if not design.is_mixed:
         return None
@@ -123,9 +123,9 @@ def compute_interaction(
 
 
 def _list_measures(rows: pd.DataFrame, analysis: AnalysisSpec) -> list[str]:
-    """Return the measures that the protocol names, or all, as far as they have values."""
-    named = [name for name in (analysis.primary_measure, *analysis.secondary_measures) if name]
-    return [name for name in named or list_default_measures(rows) if rows[name].notna().any()]
+    """Return the measures that the protocol names, or all measures if it names none, without those that lack values."""
+    named_measures = [name for name in (analysis.primary_measure, *analysis.secondary_measures) if name]
+    return [name for name in named_measures or list_default_measures(rows) if rows[name].notna().any()]
 
 
 def _name_conditions(rows: pd.DataFrame, design: ExperimentDesign) -> pd.DataFrame:
@@ -150,8 +150,8 @@ def choose_first_block(
 
 def _tabulate_cells(rows: pd.DataFrame, measure: str, conditions: tuple[str, ...]) -> pd.DataFrame:
     """Tabulate a measure with a row per group and participant and a column per condition; NaN for a missing value."""
-    known = rows.assign(value=rows[measure].astype(float)).dropna(subset=["value"])
-    means = known.groupby(["group", "participant", "condition"])["value"].mean()
+    present = rows.assign(value=rows[measure].astype(float)).dropna(subset=["value"])
+    means = present.groupby(["group", "participant", "condition"])["value"].mean()
     return means.unstack("condition").reindex(columns=list(conditions))
 
 
@@ -169,21 +169,19 @@ def _compare_contrasts(
     intervals: bool,
 ) -> tuple[ContrastComparison, ...]:
     """Compare each pair of groups on every contrast of every measure; p is corrected within each role (Holm)."""
-    compared: list[ContrastComparison] = []
+    corrected: list[ContrastComparison] = []
     for role in get_args(Role):
-        parts = [
-            ContrastComparison(
-                contrast.name,
-                _compare_scores(tables[measure], measure, contrast, pair, is_log=measure in logs, intervals=intervals),
+        names = []
+        comparisons = []
+        measures = [measure for measure in roles if roles[measure] == role]
+        for measure, contrast, pair in product(measures, contrasts, combinations(groups, 2)):
+            is_log = measure in logs
+            names.append(contrast.name)
+            comparisons.append(
+                _compare_scores(tables[measure], measure, contrast, pair, is_log=is_log, intervals=intervals)
             )
-            for measure in roles
-            if roles[measure] == role
-            for contrast in contrasts
-            for pair in combinations(groups, 2)
-        ]
-        corrected = correct_comparisons([part.groups for part in parts])
-        compared += [replace(part, groups=groups) for part, groups in zip(parts, corrected, strict=True)]
-    return tuple(compared)
+        corrected += map(ContrastComparison, names, correct_comparisons(comparisons))
+    return tuple(corrected)
 
 
 def _compare_scores(
@@ -196,12 +194,13 @@ def _compare_scores(
     intervals: bool,
 ) -> GroupComparison:
     """Compare two groups on their participants' scores of a contrast: weighted sums of the values in its conditions."""
-    weights = dict(contrast.weights)
-    first, second = (
-        _select_group(table, group).reindex(columns=list(weights)).dropna().to_numpy(float)
-        @ np.array(list(weights.values()))
-        for group in pair
-    )
+    weight_of_condition = dict(contrast.weights)
+    weights = np.array(list(weight_of_condition.values()))
+    scores = []
+    for group in pair:
+        cells = _select_group(table, group).reindex(columns=list(weight_of_condition)).dropna()
+        scores.append(cells.to_numpy(float) @ weights)
+    first, second = scores
     (test,) = permutation_tests([(first, second)])
     return compare_pair(measure, (pair[0], first), (pair[1], second), test, is_log=is_log, intervals=intervals)
 
@@ -236,12 +235,13 @@ def state_interaction(interaction: InteractionResults) -> Iterator[str]:
     else:
         yield _summarise_contrasts(opening, interaction)
         for contrast in dict.fromkeys(compared.contrast for compared in interaction.headline):
-            yield _list_pairs([compared for compared in interaction.headline if compared.contrast == contrast])
+            yield _state_pairs([compared for compared in interaction.headline if compared.contrast == contrast])
     if interaction.left_out:
         yield f"{interaction.left_out} participants without a value in every condition are not in the interaction."
 
 
 def _state_omnibus(opening: str, test: InteractionTest, interaction: InteractionResults) -> str:
+    """State whether differences between conditions depend on the group, by the test of all groups and conditions."""
     if test.reason:
         return f"{opening}: not tested ({test.reason})."
     sizes = ", ".join(f"{n} in {group}" for n, group in zip(test.n, interaction.groups, strict=True))
@@ -258,17 +258,17 @@ def _state_omnibus(opening: str, test: InteractionTest, interaction: Interaction
 def _summarise_contrasts(opening: str, interaction: InteractionResults) -> str:
     """State in how many comparisons the difference between conditions depends on the group, and in which."""
     comparisons = interaction.headline
-    shown = [compared for compared in comparisons if compared.groups.p_holm < ALPHA]
+    significant = [compared for compared in comparisons if compared.groups.p_holm < ALPHA]
     kind = "ratio" if any(compared.groups.is_log for compared in comparisons) else "difference"
     sizes = {group: n for compared in comparisons for group, n in _list_sizes(compared)}
     of_groups = ", ".join(f"{n} in {group}" for group, n in sizes.items())
     key = f"in brackets 95 % intervals; p by permutation, after Holm; {of_groups}"
     n = len(comparisons)
-    if not shown:
+    if not significant:
         verdict = f"in none of {n} comparisons is a {kind} between conditions shown to depend on the group"
         return f"{opening}: {verdict} ({key})."
-    larger = "; ".join(f"{name_contrast(compared)} is {_name_larger(compared.groups)}" for compared in shown)
-    verdict = f"in {len(shown)} of {n} comparisons a {kind} between conditions depends on the group"
+    larger = "; ".join(f"{name_contrast(compared)} is {_name_larger(compared.groups)}" for compared in significant)
+    verdict = f"in {len(significant)} of {n} comparisons a {kind} between conditions depends on the group"
     return f"{opening}: {verdict}: {larger} ({key})."
 
 
@@ -278,12 +278,13 @@ def _list_sizes(compared: ContrastComparison) -> Iterator[tuple[str, int]]:
     yield compared.groups.second, compared.groups.n[1]
 
 
-def _list_pairs(comparisons: Sequence[ContrastComparison]) -> str:
-    """State how much each two groups differ on a contrast, or why they are not compared."""
-    return f"{name_contrast(comparisons[0])}: {'; '.join(_list_pair(compared.groups) for compared in comparisons)}."
+def _state_pairs(comparisons: Sequence[ContrastComparison]) -> str:
+    """State how much each pair of groups differs on one contrast, or why it is not compared."""
+    return f"{name_contrast(comparisons[0])}: {'; '.join(_state_pair(compared.groups) for compared in comparisons)}."
 
 
-def _list_pair(groups: GroupComparison) -> str:
+def _state_pair(groups: GroupComparison) -> str:
+    """State how much two groups differ on a contrast, or why they are not compared, as a part of a sentence."""
     pair = format_pair(groups.first, groups.second, is_log=groups.is_log)
     if groups.reason and math.isnan(groups.p):
         return f"{pair} not compared ({groups.reason})"
@@ -292,7 +293,7 @@ def _list_pair(groups: GroupComparison) -> str:
 
 
 def name_contrast(compared: ContrastComparison) -> str:
-    """Return a contrast's name; of times, which are compared as ratios, that of two conditions is written as one."""
+    """Return the name of a contrast; a contrast of logarithms is written as a ratio, "a / b" instead of "a - b"."""
     if compared.groups.is_log:
         return compared.contrast.replace(" \N{MINUS SIGN} ", " / ")
     return compared.contrast
@@ -318,7 +319,7 @@ def _state_contrast(opening: str, compared: ContrastComparison) -> str:
 
 
 def _state_verdict(groups: GroupComparison) -> str:
-    """Say in words in which group the difference between conditions is larger, or that it is not shown to depend."""
+    """State in which group the difference between conditions is larger, or that it is not shown to differ."""
     size = "ratio" if groups.is_log else "difference"
     if groups.p >= ALPHA:
         return f" The {size} between conditions is not shown to depend on the group."
@@ -326,7 +327,7 @@ def _state_verdict(groups: GroupComparison) -> str:
 
 
 def _name_larger(groups: GroupComparison) -> str:
-    """Say in which of two groups the difference between conditions is larger."""
+    """Return the words for the group in which the difference between conditions is larger."""
     larger, smaller = (groups.first, groups.second) if groups.difference > 0 else (groups.second, groups.first)
     return f"larger in {larger} than in {smaller}"
 
@@ -336,24 +337,11 @@ def interaction_table(interaction: InteractionResults) -> Table:
     rows: list[tuple[str, ...]] = []
     for measure in interaction.roles:
         start = (label_measure(measure), interaction.roles[measure])
-        for omnibus in interaction.omnibus:
-            if omnibus.measure == measure:
-                test = omnibus.test
-                statistic = f"W({test.freedom}) = {format_number(test.statistic)}"
-                ps = (format_p_value(test.p), format_p_value(omnibus.p_holm))
-                rows.append(
-                    (
-                        *start,
-                        "all",
-                        "all",
-                        ", ".join(map(str, test.n)),
-                        statistic,
-                        *ps,
-                        format_explained_variance(test.effect),
-                    )
-                )
         rows += [
-            (*start, *_contrast_cells(compared))
+            (*start, *_list_omnibus_cells(omnibus)) for omnibus in interaction.omnibus if omnibus.measure == measure
+        ]
+        rows += [
+            (*start, *_list_contrast_cells(compared))
             for compared in interaction.contrasts
             if compared.groups.measure == measure
         ]
@@ -364,7 +352,20 @@ def interaction_table(interaction: InteractionResults) -> Table:
     return Table(heads, rows, words=4)
 
 
-def _contrast_cells(compared: ContrastComparison) -> tuple[str, ...]:
+def _list_omnibus_cells(omnibus: OmnibusInteraction) -> tuple[str, ...]:
+    test = omnibus.test
+    return (
+        "all",
+        "all",
+        ", ".join(map(str, test.n)),
+        f"W({test.freedom}) = {format_number(test.statistic)}",
+        format_p_value(test.p),
+        format_p_value(omnibus.p_holm),
+        format_explained_variance(test.effect),
+    )
+
+
+def _list_contrast_cells(compared: ContrastComparison) -> tuple[str, ...]:
     groups = compared.groups
     return (
         name_contrast(compared),

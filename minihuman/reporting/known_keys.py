@@ -34,23 +34,26 @@ def find_known_keys(plans: Sequence[PlanOutline], protocols: Sequence[Protocol] 
     return {block: groups for block, groups in groups_by_block.items() if groups}
 
 
-def _list_groups_with_known_keys(cells: Mapping[tuple[str, int, str], bool]) -> list[str]:
-    """Return, sorted, the groups in which all participants knew the keys in their first session with the block."""
+def _list_groups_with_known_keys(cells: Mapping[Cell, bool]) -> list[str]:
+    """Return, sorted, the groups in which all participants knew the keys in their first session with the block.
+
+    ``cells`` states for each group, session and preceding block whether all participants knew the keys.
+    """
     first_sessions: dict[str, int] = {}
     for group, session, _ in cells:
         first_sessions[group] = min(session, first_sessions.get(group, session))
-    known_in_first = dict.fromkeys(first_sessions, True)
-    for (group, session, _), known in cells.items():
+    knew_keys = dict.fromkeys(first_sessions, True)
+    for (group, session, _), are_known in cells.items():
         if session == first_sessions[group]:
-            known_in_first[group] = known_in_first[group] and known
-    return sorted(group for group, known in known_in_first.items() if known)
+            knew_keys[group] = knew_keys[group] and are_known
+    return sorted(group for group, has_known in knew_keys.items() if has_known)
 
 
 def find_known_cells(plans: Sequence[PlanOutline], specs: BlockSpecs) -> dict[str, dict[Cell, bool]]:
     """Return, by block and cell, whether all participants kept the keys of an earlier block.
 
-    If only some participants have equal keys, that is due to chance. Keys that the protocol draws anew never count as
-    an earlier block's, whatever was drawn.
+    A cell is a group, a session and the preceding block. If only some participants of a cell have equal keys, that is
+    due to chance. Keys that the protocol draws anew never count as those of an earlier block, even if they are equal.
     """
     known_by_block: dict[str, dict[Cell, bool]] = {}
     history: dict[str, list[EpisodePlan]] = {}
@@ -65,8 +68,8 @@ def find_known_cells(plans: Sequence[PlanOutline], specs: BlockSpecs) -> dict[st
             spec = specs.find(plan, block_plan.block_name)
             may_know = spec is None or spec.key_map not in DRAWN_ANEW
             effects = _map_key_effects(block_plan)
-            known = may_know and any(effects == _map_key_effects(before) for before in earlier)
-            cells[cell] = cells.get(cell, True) and known
+            are_known = may_know and any(effects == _map_key_effects(before) for before in earlier)
+            cells[cell] = cells.get(cell, True) and are_known
             earlier.append(block_plan)
     return known_by_block
 
@@ -81,22 +84,29 @@ def _map_key_effects(block_plan: EpisodePlan) -> dict[str, int]:
 
 
 def find_blocks_without_discovery(plans: Sequence[PlanOutline], protocols: Sequence[Protocol] = ()) -> frozenset[str]:
-    """Return the blocks in which the discovery of keys tells nothing of the groups.
+    """Return the blocks in which groups cannot be compared on how they discovered the keys.
 
-    All keys were shown or known from before, or a group's participants knew them in one session or order of blocks and
-    not in another.
+    In these blocks all keys were shown or known from before, or the participants of a group knew them in one session or
+    order of blocks and not in another.
     """
-    shown: dict[str, bool] = {}
+    shows_keys: dict[str, bool] = {}  # whether all plans with a block show its keys
     for plan in plans:
         for block_plan in plan.blocks:
-            shown[block_plan.block_name] = shown.get(block_plan.block_name, True) and block_plan.show_keys
+            name = block_plan.block_name
+            shows_keys[name] = shows_keys.get(name, True) and block_plan.show_keys
     cells_by_block = find_known_cells(plans, BlockSpecs(protocols))
-    return frozenset(block for block in shown if shown[block] or not _tells_groups_apart(cells_by_block[block]))
+    return frozenset(
+        block for block, is_shown in shows_keys.items() if is_shown or not _tells_groups_apart(cells_by_block[block])
+    )
 
 
 def _tells_groups_apart(cells: Mapping[Cell, bool]) -> bool:
-    """Return whether each group either knew all keys or had to discover them, and one had to."""
-    by_group: dict[str, set[bool]] = {}
-    for (group, _, _), is_known in cells.items():
-        by_group.setdefault(group, set()).add(is_known)
-    return all(len(known) == 1 for known in by_group.values()) and {False} in by_group.values()
+    """Return whether groups can be compared on how they discovered the keys.
+
+    In each group, either all participants must have known the keys or none, and in at least one group none.
+    """
+    states_by_group: dict[str, set[bool]] = {}
+    for (group, _, _), are_known in cells.items():
+        states_by_group.setdefault(group, set()).add(are_known)
+    states = list(states_by_group.values())
+    return all(len(group_states) == 1 for group_states in states) and {False} in states

@@ -59,7 +59,7 @@ def build_methods(
     block_order: Sequence[str] = (),
     measures: Collection[str] = (),
 ) -> list[str]:
-    """Write the paragraphs of the methods section.
+    """Return the paragraphs of the methods section.
 
     Args:
         plans: the outlines of the sessions' plans.
@@ -69,8 +69,9 @@ def build_methods(
             are omitted.
         flow: the flow of the study's participants; None if there is no enrolment log.
         n_excluded: the number of excluded participants by reason; None if it is not known.
-        block_order: the blocks in the page's order; others follow in the order of those who played most.
-        measures: the measures that the page shows, which are defined; all of them if empty.
+        block_order: the blocks that the page shows, in its order; further blocks follow in the order in which the
+            participants with the most blocks played them.
+        measures: the measures to define, which the page shows; all measures if empty.
     """
     specs = BlockSpecs(protocols)
     return [
@@ -104,15 +105,15 @@ def _describe_people(
     by_hand = sum(plan.by_hand for plan in plans)
     by_design = any(protocol.allocation.design for protocol in protocols)
     allocated = name_allocated(protocols, has_groups=len(groups) > 1, has_keys=_are_keys_drawn(plans, specs))
-    chosen = ""
+    by_hand_note = ""
     if by_hand:
-        chosen = f"; in {by_hand} sessions the participant or group was chosen by hand"
+        by_hand_note = f"; in {by_hand} sessions the participant or group was chosen by hand"
     return (
         f"{sum(groups.values())} participants took part{_describe_sessions(attrition.sessions)} "
         f"({parts}{_describe_simulated(plans, simulated, attrition)}). {attrition.describe()}"
         f"{allocated} came from an allocation list "
         f"drawn before the first session from the study's seed, {plans[0].seed}{_describe_later_keys(plans, specs)}"
-        f"{chosen}.{_describe_strata(plans, by_design=by_design)}"
+        f"{by_hand_note}.{_describe_strata(plans, by_design=by_design)}"
     )
 
 
@@ -156,16 +157,22 @@ def _describe_later_keys(plans: Sequence[PlanOutline], specs: BlockSpecs) -> str
 
 
 def _are_keys_drawn(plans: Sequence[PlanOutline], specs: BlockSpecs) -> bool:
-    """Return whether keys were drawn at random; without a protocol, whether participants had different keys."""
-    keys: dict[tuple[str, str], list[dict[str, str]]] = {}
+    """Return whether keys were drawn at random.
+
+    For a session without a protocol, this is assumed unless several participants of a group had equal keys in a block.
+    """
+    key_maps_by_block: dict[tuple[str, str], list[dict[str, str]]] = {}  # by group and block
     for plan in plans:
-        for number, block_plan in enumerate(plan.blocks):
+        for index, block_plan in enumerate(plan.blocks):
             spec = specs.find(plan, block_plan.block_name)
             if spec is None:
-                keys.setdefault((plan.group, block_plan.block_name), []).append(block_plan.key_map.keys)
-            elif spec.key_map in (*DRAWN_ANEW, "constant") or (spec.key_map == "carry_over" and not number):
+                key_maps = key_maps_by_block.setdefault((plan.group, block_plan.block_name), [])
+                key_maps.append(block_plan.key_map.keys)
+            elif spec.key_map in (*DRAWN_ANEW, "constant") or (spec.key_map == "carry_over" and index == 0):
                 return True
-    return any(len(key_maps) == 1 or key_maps.count(key_maps[0]) < len(key_maps) for key_maps in keys.values())
+    return any(
+        len(key_maps) == 1 or key_maps.count(key_maps[0]) < len(key_maps) for key_maps in key_maps_by_block.values()
+    )
 
 
 def _describe_strata(plans: Sequence[PlanOutline], *, by_design: bool = False) -> str:
@@ -189,7 +196,10 @@ def _describe_strata(plans: Sequence[PlanOutline], *, by_design: bool = False) -
 
 
 def _describe_simulated(plans: Sequence[PlanOutline], simulated: int, attrition: Attrition) -> str:
-    """State how many sessions were simulated; "" if none was. It is unknown whether erased sessions were simulated."""
+    """State how many sessions were simulated; "" if none was.
+
+    "on record" is added if participants withdrew, because it is unknown whether erased sessions were simulated.
+    """
     if not simulated:
         return ""
     if simulated == len(plans):
@@ -198,56 +208,68 @@ def _describe_simulated(plans: Sequence[PlanOutline], simulated: int, attrition:
 
 
 def _describe_blocks(plans: Sequence[PlanOutline], specs: BlockSpecs, block_order: Sequence[str] = ()) -> list[str]:
-    """Write a paragraph per block, with a sentence for each variant between groups, sessions or versions."""
-    known = find_known_cells(plans, specs)
+    """Return a paragraph per block, with a sentence for each variant between groups, sessions or versions."""
+    known_cells = find_known_cells(plans, specs)
     descriptions: dict[str, list[tuple[PlanOutline, str]]] = {}
     for plan in sorted(plans, key=lambda plan: -len(plan.blocks)):  # in the order of those who played most
         for block_plan in plan.blocks:
             description = _describe_episode(block_plan, specs.find(plan, block_plan.block_name))
             descriptions.setdefault(block_plan.block_name, []).append((plan, description))
     names = [*(name for name in block_order if name in descriptions), *descriptions]
-    return [_describe_block(name, descriptions[name], known[name]) for name in dict.fromkeys(names)]
+    return [_describe_block(name, descriptions[name], known_cells[name]) for name in dict.fromkeys(names)]
 
 
-def _describe_block(name: str, described: Sequence[tuple[PlanOutline, str]], known: Mapping[Cell, bool]) -> str:
-    """Write a block's sentences: one per description, each with who played it if there are several."""
+def _describe_block(name: str, described: Sequence[tuple[PlanOutline, str]], known_cells: Mapping[Cell, bool]) -> str:
+    """Return a block's sentences: one per description, each with who played it if there are several.
+
+    Args:
+        name: the block's name.
+        described: the outline of each plan with the block, and the block's description in it.
+        known_cells: by group, session and preceding block, whether the participants knew the keys before.
+    """
     sentences = []
     for description, labels in _label_descriptions(described).items():
+        text = description
         qualifier = ""
         if any(labels):
             qualifier = f", {' and '.join(labels)}"
         if _TO_FIND in description:
             sessions = {(plan.group, plan.session) for plan, plan_text in described if plan_text == description}
-            cells = {cell: is_known for cell, is_known in known.items() if cell[:2] in sessions}
+            cells = {cell: is_known for cell, is_known in known_cells.items() if cell[:2] in sessions}
             keys = _KEPT if all(cells.values()) else f"{_TO_FIND}{_describe_known_keys(cells)}"
-            description = description.replace(_TO_FIND, keys)
-        sentences.append(f"Block {name}{qualifier}: {description}.")
+            text = description.replace(_TO_FIND, keys)
+        sentences.append(f"Block {name}{qualifier}: {text}.")
     return " ".join(sentences)
 
 
 def _label_descriptions(described: Sequence[tuple[PlanOutline, str]]) -> dict[str, list[str]]:
-    """Label each description with who played it, using the fewest divisions that distinguish the descriptions."""
-    for parts in _DIVISIONS:
-        kinds: dict[tuple[str, ...], set[str]] = {}
+    """Return, by description, the labels of those who played it, with the fewest parts that tell descriptions apart."""
+    for parts in _DIVISIONS:  # the last one always tells them apart
+        descriptions: dict[tuple[str, ...], set[str]] = {}  # by label
         for plan, description in described:
-            kinds.setdefault(tuple(_LABELS[part](plan) for part in parts), set()).add(description)
-        if all(len(kind) == 1 for kind in kinds.values()):
+            descriptions.setdefault(tuple(_LABELS[part](plan) for part in parts), set()).add(description)
+        if all(len(same_label) == 1 for same_label in descriptions.values()):
             break
     labels: dict[str, list[str]] = {}
-    for kind, (description,) in sorted(kinds.items()):
-        labels.setdefault(description, []).append(" ".join(kind))
+    for label, (description,) in sorted(descriptions.items()):
+        labels.setdefault(description, []).append(" ".join(label))
     return labels
 
 
-def _describe_known_keys(known: Mapping[Cell, bool]) -> str:
-    """State who already knew the keys; "" if no one did."""
+def _describe_known_keys(known_cells: Mapping[Cell, bool]) -> str:
+    """State who already knew the keys; "" if no one did.
+
+    ``known_cells`` states for each group, session and preceding block whether all participants knew the keys.
+    """
     exceptions: list[str] = []
-    is_divided = False  # a group whose participants knew them or not, by the block before
-    for group in sorted({group for group, _, _ in known}):
-        cells = {(session, before): is_known for (name, session, before), is_known in known.items() if name == group}
+    is_divided = False  # whether in some group only a part of the participants knew them
+    for group in sorted({group for group, _, _ in known_cells}):
+        cells = {
+            (session, before): is_known for (name, session, before), is_known in known_cells.items() if name == group
+        }
         is_divided |= len(set(cells.values())) > 1
         exceptions += _list_with_known_keys(group, cells)
-    if is_divided and all(is_known == bool(before) for (_, _, before), is_known in known.items()):
+    if is_divided and all(is_known == bool(before) for (_, _, before), is_known in known_cells.items()):
         exceptions = ["those who had played another block"]
     if not exceptions:
         return ""
@@ -307,7 +329,10 @@ def _name_world(block_plan: EpisodePlan, spec: BlockSpec | None) -> str:
 
 
 def name_worlds(plans: Sequence[PlanOutline], protocols: Sequence[Protocol] = ()) -> dict[str, list[str]]:
-    """Return the worlds of each block, with their options; of trials the ids alone, as their methods state the rest."""
+    """Return the worlds of each block with the options that all its episodes share; for trials, only the worlds' ids.
+
+    The options of trials are in the methods section.
+    """
     specs = BlockSpecs(protocols)
     names: dict[str, dict[str, None]] = {}
     for plan in plans:
@@ -338,8 +363,8 @@ def _describe_outcome(block_plan: EpisodePlan, spec: BlockSpec | None) -> str:
     if is_of_catalogue(block_plan.world) and block_plan.outcome_rule == LAST_REWARD:
         return ""
     rule = describe_rule(block_plan.outcome_rule)
-    is_older = spec is not None and block_plan.outcome_rule == LAST_REWARD != find_outcome_rule(spec).rule
-    if is_older:
+    has_last_reward_rule = block_plan.outcome_rule == LAST_REWARD
+    if has_last_reward_rule and spec is not None and find_outcome_rule(spec).rule != LAST_REWARD:
         return f"; {rule}, as for every world when the study began"
     return f"; {rule}"
 
@@ -365,7 +390,7 @@ def _describe_count(block_plan: EpisodePlan, spec: BlockSpec | None) -> str:
 
 
 def _describe_pace(block_plan: EpisodePlan, spec: BlockSpec | None) -> str:
-    """State what triggered a step."""
+    """State whether keys or a clock triggered the steps; for a clock, also its period and what no key did."""
     if block_plan.pace == "on_key":
         step = "each press of a key made one step"
         if block_plan.auto_repeat:
@@ -384,14 +409,14 @@ def _describe_pace(block_plan: EpisodePlan, spec: BlockSpec | None) -> str:
 
 
 def _describe_measures(plans: Sequence[PlanOutline], specs: BlockSpecs, measures: Collection[str] = ()) -> str:
-    """State how the measures are computed."""
+    """State how the measures are computed; all of them if ``measures`` is empty."""
     blocks = [(block, specs.find(plan, block.block_name)) for plan in plans for block in plan.blocks]
     are_trials = bool(blocks) and all(is_of_trials(block, spec) for block, spec in blocks)
-    shown = measures or FORMULAS
-    names = [name for name in FORMULAS if name in shown and (name in TRIAL_BLOCK_MEASURES or not are_trials)]
+    defined = measures or FORMULAS
+    names = [name for name in FORMULAS if name in defined and (name in TRIAL_BLOCK_MEASURES or not are_trials)]
     formulas = FORMULAS | (TRIAL_FORMULAS if are_trials else {})
     definitions = [f"{MEASURES[name]} = {formulas[name]}" for name in names]
-    study_measures = [find_measure(name) for name in sorted(measures) if ":" in name]
+    study_measures = [find_measure(name) for name in sorted(measures) if ":" in name]  # KIND:ARGUMENT
     definitions += [f"{measure.label} = {measure.formula}" for measure in study_measures if measure.formula]
     session_note = ""
     if len({plan.session for plan in plans}) > 1:
@@ -427,7 +452,7 @@ def _list_software(qualities: Sequence[RecordingQuality], name: str) -> list[str
     recorded = sorted({run[name] for quality in qualities for run in quality.software if name in run})
     if name != "git_commit":
         return recorded
-    return [re.sub(r"\+$", " with changed files", commit) for commit in recorded]
+    return [re.sub(r"\+$", " with changed files", commit) for commit in recorded]  # the log marks these with a "+"
 
 
 def _describe_page_kernels(plans: Sequence[PlanOutline], qualities: Sequence[RecordingQuality]) -> str:

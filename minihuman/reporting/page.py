@@ -132,7 +132,7 @@ def build_page(content: PageContent, results: Results, templates: Path | None = 
         "study": content.study,
         "versions": _describe_versions(content.account),
         "sessions": content.sessions,
-        **_describe_size(results),
+        **_build_size_context(results),
         "players": content.players,
         "simulated": content.simulated,
         "imported": content.imported,
@@ -140,10 +140,10 @@ def build_page(content: PageContent, results: Results, templates: Path | None = 
         "flow": content.flow,
         "practice": content.practice,
         "published": _compare_with_published(results) if content.papers else None,
-        **_show_question(results, content),
-        "within": _show_within(results.within),
-        "interaction": _show_interaction(content.interaction, are_trials=results.are_trials),
-        "blocks": [_show_block(block, results, content) for block in results.blocks],
+        **_build_question_context(results, content),
+        "within": _build_within_context(results.within),
+        "interaction": _build_interaction_context(content.interaction, are_trials=results.are_trials),
+        "blocks": [_build_block_context(block, results, content) for block in results.blocks],
         "min_growth_episodes": MIN_EPISODES,
         "clauses": clauses_table(content.clauses),
         "activities": content.activities,
@@ -161,8 +161,8 @@ def build_page(content: PageContent, results: Results, templates: Path | None = 
     return render_template(REPORT, context, templates)
 
 
-def _show_question(results: Results, content: PageContent) -> dict[str, Any]:
-    """Return the study's question, its answers and what qualifies them as variables of the template."""
+def _build_question_context(results: Results, content: PageContent) -> dict[str, Any]:
+    """Return the template's variables on the study's question, its answers, and what limits the answers."""
     return {
         "question": ask_question(content.analysis, results, content.design, content.interaction),
         "answers_first": state_answers(results, content.interaction, content.design, content.first_block),
@@ -172,8 +172,8 @@ def _show_question(results: Results, content: PageContent) -> dict[str, Any]:
     }
 
 
-def _describe_size(results: Results) -> dict[str, Any]:
-    """Return what is included, of how many groups, and whether episodes are trials, as variables of the template."""
+def _build_size_context(results: Results) -> dict[str, Any]:
+    """Return the template's variables on how much is included, and on whether episodes are trials."""
     return {
         "included": results.included,
         "are_trials": results.are_trials,
@@ -193,13 +193,14 @@ def _count_excluded(exclusions: pd.DataFrame) -> str:
 
 
 def _list_absent_measures(results: Results, content: PageContent) -> list[str]:
-    """Return the measures that the protocol names and that have no values, so that nothing below is of them."""
-    shown = results.shown_measures | set(content.interaction.roles if content.interaction else ())
-    named = (content.analysis.primary_measure, *content.analysis.secondary_measures)
-    return [phrase_measure(name) for name in named if name and name not in shown]
+    """Return the names of the measures that the protocol names but the results lack, because they have no values."""
+    shown_measures = results.shown_measures | set(content.interaction.roles if content.interaction else ())
+    named_measures = (content.analysis.primary_measure, *content.analysis.secondary_measures)
+    return [phrase_measure(name) for name in named_measures if name and name not in shown_measures]
 
 
-def _show_within(within: WithinResults | None) -> dict[str, Any] | None:
+def _build_within_context(within: WithinResults | None) -> dict[str, Any] | None:
+    """Return the template's variables on conditions compared within participants; None if none are."""
     if within is None:
         return None
     return {
@@ -211,11 +212,13 @@ def _show_within(within: WithinResults | None) -> dict[str, Any] | None:
     }
 
 
-def _show_interaction(interaction: InteractionResults | None, *, are_trials: bool) -> dict[str, Any] | None:
+def _build_interaction_context(interaction: InteractionResults | None, *, are_trials: bool) -> dict[str, Any] | None:
+    """Return the template's variables on the interaction of groups and conditions; None if there is none."""
     if interaction is None:
         return None
+    label = label_measure(interaction.measure)
     return {
-        "measure": f"{label_measure(interaction.measure)[:1].upper()}{label_measure(interaction.measure)[1:]}",
+        "measure": f"{label[:1].upper()}{label[1:]}",
         "cells": cells_table(interaction),
         "table": interaction_table(interaction),
         "has_response_times": are_trials and interaction.measure == "response_median_ms",
@@ -224,7 +227,7 @@ def _show_interaction(interaction: InteractionResults | None, *, are_trials: boo
 
 
 def build_participants_page(study: str, blocks: pd.DataFrame, results: Results) -> str:
-    """Render the page that shows every included participant in every measure; it works from disk without a server.
+    """Render the page that shows every included participant in every measure as HTML, which needs no server.
 
     Args:
         study: the study's name.
@@ -237,9 +240,9 @@ def build_participants_page(study: str, blocks: pd.DataFrame, results: Results) 
     labels = {name: label_measure(name) for name in measures}
     rows = []
     for row in to_records(included):
-        place = {name: row[name] for name in ("participant", "group", "session", "block")}
+        row_key = {name: row[name] for name in ("participant", "group", "session", "block")}
         values = {name: None if pd.isna(row[name]) else float(row[name]) for name in measures}
-        rows.append({**place, "values": values})
+        rows.append({**row_key, "values": values})
     contents = {
         "rows": rows,
         "groups": list(results.order),
@@ -259,8 +262,8 @@ def _describe_versions(account: SelectionSummary) -> str:
     return f"{len(versions)} versions of the protocol are pooled here ({'; '.join(versions)}), --version takes one"
 
 
-def _show_block(block: BlockResults, results: Results, content: PageContent) -> dict[str, Any]:
-    """Return a block's results as variables of the template."""
+def _build_block_context(block: BlockResults, results: Results, content: PageContent) -> dict[str, Any]:
+    """Return the template's variables on one block's results."""
     has_comparisons = bool(block.comparisons)
     differences = _list_differences(block, content.first_block)
     return {
@@ -277,7 +280,7 @@ def _show_block(block: BlockResults, results: Results, content: PageContent) -> 
         "has_no_primary": has_comparisons and "primary" not in block.roles.values(),
         "has_roles": _has_roles(block),
         "measures": _measures_table(block),
-        **_show_subjects(block),
+        **_tabulate_subjects(block),
         "comparisons": _comparisons_table(block) if has_comparisons else None,
         "only_pair": _name_only_pair(block),
         "not_compared": _list_notes(block, "reason"),
@@ -291,7 +294,7 @@ def _show_block(block: BlockResults, results: Results, content: PageContent) -> 
         "survival": survival_table(block.waits),
         "parts": parts_table(block.parts),
         "parts_missing": list_missing_parts(block.parts),
-        **_show_growth(block, content.mixed.get(block.block), are_trials=results.are_trials),
+        **_build_growth_context(block, content.mixed.get(block.block), are_trials=results.are_trials),
         "reliability": reliability_table(block.reliabilities, are_trials=results.are_trials),
         "reliability_notes": list_reliability_notes(block.reliabilities),
         "powers": [power_statement(power, block.unit_name) for power in block.powers],
@@ -299,7 +302,7 @@ def _show_block(block: BlockResults, results: Results, content: PageContent) -> 
 
 
 def _list_groups_with_keys(block: BlockResults, content: PageContent) -> Sequence[str]:
-    """Return the groups that kept earlier keys in a block whose table states when all keys were discovered."""
+    """Return the groups that knew a block's keys from before; none if the page shows no discovery of keys in it."""
     if not block.comparisons or not block.waits.keys:
         return ()
     return content.known_keys.get(block.block, ())
@@ -324,7 +327,7 @@ def _name_only_pair(block: BlockResults) -> str:
     pairs = {(comparison.first, comparison.second) for comparison in block.comparisons}
     if len(pairs) != 1:
         return ""
-    return f" ({_unbroken(*pairs.pop())})"
+    return f" ({_format_unbroken_pair(*pairs.pop())})"
 
 
 def _list_notes(block: BlockResults, field: Literal["reason", "caution"]) -> list[dict[str, str]]:
@@ -353,34 +356,35 @@ def _compare_with_published(results: Results) -> dict[str, Any] | None:
         "source": PUBLISHED_SOURCE,
         "table": Table(("group", "subject", "reward"), rows, words=2),
         "statements": [difference_statement(comparison, block.block) for comparison in rewards],
-        "block": {"name": block.block, "teams": block.teams, **_show_subjects(block)},
+        "block": {"name": block.block, "teams": block.teams, **_tabulate_subjects(block)},
     }
 
 
-def _show_subjects(block: BlockResults) -> dict[str, Table]:
+def _tabulate_subjects(block: BlockResults) -> dict[str, Table]:
     """Return a table of each participant's reward, by session if there are several, and a table of group means."""
     has_several_sessions = block.subjects["session"].nunique() > 1
     heads = ["group", "subject", "n", "reward"]
     if has_several_sessions:
         heads.insert(2, "session")
 
-    def tabulate(frame: pd.DataFrame, n: str) -> Table:
+    def tabulate(frame: pd.DataFrame, n_column: str) -> Table:
         rows = []
         for row in to_records(frame):
             cells = [row["group"], row.get("participant", "all")]
             if has_several_sessions:
                 cells.append(str(row.get("session", "all")))
-            rows.append((*cells, str(row[n]), format_mean_sd(row["reward_mean"], row["reward_sd"])))
+            rows.append((*cells, str(row[n_column]), format_mean_sd(row["reward_mean"], row["reward_sd"])))
         return Table(tuple(heads), rows, words=len(heads) - 2)
 
     return {"subjects": tabulate(block.subjects, "episodes"), "subject_means": tabulate(block.groups, "participants")}
 
 
 def _has_roles(block: BlockResults) -> bool:
+    """Return whether the protocol names a measure of the block, so that not all are exploratory."""
     return set(block.roles.values()) != {"exploratory"}
 
 
-def _unbroken(first: str, second: str, *, is_log: bool = False) -> str:
+def _format_unbroken_pair(first: str, second: str, *, is_log: bool = False) -> str:
     """Format a difference of two groups, or their ratio, without line breaks."""
     sign = "/" if is_log else "\N{MINUS SIGN}"
     return f"{first}\N{NO-BREAK SPACE}{sign}\N{NO-BREAK SPACE}{second}"
@@ -411,12 +415,13 @@ def _comparisons_table(block: BlockResults) -> Table:
 
 
 def _list_comparison_cells(comparison: GroupComparison, *, role: str, has_several_pairs: bool) -> tuple[str, ...]:
+    """Return the cells of a comparison; ``role`` is "" if the table has no column of roles."""
     words = [label_measure(comparison.measure)]
     if role:
         words.append(role)
     means = [format_number(mean) for mean in comparison.means]
     if has_several_pairs:
-        words.append(_unbroken(comparison.first, comparison.second, is_log=comparison.is_log))
+        words.append(_format_unbroken_pair(comparison.first, comparison.second, is_log=comparison.is_log))
         means = [", ".join(means)]
     return (
         *words,
@@ -430,8 +435,8 @@ def _list_comparison_cells(comparison: GroupComparison, *, role: str, has_severa
     )
 
 
-def _show_growth(block: BlockResults, mixed: MixedModel | None, *, are_trials: bool) -> dict[str, Any]:
-    """Return the growth over a block's episodes or trials as variables of the template."""
+def _build_growth_context(block: BlockResults, mixed: MixedModel | None, *, are_trials: bool) -> dict[str, Any]:
+    """Return the template's variables on the growth over a block's episodes or trials."""
     growth = block.growth
     if growth is None:
         return {"growth": None}
@@ -449,9 +454,10 @@ def _show_growth(block: BlockResults, mixed: MixedModel | None, *, are_trials: b
 
 
 def _mixed_model_table(terms: Sequence[GrowthTerm], *, are_trials: bool) -> Table:
-    """Tabulate a mixed model's terms, without Wald intervals and p values.
+    """Tabulate the terms of a mixed model, without Wald intervals and p values.
 
-    With groups of 2 and 18 people and SDs of 3 to 1, these reject a true null hypothesis in a third of studies.
+    In simulations with groups of 2 and 18 people and SDs in a ratio of 3 to 1, these reject a true null hypothesis in a
+    third of studies.
     """
     return Table(
         ("term", "estimate"),
@@ -460,10 +466,12 @@ def _mixed_model_table(terms: Sequence[GrowthTerm], *, are_trials: bool) -> Tabl
 
 
 def _name_growth(term: GrowthTerm, *, are_trials: bool) -> str:
+    """Return the name of a growth term, with trials instead of episodes in a study of trials."""
     return term.name.replace("change an episode", "change a trial") if are_trials else term.name
 
 
 def _growth_table(terms: Sequence[GrowthTerm], *, are_trials: bool) -> Table:
+    """Tabulate the terms of a comparison of growth over episodes or trials."""
     rows = [
         (
             _name_growth(term, are_trials=are_trials),
@@ -478,6 +486,7 @@ def _growth_table(terms: Sequence[GrowthTerm], *, are_trials: bool) -> Table:
 
 
 def _measures_table(block: BlockResults) -> Table:
+    """Tabulate the mean and SD of each measure in each group of a block."""
     rows = [
         (label_measure(row["measure"]), row["group"], str(row["n"]), format_mean_sd(row["mean"], row["sd"]))
         for row in to_records(block.measures)

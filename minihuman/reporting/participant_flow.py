@@ -26,7 +26,8 @@ class FlowSection(NamedTuple):
 def flow_section(source: Path, participants: pd.DataFrame) -> FlowSection | None:
     """Build the section on participant flow: who came, who left and who is included.
 
-    The section is None unless the report covers a study's whole folder with its enrolment log.
+    Return None unless the report covers a study's whole folder with its enrolment log. If the enrolment log cannot be
+    read, the section has no table.
 
     Args:
         source: the folder or log that the report covers.
@@ -37,9 +38,9 @@ def flow_section(source: Path, participants: pd.DataFrame) -> FlowSection | None
             return None
         flow = count_participant_flow(source, list_exclusion_reasons(participants))
         interventions = count_all_interventions(source)
-    except (AllocationError, LogError):  # no other number depends on it; the error names folders: it is not given here
+    except (AllocationError, LogError):  # not shown, as its text names folders, and no other number depends on it
         return FlowSection(None)
-    looks = [line for line in read_enrolment_log(source) if isinstance(line, LookTaken)]
+    looks = [record for record in read_enrolment_log(source) if isinstance(record, LookTaken)]
     by_hand = ", ".join(f"{count} {label}" for label, count in interventions.items())
     return FlowSection(flow_table(flow), by_hand, looks_table(looks), flow)
 
@@ -63,6 +64,7 @@ def looks_table(looks: Sequence[LookTaken]) -> Table | None:
 
 
 def _format_estimate(look: LookTaken, name: str) -> str:
+    """Format an estimate of a look with three significant digits; a dash if the look has no such estimate."""
     if name not in look.estimates:
         return "\N{EN DASH}"
     return f"{look.estimates[name]:.3g}"
@@ -94,7 +96,7 @@ def flow_table(flow: ParticipantFlow) -> Table:
         for label, counts in ((stage.label, stage.counts), *stage.losses.items()):
             rows.append((label, str(sum(counts.values())), *_list_group_cells(counts, groups)))
     if n_included_besides:
-        rows.append(("included, but not in the enrolment log", str(n_included_besides), *_no_cells(groups)))
+        rows.append(("included, but not in the enrolment log", str(n_included_besides), *_make_empty_cells(groups)))
     if flow.teams:
         rows.append(("teams of people", str(sum(flow.teams.values())), *_list_group_cells(flow.teams, groups)))
     return Table(("participants", "all", *groups), rows)
@@ -103,9 +105,9 @@ def flow_table(flow: ParticipantFlow) -> Table:
 def _list_group_cells(counts: GroupCounts, groups: Sequence[str]) -> tuple[str, ...]:
     """Return the cells of a row, one per group; dashes for a stage whose people have no group yet."""
     if "" in counts:
-        return _no_cells(groups)
+        return _make_empty_cells(groups)
     return tuple(str(counts.get(group, 0)) for group in groups)
 
 
-def _no_cells(groups: Sequence[str]) -> tuple[str, ...]:
+def _make_empty_cells(groups: Sequence[str]) -> tuple[str, ...]:
     return tuple("\N{EN DASH}" for _ in groups)

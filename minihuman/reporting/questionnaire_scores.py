@@ -32,17 +32,22 @@ def name_last_blocks(occasions: pd.DataFrame, parts: pd.DataFrame, blocks: Colle
 
 
 def add_last_blocks(answers: pd.DataFrame, parts: pd.DataFrame, blocks: Collection[str]) -> pd.DataFrame:
-    """Add the column ``after`` to answers: the block before, if the questions follow several blocks of a session.
+    """Add the column ``after`` to answers: the name of the block that was played last before the questions.
 
-    It is "" for questions that a session asks once, which are about the whole session.
+    It is "" for questionnaires that no session asks after several blocks, because these are about the whole session.
+
+    Args:
+        answers: rows of the table of answers.
+        parts: the table of parts.
+        blocks: the names of the blocks.
     """
     if answers.empty:
         return answers.assign(after="")
     keys = ["participant", "session", "questions", "part"]
     located = name_last_blocks(answers[keys].drop_duplicates(), parts, blocks).rename(columns={"block": "after"})
-    per_session = located.groupby(["participant", "session", "questions"])["after"].nunique()
-    most = per_session.groupby("questions").max()
-    repeated = [questions for questions, count in most.items() if count > 1]
+    n_blocks = located.groupby(["participant", "session", "questions"])["after"].nunique()
+    largest_n_blocks = n_blocks.groupby("questions").max()
+    repeated = [questions for questions, n in largest_n_blocks.items() if n > 1]
     located = located[located["questions"].isin(repeated)]
     return answers.merge(located, on=keys, how="left").fillna({"after": ""})
 
@@ -74,17 +79,17 @@ def task_load_table(
     Returns:
         The table; None if the index was not asked after several conditions.
     """
-    asked = answers[answers["questions"].isin(questionnaires) & answers["after"].ne("")]
-    asked = asked.drop_duplicates(_LAST_ANSWER, keep="last")
-    asked = asked.assign(condition=asked["after"].replace(dict(condition_of_block)))
-    if asked["condition"].nunique() < 2:
+    ratings = answers[answers["questions"].isin(questionnaires) & answers["after"].ne("")]
+    ratings = ratings.drop_duplicates(_LAST_ANSWER, keep="last")
+    ratings = ratings.assign(condition=ratings["after"].replace(dict(condition_of_block)))
+    if ratings["condition"].nunique() < 2:
         return None
-    asked_in_order = list(dict.fromkeys(asked["condition"]))
-    planned = [name for name in dict.fromkeys(condition_of_block.values()) if name in asked_in_order]
-    conditions = [*planned, *(name for name in asked_in_order if name not in planned)]
+    rated_conditions = list(dict.fromkeys(ratings["condition"]))
+    planned = [name for name in dict.fromkeys(condition_of_block.values()) if name in rated_conditions]
+    conditions = [*planned, *(name for name in rated_conditions if name not in planned)]
     occasion = ["group", "participant", "session", "part", "condition"]
-    scales = asked.pivot_table(index=occasion, columns="item", values="number", sort=False)
-    scales = scales.reindex(columns=list(dict.fromkeys(asked["item"])))
+    scales = ratings.pivot_table(index=occasion, columns="item", values="number", sort=False)
+    scales = scales.reindex(columns=list(dict.fromkeys(ratings["item"])))
     scales = scales.assign(**{SCORE: scales.mean(axis=1, skipna=False)})
     people = scales.groupby(["group", "participant", "condition"]).mean()
     rows = []
@@ -99,6 +104,7 @@ def task_load_table(
 
 
 def _format_cell(values: "pd.Series[float]") -> str:
+    """Format the mean, SD and number of the participants' values; "n/a" if there are none."""
     if values.empty:
         return "n/a"
     return f"{format_number(float(values.mean()))} ({format_number(float(values.std()))}), n {len(values)}"

@@ -44,7 +44,7 @@ def verify_tables(study: Path, outputs: Iterable[Path]) -> Iterator[tuple[str, b
 
 
 def _compare_output(tables: Tables, folder: Path, recomputed: Path) -> Iterator[str]:
-    """Write a report or tables again, and yield how the given folder differs from them."""
+    """Write a report or tables anew into the folder ``recomputed``, and yield how the given folder differs from it."""
     if (folder / "report.html").is_file():
         build_report(tables, recomputed)
         yield from compare_table_files(folder / "tables", recomputed / "tables")

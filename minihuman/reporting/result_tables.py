@@ -111,7 +111,7 @@ def reliability_table(reliabilities: Sequence[Reliability], *, are_trials: bool 
 
 
 def list_reliability_notes(reliabilities: Sequence[Reliability]) -> list[str]:
-    """Return why measures have no interval, or why it may not hold, with the measures of each reason."""
+    """Return a note for each reason why measures have no interval, or why it may not hold, with their labels."""
     measures: dict[str, list[str]] = {}
     for reliability in reliabilities:
         if reliability.note:
@@ -148,6 +148,7 @@ def _format_session(row: Mapping[str, Any] | None) -> str:
 
 
 def _list_change_cells(change: SessionChange | None) -> tuple[str, str, str]:
+    """Return the cells n, change and p; dashes if no participant has values in both sessions."""
     if change is None:
         return ("0", _NONE, _NONE)
     estimate = format_difference(change.estimate, change.interval, is_log=change.is_log, sign="+")
@@ -200,7 +201,7 @@ def parts_table(comparisons: Sequence[TwoPartComparison]) -> Table | None:
 
 
 def list_missing_parts(comparisons: Sequence[TwoPartComparison]) -> list[str]:
-    """Return the reason for each part that could not be compared."""
+    """Return a text for each part of a reward that could not be compared, with the groups and the reason."""
     reasons = []
     for comparison in comparisons:
         groups = format_pair(comparison.first, comparison.second)
@@ -211,6 +212,7 @@ def list_missing_parts(comparisons: Sequence[TwoPartComparison]) -> list[str]:
 
 
 def _format_part(part: PartComparison) -> str:
+    """Format the estimate of one part with its interval, or without if the part could not be compared."""
     if part.reason:
         return format_number(part.estimate)
     return format_with_interval(part.estimate, part.interval)

@@ -37,12 +37,12 @@ class Results:
 
     @property
     def are_trials(self) -> bool:
-        """Return whether every block is of trials, which have no playing time."""
+        """Return whether all blocks consist of trials; these have no playing time."""
         return bool(self.blocks) and "playing_s_mean" not in self.shown_measures
 
     @property
     def shown_measures(self) -> set[str]:
-        """Return the names of the measures that the page has values of."""
+        """Return the names of the measures that have values in a block or are compared within participants."""
         names = {str(name) for block in self.blocks for name in block.measures["measure"].unique()}
         return names | set(self.within.roles if self.within else ())
 
@@ -106,28 +106,30 @@ def _order_groups(blocks: pd.DataFrame) -> list[str]:
 
 
 def sort_blocks_by_play(blocks: pd.DataFrame, conditions: Sequence[str] = ()) -> list[str]:
-    """Sort the blocks by their mean position in the sessions that contain them.
+    """Return the names of the blocks, sorted by their mean position in the sessions that contain them.
 
-    ``conditions`` that were not played in the same order in all sessions share one position, and keep their order.
+    If sessions had the ``conditions`` in different orders, these blocks share one position and follow each other in the
+    order of ``conditions``.
     """
-    place = blocks.groupby(["participant", "session"], sort=False).cumcount()
-    means = {str(name): float(mean) for name, mean in place.groupby(blocks["block"], sort=False).mean().items()}
+    position = blocks.groupby(["participant", "session"], sort=False).cumcount()
+    means = {str(name): float(mean) for name, mean in position.groupby(blocks["block"], sort=False).mean().items()}
     is_condition = blocks["block"].isin(conditions)
     compared = blocks[is_condition]
     orders = compared.groupby(["participant", "session"], sort=False)["block"].agg(tuple)
     if orders.nunique() > 1:
-        shared_mean = float(place[is_condition].mean())
+        shared_mean = float(position[is_condition].mean())
         means |= dict.fromkeys(compared["block"].unique(), shared_mean)
-    ranks = {name: number for number, name in enumerate(conditions)}
+    ranks = {name: rank for rank, name in enumerate(conditions)}
+    # rounded, so that means that are equal but for rounding errors do not override the order of conditions
     return sorted(means, key=lambda name: (round(means[name], 9), ranks.get(name, len(ranks))))
 
 
 def find_target_block(blocks: pd.DataFrame) -> str:
     """Return the last block that every group played; "" if there is none. Rows are in the order of play."""
-    played = [list(dict.fromkeys(part["block"])) for _, part in blocks.groupby("group")]
-    if not played:
+    blocks_by_group = [list(dict.fromkeys(rows["block"])) for _, rows in blocks.groupby("group")]
+    if not blocks_by_group:
         return ""
-    common = [block for block in played[0] if all(block in group_blocks for group_blocks in played)]
+    common = [block for block in blocks_by_group[0] if all(block in group_blocks for group_blocks in blocks_by_group)]
     if not common:
         return ""
     return str(common[-1])

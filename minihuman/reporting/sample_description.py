@@ -17,7 +17,8 @@ T = TypeVar("T")
 def describe_sample(people: PersonTable | None, groups: Mapping[str, str]) -> list[str]:
     """Describe the included participants in a paragraph, with a sentence for each column of numbers or levels.
 
-    Where there are several groups, each sentence states the groups apart as well.
+    If there are several groups, each sentence also describes every group. The list is empty if there is nothing to
+    describe.
 
     Args:
         people: the person table; None if the study has none.
@@ -29,17 +30,17 @@ def describe_sample(people: PersonTable | None, groups: Mapping[str, str]) -> li
     sentences = []
     for column in people.columns:
         cells = dict(zip(codes, people.rows.column(column.name).to_pylist(), strict=True))
-        stated = {code: cell for code, cell in cells.items() if code in groups and cell is not None}
-        if not stated:
+        included_cells = {code: cell for code, cell in cells.items() if code in groups and cell is not None}
+        if not included_cells:
             continue
         if column.kind in ("integer", "number"):
-            sentences.append(_describe_numbers(column, stated, groups))
+            sentences.append(_describe_numbers(column, included_cells, groups))
         elif column.kind == "boolean":
-            levels = {code: "yes" if cell else "no" for code, cell in stated.items()}
+            levels = {code: "yes" if cell else "no" for code, cell in included_cells.items()}
             sentences.append(_describe_levels(column, levels, groups))
         elif column.levels:
             meanings = dict(column.levels)
-            levels = {code: meanings[cell] for code, cell in stated.items()}
+            levels = {code: meanings[cell] for code, cell in included_cells.items()}
             sentences.append(_describe_levels(column, levels, groups))
     if not sentences:
         return []
@@ -48,41 +49,41 @@ def describe_sample(people: PersonTable | None, groups: Mapping[str, str]) -> li
 
 def _describe_numbers(column: TableColumn, numbers: Mapping[str, float], groups: Mapping[str, str]) -> str:
     """Return a sentence with mean, standard deviation and range, and the mean and standard deviation of each group."""
-    text = _summarise(list(numbers.values()))
+    text = _format_mean_sd(list(numbers.values()))
     if len(numbers) > 1:
         text += f", range {min(numbers.values()):g} to {max(numbers.values()):g}"
     if column.unit:
         text += f" ({column.unit})"
-    by_group = "".join(f"; {group}: {_summarise(part)}" for group, part in _divide(numbers, groups))
+    by_group = "".join(f"; {group}: {_format_mean_sd(part)}" for group, part in _divide_by_group(numbers, groups))
     return f"{_name_column(column)}: {text}{_describe_missing(len(numbers), len(groups))}{by_group}."
 
 
 def _describe_levels(column: TableColumn, levels: Mapping[str, str], groups: Mapping[str, str]) -> str:
     """Return a sentence with the number of participants of each level, and of each level in each group."""
-    by_group = "".join(f"; {group}: {_count(part)}" for group, part in _divide(levels, groups))
-    counts = _count(list(levels.values()))
+    by_group = "".join(f"; {group}: {_format_counts(part)}" for group, part in _divide_by_group(levels, groups))
+    counts = _format_counts(list(levels.values()))
     return f"{_name_column(column)}: {counts}{_describe_missing(len(levels), len(groups))}{by_group}."
 
 
-def _divide(values: Mapping[str, T], groups: Mapping[str, str]) -> Iterator[tuple[str, list[T]]]:
+def _divide_by_group(values: Mapping[str, T], groups: Mapping[str, str]) -> Iterator[tuple[str, list[T]]]:
     """Yield each group with its participants' values; nothing if all participants are of one group."""
     names = sorted(set(groups.values()))
     if len(names) == 1:
         return
     for name in names:
-        part = [value for code, value in values.items() if groups[code] == name]
-        if part:
-            yield name, part
+        group_values = [value for code, value in values.items() if groups[code] == name]
+        if group_values:
+            yield name, group_values
 
 
-def _summarise(numbers: list[float]) -> str:
+def _format_mean_sd(numbers: list[float]) -> str:
     text = f"M = {statistics.fmean(numbers):.1f}"
     if len(numbers) > 1:
         text += f", SD = {statistics.stdev(numbers):.1f}"
     return text
 
 
-def _count(levels: list[str]) -> str:
+def _format_counts(levels: list[str]) -> str:
     return ", ".join(f"{count} {level}" for level, count in Counter(levels).most_common())
 
 
@@ -91,6 +92,7 @@ def _name_column(column: TableColumn) -> str:
 
 
 def _describe_missing(n_stated: int, n_people: int) -> str:
+    """State for how many participants there is no value; "" if there is one for each."""
     if n_stated == n_people:
         return ""
     return f"; {n_people - n_stated} not stated"

@@ -51,16 +51,16 @@ class Costs:
     currency: str = ""
     declined: int = 0  # sessions in which it declined consent
 
-    def add(self, other: "Costs") -> "Costs":
-        """Return the sum of both costs; the currency is "mixed" if it differs."""
-        if self.currency and self.currency != other.currency:
+    def add(self, further: "Costs") -> "Costs":
+        """Return the sum of these and further costs; the currency is "mixed" if it differs."""
+        if self.currency and self.currency != further.currency:
             currency = "mixed"
         else:
-            currency = other.currency
-        sums = {
-            cost_field.name: getattr(self, cost_field.name) + getattr(other, cost_field.name)
-            for cost_field in fields(Costs)
-        }
+            currency = further.currency
+        sums = {}
+        for cost_field in fields(Costs):
+            name = cost_field.name
+            sums[name] = getattr(self, name) + getattr(further, name)
         return Costs(**sums | {"currency": currency})
 
 
@@ -134,7 +134,7 @@ def build_scorecard(
 def compose_scorecard(
     plays: Sequence[PlayerRows], *, reference: str = "", seed: int = 1, draws: int = DRAWS
 ) -> Scorecard:
-    """Score every player of some studies.
+    """Score every player of some studies; the most efficient comes first, players without an efficiency last.
 
     Participants with the same code in one data folder count as one, so that a set of levels can comprise several
     protocols.
@@ -157,17 +157,17 @@ def compose_scorecard(
     rows["path_known"] = rows.groupby(_LEVEL)["feasible_steps"].transform("max").notna()
     costs = _sum_costs(plays, names)
     players = sorted(rows["player"].unique())
-    chosen = reference or next((name for name in (HUMAN, *_STAND_INS, *players) if name in players), "")
-    if chosen not in players:
+    reference_player = reference or next((name for name in (HUMAN, *_STAND_INS, *players) if name in players), "")
+    if reference_player not in players:
         raise ReportError(f"reference {reference!r} played none of the levels; use one of {', '.join(players)}")
-    scored = (_score(rows, name, chosen, costs.get(name, Costs()), seed, draws) for name in players)
+    scored = (_score_player(rows, name, reference_player, costs.get(name, Costs()), seed, draws) for name in players)
     lines = sorted(filter(None, scored), key=lambda line: -np.nan_to_num(line.score.efficiency.value, nan=-1.0))
-    label = _label_reference(chosen, rows.loc[rows["player"] == chosen, "run"].nunique())
+    label = _label_reference(reference_player, rows.loc[rows["player"] == reference_player, "run"].nunique())
     return Scorecard(
         label,
-        chosen,
+        reference_player,
         tuple(lines),
-        tuple(_list_notes(lines, chosen, label, set(players))),
+        tuple(_list_notes(lines, reference_player, label, set(players))),
         _summarize_answers(answers.assign(player=answers["player"].map(names)).dropna(subset="player")),
     )
 
@@ -187,7 +187,7 @@ def _sum_costs(plays: Iterable[PlayerRows], names: Mapping[str, str]) -> dict[st
 
 
 def _label_reference(reference: str, runs: int) -> str:
-    """Return a label of the reference, stating if it stands in for people."""
+    """Return a label of the reference with its number of runs, stating if it stands in for people."""
     if reference != HUMAN:
         return f"{reference} (n = {runs}), in place of people"
     if runs < HUMAN_REFERENCE:
@@ -202,7 +202,10 @@ def find_models_folder(study: Path) -> Path:
 
 
 def _summarize_answers(answers: pd.DataFrame) -> pd.DataFrame:
-    """Summarize answers by question and player: the mean of numbers, else the most frequent option."""
+    """Summarize the last answers of each run: a row per question, a column per player, and texts as cells.
+
+    A cell states the most frequent option of a choice, or the mean of numbers.
+    """
 
     def summarize(group_answers: pd.DataFrame) -> str:
         option_counts = group_answers["said"].value_counts()
@@ -220,7 +223,7 @@ def _summarize_answers(answers: pd.DataFrame) -> pd.DataFrame:
 
 
 def read_player_rows(tables: Tables) -> PlayerRows:
-    """Read the included episodes and the answers with their players, and the costs of models."""
+    """Read the included episodes without practice and the answers, each with its player, and the costs of models."""
     columns = {"episodes": _COLUMNS, "participants": [*_SESSION, "player"], "answers": _ANSWER}
     tables.require((*columns, "model_calls"), shortest_paths=True)
     episodes, participants, answers = (tables.frame(name, names) for name, names in columns.items())
@@ -285,9 +288,9 @@ def _list_unfinished(logs: Iterable[SessionLog]) -> Iterator[dict[str, object]]:
     """Yield a failure at the step limit for each episode that a model left unfinished, unless it declined consent."""
     for log in logs:
         if log.player.startswith(_MODELS) and log.end_reason != "declined":
-            left = find_remaining_episodes(log)
+            remaining = find_remaining_episodes(log)
             for plan in log.plan.episodes:
-                if plan.episode not in left:
+                if plan.episode not in remaining:
                     continue
                 yield {
                     "participant": log.plan.participant.id,
@@ -305,7 +308,7 @@ def _list_unfinished(logs: Iterable[SessionLog]) -> Iterator[dict[str, object]]:
 
 
 def _name_players(players: Iterable[str]) -> dict[str, str]:
-    """Shorten the names of policies to their file names if these are unambiguous."""
+    """Return the name of each player on the scorecard: of a policy, the file name if it is unambiguous."""
     names = {player: _shorten_player(player) for player in players}
     name_counts = Counter(names.values())
     ambiguous = {player: player for player, name in names.items() if name_counts[name] > 1}
@@ -319,8 +322,13 @@ def _shorten_player(player: str) -> str:
     return player
 
 
-def _score(rows: pd.DataFrame, name: str, reference: str, costs: Costs, seed: int, draws: int) -> ScoredPlayer | None:
-    """Score one player; None if it shares no level with the reference."""
+def _score_player(
+    rows: pd.DataFrame, name: str, reference: str, costs: Costs, seed: int, draws: int
+) -> ScoredPlayer | None:
+    """Score one player against the reference player; None if it shares no level with the reference.
+
+    ``rows`` are the episodes of all players. ``seed`` and ``draws`` are of the bootstrap.
+    """
     player_rows = rows[rows["player"] == name]
     reference_rows = rows[rows["player"] == reference]
     shared = player_rows[_LEVEL].drop_duplicates().merge(reference_rows[_LEVEL].drop_duplicates())
@@ -328,9 +336,9 @@ def _score(rows: pd.DataFrame, name: str, reference: str, costs: Costs, seed: in
         return None
     levels = pd.MultiIndex.from_frame(shared.sort_values(_LEVEL))
     runs = {player: _tabulate_runs(rows[rows["player"] == player], levels) for player in {name, reference, "random"}}
-    floor = None
+    random_runs = None
     if len(runs["random"].success):
-        floor = runs["random"]
+        random_runs = runs["random"]
     return ScoredPlayer(
         player=name,
         runs=player_rows["run"].nunique(),
@@ -338,7 +346,7 @@ def _score(rows: pd.DataFrame, name: str, reference: str, costs: Costs, seed: in
         levels=len(levels),
         unfinished=int((player_rows.merge(shared)["outcome"] == UNFINISHED).sum()),
         unknown_paths=len(player_rows.loc[~player_rows["path_known"]].merge(shared)[_LEVEL].drop_duplicates()),
-        score=score_player(runs[name], runs[reference], floor, seed=seed, draws=draws),
+        score=score_player(runs[name], runs[reference], random_runs, seed=seed, draws=draws),
         excess_steps=float(player_rows["excess_steps"].mean()),
         success_by_episode=tuple(float(share) for share in player_rows.groupby("episode_in_block")["success"].mean()),
         costs=costs,
@@ -346,12 +354,16 @@ def _score(rows: pd.DataFrame, name: str, reference: str, costs: Costs, seed: in
 
 
 def _tabulate_runs(rows: pd.DataFrame, levels: pd.MultiIndex) -> Runs:
-    """Tabulate a player's measures by run and level."""
-    reached = rows["success"].astype(float)
+    """Tabulate a player's success, SPL and steps by run and level; means if a run played a level several times.
+
+    A failure has an SPL of 0 and as many steps as its limit. The SPL is NaN on levels without a known shortest path.
+    """
+    success = rows["success"].astype(float)
+    spl = np.where(success > 0, rows["spl"], 0.0)
     values = rows.assign(
-        success=reached,
-        spl=np.where(rows["path_known"], np.where(reached > 0, rows["spl"], 0.0), np.nan),
-        steps=np.where(reached > 0, rows["steps"], rows["max_steps"]).astype(float),
+        success=success,
+        spl=np.where(rows["path_known"], spl, np.nan),
+        steps=np.where(success > 0, rows["steps"], rows["max_steps"]).astype(float),
     )
     means = values.groupby(["run", *_LEVEL])[["success", "spl", "steps"]].mean()
     return Runs(*(means[name].unstack(_LEVEL).reindex(columns=levels).to_numpy(float) for name in means))
@@ -369,7 +381,7 @@ def _list_notes(lines: Sequence[ScoredPlayer], reference: str, label: str, playe
         if line.runs == 1:
             yield f"{line.player} has 1 run: its interval says nothing about other runs"
         if line.player != reference and not line.score.separable:
-            runs = next(other.runs for other in lines if other.player == reference)
+            runs = next(scored.runs for scored in lines if scored.player == reference)
             yield f"{runs} of {reference} on {line.levels} levels cannot separate {line.player} from them"
         if line.unfinished:
             share = f"{line.unfinished} of {line.runs * line.levels}"
@@ -381,14 +393,15 @@ def _list_notes(lines: Sequence[ScoredPlayer], reference: str, label: str, playe
 
 
 def write_scorecard(card: Scorecard, out: Path, *, stem: str = "scores") -> tuple[Path, ...]:
-    """Write the table as CSV and Markdown, the answers as CSV, and the figure; return the paths."""
+    """Write the table as CSV and Markdown, the answers (if any) as CSV, and the figure; return the paths."""
     out.mkdir(parents=True, exist_ok=True)
     page = out / f"{stem}.md"
-    answers = [out / f"{stem}_answers.csv"] if len(card.answers) else []
     page.write_text(format_scorecard(card), encoding="utf-8", newline="\n")
-    for path in answers:
-        card.answers.to_csv(path, lineterminator="\n")
-    return (write_score_table(card, out / f"{stem}.csv"), page, *answers, *draw_scorecard(card, out / stem))
+    answer_files = []
+    if len(card.answers):
+        answer_files.append(out / f"{stem}_answers.csv")
+        card.answers.to_csv(answer_files[0], lineterminator="\n")
+    return (write_score_table(card, out / f"{stem}.csv"), page, *answer_files, *draw_scorecard(card, out / stem))
 
 
 def write_score_table(card: Scorecard, path: Path) -> Path:
@@ -411,7 +424,8 @@ def format_scorecard(card: Scorecard) -> str:
     """Format the table as Markdown, followed by the notes needed to interpret it."""
     heads = "player | runs | levels | success | efficiency | normalised | relative efficiency | excess steps | price"
     rows = [" | ".join(_list_cells(line)) for line in card.players]
-    table = [f"| {heads} |", "|---" * 9 + "|", *(f"| {row} |" for row in rows)]
+    n_columns = heads.count("|") + 1
+    table = [f"| {heads} |", "|---" * n_columns + "|", *(f"| {row} |" for row in rows)]
     if len(card.answers):
         table += ["", f"| question | {' | '.join(map(str, card.answers))} |", f"|---{'|---' * card.answers.shape[1]}|"]
         table += [f"| {'.'.join(name)} | {' | '.join(row)} |" for name, *row in card.answers.itertuples(name=None)]
@@ -447,28 +461,28 @@ def _format_steps(steps: float) -> str:
 
 
 def _list_columns(line: ScoredPlayer) -> Mapping[str, object]:
-    """Return the CSV columns of a player's line."""
+    """Return the cells of a player's CSV line by column name."""
     score = line.score
     costs = line.costs
-    named = {
+    estimates_by_name = {
         "success": score.success,
         "efficiency": score.efficiency,
         "normalised_score": score.normalised,
         "relative_efficiency": score.relative_efficiency,
         "success_difference": score.difference,
     }
-    estimates: dict[str, str] = {}
-    for name, estimate in named.items():
-        estimates[name] = f"{estimate.value:.6g}"
-        estimates[f"{name}_low"] = f"{estimate.low:.6g}"
-        estimates[f"{name}_high"] = f"{estimate.high:.6g}"
+    estimate_cells: dict[str, str] = {}
+    for name, estimate in estimates_by_name.items():
+        estimate_cells[name] = f"{estimate.value:.6g}"
+        estimate_cells[f"{name}_low"] = f"{estimate.low:.6g}"
+        estimate_cells[f"{name}_high"] = f"{estimate.high:.6g}"
     return {
         "player": line.player,
         "runs": line.runs,
         "episodes": line.episodes,
         "levels": line.levels,
         "unfinished": line.unfinished,
-        **estimates,
+        **estimate_cells,
         "excess_steps": _format_steps(line.excess_steps),
         "separable": score.separable,
         "success_by_episode": " ".join(f"{share:.4g}" for share in line.success_by_episode),

@@ -28,28 +28,28 @@ class _Expression(NamedTuple):
     python: str
 
 
-def _column(name: str) -> _Expression:
+def _make_column_expression(name: str) -> _Expression:
     return _Expression(f"as.numeric(d${name})", f'd["{name}"].astype(float)')
 
 
-def _logarithm(name: str) -> _Expression:
+def _make_logarithm_expression(name: str) -> _Expression:
     return _Expression(f"log(as.numeric(d${name}))", f'np.log(d["{name}"].astype(float))')
 
 
 _OF_EPISODE = {  # measures of a block that are the mean of an episode's; times on their logarithms, as in the report
-    "log_excess_steps_mean": _column("log_excess_steps"),
-    "log_steps_ratio_mean": _column("log_steps_ratio"),
-    "spl_mean": _column("spl"),
-    "reward_mean": _column("reward"),
-    "success": _column("success"),
+    "log_excess_steps_mean": _make_column_expression("log_excess_steps"),
+    "log_steps_ratio_mean": _make_column_expression("log_steps_ratio"),
+    "spl_mean": _make_column_expression("spl"),
+    "reward_mean": _make_column_expression("reward"),
+    "success": _make_column_expression("success"),
     "steps_at_limit_mean": _Expression(
         "ifelse(d$success, d$steps, d$max_steps)",
         'd["steps"].where(d["success"].eq(True), d["max_steps"]).astype(float).where(d["success"].notna())',
     ),
-    "playing_s_mean": _logarithm("playing_s"),
-    "response_median_ms": _logarithm("response_median_ms"),
-    "reaction_median_ms": _logarithm("reaction_median_ms"),
-    "path_efficiency_mean": _column("path_efficiency"),
+    "playing_s_mean": _make_logarithm_expression("playing_s"),
+    "response_median_ms": _make_logarithm_expression("response_median_ms"),
+    "reaction_median_ms": _make_logarithm_expression("reaction_median_ms"),
+    "path_efficiency_mean": _make_column_expression("path_efficiency"),
 }
 
 
@@ -61,14 +61,17 @@ def write_scripts(
     languages: Sequence[str],
     interaction: InteractionResults | None = None,
 ) -> tuple[Path, ...]:
-    """Write ``analysis.R`` and ``analysis.py`` into a report's folder.
+    """Write ``analysis.R`` and ``analysis.py`` into a report's folder; return the paths of all written files.
 
-    They analyse the block on which groups are compared and, in a mixed design, the interaction of groups and conditions
-    from the file ``cells.csv``, which is written beside them. The block's measure is the primary one if it is a mean
-    over episodes, else the first that is.
+    The scripts analyse the block on which groups are compared and, in a mixed design, the interaction of groups and
+    conditions from the file ``cells.csv``, which is written beside them. The block's measure is the primary one if it
+    is a mean over episodes, else the first measure that is.
+
+    ``languages`` are ``r``, ``python`` or both. ``interaction`` is None unless the design is mixed.
 
     Raises:
-        ReportError: if there is no interaction and no block is played by two groups, or no such measure has values.
+        ReportError: if there is no interaction, and no block is played by two groups or no measure is a mean over
+            episodes.
     """
     context: dict[str, Any] = {"study": study, "version": minihuman.__version__, "block": "", "interaction": None}
     paths = []
@@ -89,7 +92,11 @@ def write_scripts(
 
 
 def _describe_block(results: Results, episodes: pd.DataFrame) -> dict[str, Any]:
-    """Return the templates' variables about the block on which groups are compared."""
+    """Return the templates' variables about the block on which groups are compared.
+
+    Raises:
+        ReportError: if there is no such block with episodes and a measure that is a mean over episodes.
+    """
     block = results.target_block
     if block is None or len(block.groups) < 2:
         raise ReportError(

@@ -31,30 +31,34 @@ def answers_table(answers: pd.DataFrame, groups: Sequence[str] = ()) -> Table | 
     of different days or after different blocks are not comparable. With several ``groups`` it has a row for each of
     them, in their order. ``answers`` has the column ``after``, the block to which the answers belong; without it, times
     are numbered.
+
+    Return None if there are no answers.
     """
     if answers.empty:
         return None
     last = _prepare_answers(answers, groups)
     times = last.groupby(["participant", "session", "questions", "after"])["part"].rank(method="dense").astype(int)
     last = last.assign(time=times)  # how often they had been asked in that session after that block, 1 for the first
-    repeats = last.groupby(["questions", "item"])
-    whens = [when for when in ("session", "after", "time") if (repeats[when].nunique() > 1).any()]
-    shown = [*whens, *(["group"] if len(groups) > 1 else [])]
-    as_asked: list[tuple[object, ...]] = list(zip(last["questions"], last["item"], strict=True))
-    by_question = last.groupby(["questions", "item", "session", "after", "time", "rank"])
-    in_order = sorted(by_question, key=lambda keyed: (as_asked.index(keyed[0][:2]), keyed[0][2:]))
+    by_question = last.groupby(["questions", "item"])
+    label_columns = [name for name in ("session", "after", "time") if (by_question[name].nunique() > 1).any()]
+    if len(groups) > 1:
+        label_columns.append("group")
+    question_order: list[tuple[object, ...]] = list(zip(last["questions"], last["item"], strict=True))
+    by_row = last.groupby(["questions", "item", "session", "after", "time", "rank"])
+    in_order = sorted(by_row, key=lambda keyed: (question_order.index(keyed[0][:2]), keyed[0][2:]))
     rows: list[tuple[Cell, ...]] = []
-    for (part, question, *_), given in in_order:
-        labels = [str(given[name].iloc[0]) for name in shown]
-        median_s = format_number(float(given["answer_ms"].median()) / 1000)
-        summary = _summarise_answers(given)
-        rows.append((str(part), str(question), *labels, summary, str(len(given)), _share_right(given), median_s))
-    heads = ("questions", "question", *shown, "answers", "n", "right", "median time (s)")
-    return Table(heads, rows, words=3 + len(shown))
+    for (part, question, *_), row_answers in in_order:
+        labels = [str(row_answers[name].iloc[0]) for name in label_columns]
+        summary = _summarise_answers(row_answers)
+        share_right = _format_share_right(row_answers)
+        median_s = format_number(float(row_answers["answer_ms"].median()) / 1000)
+        rows.append((str(part), str(question), *labels, summary, str(len(row_answers)), share_right, median_s))
+    heads = ("questions", "question", *label_columns, "answers", "n", "right", "median time (s)")
+    return Table(heads, rows, words=3 + len(label_columns))
 
 
 def _prepare_answers(answers: pd.DataFrame, groups: Sequence[str]) -> pd.DataFrame:
-    """Return the last answer to each question, with the columns ``after`` and ``rank``, the place of the group."""
+    """Return the last answer to each question, with the columns ``after`` and ``rank``, the index of the group."""
     last = answers.drop_duplicates(_GIVEN_ONCE, keep="last")
     if "after" not in last:
         last = last.assign(after="")
@@ -85,7 +89,7 @@ def _has_mean(kind: str) -> bool:
         return False
 
 
-def _share_right(group: pd.DataFrame) -> str:
+def _format_share_right(group: pd.DataFrame) -> str:
     """Format the share of correct answers; a dash if no answer can be correct."""
     right = group["right"].dropna()
     if not len(right):
@@ -141,7 +145,7 @@ def _list_quality_cells(quality: RecordingQuality) -> tuple[str, ...]:
 
 
 def _state_quality(qualities: Sequence[RecordingQuality]) -> str:
-    """State in one sentence how late presses and frames were over all timed sessions."""
+    """State how late presses and frames were over all timed sessions, and which sessions were not timed."""
     timed = [quality for quality in qualities if _is_timed(quality)]
     late = sum(quality.late for quality in timed)
     presses = sum(quality.presses for quality in timed)
@@ -192,11 +196,14 @@ class ExclusionsSection(NamedTuple):
 
 
 def exclusions_section(rows: pd.DataFrame) -> ExclusionsSection | None:
-    """Build the section on exclusions; None if nothing is excluded."""
+    """Build the section on exclusions; None if nothing is excluded.
+
+    In the totals, a participant who is excluded in several sessions counts once.
+    """
     if rows.empty:
         return None
-    single = rows[(rows["level"] != "participant") | ~rows.duplicated(["exclusion_reason", "level", "participant"])]
-    counts = single.groupby(["exclusion_reason", "level"]).size().reset_index(name="count")
+    is_repeated = (rows["level"] == "participant") & rows.duplicated(["exclusion_reason", "level", "participant"])
+    counts = rows[~is_repeated].groupby(["exclusion_reason", "level"]).size().reset_index(name="count")
     totals = [(row["exclusion_reason"], row["level"], str(row["count"])) for row in to_records(counts)]
     exclusions = [
         (

@@ -39,13 +39,13 @@ def difference_statement(
         block: the block's name.
         team_units: by group, the words for its units if they are not participants alone.
     """
-    per = "over" if comparison.is_log else "minus"
-    groups = f"{comparison.first} {per} {comparison.second}"
+    operator = "over" if comparison.is_log else "minus"
+    groups = f"{comparison.first} {operator} {comparison.second}"
+    sizes = _count_units(comparison, team_units)
     opening = f"{_begin_with_measure(comparison.measure)}, block {block}: {groups} "
     if comparison.reason and math.isnan(comparison.p):
         return f"{opening}was not compared ({comparison.reason})."
     if comparison.reason == ALL_ALIKE and comparison.difference == 0:
-        sizes = _count_units(comparison, team_units)
         return f"{opening}is 0, and was not tested ({comparison.reason}; {sizes})."
     caveat = ""
     if comparison.smallest_p >= _ALPHA:
@@ -58,7 +58,6 @@ def difference_statement(
         size = f"; standardised difference g {format_number(comparison.g, 2)}, interval {interval}"
     estimate = f"{_state_estimate(comparison)}{_state_ratio(comparison)}"
     p = state_p(comparison.p, comparison.smallest_p)
-    sizes = _count_units(comparison, team_units)
     verdict = state_verdict(
         comparison.difference, comparison.p, comparison.first, comparison.second, p_holm=comparison.p_holm
     )
@@ -66,14 +65,14 @@ def difference_statement(
 
 
 def state_verdict(difference: float, p: float, first: str, second: str, *, p_holm: float = math.nan) -> str:
-    """Say in words which of two is larger, or that no difference is shown; "" without a p.
+    """State which of two groups or conditions is larger, or that no difference is shown; "" if p is NaN.
 
     Args:
         difference: the first minus the second.
-        p: the p that the sentence states.
+        p: the p value that the sentence states.
         first: the name of the first group or condition.
         second: the name of the second.
-        p_holm: the corrected p, if the verdict must say where correction undoes it.
+        p_holm: the p value after Holm's correction, if the verdict must add that it is no longer significant.
     """
     if math.isnan(p):
         return ""
@@ -87,7 +86,7 @@ def state_verdict(difference: float, p: float, first: str, second: str, *, p_hol
 
 
 def state_p(p: float, smallest_p: float) -> str:
-    """State a p, and whether it is the smallest that so few participants or teams can come to."""
+    """State a p value, and whether it is the smallest that a test with so few participants or teams can yield."""
     words = f"p {format_p_value(p)}"
     if smallest_p >= _SMALLEST_SHOWN and math.isclose(p, smallest_p):
         return f"{words}, the smallest possible with so few"
@@ -104,7 +103,7 @@ def state_interval(interval: tuple[float, float], *, is_log: bool) -> str:
 
 
 def _count_units(comparison: GroupComparison, team_units: Mapping[str, str]) -> str:
-    """Write how many teams or participants the two groups have."""
+    """State how many teams or participants the two groups have."""
     first, second = (team_units.get(group, "participants") for group in (comparison.first, comparison.second))
     if first == second:
         return f"{comparison.n[0]} and {comparison.n[1]} {second}"
@@ -135,8 +134,8 @@ def paired_statement(comparison: PairedComparison) -> str:
     caveat = ""
     if comparison.smallest_p >= _ALPHA:
         caveat = " So few participants cannot reach p < 0.05, whatever the difference."
-    per = "over" if comparison.is_log else "minus"
-    conditions = f"{comparison.first} {per} {comparison.second}"
+    operator = "over" if comparison.is_log else "minus"
+    conditions = f"{comparison.first} {operator} {comparison.second}"
     if not comparison.second:
         conditions = f"contrast {comparison.first}"
     p = state_p(comparison.p, comparison.smallest_p)
@@ -153,7 +152,7 @@ def paired_statement(comparison: PairedComparison) -> str:
 
 
 def state_contrast_verdict(difference: float, p: float) -> str:
-    """Say in words which side of a contrast is larger, or that no difference is shown; "" without a p."""
+    """State which side of a contrast is larger, or that no difference is shown; "" if p is NaN."""
     if math.isnan(p):
         return ""
     if p >= _ALPHA:
@@ -178,11 +177,11 @@ def equivalence_statement(equivalence: EquivalenceResult, roles: Mapping[str, Ro
 
 def power_statement(power: PowerAnalysis, units: str = "participants") -> str:
     """State in one sentence which differences the sample could detect."""
-    a, b = power.n
+    sizes = f"{power.n[0]} and {power.n[1]} {units}"
     if math.isnan(power.power_for_large):
-        return f"Power: with {a} and {b} {units} no difference between groups can be tested."
+        return f"Power: with {sizes} no difference between groups can be tested."
     return (
-        f"Power: with {a} and {b} {units} a two-sided t test at 5 %, before any correction, detects a "
+        f"Power: with {sizes} a two-sided t test at 5 %, before any correction, detects a "
         f"difference of 0.8 standard deviations with a power of {100 * power.power_for_large:.0f} %; a power of 80 % "
         f"needs one of {power.detectable_g:.2f} standard deviations, or {power.needed_for_large} {units} per "
         f"group for one of 0.8."

@@ -33,6 +33,7 @@ CURVES = (
     ("playing_s", "playing time (s)", (0.0, math.inf)),
 )
 _LONG_PARENTHESIS = 12  # characters
+_TITLE_WIDTH = 110  # characters of a line in the title of a wide figure
 _AXIS = {
     "log_excess_steps": "log of excess steps",
     "reward": "reward",
@@ -89,7 +90,7 @@ def draw_estimates(
             groups,
             differences,
             measure=_shorten(label),
-            title=name_measure(label, block.block, width=110),
+            title=name_measure(label, block.block, width=_TITLE_WIDTH),
             limits=_find_limits(measure, rows[measure]),
             unit=_name_unit(block),
             are_ratios=are_ratios,
@@ -103,7 +104,7 @@ def draw_estimates(
 
 
 def _describe_differences(*, n: int, are_ratios: bool) -> str:
-    """Return what panel B of a block's figure shows, as its caption has it."""
+    """Return the words for what panel B of a block's figure shows: ``n`` differences or ratios with intervals."""
     name, averages = "difference", "means"
     if are_ratios:
         name, averages = "ratio", "geometric means"
@@ -131,9 +132,9 @@ def draw_interaction(interaction: InteractionResults, out: Path, condition_label
         "design_cells.cells_figure",
         groups,
         interaction.conditions,
-        [*map(_find_difference, interaction.headline)],
+        [*map(_convert_to_difference, interaction.headline)],
         measure=_shorten(label),
-        title=name_measure(label, width=110),
+        title=name_measure(label, width=_TITLE_WIDTH),
         condition=condition_label,
         level="ratio of ratios" if is_log else "difference of contrast scores",
         are_ratios=is_log,
@@ -148,14 +149,15 @@ def draw_interaction(interaction: InteractionResults, out: Path, condition_label
     return ReportFigure("", png, caption)
 
 
-def _find_difference(compared: ContrastComparison) -> Difference:
+def _convert_to_difference(compared: ContrastComparison) -> Difference:
+    """Return the difference that a figure draws for a comparison of two groups on a contrast."""
     groups = compared.groups
     pair = format_pair(groups.first, groups.second, is_log=groups.is_log)
     return Difference(name_contrast(compared), pair, groups.difference, groups.interval)
 
 
 def _name_unit(block: BlockResults) -> str:
-    """Return what a dot of a block's figure stands for."""
+    """Return the noun for what a dot in a block's figure represents."""
     if not block.teams:
         return "participant"
     if all(group in block.team_units for group in block.groups["group"]):
@@ -178,7 +180,7 @@ def draw_conditions(within: WithinResults, out: Path) -> ReportFigure:
         within.conditions,
         differences,
         measure=_shorten(label),
-        title=name_measure(label, width=110),
+        title=name_measure(label, width=_TITLE_WIDTH),
         condition=within.label,
         level="ratio within participants" if is_log else "difference within participants",
         are_ratios=is_log,
@@ -269,7 +271,10 @@ def draw_learning_curves(
 
 
 def _average_members(episodes: pd.DataFrame, teams: pd.DataFrame | None) -> pd.DataFrame:
-    """Replace the members of each team by the team, with the means of their last attempts at each episode."""
+    """Return a row per episode of each team with the means over its members, and of each participant without a team.
+
+    Of several attempts of a participant at an episode, the last counts.
+    """
     if teams is None or teams.empty or episodes.empty:
         return episodes
     keys = ["group", "participant", "session", "block", "episode_in_block"]
@@ -279,7 +284,7 @@ def _average_members(episodes: pd.DataFrame, teams: pd.DataFrame | None) -> pd.D
 
 
 def _describe_curves(*, has_lines: bool) -> str:
-    """Return what a figure of learning curves draws, as its caption has it."""
+    """Return the words for what a figure of learning curves draws; ``has_lines`` if it has a line per participant."""
     if has_lines:
         return "mean, 95 % interval; thin lines: participants"
     return "mean, 95 % interval"
@@ -355,21 +360,24 @@ def draw_waiting_times(results: Results, out: Path) -> Iterator[ReportFigure]:
 
 
 def draw_paths(tables: Tables, out: Path, *, has_practice: bool = False) -> Iterator[ReportFigure]:
-    """Draw the paths of one session per group, the one with the most blocks, practice included."""
+    """Draw the paths of one session per group: of those with the most blocks, the first; practice is included.
+
+    ``has_practice`` adds to the caption that the figure includes practice.
+    """
     examples: dict[str, CachedSession] = {}
     for candidate in sorted(tables.sessions, key=lambda session: -session.blocks):
         if candidate.blocks and candidate.outline is not None:
             examples.setdefault(candidate.outline.group, candidate)
-    several_sessions = len({candidate.outline.session for candidate in tables.sessions if candidate.outline}) > 1
+    has_several_sessions = len({candidate.outline.session for candidate in tables.sessions if candidate.outline}) > 1
     for group, example in sorted(examples.items()):
         session = tables.read_session(example).session
         if not any(episode.start.map for episode in session.episodes):  # trials, for instance
             continue
         png, _ = draw_figure_files(out / f"paths_{group}", "path_figures.blocks_figure", group_by_block(session))
         participant = session.plan.participant.id
-        day = f" in session {session.plan.session}" if several_sessions else ""
+        session_note = f" in session {session.plan.session}" if has_several_sessions else ""
         caption = (
-            f"Paths of {participant} (group {group}), the first participant with the most blocks{day}"
+            f"Paths of {participant} (group {group}), the first participant with the most blocks{session_note}"
             f"{'; practice is included' if has_practice else ''}."
         )
         yield ReportFigure("", png, caption)

@@ -63,14 +63,15 @@ class AnswerScore(StudyMeasure):
         self.label = f"answer to {argument}"
 
     def compute(self, tables: Tables) -> pd.DataFrame:
-        """Return the mean of the last answers each time the questions were asked."""
+        """Return the mean of the last answers per session or, if a session asked several times, per block before."""
         answers = tables["answers"]
         answers = answers[(answers["questions"] == self.questions) & answers["number"].notna()]
         if self.item:
             answers = answers[answers["item"] == self.item]
         answers = answers.drop_duplicates(["participant", "session", "part", "item"], keep="last")
         scores = answers.groupby(["participant", "session", "part"])["number"].mean().rename("value").reset_index()
-        if scores.groupby(["participant", "session"]).size().max() != 1:
+        is_asked_repeatedly = scores.groupby(["participant", "session"]).size().max() != 1
+        if is_asked_repeatedly:
             last = name_last_blocks(scores, tables["parts"], tables["blocks"]["block"].unique())
             scores = last[["participant", "session", "block", "value"]]
         return scores
@@ -137,11 +138,12 @@ class InfoAtEnd(StudyMeasure):
     def compute(self, tables: Tables) -> pd.DataFrame:
         """Return a row for each episode after which the key held a number."""
         episodes = tables["episodes"]
-        values = episodes["info_at_end"].map(self._read, na_action="ignore")
+        values = episodes["info_at_end"].map(self._read_number, na_action="ignore")
         rows = episodes.assign(value=pd.to_numeric(values, errors="coerce"))
         return rows.loc[rows["value"].notna(), ["participant", "session", "block", "value"]]
 
-    def _read(self, text: str) -> float | None:
+    def _read_number(self, text: str) -> float | None:
+        """Return the number under the key in an info object, given as JSON; None if there is none."""
         info = json.loads(text or "{}")
         number = info.get(self.key)
         return float(number) if isinstance(number, bool | int | float) else None
@@ -215,7 +217,7 @@ def load_trial_measures() -> dict[str, str]:
 
 
 def load_trial_formulas() -> dict[str, str]:
-    """Return how trial measures are computed, by name, where their kind has ``FORMULAS`` beside the labels."""
+    """Return the formulas of trial measures, by name, from the activity kinds that define ``FORMULAS``."""
     formulas: dict[str, str] = {}
     for module, _ in _list_trial_measure_sources():
         formulas |= getattr(import_module(module), "FORMULAS", {})

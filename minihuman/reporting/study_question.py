@@ -31,14 +31,14 @@ def ask_question(
         is_log = any(compared.groups.is_log for compared in interaction.headline)
         differences = f"{'ratios of' if is_log else 'differences in'} {measure} between {conditions}"
         return f"{own_question}Asked: whether {differences} depend on the group ({groups})."
-    comparisons = ", and ".join(_list_compared(results))
+    comparisons = ", and ".join(_phrase_comparisons(results))
     if not comparisons:
         return own_question + _explain_no_comparison(results, design)
     return f"{own_question}Asked: differences in {measure} {comparisons}."
 
 
-def _list_compared(results: Results) -> Iterator[str]:
-    """Yield a phrase for the groups and one for the conditions that the study compares, as far as it has them."""
+def _phrase_comparisons(results: Results) -> Iterator[str]:
+    """Yield a phrase for the groups that the study compares, if any, and one for the conditions."""
     if results.target_block is not None:
         groups = results.target_block.groups["group"].tolist()
         if len(groups) > 1:
@@ -59,7 +59,7 @@ def _explain_no_comparison(results: Results, design: ExperimentDesign | None) ->
     """Explain why nothing is compared: the plan has one group, or too few participants are included."""
     if not results.included[0]:
         return "Nobody is included: nothing is compared."
-    planned_groups: Sequence[str] = results.order  # those who were excluded too
+    planned_groups: Sequence[str] = results.order  # including groups whose participants are all excluded
     if design is not None and design.levels("group"):
         planned_groups = design.levels("group")
     if len(planned_groups) < 2:

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
 _MOST_ROWS = 60  # a longer table is collapsed
 _MOST_SHOWN = 2_000  # rows on the page: browsers take seconds for more; the table files have all
+_EXACT_DECIMALS = 12  # further ones are rounding errors, which depend on the order in which a mean was summed
 
 
 class AnswerCounts(NamedTuple):
@@ -79,28 +80,28 @@ def to_records(frame: "pd.DataFrame") -> list[dict[str, Any]]:
 
 
 def format_mean_sd(mean: float, sd: float) -> str:
-    """Format a mean, followed by the standard deviation if it is known."""
+    """Format a mean, followed by the standard deviation in parentheses unless it is NaN."""
     if math.isnan(sd):
         return format_number(mean)
     return f"{format_number(mean)} ({format_number(sd)})"
 
 
 def format_number(value: float, digits: int = 3, *, sign: str = "-") -> str:
-    """Format a number with ``digits`` decimals, less one for each digit before the point unless that is a 0.
+    """Format a number with ``digits`` decimals, less one for each digit before the point; "n/a" for NaN.
 
-    ``sign`` is "-" to show only minus signs, or "+" to show a plus, too.
+    A 0 before the point is not counted. ``sign`` is "-" to show only minus signs, or "+" to show plus signs as well.
     """
     if math.isnan(value):
         return "n/a"
-    value = round(value, 12)  # the same mean, summed in another order, is written alike
-    before = 0
+    value = round(value, _EXACT_DECIMALS)
+    n_integer_digits = 0
     if abs(value) >= 1:
-        before = len(f"{int(abs(value))}")
-    return f"{value:{sign}.{max(digits - before, 0)}f}".replace("-", "\N{MINUS SIGN}")
+        n_integer_digits = len(f"{int(abs(value))}")
+    return f"{value:{sign}.{max(digits - n_integer_digits, 0)}f}".replace("-", "\N{MINUS SIGN}")
 
 
 def format_interval(bounds: tuple[float, float], digits: int = 3, *, sign: str = "-") -> str:
-    """Format an interval as "low to high"."""
+    """Format an interval as "low to high"; "n/a" if its bounds are NaN."""
     low, high = (format_number(bound, digits, sign=sign) for bound in bounds)
     if math.isnan(bounds[0]):
         return "n/a"
@@ -131,7 +132,7 @@ def format_difference(
 
 
 def format_p_value(value: float) -> str:
-    """Format a p value with three decimals, or as "< 0.001"."""
+    """Format a p value with three decimals or as "< 0.001"; "n/a" for NaN."""
     if math.isnan(value):
         return "n/a"
     if value < 0.001:
@@ -140,9 +141,9 @@ def format_p_value(value: float) -> str:
 
 
 def format_pair(first: str, second: str, *, is_log: bool = False) -> str:
-    """Format a difference of two groups or conditions, or the name of a contrast, which has no second one.
+    """Format two groups or conditions as a difference, or as a ratio if ``is_log``.
 
-    Of logarithms (``is_log``) the difference is written as a ratio.
+    If ``second`` is "", ``first`` is the name of a contrast, which is returned unchanged.
     """
     if not second:
         return first
@@ -170,7 +171,7 @@ def render_template(name: str, context: Mapping[str, Any], templates: Path | Non
     package = PackageLoader("minihuman.reporting", "templates")
     loaders = [package, PrefixLoader({"minihuman": package})]
     if templates is not None:
-        if not any((templates / own).is_file() for own in (REPORT, STYLE)):
+        if not any((templates / file_name).is_file() for file_name in (REPORT, STYLE)):
             raise ReportError(f"{templates} contains neither {REPORT} nor {STYLE}; name a folder with one of them")
         loaders.insert(0, FileSystemLoader(templates))
     environment = SandboxedEnvironment(

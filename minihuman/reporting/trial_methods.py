@@ -27,11 +27,12 @@ def describe_stimuli(spec: BlockSpec | None) -> str:
         table = f"a table of {len(stimuli.rows)} rows"
     if stimuli.order == "fixed":
         return f"{table}, in its order"
-    more = []
+    constraints = []
     if stimuli.balanced_by:
-        more.append(f"balanced by {' and '.join(stimuli.balanced_by)}")
-    more += [f"at most {most} trials with the same {column} in a row" for column, most in stimuli.max_run.items()]
-    return ", ".join([f"{table}, in an order drawn for each participant", *more])
+        constraints.append(f"balanced by {' and '.join(stimuli.balanced_by)}")
+    for column, longest_run in stimuli.max_run.items():
+        constraints.append(f"at most {longest_run} trials with the same {column} in a row")
+    return ", ".join([f"{table}, in an order drawn for each participant", *constraints])
 
 
 def list_shared_options(plan: EpisodePlan, spec: BlockSpec | None) -> dict[str, object]:
@@ -55,6 +56,7 @@ def describe_trials(plan: EpisodePlan, spec: BlockSpec | None) -> str:
 
 
 def _count_trials(plan: EpisodePlan, spec: BlockSpec | None) -> str:
+    """State the number of trials, and the criterion that can end the block earlier."""
     count = plan.episodes_in_block
     criterion = None if spec is None else spec.stop_criterion
     if criterion is None:
@@ -78,6 +80,7 @@ def _describe_clock(plan: EpisodePlan, spec: BlockSpec | None) -> Iterator[str]:
 
 
 def _describe_waits(spec: BlockSpec) -> Iterator[str]:
+    """Yield what was shown between two trials, in order: an empty screen and a fixation cross."""
     interval = spec.inter_trial_interval_ms
     if isinstance(interval, tuple):
         yield f"an empty screen for {interval[0]:g} to {interval[1]:g} ms (drawn)"

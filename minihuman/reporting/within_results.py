@@ -36,7 +36,7 @@ class WithinResults:
     @property
     def measure(self) -> str:
         """Return the primary measure, or the first measure that has values."""
-        return next(iter(sorted(self.roles, key=lambda name: self.roles[name] != "primary")), "")
+        return _find_main_measure(self.roles)
 
     @property
     def headline(self) -> tuple[PairedComparison, ...]:
@@ -44,8 +44,13 @@ class WithinResults:
         return tuple(comparison for comparison in self.comparisons if comparison.measure == self.measure)
 
 
+def _find_main_measure(roles: Mapping[str, Role]) -> str:
+    """Return the primary measure, or the first measure; "" if there is none."""
+    return min(roles, key=lambda name: roles[name] != "primary", default="")
+
+
 def unite_teams(rows: pd.DataFrame, teams: pd.DataFrame | None) -> pd.DataFrame:
-    """Replace the members of a team by the team, in the rows of blocks that people played together."""
+    """Return the rows with the members of each team replaced by the team, in blocks that people played together."""
     if teams is None or teams.empty:
         return rows
     parts = [
@@ -58,11 +63,11 @@ def unite_teams(rows: pd.DataFrame, teams: pd.DataFrame | None) -> pd.DataFrame:
 def name_conditions(
     rows: pd.DataFrame, analysis: AnalysisSpec, design: ExperimentDesign
 ) -> tuple[pd.DataFrame, AnalysisSpec]:
-    """Replace each block by its condition, in the rows and in the analysis."""
+    """Return the rows and the analysis with each block replaced by its condition, if the design has conditions."""
     if not design.conditions:
         return rows, analysis
-    named = rows.assign(block=rows["block"].replace(dict(design.condition_of_block)))
-    return named, msgspec.structs.replace(analysis, conditions=design.conditions)
+    condition_rows = rows.assign(block=rows["block"].replace(dict(design.condition_of_block)))
+    return condition_rows, msgspec.structs.replace(analysis, conditions=design.conditions)
 
 
 def compare_within(
@@ -70,19 +75,24 @@ def compare_within(
 ) -> WithinResults | None:
     """Compare the protocol's conditions within participants; None if it names none.
 
-    The contrasts that the protocol states are tested in place of every two conditions.
+    The measures are the primary and the secondary ones or, if the protocol names none, all that have values; p values
+    are corrected within each role (Holm). A participant's value in a condition is the mean over sessions.
 
-    The measures are the primary and the secondary ones, corrected within each role (Holm), or else all that have
-    values. A participant's value in a condition is the mean over sessions. Effects of position and carry-over are
-    tested in the order of the first session, unless ``has_order`` is false because conditions alternate in a block.
+    Args:
+        rows: the included rows of the table of blocks, with the condition in the column ``block``.
+        analysis: the planned analysis, which names the conditions and the measures.
+        contrasts: the contrasts to test; without them, each pair of conditions is compared.
+        has_order: whether to test effects of position and carry-over, in the order of the first session. False if
+            conditions alternate within a block.
     """
     if not analysis.conditions:
         return None
     rows = rows.reset_index(drop=True)
-    place = rows.groupby(["participant", "session"], sort=False).cumcount()
-    condition_rows = rows.assign(place=place)[rows["block"].isin(analysis.conditions)]
-    named = [name for name in (analysis.primary_measure, *analysis.secondary_measures) if name]
-    measured = [name for name in named or list_default_measures(condition_rows) if condition_rows[name].notna().any()]
+    positions = rows.groupby(["participant", "session"], sort=False).cumcount()
+    condition_rows = rows.assign(place=positions)[rows["block"].isin(analysis.conditions)]
+    named_measures = [name for name in (analysis.primary_measure, *analysis.secondary_measures) if name]
+    candidates = named_measures or list_default_measures(condition_rows)
+    measured = [name for name in candidates if condition_rows[name].notna().any()]
     scaled, logs = take_logarithms(condition_rows, measured)
     roles = assign_roles(measured, analysis)
     tables = {
@@ -104,10 +114,10 @@ def compare_within(
 
 def _tabulate_cells(rows: pd.DataFrame, roles: Mapping[str, Role], analysis: AnalysisSpec) -> pd.DataFrame:
     """Tabulate the primary measure, or the first one, with a row per participant and a column per condition."""
-    first = next(iter(sorted(roles, key=lambda name: roles[name] != "primary")), "")
-    if not first:
+    measure = _find_main_measure(roles)
+    if not measure:
         return pd.DataFrame(columns=list(analysis.conditions), dtype=float)
-    return rows.pivot_table(first, "participant", "block").reindex(columns=list(analysis.conditions))
+    return rows.pivot_table(measure, "participant", "block").reindex(columns=list(analysis.conditions))
 
 
 def _test_order_effects(scaled: pd.DataFrame, measures: Sequence[str]) -> tuple[CrossoverTerm, ...]:
@@ -138,22 +148,25 @@ def compare_labels(
         episodes: the included episodes.
         analysis: the planned analysis, which names the label and the measures.
         trial_levels: the measures of trials, with a row per participant, session, block, label and level.
-        contrasts: those that the protocol states; without them every two levels are compared.
+        contrasts: the contrasts to test; without them, each pair of levels is compared.
+
+    Returns:
+        The results; None if the episodes have fewer than two levels of the label.
     """
     label = analysis.condition_label
     measured = measure_levels(episodes, label, trial_levels)
     conditions = tuple(sorted(measured["block"].unique()))
     if len(conditions) < 2:
         return None
-    of_levels = msgspec.structs.replace(select_measures(analysis, measured), conditions=conditions)
-    within = compare_within(measured, of_levels, contrasts, has_order=False)
+    level_analysis = msgspec.structs.replace(select_measures(analysis, measured), conditions=conditions)
+    within = compare_within(measured, level_analysis, contrasts, has_order=False)
     if within is None:
         return None
     return replace(within, label=label)
 
 
 def select_measures(analysis: AnalysisSpec, rows: pd.DataFrame) -> AnalysisSpec:
-    """Return an analysis of the planned measures that rows have; those of whole blocks are left out."""
+    """Return an analysis of only those planned measures that are columns of the rows."""
     primary_measure = ""
     if analysis.primary_measure in rows:
         primary_measure = analysis.primary_measure
@@ -175,10 +188,11 @@ def measure_levels(episodes: pd.DataFrame, label: str, trial_levels: pd.DataFram
     )
     measured = values.reindex(columns=list(MEASURES)).reset_index()
     if trial_levels is not None:
-        of_label = trial_levels[trial_levels["label"].eq(label)].drop(columns=["block"])
-        named = {name: f"trials:{name}" for name in load_trial_measures()}
+        label_rows = trial_levels[trial_levels["label"].eq(label)].drop(columns=["block"])
+        names = {name: f"trials:{name}" for name in load_trial_measures()}
+        label_rows = label_rows.rename(columns={"level": "block", **names})
         trial_keys = keys[1:]
-        means = of_label.rename(columns={"level": "block", **named}).groupby(trial_keys)[list(named.values())].mean()
+        means = label_rows.groupby(trial_keys)[list(names.values())].mean()
         measured = measured.merge(means.reset_index(), on=trial_keys, how="left")
     return measured
 

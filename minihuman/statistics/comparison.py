@@ -80,18 +80,18 @@ def compare_groups(
         for group in groups
         for measure in measures
     }
-    pairs = [(measure, a, b) for measure in measures for a, b in combinations(groups, 2)]
-    tests = permutation_tests([(values[a, measure], values[b, measure]) for measure, a, b in pairs])
+    pairs = [(measure, first, second) for measure in measures for first, second in combinations(groups, 2)]
+    tests = permutation_tests([(values[first, measure], values[second, measure]) for measure, first, second in pairs])
     comparisons = [
         compare_pair(
             measure,
-            (a, values[a, measure]),
-            (b, values[b, measure]),
+            (first, values[first, measure]),
+            (second, values[second, measure]),
             test,
             is_log=measure in log_measures,
             intervals=intervals,
         )
-        for (measure, a, b), test in zip(pairs, tests, strict=True)
+        for (measure, first, second), test in zip(pairs, tests, strict=True)
     ]
     return correct_comparisons(comparisons)
 
@@ -107,8 +107,8 @@ def compare_pair(
 ) -> GroupComparison:
     """Compare two groups on one measure.
 
-    Each group is its name and its values, one per participant. ``test`` is None if a group has fewer than two
-    participants.
+    Each group is its name and its values, one per participant. ``test`` is None if it cannot be made, as with a single
+    participant. ``intervals`` says whether to compute the interval and the effect size.
     """
     first_name, a = first
     second_name, b = second
@@ -175,10 +175,12 @@ def _add_interval(
         return replace(comparison, reason=ALL_ALIKE)
     comparison = replace(comparison, interval=test.interval())
     if min(spreads) == 0:
-        constant = 0 if spreads[0] == 0 else 1
-        name = (comparison.first, comparison.second)[constant]
-        at = comparison.means[constant]
-        return replace(comparison, reason=f"everybody in {name} is at {at:g}: no standardised difference")
+        name = comparison.first
+        constant, _ = comparison.means
+        if spreads[0] != 0:
+            name = comparison.second
+            _, constant = comparison.means
+        return replace(comparison, reason=f"everybody in {name} is at {constant:g}: no standardised difference")
     if min(comparison.n) < LEAST_ESTIMATED:
         reason = f"{_describe_smaller(comparison)}: an interval needs {LEAST_ESTIMATED} per group"
         return replace(comparison, reason=reason)
@@ -196,14 +198,19 @@ def standardise(a: Values, b: Values, interval: tuple[float, float]) -> tuple[fl
     The standardiser does not assume equal variances. The interval combines the uncertainty of the difference, taken
     from ``interval``, with that of the SD, from a chi-square distribution with Satterthwaite's degrees of freedom (Zou
     and Donner, 2008). It contains 0 exactly where the interval of the difference does.
+
+    Args:
+        a: the values of the first group, at least two that vary.
+        b: the values of the second group.
+        interval: the 95 % interval of the difference of means.
     """
     variances = np.array([a.var(ddof=1), b.var(ddof=1)])
     freedom = float(variances.sum() ** 2 / (variances**2 / (len(a) - 1, len(b) - 1)).sum())
-    inverse = (1 - 3 / (4 * freedom - 1)) / math.sqrt(float(variances.mean()))
-    least, most = inverse * np.sqrt(scipy.special.chdtri(freedom, (0.975, 0.025)) / freedom)
+    inverse = (1 - 3 / (4 * freedom - 1)) / math.sqrt(float(variances.mean()))  # with Hedges' correction of the bias
+    least, most = inverse * np.sqrt(scipy.special.chdtri(freedom, (0.975, 0.025)) / freedom)  # its 95 % interval
     difference = float(a.mean() - b.mean())
     sign = 1 if difference >= 0 else -1
-    near, far = sorted((sign * interval[0], sign * interval[1]))
+    near, far = sorted((sign * interval[0], sign * interval[1]))  # the bounds for a difference that is not negative
     middle = abs(difference) * inverse
     low = near * inverse
     if near > 0:
@@ -226,11 +233,11 @@ def correct_comparisons(comparisons: Sequence[GroupComparison]) -> tuple[GroupCo
 def holm_correction(ps: Sequence[float]) -> list[float]:
     """Return p values corrected for their number (Holm, 1979); NaN stays NaN and is not counted."""
     corrected = [math.nan] * len(ps)
-    known = sorted((p, place) for place, p in enumerate(ps) if not math.isnan(p))
+    sorted_ps = sorted((p, index) for index, p in enumerate(ps) if not math.isnan(p))
     largest = 0.0
-    for rank, (p, place) in enumerate(known):
-        largest = max(largest, min(1.0, p * (len(known) - rank)))
-        corrected[place] = largest
+    for rank, (p, index) in enumerate(sorted_ps):
+        largest = max(largest, min(1.0, p * (len(sorted_ps) - rank)))
+        corrected[index] = largest
     return corrected
 
 

@@ -11,8 +11,8 @@ import scipy
 from minihuman.statistics.permutation import ALPHA
 from minihuman.statistics.t_tests import Values
 
-_LARGEST = 1e7  # noncentrality
-_NEAR = 1e-6
+_LARGEST = 1e7  # noncentrality at which the search stops
+_NEAR = 1e-6  # tolerance of the noncentrality
 _LEAST_FREEDOM = 2.0  # residual degrees of freedom, below which F has no mean
 
 
@@ -32,8 +32,11 @@ NO_EFFECT_SIZE = ExplainedVariance(math.nan, (math.nan, math.nan))
 
 
 def find_critical_statistic(permuted: Values) -> float:
-    """Return the statistic that must be exceeded for p < 0.05, from the permuted ones without the observed one."""
-    rank = math.ceil(ALPHA * (len(permuted) + 1)) - 2
+    """Return the statistic that must be exceeded for p < 0.05; infinity if there are too few permutations for that.
+
+    ``permuted`` are the statistics of the permutations, without the observed one.
+    """
+    rank = math.ceil(ALPHA * (len(permuted) + 1)) - 2  # from 0; the observed statistic counts among those as large
     if rank < 0:
         return math.inf
     return float(sorted(permuted, reverse=True)[rank])
@@ -49,6 +52,9 @@ def estimate_explained_variance(
         critical: the statistic at which p is 0.05, which need not be that of F
         freedom: the degrees of freedom of the effect and the residual ones
         n: the number of participants, or of values where the effect lies within participants
+
+    Returns:
+        The estimate and its interval; NaN if p cannot reach 0.05 or there are too few residual degrees of freedom.
     """
     effect, residual = freedom
     if not 0 < critical < math.inf or residual <= _LEAST_FREEDOM:
@@ -56,12 +62,15 @@ def estimate_explained_variance(
     f = statistic / critical * float(scipy.special.fdtri(effect, residual, 1 - ALPHA))
     noncentrality = max(0.0, f * effect * (residual - 2) / residual - effect)
     low, high = (_find_noncentrality(f, freedom, probability) for probability in (1 - ALPHA, ALPHA))
-    estimate, least, most = (share / (share + n) for share in (noncentrality, low, high))
-    return ExplainedVariance(estimate, (least, most))
+    estimate, lower_bound, upper_bound = (ratio / (ratio + n) for ratio in (noncentrality, low, high))
+    return ExplainedVariance(estimate, (lower_bound, upper_bound))
 
 
 def _find_noncentrality(f: float, freedom: tuple[float, float], probability: float) -> float:
-    """Return the noncentrality at which F is below ``f`` with a probability; 0 if it is so less often at 0."""
+    """Return the noncentrality at which F is below ``f`` with the given probability.
+
+    It is 0 if even the central F is below ``f`` with a smaller probability, and at most ``_LARGEST``.
+    """
 
     def surplus(noncentrality: float) -> float:
         return float(scipy.special.ncfdtr(*freedom, noncentrality, f)) - probability

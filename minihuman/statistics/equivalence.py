@@ -33,6 +33,11 @@ def check_equivalence(a: Values, b: Values, bounds: tuple[float, float]) -> Equi
     group sizes. By Welch's t alone, groups of 2 and 18 whose difference is at the margin are called equivalent in 9 %
     of studies.
 
+    Args:
+        a: the values of the first group, one per participant
+        b: the values of the second group
+        bounds: the smallest and the largest difference, first minus second, that count as equivalent
+
     Raises:
         ValueError: if the lower bound is not below 0 or the upper bound is not above 0.
     """
@@ -59,7 +64,7 @@ def _one_sided_p(test: PermutationTest, bound: float, *, sign: int) -> float:
         bound: the bound
         sign: 1 if the difference is expected above the bound, -1 below
     """
-    half = test.p(bound) / 2
+    half_p = test.p(bound) / 2
     if sign * (test.difference - bound) > 0:
-        return half
-    return 1 - half
+        return half_p
+    return 1 - half_p

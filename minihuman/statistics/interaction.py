@@ -94,7 +94,7 @@ class _LowerLimit:
 
 
 def _find_lower_limit(scores: Sequence[Values], observed: float, scale: float) -> tuple[_LowerLimit, float]:
-    """Return the lower limit of p, and the residual degrees of freedom of F that the statistic is close to."""
+    """Return the lower limit of p, and the residual degrees of freedom of the F distribution near the statistic's."""
     if len(scores) == 2:
         return _approximate_p(scores, observed)
     return _bootstrap_p(scores, observed, scale), _approximate_freedom(scores)
@@ -142,9 +142,9 @@ def _compute_wald(scores: Values, n: Sequence[int], scale: float) -> Values:
         mean = group.mean(axis=1)
         centred = group - mean[:, None, :]
         covariance = centred.swapaxes(1, 2) @ centred / (people * (people - 1))
-        lost = np.linalg.eigvalsh(covariance)[:, 0] * people <= _SINGULAR * scale
-        covariance[lost] = np.eye(covariance.shape[1])
-        is_singular |= lost
+        is_group_singular = np.linalg.eigvalsh(covariance)[:, 0] * people <= _SINGULAR * scale
+        covariance[is_group_singular] = np.eye(covariance.shape[1])  # any that can be inverted
+        is_singular |= is_group_singular
         means.append(mean)
         weights.append(np.linalg.inv(covariance))
     common = np.linalg.solve(
@@ -152,15 +152,16 @@ def _compute_wald(scores: Values, n: Sequence[int], scale: float) -> Values:
     )[:, :, 0]
     wald = np.zeros(len(scores))
     for mean, weight in zip(means, weights, strict=True):
-        apart = mean - common
-        wald += np.einsum("bi,bij,bj->b", apart, weight, apart)
+        deviation = mean - common
+        wald += np.einsum("bi,bij,bj->b", deviation, weight, deviation)
     return np.where(is_singular, np.inf, wald)
 
 
 def _approximate_p(scores: Sequence[Values], observed: float) -> tuple[_LowerLimit, float]:
-    """Return the p of Hotelling's T squared for two groups with unequal covariances, and its residual freedom.
+    """Approximate the p of Hotelling's T squared for two groups with unequal covariances by F.
 
-    It is the F approximation of Krishnamoorthy and Yu (2004).
+    The approximation is that of Krishnamoorthy and Yu (2004). Return the lower limit of p, and the residual degrees of
+    freedom of F.
     """
     errors = [np.atleast_2d(np.cov(group, rowvar=False)) / len(group) for group in scores]
     inverse = np.linalg.inv(sum(errors))
@@ -190,21 +191,21 @@ def _approximate_freedom(scores: Sequence[Values]) -> float:
 
 
 def _bootstrap_p(scores: Sequence[Values], observed: float, scale: float) -> _LowerLimit:
-    """Return the p of a parametric bootstrap.
+    """Return the lower limit of p from a parametric bootstrap.
 
-    It is the share of samples with a statistic of at least ``observed``, drawn from normal distributions with the
+    The p is the share of samples with a statistic of at least ``observed``, drawn from normal distributions with the
     groups' covariances and equal means.
     """
     n = [len(group) for group in scores]
     factors = [np.linalg.cholesky(np.atleast_2d(np.cov(group, rowvar=False))) for group in scores]
     rng = np.random.default_rng(SEED)
-    drawn = []
+    batches = []
     for count in _split_resamples(sum(map(len, scores)) * scores[0].shape[1]):
         samples = [
             rng.standard_normal((count, people, len(factor))) @ factor.T
             for people, factor in zip(n, factors, strict=True)
         ]
-        drawn.append(_compute_wald(np.concatenate(samples, axis=1), n, scale))
-    wald = np.concatenate(drawn)
+        batches.append(_compute_wald(np.concatenate(samples, axis=1), n, scale))
+    wald = np.concatenate(batches)
     p = (int(np.count_nonzero(wald >= observed)) + 1) / (RESAMPLES + 1)
     return _LowerLimit(p, find_critical_statistic(wald))

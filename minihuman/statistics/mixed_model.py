@@ -24,6 +24,7 @@ class MixedModel:
 
 # The gain in log-likelihood above which a part of a mixed model is kept: programs do not stop at the same last digits.
 MIN_GAIN = 1e-3
+_Fit = tuple[float, Values, Values]  # the log-likelihood, the estimates, and their standard errors
 _MAX_RATIO = 1e3  # the largest SD between people over the residual SD; above half of it, the likelihood has no maximum
 
 
@@ -43,23 +44,23 @@ def fit_mixed_model(rows: pd.DataFrame, measure: str, groups: Sequence[str]) -> 
     Returns:
         The model; None if there are fewer than two degrees of freedom.
     """
-    known = rows[rows["group"].isin(groups)].dropna(subset=[measure]).sort_values("participant", kind="stable")
+    valid = rows[rows["group"].isin(groups)].dropna(subset=[measure]).sort_values("participant", kind="stable")
     *other_groups, reference = groups
-    begins = np.flatnonzero(~known["participant"].duplicated())
+    begins = np.flatnonzero(~valid["participant"].duplicated())
     people = len(begins)
     freedom = people - len(groups)
     if freedom < 2:
         return None
-    at = (known["episode_in_block"] - known["episode_in_block"].mean()).to_numpy(float)
-    shares = np.column_stack([np.ones(len(at)), *((known["group"] == group).to_numpy(float) for group in other_groups)])
-    design = np.column_stack([shares, shares * at[:, None], known[measure].to_numpy(float)])
+    at = (valid["episode_in_block"] - valid["episode_in_block"].mean()).to_numpy(float)
+    shares = np.column_stack([np.ones(len(at)), *((valid["group"] == group).to_numpy(float) for group in other_groups)])
+    design = np.column_stack([shares, shares * at[:, None], valid[measure].to_numpy(float)])
     if np.linalg.matrix_rank(design) < design.shape[1]:  # the terms cannot be told apart, or explain everything
         return MixedModel(False, people, ())
-    nothing, level, singular, slopes = (_fit_reml(design, at, begins, free) for free in range(4))
-    chosen = next((fit for fit, less in ((slopes, singular), (level, nothing)) if fit[0] > less[0] + MIN_GAIN), None)
-    if chosen is None:
+    fits = [_fit_reml(design, at, begins, free) for free in range(4)]  # by the number of covariance parameters
+    fit = _choose_fit(fits)
+    if fit is None:
         return MixedModel(False, people, ())
-    _, estimates, errors = chosen
+    _, estimates, errors = fit
     half = scipy.special.stdtrit(freedom, (1 + LEVEL) / 2) * errors
     ps = 2 * scipy.special.stdtr(freedom, -np.abs(estimates / errors))
     ps[0] = math.nan  # a test of a level against 0 means nothing
@@ -68,7 +69,21 @@ def fit_mixed_model(rows: pd.DataFrame, measure: str, groups: Sequence[str]) -> 
         GrowthTerm(name, float(b), (float(b - h), float(b + h)), float(p), people)
         for name, b, h, p in zip(names, estimates, half, ps, strict=True)
     )
-    return MixedModel(chosen is slopes, people, terms)
+    return MixedModel(fit is fits[3], people, terms)
+
+
+def _choose_fit(fits: Sequence[_Fit]) -> _Fit | None:
+    """Return the fit with random slopes and intercepts, or that with intercepts; None if neither gains enough.
+
+    ``fits`` are those of 0 to 3 covariance parameters: no random effects, intercepts, a singular covariance of
+    intercepts and slopes, and any covariance of these.
+    """
+    without_effects, with_intercepts, with_singular_slopes, with_slopes = fits
+    if with_slopes[0] > with_singular_slopes[0] + MIN_GAIN:
+        return with_slopes
+    if with_intercepts[0] > without_effects[0] + MIN_GAIN:
+        return with_intercepts
+    return None
 
 
 def _name_mixed_terms(measure: str, reference: str, other_groups: Sequence[str]) -> list[str]:
@@ -80,7 +95,7 @@ def _name_mixed_terms(measure: str, reference: str, other_groups: Sequence[str])
     return names
 
 
-def _fit_reml(design: Values, at: Values, begins: NDArray[np.int64], free: int) -> tuple[float, Values, Values]:
+def _fit_reml(design: Values, at: Values, begins: NDArray[np.int64], free: int) -> _Fit:
     """Maximise the restricted likelihood of a linear mixed model, profiled as in lme4 (Bates et al., 2015, 3.4).
 
     Args:
@@ -105,10 +120,10 @@ def _fit_reml(design: Values, at: Values, begins: NDArray[np.int64], free: int) 
         first, shared, slope_variance = (*entries, 0.0, 0.0, 0.0)[:3]
         factor = np.array([[first, 0.0], [shared, math.sqrt(slope_variance)]])  # an SD would have a saddle point at 0
         inner = np.eye(2) + factor.T @ among @ factor
-        left = total - np.einsum("kij,kijab->ab", factor @ np.linalg.solve(inner, factor.T[None]), products)
-        terms = left[:-1, :-1]
-        estimates = np.linalg.solve(terms, left[:-1, -1])
-        variance = max((left[-1, -1] - left[-1, :-1] @ estimates) / freedom, np.finfo(float).tiny)
+        reduced = total - np.einsum("kij,kijab->ab", factor @ np.linalg.solve(inner, factor.T[None]), products)
+        terms = reduced[:-1, :-1]
+        estimates = np.linalg.solve(terms, reduced[:-1, -1])
+        variance = max((reduced[-1, -1] - reduced[-1, :-1] @ estimates) / freedom, np.finfo(float).tiny)
         logs = freedom * math.log(variance) + people @ np.linalg.slogdet(inner)[1] + np.linalg.slogdet(terms)[1]
         return float(logs) / 2, estimates, np.sqrt(variance * np.diag(np.linalg.inv(terms)))
 
@@ -129,7 +144,10 @@ def _fit_reml(design: Values, at: Values, begins: NDArray[np.int64], free: int) 
 
 
 def _list_starts(free: int) -> Iterator[tuple[float, ...]]:
-    """Yield where to begin to maximise: a step too long ends at an SD of 0, where the likelihood is always level."""
+    """Yield the parameters at which to start maximising the likelihood, each tuple of length ``free``.
+
+    Several starts are needed because a step that is too long ends at an SD of 0, where the gradient is always 0.
+    """
     for level in (0.5, 0.1, 2.0):
         for shared in (0.1, -0.1)[: min(free, 2)]:
             yield (level, shared, 0.1)[:free]

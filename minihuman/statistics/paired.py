@@ -28,6 +28,7 @@ from minihuman.statistics.t_tests import Values
 _EXHAUSTIVE = 13  # differences, up to which all 2^n sign flips are taken
 _TIES = 1e-9
 _AT_ONCE = 1_000_000  # values permuted at a time
+_SINGULAR = 1e-10  # a singular value below this share of the largest one counts as 0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,7 +44,7 @@ class PairedTest:
     error: float  # of the mean
     sums: Values  # (flips,) of the signed deviations from the mean
     signs: Values  # (flips,) sum of the signs
-    extra: int  # 1 where flips are a random sample: the differences as they were count as one more
+    extra: int  # 1 where flips are a random sample, of which the observed signs count as one; else 0
 
     @property
     def smallest_p(self) -> float:
@@ -57,8 +58,8 @@ class PairedTest:
         d = self.difference - shift
         observed = abs(self.n * d)
         slack = _TIES * (observed + self.error * self.n)
-        as_far = int(np.count_nonzero(np.abs(self.sums + d * self.signs) >= observed - slack))
-        return (as_far + self.extra) / (len(self.sums) + self.extra)
+        n_as_far = int(np.count_nonzero(np.abs(self.sums + d * self.signs) >= observed - slack))
+        return (n_as_far + self.extra) / (len(self.sums) + self.extra)
 
     def interval(self) -> tuple[float, float]:
         """Return the 95 % interval of the mean difference; NaN where no difference could reach p < 0.05."""
@@ -137,10 +138,14 @@ def compare_conditions(
     """
     comparisons = []
     for measure, table in values.items():
-        weights_by_names = {(name, ""): weights for name, weights in contrasts.items()} or {
-            (str(first), str(second)): {str(first): 1.0, str(second): -1.0}
-            for first, second in combinations(table.columns, 2)
-        }
+        weights_by_names: dict[tuple[str, str], Mapping[str, float]]
+        if contrasts:
+            weights_by_names = {(name, ""): weights for name, weights in contrasts.items()}
+        else:
+            weights_by_names = {
+                (str(first), str(second)): {str(first): 1.0, str(second): -1.0}
+                for first, second in combinations(table.columns, 2)
+            }
         for names, weights in weights_by_names.items():
             comparison = _compare_sides(table, weights, measure, names, is_log=measure in log_measures)
             if comparison is not None:
@@ -153,9 +158,9 @@ def _compare_sides(
     table: pd.DataFrame, weights: Mapping[str, float], measure: str, names: tuple[str, str], *, is_log: bool
 ) -> PairedComparison | None:
     """Compare the conditions of positive weight with those of negative weight; None for fewer than two participants."""
-    known = table.reindex(columns=list(weights)).dropna().to_numpy(float)  # a condition may be in no trial
+    complete = table.reindex(columns=list(weights)).dropna().to_numpy(float)  # a condition may be in no trial
     weight = np.array(list(weights.values()))
-    sides = (known @ np.maximum(weight, 0.0), known @ np.maximum(-weight, 0.0))
+    sides = (complete @ np.maximum(weight, 0.0), complete @ np.maximum(-weight, 0.0))
     test = paired_test(sides[0] - sides[1])
     if test is None:
         return None
@@ -191,28 +196,29 @@ def fit_crossover(measure: str, rows: pd.DataFrame) -> tuple[CrossoverTerm, ...]
             2, ...), ``before`` (the condition just before, "" for the first one) and ``value``; participants without a
             value in every condition are omitted
     """
-    known = rows.dropna(subset=["value"])
-    conditions = known["condition"].nunique()
-    has_all_conditions = known.groupby("participant")["value"].transform("size") == conditions
-    known = known[has_all_conditions].sort_values(["participant", "condition"], kind="stable")
-    people = known["participant"].nunique()
-    if conditions < 2 or not _has_enough_orders(known):
+    present = rows.dropna(subset=["value"])
+    conditions = present["condition"].nunique()
+    has_all_conditions = present.groupby("participant")["value"].transform("size") == conditions
+    complete = present[has_all_conditions].sort_values(["participant", "condition"], kind="stable")
+    people = complete["participant"].nunique()
+    if conditions < 2 or not _has_enough_orders(complete):
         return ()
-    dummies = {name: pd.get_dummies(known[name]).to_numpy(float) for name in ("condition", "position")}
-    before = pd.get_dummies(known["before"]).drop(columns="", errors="ignore").to_numpy(float)
+    dummies = {name: pd.get_dummies(complete[name]).to_numpy(float) for name in ("condition", "position")}
+    before = pd.get_dummies(complete["before"]).drop(columns="", errors="ignore").to_numpy(float)
     dummies["carry-over"] = before[:, 1:] - before[:, :1]  # sums to 0: its mean is the effect of not being the first
     centred = {name: _centre_people(columns, people) for name, columns in dummies.items()}
-    value = _centre_people(known["value"].to_numpy(float)[:, None], people)[:, 0]
-    whole = _find_basis(np.column_stack(list(centred.values())))
-    residual_freedom = len(value) - people - whole.shape[1]
-    if residual_freedom < 1 or _sum_residuals(value, whole) <= _TIES * float(value @ value):
+    values = _centre_people(complete["value"].to_numpy(float)[:, None], people)[:, 0]
+    full_basis = _find_basis(np.column_stack(list(centred.values())))
+    residual_freedom = len(values) - people - full_basis.shape[1]
+    if residual_freedom < 1 or _sum_residuals(values, full_basis) <= _TIES * float(values @ values):
         return ()
     terms = []
     for effect in ("position", "carry-over"):
-        other = _find_basis(np.column_stack([columns for name, columns in centred.items() if name != effect]))
-        if whole.shape[1] > other.shape[1]:
-            ratios = _compute_ratios(value, whole, other, people)
-            terms.append(_describe_term(measure, effect, ratios, (whole.shape[1] - other.shape[1], residual_freedom)))
+        reduced_basis = _find_basis(np.column_stack([columns for name, columns in centred.items() if name != effect]))
+        effect_freedom = full_basis.shape[1] - reduced_basis.shape[1]
+        if effect_freedom > 0:
+            ratios = _compute_ratios(values, full_basis, reduced_basis, people)
+            terms.append(_describe_term(measure, effect, ratios, (effect_freedom, residual_freedom)))
     return tuple(terms)
 
 
@@ -224,9 +230,9 @@ def _describe_term(measure: str, effect: str, ratios: Values, freedom: tuple[int
     return CrossoverTerm(measure, effect, freedom, observed * freedom[1] / freedom[0], p, variance)
 
 
-def _has_enough_orders(known: pd.DataFrame) -> bool:
+def _has_enough_orders(rows: pd.DataFrame) -> bool:
     """Return whether orders can be exchanged between participants in enough ways for p < 0.05."""
-    orders = known.sort_values("position").groupby("participant")["condition"].agg(tuple)
+    orders = rows.sort_values("position").groupby("participant")["condition"].agg(tuple)
     counts = orders.value_counts().to_numpy()
     log_ways = scipy.special.gammaln(len(orders) + 1) - scipy.special.gammaln(counts + 1).sum()
     return bool(log_ways > -math.log(ALPHA))
@@ -241,34 +247,34 @@ def _centre_people(columns: Values, people: int) -> Values:
 
 def _find_basis(columns: Values) -> Values:
     """Return an orthonormal basis of the space that columns span."""
-    left, sizes, _ = np.linalg.svd(columns, full_matrices=False)
-    basis: Values = left[:, sizes > 1e-10 * max(sizes.max(initial=0.0), 1.0)]
+    left_vectors, sizes, _ = np.linalg.svd(columns, full_matrices=False)
+    basis: Values = left_vectors[:, sizes > _SINGULAR * max(sizes.max(initial=0.0), 1.0)]
     return basis
 
 
 def _sum_residuals(values: Values, basis: Values) -> Values:
-    """Return the residual sum of squares of each row of values, which are fitted by a basis."""
+    """Return the residual sum of squares of each row of values after a fit by the columns of an orthonormal basis."""
     squares: Values = (values**2).sum(axis=-1) - ((values @ basis) ** 2).sum(axis=-1)
     return squares
 
 
-def _compute_ratios(value: Values, whole: Values, other: Values, people: int) -> Values:
+def _compute_ratios(values: Values, full_basis: Values, reduced_basis: Values, people: int) -> Values:
     """Return the effect's sum of squares divided by the residual one, for the observed orders and then permutations.
 
     Args:
-        value: the values, centred within participants, sorted by participant and condition
-        whole: a basis of all effects
-        other: a basis of all effects but the tested one
+        values: the values, centred within participants, sorted by participant and condition
+        full_basis: a basis of all effects
+        reduced_basis: a basis of all effects but the tested one
         people: the number of participants
     """
-    residuals = (value - other @ (other.T @ value)).reshape(people, -1)
+    residuals = (values - reduced_basis @ (reduced_basis.T @ values)).reshape(people, -1)
     rng = np.random.default_rng(SEED)
     orders = np.concatenate([np.arange(people)[None], rng.random((RESAMPLES, people)).argsort(axis=1)])
     batches = []
     for batch in np.array_split(orders, 1 + orders.size * residuals.shape[1] // _AT_ONCE):
         permuted = residuals[batch].reshape(len(batch), -1)
-        left = np.maximum(_sum_residuals(permuted, whole), np.finfo(float).tiny)
-        batches.append(_sum_residuals(permuted, other) / left - 1)
+        full_residuals = np.maximum(_sum_residuals(permuted, full_basis), np.finfo(float).tiny)
+        batches.append(_sum_residuals(permuted, reduced_basis) / full_residuals - 1)
     return np.concatenate(batches)
 
 
@@ -317,45 +323,45 @@ def compare_growth(rows: pd.DataFrame, measure: str, *, order: Sequence[str] = (
         The comparison; None if no group has two people with a line.
     """
     lines = _fit_lines(rows.dropna(subset=[measure]), measure)
-    everyone = list(order) or sorted({str(group) for group in rows["group"]})
-    groups = [group for group in everyone if len(lines.get(group, ())) >= 2]
+    all_groups = list(order) or sorted({str(group) for group in rows["group"]})
+    groups = [group for group in all_groups if len(lines.get(group, ())) >= 2]
     if not groups:
         return None
     *other_groups, reference = groups
     people = {group: np.array(lines[group]) for group in groups}
     terms = []
     for column, name in enumerate((f"{measure} in the middle of the block", "change an episode")):
-        base = people[reference][:, column]
-        term = estimate_mean(f"{reference}: {name}", base)
+        reference_values = people[reference][:, column]
+        term = estimate_mean(f"{reference}: {name}", reference_values)
         if column == 0:
             term = replace(term, p=math.nan)  # a test of a level against 0 means nothing
         terms.append(term)
         for group in other_groups:
             values = people[group][:, column]
-            terms.append(_estimate_difference(f"{group} minus {reference}: {name}", values, base))
+            terms.append(_estimate_difference(f"{group} minus {reference}: {name}", values, reference_values))
     left_out = tuple(
         f"{group}: {len(lines.get(group, ()))} with {MIN_EPISODES} episodes or more"
-        for group in everyone
+        for group in all_groups
         if group not in groups
     )
     return GrowthComparison(measure, reference, tuple(terms), left_out)
 
 
-def _fit_lines(known: pd.DataFrame, measure: str) -> dict[str, list[tuple[float, float]]]:
+def _fit_lines(rows: pd.DataFrame, measure: str) -> dict[str, list[tuple[float, float]]]:
     """Return by group the level in the middle of the block and the slope of each participant's line.
 
-    Participants with too few episodes are left out.
+    Participants with fewer than ``MIN_EPISODES`` different episodes are left out. No value of the measure is missing.
     """
-    middle = known["episode_in_block"].mean()
-    centred = known.assign(at=known["episode_in_block"] - middle, value=known[measure])
+    middle = rows["episode_in_block"].mean()
+    centred = rows.assign(at=rows["episode_in_block"] - middle, value=rows[measure])
     by_person = centred.groupby(["group", "participant"])
     mean = by_person[["at", "value"]].transform("mean")
-    at = known["episode_in_block"] - middle - mean["at"]
-    products = pd.DataFrame({"product": at * (known[measure] - mean["value"]), "square": at**2})
-    sums = products.groupby([known["group"], known["participant"]])[["product", "square"]].sum()
-    enough = by_person["at"].nunique() >= MIN_EPISODES
-    slopes = (sums["product"] / sums["square"])[enough]
-    levels = by_person["value"].mean()[enough] - slopes * by_person["at"].mean()[enough]
+    deviation = rows["episode_in_block"] - middle - mean["at"]
+    products = pd.DataFrame({"product": deviation * (rows[measure] - mean["value"]), "square": deviation**2})
+    sums = products.groupby([rows["group"], rows["participant"]])[["product", "square"]].sum()
+    has_enough = by_person["at"].nunique() >= MIN_EPISODES
+    slopes = (sums["product"] / sums["square"])[has_enough]
+    levels = by_person["value"].mean()[has_enough] - slopes * by_person["at"].mean()[has_enough]
     lines: dict[str, list[tuple[float, float]]] = {}
     for (group, _), level, slope in zip(slopes.index, levels, slopes, strict=True):
         lines.setdefault(str(group), []).append((float(level), float(slope)))
@@ -365,7 +371,7 @@ def _fit_lines(known: pd.DataFrame, measure: str) -> dict[str, list[tuple[float,
 def estimate_mean(name: str, values: Values) -> GrowthTerm:
     """Estimate a mean over people, with the interval and p of the sign-flip test that the mean is 0.
 
-    The interval and p are NaN if all people have the same value.
+    The interval and p are NaN if there are fewer than two people, or if all have the same value.
     """
     test = paired_test(values)
     if test is None or not test.error > 0:
@@ -373,10 +379,13 @@ def estimate_mean(name: str, values: Values) -> GrowthTerm:
     return GrowthTerm(name, test.difference, test.interval(), test.p(), test.n)
 
 
-def _estimate_difference(name: str, values: Values, base: Values) -> GrowthTerm:
-    """Estimate the difference of two groups' means; the interval and p are NaN if no value varies within a group."""
-    people = len(values) + len(base)
-    (test,) = permutation_tests([(values, base)])
+def _estimate_difference(name: str, values: Values, reference: Values) -> GrowthTerm:
+    """Estimate the difference of a group's mean from the reference group's; ``name`` names the term.
+
+    The interval and p are NaN if no value varies within a group.
+    """
+    people = len(values) + len(reference)
+    (test,) = permutation_tests([(values, reference)])
     if test is None or not test.error > 0:
-        return GrowthTerm(name, float(values.mean() - base.mean()), (math.nan, math.nan), math.nan, people)
+        return GrowthTerm(name, float(values.mean() - reference.mean()), (math.nan, math.nan), math.nan, people)
     return GrowthTerm(name, test.difference, test.interval(), test.p(), people)

@@ -19,6 +19,8 @@ _TIES = 1e-9  # relative rounding error of equal squared t
 _NO_SPREAD = 1e-13  # squares below this share of the squared deviations are rounding errors
 _NOTHING = (math.nan, math.nan)
 _LARGEST_T = 1e18  # squared
+_BOUND_PRECISION = 1e-6  # of a bound of an interval, relative to the last step of its search
+_NO_WELCH = 4  # in smaller groups, Welch's degrees of freedom do not protect p
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,7 +42,7 @@ class PermutationTest:
     sums: Values  # (regroupings,) in the first group, of deviations from the own group's mean
     own_sums: Values  # (regroupings,) the same, over those who stay
     squares: Values  # (regroupings,) of those deviations
-    extra: int  # 1 where regroupings are a random sample: the groups as they were count as one more
+    extra: int  # 1 where regroupings are a random sample, of which the observed groups count as one; else 0
 
     def p(self, shift: float = 0.0) -> float:
         """Return the two-sided p of the null hypothesis that the difference is ``shift``.
@@ -59,9 +61,9 @@ class PermutationTest:
         return max(p, float(2 * scipy.special.stdtr(freedom, -abs(self.difference - shift) / self.error)))
 
     def regrouped_p(self, shift: float = 0.0) -> float:
-        """Return the share of regroupings with a |t| of at least the observed one.
+        """Return the share of regroupings with a |t| of at least the observed one, after a shift.
 
-        The first group is moved by -shift beforehand.
+        ``shift`` is subtracted from the values of the first group before the groups are formed anew.
         """
         n, m = self.n
         d = self.difference - shift
@@ -71,14 +73,15 @@ class PermutationTest:
         total_squares = self.sum_of_squares + n * d * d
         scale = total_squares / (n + m)
         other_sums = total - sums
-        apart = (sums / n - other_sums / m) ** 2
-        error = _squared_error(squares - sums**2 / n, n, scale)
-        error += _squared_error(total_squares - squares - other_sums**2 / m, m, scale)
+        squared_difference = (sums / n - other_sums / m) ** 2
+        squared_error = _square_error(squares - sums**2 / n, n, scale)
+        squared_error += _square_error(total_squares - squares - other_sums**2 / m, m, scale)
+        is_rounding = squared_difference <= _NO_SPREAD * scale
         with np.errstate(divide="ignore", invalid="ignore"):
-            t = np.where(apart <= _NO_SPREAD * scale, 0.0, np.minimum(apart / error, _LARGEST_T))
-        least = self._square_t(d, scale)
-        as_far = int(np.count_nonzero(t >= least * (1 - _TIES)))
-        return (as_far + self.extra) / (len(t) + self.extra)
+            squared_t = np.where(is_rounding, 0.0, np.minimum(squared_difference / squared_error, _LARGEST_T))
+        observed = self._square_t(d, scale)
+        n_as_far = int(np.count_nonzero(squared_t >= observed * (1 - _TIES)))
+        return (n_as_far + self.extra) / (len(squared_t) + self.extra)
 
     def _square_t(self, difference: float, scale: float) -> float:
         """Return the squared t of the observed groups for a difference; 0 if it is only a rounding error."""
@@ -122,9 +125,9 @@ class AdjustedTest:
         """Return the two-sided p of the null hypothesis that the adjusted difference is ``shift``."""
         observed = abs(self.difference - shift) / self.error
         d = -shift
-        error = self.squares[0] + 2 * d * self.squares[1] + d * d * self.squares[2]
-        apart = np.abs(self.shifts + d * self.own_shifts) / np.sqrt(np.maximum(error, 1 / _LARGEST_T))
-        regrouped = (int(np.count_nonzero(apart >= observed * (1 - _TIES))) + 1) / (len(apart) + 1)
+        squared_error = self.squares[0] + 2 * d * self.squares[1] + d * d * self.squares[2]
+        t = np.abs(self.shifts + d * self.own_shifts) / np.sqrt(np.maximum(squared_error, 1 / _LARGEST_T))
+        regrouped = (int(np.count_nonzero(t >= observed * (1 - _TIES))) + 1) / (len(t) + 1)
         floor = floor_freedom(self.n, self.freedom)
         if floor:
             return max(regrouped, float(2 * scipy.special.stdtr(floor, -observed)))
@@ -143,8 +146,8 @@ def adjust_groups(a: tuple[Values, Values], b: tuple[Values, Values]) -> tuple[V
         b: the second group's values and covariates, of the same form
 
     Returns:
-        Both groups' adjusted values and the test. None if fewer than LEAST_FREEDOM residual degrees of freedom are
-        left, a group has fewer than LEAST_ESTIMATED participants, or no variation is left beside the covariates.
+        Both groups' adjusted values and the test. None if fewer than LEAST_FREEDOM residual degrees of freedom
+        remain, a group has fewer than LEAST_ESTIMATED participants, or the covariates explain all variation.
     """
     n = len(a[0])
     m = len(b[0])
@@ -173,9 +176,9 @@ def adjust_groups(a: tuple[Values, Values], b: tuple[Values, Values]) -> tuple[V
         squares = np.array([[1.0], [0.0], [0.0]])
     else:
         order = _draw_orders(n + m)
-        shifts, left = fit(e[order])
-        own_shifts, own_left = fit(x[order])
-        squares = np.stack([left**2 @ weights, (left * own_left) @ weights, own_left**2 @ weights])
+        shifts, errors = fit(e[order])
+        own_shifts, own_errors = fit(x[order])
+        squares = np.stack([errors**2 @ weights, (errors * own_errors) @ weights, own_errors**2 @ weights])
     error = math.sqrt(float(residuals[0] ** 2 @ weights))
     slopes = np.linalg.lstsq(centred, values - difference * (groups - groups.mean()) - values.mean(), rcond=None)[0]
     adjusted = values - centred @ slopes
@@ -196,6 +199,12 @@ def invert_test(
     """Return the interval of values that a two-sided test does not reject at the level ``alpha``.
 
     Both bounds are searched for outwards from the estimate.
+
+    Args:
+        p: the function that returns the p of the null hypothesis that the parameter has a given value
+        estimate: the estimate of the parameter
+        error: the standard error of the estimate, the first step of the search
+        alpha: the level below which p rejects
     """
 
     def is_rejected(value: float) -> bool:
@@ -219,7 +228,7 @@ def _search_bound(is_rejected: Callable[[float], bool], estimate: float, step: f
         else:
             inside = inside + step
             step = 2 * step
-    while abs(outside - inside) > 1e-6 * abs(step):
+    while abs(outside - inside) > _BOUND_PRECISION * abs(step):
         middle = (inside + outside) / 2
         if is_rejected(middle):
             outside = middle
@@ -228,10 +237,10 @@ def _search_bound(is_rejected: Callable[[float], bool], estimate: float, step: f
     return inside
 
 
-def _squared_error(squares: Values, n: int, scale: float) -> Values:
-    """Return the squared standard error of a mean, computed from its group's sum of squares.
+def _square_error(squares: Values, n: int, scale: float) -> Values:
+    """Return the squared standard error of the mean of ``n`` values from their sums of squared deviations.
 
-    It is exactly 0 where values differ only by rounding errors.
+    It is exactly 0 where values differ only by rounding errors; ``scale`` is the mean square of all values.
     """
     return np.where(squares <= _NO_SPREAD * scale * n, 0.0, squares / (n * (n - 1)))
 
@@ -245,10 +254,10 @@ def permutation_tests(pairs: Sequence[tuple[Values, Values]]) -> list[Permutatio
     tests: list[PermutationTest | None] = [None] * len(pairs)
     sizes = [(len(a), len(b)) for a, b in pairs]
     for size in sorted({size for size in sizes if min(size) > 1}):
-        places = [place for place, pair_size in enumerate(sizes) if pair_size == size]
-        same_size_tests = _test_same_size_pairs([pairs[place] for place in places])
-        for place, test in zip(places, same_size_tests, strict=True):
-            tests[place] = test
+        indices = [index for index, pair_size in enumerate(sizes) if pair_size == size]
+        same_size_tests = _test_same_size_pairs([pairs[index] for index in indices])
+        for index, test in zip(indices, same_size_tests, strict=True):
+            tests[index] = test
     return tests
 
 
@@ -265,8 +274,8 @@ def _test_same_size_pairs(pairs: Sequence[tuple[Values, Values]]) -> Iterator[Pe
     square_sums = totals[:, count : 2 * count]
     own_sums = totals[:, 2 * count : 3 * count]
     extra = int(count_regroupings(n, m) > RESAMPLES)
-    for at, (a, b) in enumerate(pairs):
-        squares = deviations[at] ** 2
+    for index, (a, b) in enumerate(pairs):
+        squares = deviations[index] ** 2
         error, freedom = _measure_welch_error(squares[:n].sum(), squares[n:].sum(), n, m)
         yield PermutationTest(
             n=(n, m),
@@ -275,9 +284,9 @@ def _test_same_size_pairs(pairs: Sequence[tuple[Values, Values]]) -> Iterator[Pe
             freedom=freedom,
             sum_of_squares=float(squares.sum()),
             members=totals[:, -1],
-            sums=sums[:, at],
-            own_sums=own_sums[:, at],
-            squares=square_sums[:, at],
+            sums=sums[:, index],
+            own_sums=own_sums[:, index],
+            squares=square_sums[:, index],
             extra=extra,
         )
 
@@ -299,7 +308,7 @@ def _measure_welch_error(first_squares: float, second_squares: float, n: int, m:
 
 
 def floor_freedom(n: tuple[int, int], freedom: float) -> float:
-    """Return the degrees of freedom of the t distribution that is a lower limit of the permutation test's p.
+    """Return the degrees of freedom of the t distribution whose p is a lower limit of the permutation test's p.
 
     Args:
         n: the number of participants in each group
@@ -308,10 +317,10 @@ def floor_freedom(n: tuple[int, int], freedom: float) -> float:
     Returns:
         The degrees of freedom; 0 if p has no lower limit.
     """
-    small = min(n)
-    if small < 4:
-        return small - 1
-    if small < _SMALL and n[0] != n[1]:
+    smaller = min(n)
+    if smaller < _NO_WELCH:
+        return smaller - 1
+    if smaller < _SMALL and n[0] != n[1]:
         return freedom
     return 0
 

@@ -14,6 +14,7 @@ RESAMPLES = 9_999
 _AT_ONCE = 200_000  # values permuted at a time
 LARGEST_REGROUPED = 5_000  # values; of more, in large groups, the limit of the regroupings is drawn instead of them
 LEAST_LARGE = 500  # participants in the smaller group, from whom on that limit holds for skewed values, too
+_DRAWN_GROUP = 4  # participants per group, from whom on ``_ALWAYS_DRAWN`` holds
 _ALWAYS_DRAWN = 30  # with more participants, groups of four or more have more regroupings than RESAMPLES
 _CACHED_SIZE = 200  # participants, up to whom regroupings are cached for the next measure: 16 MB
 SEED = 20_230_613  # of the permutations, so that the same data give the same p
@@ -34,7 +35,7 @@ def draw_totals(columns: Values, n: int) -> Values:
     """
     total = len(columns)
     if not has_limit(n, total - n, total):
-        return np.concatenate([chosen @ columns for chosen in draw_regroupings(n, total - n)])
+        return np.concatenate([members @ columns for members in draw_regroupings(n, total - n)])
     mean = columns.mean(axis=0)
     centred = columns - mean
     covariance = centred.T @ centred * (n * (total - n) / (total * (total - 1)))
@@ -55,8 +56,8 @@ def has_limit(n: int, m: int, values: int) -> bool:
 
 
 def count_regroupings(n: int, m: int) -> float:
-    """Return the number of ways to form groups of these sizes; infinity if there are too many to enumerate."""
-    if min(n, m) <= 3 or n + m <= _ALWAYS_DRAWN:
+    """Return the number of ways to form groups of these sizes; infinity if it is certainly more than RESAMPLES."""
+    if min(n, m) < _DRAWN_GROUP or n + m <= _ALWAYS_DRAWN:
         return math.comb(n + m, n)
     return math.inf
 
@@ -82,16 +83,19 @@ def _make_regroupings(n: int, m: int, resamples: int) -> Iterator[Values]:
     total = n + m
     at_once = max(1, _AT_ONCE // (n + m))
     if count_regroupings(n, m) <= resamples:
-        yield _membership(np.array(list(combinations(range(total), n))), total)
+        yield _mark_members(np.array(list(combinations(range(total), n))), total)
         return
     rng = np.random.default_rng(SEED)
     for begin in range(0, resamples, at_once):
         in_order = np.tile(np.arange(total, dtype=np.int32), (min(at_once, resamples - begin), 1))
-        yield _membership(rng.permuted(in_order, axis=1, out=in_order)[:, :n], total)
+        yield _mark_members(rng.permuted(in_order, axis=1, out=in_order)[:, :n], total)
 
 
-def _membership(first: NDArray[np.int_], total: int) -> Values:
-    """Return an array of shape (regroupings, total) with a 1 for each participant in the first group."""
+def _mark_members(first: NDArray[np.int_], total: int) -> Values:
+    """Return an array of shape (regroupings, total) with a 1 for each participant in the first group.
+
+    ``first`` has the indices of these participants, of shape (regroupings, participants).
+    """
     members = np.zeros((len(first), total))
     np.put_along_axis(members, first, 1.0, axis=1)
     return members

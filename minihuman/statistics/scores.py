@@ -92,12 +92,12 @@ def score_player(
     means = _average_runs(player, player_weights, level_weights)
     reference_means = _average_runs(reference, reference_weights, level_weights)
     if floor is None:
-        least = np.zeros(draws + 1)
+        floor_means = np.zeros(draws + 1)
     else:
         floor_weights = _draw_weights(rng, len(floor.success), draws)
-        least = _weighted_mean(floor.efficiency, floor_weights, level_weights)
+        floor_means = _average_weighted(floor.efficiency, floor_weights, level_weights)
     with np.errstate(invalid="ignore", divide="ignore"):
-        normalised = (means["efficiency"] - least) / (reference_means["efficiency"] - least)
+        normalised = (means["efficiency"] - floor_means) / (reference_means["efficiency"] - floor_means)
         relative = reference_means["steps"] / means["steps"]
     differences = means["success"] - reference_means["success"]
     if player is reference:  # one value by definition; the spread is that of people against their mean
@@ -124,40 +124,48 @@ def _draw_weights(rng: np.random.Generator, count: int, draws: int) -> Array:
 def _average_runs(runs: Runs, run_weights: Array, level_weights: Array) -> dict[str, Array]:
     """Return the mean of each measure over runs and levels, by measure, under each bootstrap sample's weights."""
     return {
-        name: _weighted_mean(getattr(runs, name), run_weights, level_weights)
+        name: _average_weighted(getattr(runs, name), run_weights, level_weights)
         for name in ("success", "efficiency", "steps")
     }
 
 
-def _weighted_mean(values: Array, rows: Array, columns: Array) -> Array:
+def _average_weighted(values: Array, run_weights: Array, level_weights: Array) -> Array:
     """Return the mean over levels of each level's mean over runs, under each bootstrap sample's weights.
 
     Args:
         values: an array of shape (runs, levels); NaN where a run has no episode of a level
-        rows: the weights of runs, of shape (draws + 1, runs)
-        columns: the weights of levels, of shape (draws + 1, levels)
+        run_weights: the weights of runs, of shape (draws + 1, runs)
+        level_weights: the weights of levels, of shape (draws + 1, levels)
     """
-    present = ~np.isnan(values)
+    is_present = ~np.isnan(values)
     with np.errstate(invalid="ignore", divide="ignore"):
-        levels = (rows @ np.where(present, values, 0.0)) / (rows @ present.astype(float))
-        weights = np.where(np.isnan(levels), 0.0, columns)
-        mean: Array = (np.nan_to_num(levels) * weights).sum(1) / weights.sum(1)
+        level_means = (run_weights @ np.where(is_present, values, 0.0)) / (run_weights @ is_present.astype(float))
+        weights = np.where(np.isnan(level_means), 0.0, level_weights)
+        mean: Array = (np.nan_to_num(level_means) * weights).sum(1) / weights.sum(1)
     return mean
 
 
 def _excludes(draws: Array, value: float) -> bool:
-    """Return whether the 97.5 % interval excludes a value; False if the interval is unknown.
+    """Return whether the 97.5 % interval of a bootstrap excludes a value; False if there is no interval.
 
-    Two such tests together have an error of 5 %.
+    Two such tests together have an error of at most 5 %.
     """
     interval = _estimate(draws, share=0.975)
     return interval.high < value or interval.low > value
 
 
 def _estimate(draws: Array, least: float = -np.inf, most: float = np.inf, *, share: float = 0.95) -> Estimate:
-    """Return the value of the original sample with the percentile interval of the bootstrap samples."""
-    known = draws[1:][np.isfinite(draws[1:])]
-    if not len(known) or not np.isfinite(draws[0]):
+    """Return the value of the original sample with the percentile interval of the bootstrap samples.
+
+    Args:
+        draws: the value in the original sample, then in each bootstrap sample; those that are not finite are ignored
+        least: the smallest possible value, to which the interval is clipped
+        most: the largest possible value
+        share: the share of bootstrap samples in the interval
+    """
+    samples = draws[1:]
+    finite = samples[np.isfinite(samples)]
+    if not len(finite) or not np.isfinite(draws[0]):
         return Estimate(float(draws[0]), np.nan, np.nan)
-    low, high = np.quantile(known, ((1 - share) / 2, (1 + share) / 2))
+    low, high = np.quantile(finite, ((1 - share) / 2, (1 + share) / 2))
     return Estimate(float(draws[0]), float(max(least, low)), float(min(most, high)))

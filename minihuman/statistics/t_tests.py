@@ -12,10 +12,11 @@ from minihuman.moved import forward_names
 
 LEVEL = 0.95
 Values = NDArray[np.float64]
-_LARGE_G = 0.8
-_LIKELY = 0.8
+_LARGE_G = 0.8  # Cohen's large difference, in standard deviations
+_LIKELY = 0.8  # the customary power
 _ONE_SIDED = 5.0  # standard errors
-_LARGEST_G = 30.0
+_LARGEST_G = 30.0  # the largest difference searched for
+_LARGEST_SIZE = 1000  # participants per group; far fewer have the customary power for a large difference
 _NEAR_ENOUGH = 1e-9  # standard deviations
 
 
@@ -48,17 +49,17 @@ def compare_means(a: Values, b: Values) -> Welch:
 def split_skewness(a: Values, b: Values) -> tuple[float, float]:
     """Return each group's part of the skewness of the difference of two means.
 
-    The sum is the skewness, with which the error of a t test's level grows (Johnson, 1978). Groups have three values or
-    more; both parts are 0 if nothing varies.
+    The parts add up to that skewness, with which the error of a t test's level grows (Johnson, 1978). Each group must
+    have at least three values. Both parts are 0 if nothing varies.
     """
     variance = float(a.var(ddof=1) / len(a) + b.var(ddof=1) / len(b))
     if not variance > 0:
         return 0.0, 0.0
-    first, second = (_mean_cube(group) / len(group) ** 2 / variance**1.5 for group in (a, b))
+    first, second = (_estimate_third_moment(group) / len(group) ** 2 / variance**1.5 for group in (a, b))
     return first, -second
 
 
-def _mean_cube(values: Values) -> float:
+def _estimate_third_moment(values: Values) -> float:
     """Return the unbiased estimate of the third central moment."""
     n = len(values)
     return float(((values - values.mean()) ** 3).sum()) * n / ((n - 1) * (n - 2))
@@ -75,8 +76,11 @@ class PowerAnalysis:
 
 
 def compute_power(n: tuple[int, int]) -> PowerAnalysis:
-    """Compute the power of a comparison of two groups of ``n`` participants; NaN if a group has fewer than two."""
-    needed = next(size for size in range(2, 1000) if t_test_power(_LARGE_G, (size, size)) >= _LIKELY)
+    """Compute the power of a comparison of two groups with ``n`` participants each.
+
+    The power and the detectable difference are NaN if a group has fewer than two participants.
+    """
+    needed = next(size for size in range(2, _LARGEST_SIZE) if t_test_power(_LARGE_G, (size, size)) >= _LIKELY)
     if min(n) < 2:
         return PowerAnalysis(n, math.nan, math.nan, needed)
     return PowerAnalysis(n, t_test_power(_LARGE_G, n), _find_detectable_difference(_LIKELY, n), needed)

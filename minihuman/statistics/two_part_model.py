@@ -24,9 +24,13 @@ from minihuman.statistics.t_tests import Values
 LEVEL = 0.95
 LEAST = LEAST_ESTIMATED  # people per group, below whom there is neither an estimate nor p
 _NOTHING = (math.nan, math.nan)
-_AT_ONCE = 500_000
-_ROUNDS = 30
+_AT_ONCE = 500_000  # values regrouped at a time
+_ROUNDS = 30  # of the iteration between mean and correlation
 _LEAST_CORRELATION = -0.9  # divided by n; the correlation between n episodes of a person cannot be below -1 / (n - 1)
+_LARGEST_CORRELATION = 0.99  # at 1, all episodes of a person would be one
+_LARGEST_LOG = 700.0  # the exponential of a larger number overflows
+_TIES = 1e-9  # statistics that differ by less are equal but for rounding errors
+_NO_SPREAD = 1e-12  # a smaller difference or squared error is a rounding error
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,8 +61,8 @@ class TwoPartComparison:
 
 def has_mass_at_zero(values: Values) -> bool:
     """Return whether a measure of single episodes is 0 in some episodes, above 0 in others, and never below 0."""
-    known = values[~np.isnan(values)]
-    return bool(len(known) and (known == 0).any() and (known > 0).any() and known.min() >= 0)
+    present = values[~np.isnan(values)]
+    return bool(len(present) and (present == 0).any() and (present > 0).any() and present.min() >= 0)
 
 
 def compare_two_parts(
@@ -87,13 +91,13 @@ def compare_two_parts(
     any_reason = too_few or _find_constant_group(groups, shares)
     amount_reason = too_few or too_few_above
     if any_reason:
-        any_part = _missing(any_reason)
+        any_part = _make_missing_part(any_reason)
     else:
-        a_happened = [(person > 0).astype(float) for person in episodes[a]]
-        b_happened = [(person > 0).astype(float) for person in episodes[b]]
-        any_part = _compare_marginals(fit_gee(a_happened, odds=True), fit_gee(b_happened, odds=True))
+        a_is_above = [(person > 0).astype(float) for person in episodes[a]]
+        b_is_above = [(person > 0).astype(float) for person in episodes[b]]
+        any_part = _compare_marginals(fit_gee(a_is_above, odds=True), fit_gee(b_is_above, odds=True))
     if amount_reason:
-        amount_part = _missing(amount_reason)
+        amount_part = _make_missing_part(amount_reason)
     else:
         amount_part = _compare_marginals(fit_gee(above[a]), fit_gee(above[b]))
     p = math.nan
@@ -164,13 +168,14 @@ def fit_gee(people: Sequence[Values], *, odds: bool = False) -> Marginal:
         weights = n / (1 + (n - 1) * correlation)
         weights /= weights.sum()
         mean = float(weights @ means)
-        apart = values - mean
-        squares = float((apart**2).sum())
+        deviations = values - mean
+        squares = float((deviations**2).sum())
         scale = squares / max(n.sum() - 1, 1)
-        products = (float((np.add.reduceat(apart, starts) ** 2).sum()) - squares) / 2
+        products = (float((np.add.reduceat(deviations, starts) ** 2).sum()) - squares) / 2
         if scale <= 0 or pairs <= 1:
             break
-        correlation = min(max(products / scale / (pairs - 1), _LEAST_CORRELATION / n.max()), 0.99)
+        correlation = products / scale / (pairs - 1)
+        correlation = min(max(correlation, _LEAST_CORRELATION / n.max()), _LARGEST_CORRELATION)
     error = math.sqrt(float((((means - mean) * weights / (1 - weights)) ** 2).sum()))
     if odds:
         return Marginal(math.log(mean / (1 - mean)), error / (mean * (1 - mean)), len(people), odds)
@@ -181,24 +186,25 @@ def _compare_marginals(a: Marginal, b: Marginal) -> PartComparison:
     """Compare two groups' marginal means by Welch's t; return an odds ratio if the means are log odds."""
     parts = (a.error**2, b.error**2)
     if not sum(parts) > 0:
-        return _missing("nobody differs from the others of the group")
+        return _make_missing_part("nobody differs from the others of the group")
     freedom = sum(parts) ** 2 / (parts[0] ** 2 / (a.people - 1) + parts[1] ** 2 / (b.people - 1))
-    apart = a.at - b.at
+    difference = a.at - b.at
     error = math.sqrt(sum(parts))
     half = float(scipy.special.stdtrit(freedom, (1 + LEVEL) / 2)) * error
     transform: Callable[[float], float] = math.exp if a.odds else float
-    p = float(2 * scipy.special.stdtr(freedom, -abs(apart) / error))
-    return PartComparison(transform(apart), (transform(apart - half), transform(min(apart + half, 700.0))), p)
+    p = float(2 * scipy.special.stdtr(freedom, -abs(difference) / error))
+    interval = (transform(difference - half), transform(min(difference + half, _LARGEST_LOG)))
+    return PartComparison(transform(difference), interval, p)
 
 
 def _split_by_person(rows: pd.DataFrame, measure: str) -> list[Values]:
-    """Return one array per person with the measure's values, in the order of episodes."""
-    known = rows.dropna(subset=[measure]).sort_values("participant", kind="stable")
-    participants = known["participant"].to_numpy()
-    if not len(known):
+    """Return one array per person with the measure's values, without missing ones, in the order of episodes."""
+    present = rows.dropna(subset=[measure]).sort_values("participant", kind="stable")
+    participants = present["participant"].to_numpy()
+    if not len(present):
         return []
     begins = np.flatnonzero(participants[1:] != participants[:-1]) + 1
-    return np.split(known[measure].to_numpy(np.float64), begins)
+    return np.split(present[measure].to_numpy(np.float64), begins)
 
 
 def summarise_people(rows: pd.DataFrame, measure: str) -> Values:
@@ -215,8 +221,9 @@ def summarise_people(rows: pd.DataFrame, measure: str) -> Values:
 def two_parts_p(a: Values, b: Values) -> float:
     """Return the p of the null hypothesis that groups differ in neither part, by a permutation test.
 
-    Where group sizes differ and one is below ten, p is no smaller than it is for two independent t, as in the test of
-    means: of 4 and 20 people with SDs of 3 and 1, permutation alone rejects a true null hypothesis in 9 % of studies.
+    The parts are the share of a person's episodes above 0, and the mean of these episodes. Where group sizes differ and
+    one is below ten, p is at least that of two independent t statistics, as in the test of means. With 4 and 20 people
+    and SDs of 3 and 1, permutation alone rejects a true null hypothesis in 9 % of studies.
 
     Args:
         a: the first group's summaries, of shape (people, 2), as from ``summarise_people``
@@ -232,27 +239,25 @@ def two_parts_p(a: Values, b: Values) -> float:
     if count_regroupings(n, total - n) <= RESAMPLES:
         orders = []
         for members in combinations(range(total), n):
-            second_group = [place for place in range(total) if place not in members]
+            second_group = [index for index in range(total) if index not in members]
             orders.append([*members, *second_group])
-        p = float((_sum_of_squares(together[np.array(orders)], n) >= observed - 1e-9).mean())
+        p = float((_sum_of_squares(together[np.array(orders)], n) >= observed - _TIES).mean())
         return max(p, lower_limit)
     rng = np.random.default_rng(SEED)
     at_once = max(1, _AT_ONCE // total)
-    as_far = 1  # the observed grouping counts as one of the random ones
-    left = RESAMPLES
-    while left:
-        now = min(left, at_once)
-        drawn_orders = rng.random((now, total)).argsort(axis=1)
-        as_far += int((_sum_of_squares(together[drawn_orders], n) >= observed - 1e-9).sum())
-        left -= now
-    return max(as_far / (RESAMPLES + 1), lower_limit)
+    n_as_far = 1  # the observed grouping counts as one of the random ones
+    for begin in range(0, RESAMPLES, at_once):
+        batch_size = min(at_once, RESAMPLES - begin)
+        random_orders = rng.random((batch_size, total)).argsort(axis=1)
+        n_as_far += int((_sum_of_squares(together[random_orders], n) >= observed - _TIES).sum())
+    return max(n_as_far / (RESAMPLES + 1), lower_limit)
 
 
 def _find_lower_limit(together: Values, n: int, observed: float) -> float:
-    """Return the p below which no permutation test of groups so small and unequal may go; 0 for other groups.
+    """Return the lower limit of p for groups that are small and of unequal size; 0 for other groups.
 
-    It is the share of sums of two squared draws from Student's t, with the groups' degrees of freedom, that reach the
-    observed sum.
+    The limit is the share of sums of two squared random numbers from Student's t, with the degrees of freedom of each
+    part, that reach the observed sum.
     """
     if not floor_freedom((n, len(together) - n), 1.0):
         return 0.0
@@ -267,20 +272,20 @@ def _find_lower_limit(together: Values, n: int, observed: float) -> float:
         if errors.sum() > 0:
             freedom = errors.sum() ** 2 / (errors**2 / (counts - 1)).sum()
             total += rng.standard_t(freedom, RESAMPLES) ** 2
-    return (int(np.count_nonzero(total >= observed - 1e-9)) + 1) / (RESAMPLES + 1)
+    return (int(np.count_nonzero(total >= observed - _TIES)) + 1) / (RESAMPLES + 1)
 
 
 def _limit_p(together: Values, n: int, observed: float) -> float:
     """Return the p of ``two_parts_p`` from the normal distribution to which the regroupings' totals converge."""
-    known = ~np.isnan(together)
-    filled = np.where(known, together - np.nanmean(together, axis=0), 0.0)
-    columns = np.concatenate([known, filled, filled**2], axis=1)
+    is_present = ~np.isnan(together)
+    filled = np.where(is_present, together - np.nanmean(together, axis=0), 0.0)
+    columns = np.concatenate([is_present, filled, filled**2], axis=1)
     first_totals = draw_totals(columns, n)
     sides = (first_totals.reshape(-1, 3, 2), (columns.sum(axis=0) - first_totals).reshape(-1, 3, 2))
     means = [side[:, 1] / side[:, 0] for side in sides]
     errors = [(side[:, 2] / side[:, 0] - mean**2) / (side[:, 0] - 1) for side, mean in zip(sides, means, strict=True)]
-    t_squared = ((means[0] - means[1]) ** 2 / np.maximum(sum(errors), 1e-12)).sum(axis=1)
-    return (int((t_squared >= observed - 1e-9).sum()) + 1) / (RESAMPLES + 1)
+    t_squared = ((means[0] - means[1]) ** 2 / np.maximum(sum(errors), _NO_SPREAD)).sum(axis=1)
+    return (int((t_squared >= observed - _TIES).sum()) + 1) / (RESAMPLES + 1)
 
 
 def _sum_of_squares(values: NDArray[np.float64], n: int) -> NDArray[np.float64]:
@@ -290,34 +295,36 @@ def _sum_of_squares(values: NDArray[np.float64], n: int) -> NDArray[np.float64]:
         values: an array of shape (regroupings, people, 2)
         n: the number of people in the first group
     """
-    parts = [_welch_squared(values[:, :n, part], values[:, n:, part]) for part in (0, 1)]
+    parts = [_compute_squared_welch_t(values[:, :n, part], values[:, n:, part]) for part in (0, 1)]
     return parts[0] + parts[1]
 
 
-def _welch_squared(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
-    mean_a, error_a = _mean_and_error(a)
-    mean_b, error_b = _mean_and_error(b)
-    apart = mean_a - mean_b
+def _compute_squared_welch_t(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the squared Welch's t of each row of two groups; 0 if a group has fewer than two values besides NaN."""
+    mean_a, error_a = _average_rows(a)
+    mean_b, error_b = _average_rows(b)
+    difference = mean_a - mean_b
     error = error_a + error_b
-    squared_t = np.where(np.abs(apart) < 1e-12, 0.0, apart**2 / np.maximum(error, 1e-12))
+    squared_t = np.where(np.abs(difference) < _NO_SPREAD, 0.0, difference**2 / np.maximum(error, _NO_SPREAD))
     return np.where(np.isnan(squared_t), 0.0, squared_t)
 
 
-def _mean_and_error(values: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _average_rows(values: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the mean of each row and its squared standard error.
 
-    NaNs are ignored; a row with fewer than two other values has NaN in both.
+    NaN values are ignored. Both are NaN for a row with fewer than two values.
     """
-    known = ~np.isnan(values)
-    n = known.sum(axis=1)
-    enough = n > 1
-    counts = np.where(enough, n, 2)
-    filled = np.where(known, values, 0.0)
+    is_present = ~np.isnan(values)
+    n = is_present.sum(axis=1)
+    has_enough = n > 1
+    counts = np.where(has_enough, n, 2)  # any divisor, as these rows become NaN
+    filled = np.where(is_present, values, 0.0)
     mean = filled.sum(axis=1) / counts
-    squares = (np.where(known, values - mean[:, None], 0.0) ** 2).sum(axis=1)
+    squares = (np.where(is_present, values - mean[:, None], 0.0) ** 2).sum(axis=1)
     error = squares / (counts - 1) / counts
-    return np.where(enough, mean, np.nan), np.where(enough, error, np.nan)
+    return np.where(has_enough, mean, np.nan), np.where(has_enough, error, np.nan)
 
 
-def _missing(reason: str) -> PartComparison:
+def _make_missing_part(reason: str) -> PartComparison:
+    """Return the comparison of a part that cannot be compared, with the reason."""
     return PartComparison(math.nan, _NOTHING, math.nan, reason)
