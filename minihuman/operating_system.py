@@ -209,12 +209,12 @@ def sync_file_system(fd: int) -> None:
         OSError: if something could not be written, or the system does not support the call.
     """
     if sys.platform == "win32":
-        syncfs = None
+        sync_function = None
     else:
-        syncfs = getattr(ctypes.CDLL(None, use_errno=True), "syncfs", None)
-    if syncfs is None:
+        sync_function = getattr(ctypes.CDLL(None, use_errno=True), "syncfs", None)
+    if sync_function is None:
         raise OSError("this operating system does not support syncfs")
-    if syncfs(fd):
+    if sync_function(fd):
         error_number = ctypes.get_errno()
         raise OSError(error_number, os.strerror(error_number))
 

@@ -124,8 +124,16 @@ def list_parts(tree: dict[str, Any], document: TomlDocument | None) -> list[Part
 def _list_uses(tree: dict[str, Any], lanes: list[Lane], part_name: str) -> list[str]:
     """Return the names of the groups and orders that list a part, each once."""
     groups = [lane.group for lane in lanes if part_name in lane.parts or part_name in lane.replaced.values()]
-    orders = [str(order.get("name")) for order in _list_rows(tree, "orders") if part_name in str(order.get("parts"))]
+    orders = [str(order.get("name")) for order in _list_rows(tree, "orders") if part_name in _list_ordered(order)]
     return list(dict.fromkeys([*groups, *orders]))
+
+
+def _list_ordered(order: Mapping[str, Any]) -> list[str]:
+    """Return the parts of an order, of which some may stand together in a list."""
+    units = order.get("parts")
+    if not isinstance(units, list):
+        return []
+    return [str(part) for unit in units for part in (unit if isinstance(unit, list) else [unit])]
 
 
 def list_lanes(tree: dict[str, Any]) -> list[Lane]:

@@ -109,7 +109,7 @@ class MediaFolder:
                 f"{request.name} was changed elsewhere in the meantime; look at it as it is now, and edit it again"
             )
             raise EditRefusedError(EditRefusal("conflict", message))
-        separator = "\t" if path.suffix == ".tsv" else ","
+        separator = "\t" if path.suffix.lower() == ".tsv" else ","
         if old:
             _, separator = _parse_table(old, request.name)
         columns, rows = request.columns, request.rows

@@ -208,8 +208,9 @@ def _free_slot(data: Path, plan: SessionPlan, error: PlayerFailedError) -> str:
     departure_reason = f"player_failed: {error.reason}"
     log = SegmentPath.of_plan(data, plan).log
     if not log.exists():
-        if plan.session == 1:
-            free_slot(study_dir, code, "player_failed")
+        if plan.session > 1:
+            return f"nothing was recorded of session {plan.session}, and {code} can be simulated again"
+        free_slot(study_dir, code, "player_failed")
         return "nothing was recorded, and the slot is free again"
     record_log_end(log)
     record_departure(study_dir, ParticipantReplaced(code, now_text(), reason=departure_reason))

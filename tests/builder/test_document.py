@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from minihuman.builder.description import list_parts
 from minihuman.builder.document import MISSING, NotEditableError, TomlDocument, is_same_value
 
 ROOT = Path(__file__).parents[2]
@@ -240,3 +241,15 @@ def test_a_field_that_is_changed_and_changed_back_leaves_every_byte(path: Path) 
             back = change_and_change_back(document, choose)
         if back is not None and "group_overrides" not in back.text.replace(text, ""):
             assert back.text == text
+
+
+def test_a_part_is_listed_with_the_orders_that_name_it_and_no_others() -> None:
+    tree = {
+        "pages": [{"name": name} for name in ("main", "main_intro", "rest")],
+        "orders": [{"name": "main", "parts": [["main_intro", "rest"], "after"]}, {"name": "late", "parts": ["main"]}],
+    }
+    assert {part.name: part.used_in for part in list_parts(tree, None)} == {
+        "main": ["late"],
+        "main_intro": ["main"],
+        "rest": ["main"],
+    }

@@ -24,8 +24,9 @@ def format_alteration(kind: AlterationKind, detail: str) -> str:
 
 def read_alteration(note: Noted) -> str:
     """Return the kind and detail of the alteration that a note reports; "" for a note about anything else."""
-    if note.kind == "page" and note.text.startswith(_NOTE_PREFIX):
-        return note.text.removeprefix(_NOTE_PREFIX)
+    match note:
+        case Noted(kind="page", text=text) if text.startswith(_NOTE_PREFIX):
+            return text.removeprefix(_NOTE_PREFIX)
     return ""
 
 

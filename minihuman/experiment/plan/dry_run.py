@@ -472,7 +472,7 @@ def _find_unknown_actions(block: BlockSpec, action_names: Sequence[str]) -> Iter
     fields_and_names = [("actions", name) for name in block.actions]
     fields_and_names += [("distractors", name) for name in block.distractors]
     if block.noop_action:
-        fields_and_names.append(("noop", block.noop_action))
+        fields_and_names.append(("noop_action", block.noop_action))
     for field, name in fields_and_names:
         if name in action_names:
             continue

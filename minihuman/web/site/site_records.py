@@ -60,12 +60,6 @@ class SiteRecord(msgspec.Struct, frozen=True):
     missing: str = ""
 
 
-def is_site_record(path: Path) -> bool:
-    """Return whether a file states at its start that it is a record of a site."""
-    with path.open("rb") as file:
-        return FORMAT.encode() in file.read(_FORMAT_BYTES)
-
-
 def read_records(paths: Iterable[Path]) -> list[SiteRecord]:
     """Read records, and join the parts of each record, which may be in several files.
 

@@ -46,7 +46,7 @@ _CHARACTER_VARIANTS = 9
 
 def mesh_extents(mesh: str) -> tuple[np.float32, np.float32, np.float32] | None:
     """Return the half width, height and half depth of a built-in mesh, in single precision; None for other meshes."""
-    stem = next((name for name in _COLOURED if mesh.startswith(f"{name}_") and mesh != "keycard"), mesh)
+    stem = next((name for name in _COLOURED if mesh.startswith(f"{name}_")), mesh)
     if stem not in _EXTENTS:
         return None
     x, y, z = _EXTENTS[stem]

@@ -154,7 +154,7 @@ class Expressions:
         if symbol.kind == "row":
             return "rt.row(c)"
         if symbol.kind != "constant":
-            self.refuse(node, f"{ast.unparse(node)} as a operand", "read one of its attributes or elements")
+            self.refuse(node, f"{ast.unparse(node)} as an operand", "read one of its attributes or elements")
         text = self.program.constant(symbol.value)
         if text is None:
             what = f"{ast.unparse(node)}, a {type(symbol.value).__name__},"

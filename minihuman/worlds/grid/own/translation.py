@@ -11,8 +11,6 @@ from dataclasses import dataclass, field
 from types import FunctionType
 from typing import Any
 
-import numpy as np
-
 from minihuman.worlds.colours import COLOURS
 from minihuman.worlds.grid.core.state import FIRST_OWN_KIND
 from minihuman.worlds.grid.layout import from_text
@@ -419,8 +417,3 @@ class _DiagramWriter:
 
     def put_agent(self, x: int, y: int, direction: int) -> None:
         self.lines.append(f"rt.put_agent(c, {self._place}, {self._translation.bodies}, {x}, {y}, {direction}, 0)")
-
-
-def settings_of(world: Any, names: Sequence[str], kind: type[np.generic]) -> Any:
-    """Return the numbers that the rules read of a world's attributes."""
-    return np.array([getattr(world, name) for name in names], kind)

@@ -47,9 +47,7 @@ def hex_colour(tile: int, palette: Palette) -> str:
     return "#{:02x}{:02x}{:02x}".format(*COLOURS[palette][tile >> 4])
 
 
-def _list_corners(
-    corners: int, radius: float, *, inner: float = 0.0, u: float = 0.5, v: float = 0.5
-) -> list[tuple[float, float]]:
+def _list_corners(corners: int, radius: float, *, inner: float = 0.0, v: float = 0.5) -> list[tuple[float, float]]:
     """Return the corners of a regular polygon that points up, or of a star if it has an inner radius."""
     points = []
     count = 2 * corners if inner else corners
