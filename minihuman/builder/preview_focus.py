@@ -33,13 +33,14 @@ class UnfocusedPage:
             await self._answer_page(scope, receive, send)
 
     async def _answer_page(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer with the application's page after inserting the script at the beginning of its head."""
+        """Answer with the application's page, uncompressed, after inserting the script at the beginning of its head."""
         messages: list[Message] = []
+        request_headers = [(name, content) for name, content in scope["headers"] if name != b"accept-encoding"]
 
         async def collect(message: Message) -> None:
             messages.append(message)
 
-        await self._app(scope, receive, collect)
+        await self._app({**scope, "headers": request_headers}, receive, collect)
         start = messages[0]
         body = b"".join(message.get("body", b"") for message in messages[1:])
         if start["status"] == HTTPStatus.OK and body:

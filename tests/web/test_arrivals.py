@@ -88,7 +88,7 @@ def test_somebody_from_prolific_has_one_slot_and_is_named_in_one_file_only(tmp_p
     assert isinstance(seat, Admission)
     assert door.arrive(from_prolific()).key == seat.key
     assert door.arrive(from_prolific("60a7b3c4d5e6f708192a3b4c")).key == "sub-02/1"
-    assert door.id_on_platform(seat.participant) == PERSON
+    assert door.find_platform_id(seat.participant) == PERSON
     holding = [path.name for path in (tmp_path / "corridor").rglob("*") if PERSON.encode() in path.read_bytes()]
     assert holding == [IDS_FILE_NAME]
     mode = stat.S_IMODE((tmp_path / "corridor" / IDS_FILE_NAME).stat().st_mode)
@@ -174,7 +174,7 @@ def test_who_declines_is_forgotten_and_may_think_better_of_it(tmp_path):
     assert not any(
         seat.participant.encode() in line for line in (tmp_path / "corridor" / ARRIVALS_FILE_NAME).read_bytes().split()
     )
-    assert door.id_on_platform(seat.participant) == ""
+    assert door.find_platform_id(seat.participant) == ""
     assert door.arrive(from_prolific("60a7b3c4d5e6f708192a3b4c")).participant == seat.participant
     assert door.arrive(from_prolific()).participant == "sub-02"
 
@@ -186,7 +186,7 @@ def test_who_withdraws_is_forgotten_everywhere(tmp_path):
     kept = [path.read_bytes() for path in (tmp_path / "corridor").rglob("*") if path.is_file()]
     stand_in = door.recruits.hash_platform_id("prolific", PERSON).encode()
     assert not any(PERSON.encode() in content or stand_in in content for content in kept)
-    assert door.id_on_platform(other.participant)
+    assert door.find_platform_id(other.participant)
     assert stat.S_IMODE((tmp_path / "corridor" / IDS_FILE_NAME).stat().st_mode) == 0o600
     with pytest.raises(AllocationError, match="has withdrawn"):
         door.plan(seat)
