@@ -119,7 +119,7 @@ def as_from_inside(image: NDArray[np.uint8]) -> None:
 def remember(row: Row, image: NDArray[np.uint8], explored: SeenCells, inside: bool) -> int:
     """Mark the cells that the agent now sees as explored; return the number of newly explored cells.
 
-    ``image`` is filled with the agent's view. With ``inside``, the agent sees less than Minigrid's view shows.
+    ``image`` receives the agent's view: Minigrid's, or with ``inside`` only what is visible from inside the grid.
     """
     see(row, image)
     if inside:
@@ -129,7 +129,7 @@ def remember(row: Row, image: NDArray[np.uint8], explored: SeenCells, inside: bo
 
 @kernel("(int32[::1], boolean[::1], int64)")
 def believe(row: Row, explored: SeenCells, hidden: int) -> Row:
-    """Return a copy of the state in which all unexplored cells have the code ``hidden``."""
+    """Return a copy of the state in which all unexplored cells have the code ``hidden``, and all boxes are empty."""
     known = row.copy()
     cells = row[WIDTH] * row[HEIGHT]
     for identity in range(1, row[OBJECTS] + 1):

@@ -87,7 +87,7 @@ def is_usual(row: Row, image: NDArray[np.uint8]) -> bool:
 
 @simd_function()
 def see_usual(ops: Any, row: Row, image: NDArray[np.uint8]) -> None:
-    """Fill an image as `see` does, for a view for which `is_usual` is true, without the carried object."""
+    """Fill an image as `see` does, but without the carried object. The view must be one that `is_usual` accepts."""
     columns, clear = look_ahead(ops, row)
     write_view(ops, image, columns, spread_sight(clear))
 

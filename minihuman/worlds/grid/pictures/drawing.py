@@ -26,7 +26,7 @@ from minihuman.worlds.grid.core.cells import (
 from minihuman.worlds.grid.core.state import CARRYING, DIRECTION, FIRST_OWN_KIND, HEADER, HEIGHT, WIDTH, Row, X, Y
 from minihuman.worlds.grid.core.view import see
 from minihuman.worlds.grid.pictures.minigrid_tiles import minigrid_tile
-from minihuman.worlds.grid.pictures.tiles import GridPalette, agent, in_hand, tile, unseen
+from minihuman.worlds.grid.pictures.tiles import GridPalette, agent, draw_carried, draw_cell_tile, draw_unseen_tile
 from minihuman.worlds.kernels import device_function, inline, kernel
 
 if TYPE_CHECKING:
@@ -64,12 +64,13 @@ def atlas(tile_px: int, palette: GridPalette, kinds: "tuple[ObjectKind, ...]" = 
     number[looks] = np.arange(1, len(looks) + 1)
     if palette == "minigrid":
         return _minigrid_atlas(tile_px, looks, number, kinds)
-    plain = np.stack([unseen(tile_px).rgb] + [tile(look, tile_px, palette, kinds).rgb for look in looks])
+    canvases = [draw_unseen_tile(tile_px), *(draw_cell_tile(look, tile_px, palette, kinds) for look in looks)]
+    plain = np.stack([canvas.rgb for canvas in canvases])
     lit = plain + (255 - plain) * LIT
     small = max(1, round(tile_px * CARRIED))
     carried = np.zeros((len(looks) + 1, small, small, 4), np.uint8)
     for look in looks:
-        canvas = in_hand(look, small, palette, kinds)
+        canvas = draw_carried(look, small, palette, kinds)
         carried[number[look]] = np.dstack([canvas.rgb, 255 * canvas.alpha]).round()
     tiles = np.stack([plain, lit]).round().astype(np.uint8).reshape(2, -1, tile_px, 3 * tile_px)
     agents = [agent(direction, tile_px, palette) for direction in range(4)]

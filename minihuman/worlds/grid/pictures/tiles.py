@@ -131,7 +131,7 @@ def shade(colour: RGB, amount: float) -> Colour:
     return red, green, blue
 
 
-def tile(code: int, size_px: int, palette: Palette, kinds: "Sequence[DrawnKind]" = ()) -> Canvas:
+def draw_cell_tile(code: int, size_px: int, palette: Palette, kinds: "Sequence[DrawnKind]" = ()) -> Canvas:
     """Return an opaque tile of a cell with the object in it, as it is drawn from above.
 
     Args:
@@ -159,15 +159,15 @@ def tile(code: int, size_px: int, palette: Palette, kinds: "Sequence[DrawnKind]"
     return canvas
 
 
-def unseen(size_px: int) -> Canvas:
+def draw_unseen_tile(size_px: int) -> Canvas:
     """Return the tile of a cell that the agent does not see."""
     canvas = Canvas(size_px)
     canvas.fill(canvas.everywhere(), UNSEEN)
     return canvas
 
 
-def in_hand(code: int, size_px: int, palette: Palette, kinds: "Sequence[DrawnKind]" = ()) -> Canvas:
-    """Return a picture of a carried object on a dark disc, with transparent corners; arguments are as in `tile`."""
+def draw_carried(code: int, size_px: int, palette: Palette, kinds: "Sequence[DrawnKind]" = ()) -> Canvas:
+    """Return a picture of a carried object on a dark disc without background; arguments as in `draw_cell_tile`."""
     canvas = Canvas(size_px)
     canvas.fill(canvas.disc(0.5, 0.5, 0.5), UNSEEN, opacity=0.85)
     paint(canvas, code, palette, kinds)

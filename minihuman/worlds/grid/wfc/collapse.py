@@ -38,7 +38,7 @@ class Overlaps:
     adjacency: NDArray[np.uint64]
 
 
-def overlaps(picture: NDArray[np.uint8], width: int, orientations: int = 8) -> Overlaps:
+def find_overlaps(picture: NDArray[np.uint8], width: int, orientations: int = 8) -> Overlaps:
     """Find the patterns of a picture and which of them may be adjacent.
 
     Args:

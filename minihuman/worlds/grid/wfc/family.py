@@ -21,7 +21,7 @@ from minihuman.worlds.grid.core.placement import stand
 from minihuman.worlds.grid.core.state import HEADER, HEIGHT, WIDTH, Row, put
 from minihuman.worlds.grid.layout import Recipe
 from minihuman.worlds.grid.missions import MissionSpace
-from minihuman.worlds.grid.wfc.collapse import Overlaps, collapse, largest_part, overlaps
+from minihuman.worlds.grid.wfc.collapse import Overlaps, collapse, find_overlaps, largest_part
 from minihuman.worlds.kernels import kernel
 from minihuman.worlds.options import check_bool, check_one_of, check_whole
 from minihuman.worlds.rng import RngState, integer, shuffle
@@ -191,7 +191,7 @@ def _read_built_in_picture(picture: str, width: int) -> Overlaps:
     lines = PICTURES[picture].split()
     is_free = np.array([[sign != "#" for sign in line] for line in lines])
     pixels = np.repeat(255 * is_free[:, :, None], 3, axis=2).astype(np.uint8)
-    return overlaps(pixels, width)
+    return find_overlaps(pixels, width)
 
 
 def _read_picture_file(folder: str, preset: Preset) -> Overlaps:
@@ -217,7 +217,7 @@ def _read_picture_file(folder: str, preset: Preset) -> Overlaps:
         raise WorldError(
             f"the pattern {path} cannot be read as a picture ({error}); name a folder that has it with patterns"
         ) from None
-    return overlaps(pixels, preset.width)
+    return find_overlaps(pixels, preset.width)
 
 
 @kernel("(int32[::1], uint64[::1], int64[:, ::1])")
