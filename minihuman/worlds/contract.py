@@ -187,7 +187,7 @@ def search_first_success(world: NativeWorld, actions: Sequence[int], *, most_sce
     waiting = [before]
     parents = [(-1, -1)]
     try:
-        for at, saved in enumerate(waiting):  # which grows meanwhile
+        for at, saved in enumerate(waiting):  # the loop appends to this list
             for action in actions:
                 world.restore(saved)
                 reward, terminated, truncated = world.advance(action)
