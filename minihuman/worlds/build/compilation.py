@@ -189,6 +189,7 @@ class SimdVector:
     __rshift__ = _operator("lshr", "")
 
     def _compare(self, sign: str, other: Any) -> "SimdVector":
+        """Emit a comparison, lane by lane; numbers that are not floating-point are compared as unsigned."""
         if self.kind in _REAL:
             compare = self.builder.fcmp_ordered
         else:

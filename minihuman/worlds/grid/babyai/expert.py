@@ -64,6 +64,7 @@ def clear_way(row: Row, clause: int) -> list[int] | None:
         if not blocking_cells:
             return actions
         thing = identities_of(cells[blocking_cells[0]])
+        # put down what the agent carries; pick up the object; put it down away from the path
         for make_part in (
             partial(put_down, way=way),
             partial(do_to, verb=encoding.PICK_UP, identity=thing),
@@ -282,7 +283,7 @@ def plan_clause(row: Row, clause: int) -> tuple[int, ...] | None:
 
 
 def _orders(row: Row) -> Iterator[tuple[int, ...]]:
-    """Yield the orders in which the remaining clauses can be carried out."""
+    """Yield the orders in which the clauses that are not yet satisfied can be carried out."""
     numbers = block(row)
     left = int(numbers[encoding.LEFT])
     right = int(numbers[encoding.RIGHT])
@@ -290,15 +291,14 @@ def _orders(row: Row) -> Iterator[tuple[int, ...]]:
     later_part = tuple(range(left, left + right))
     if numbers[encoding.JOIN] == encoding.AFTER:
         earlier_part, later_part = later_part, earlier_part
-    waiting = [
-        tuple(
-            k for k in part if numbers[encoding.CLAUSES + k * encoding.CLAUSE + encoding.STATUS] != encoding.SATISFIED
-        )
+    statuses = numbers[encoding.CLAUSES :].reshape(-1, encoding.CLAUSE)[:, encoding.STATUS]
+    remaining = [
+        tuple(clause for clause in part if statuses[clause] != encoding.SATISFIED)
         for part in (earlier_part, later_part)
     ]
     if numbers[encoding.JOIN] == encoding.ALONE:
-        waiting = waiting[:1]
-    choices = [(part, part[::-1]) if len(part) == 2 else (part,) for part in waiting]
+        remaining = remaining[:1]
+    choices = [(part, part[::-1]) if len(part) == 2 else (part,) for part in remaining]
     for first in choices[0]:
         for second in choices[1] if len(choices) > 1 else ((),):
             yield first + second

@@ -459,18 +459,18 @@ class Level:
             )
         builder = LevelBuilder(columns, lines, size)
         builder.finish(self.trace(builder, **options))
-        steps = self.steps_by_area * size * size
-        walk = size * size * columns * lines
+        fixed_limit = self.steps_by_area * size * size
+        steps_a_walk = size * size * columns * lines
         flags = own_steps * encoding.OWN_STEPS | done_required * encoding.SAY_DONE
         recipe = LevelRecipe(
             layout=furnish,
             numbers=(),
             width=width,
             height=height,
-            max_steps=steps or walk,
+            max_steps=fixed_limit or steps_a_walk,
             mission=builder.space(any_mission=any_mission or mission is not None),
             room_size=size,
-            program=builder.program(0 if steps else walk, flags=flags),
+            program=builder.program(0 if fixed_limit else steps_a_walk, flags=flags),
             fixed_mission=NO_MISSION,
         )
         if mission is None:
