@@ -61,7 +61,7 @@ from minihuman.experiment.machine.session import SessionMachine
 from minihuman.experiment.machine.transitions import Phase
 from minihuman.moved import forward_names
 from minihuman.worlds.adapters.world import World
-from minihuman.worlds.contract import CLAUSES_VERSION, PICTURES_VERSION
+from minihuman.worlds.contract import CLAUSES_VERSION, PICTURES_VERSION, SHADOWS_VERSION
 
 MACHINE_VERSION = 1  # increased when the same inputs give other events; logs record it
 _STOP_REASONS: tuple[Any, ...] = get_args(get_type_hints(Stop)["reason"])
@@ -92,9 +92,16 @@ _EXTERNAL_EVENTS = (Sampled, Linked, ModelCall, PictureCorrected)
 BROWSER_NOTE = "page"  # the kind of notes that come from a browser's page
 
 
-def renders_same_images(facts: Mapping[str, str]) -> bool:
-    """Return whether this version draws first-person worlds as the version that recorded a session's facts did."""
-    return facts.get("pictures", "1") == str(PICTURES_VERSION)
+def renders_same_images(facts: Mapping[str, str], options: Mapping[str, Any]) -> bool:
+    """Return whether this version draws a first-person world as the version that recorded a session did.
+
+    Args:
+        facts: the session's facts.
+        options: the world's options.
+    """
+    if facts.get("pictures", "1") != str(PICTURES_VERSION):
+        return False
+    return not options.get("contact_shadows") or facts.get("shadow_pictures", "1") == str(SHADOWS_VERSION)
 
 
 SeatFollower = Callable[[SessionMachine, ModelCall | None], str]  # see ``follow`` of `compare_replay`
@@ -186,7 +193,7 @@ class _EventComparison:
     def __init__(self, make_world: WorldFactory, facts: Mapping[str, str]) -> None:
         self._make_world = make_world
         self._is_drawn_here: dict[str, bool] = {}  # by a world's id: whether this package draws its pictures
-        self._has_same_images = renders_same_images(facts)
+        self._facts = facts
         self._lacks_subgoals = facts.get("clauses", "1") != str(CLAUSES_VERSION)
         self._skips_hashes = False  # whether the running episode's observations are not compared
 
@@ -210,7 +217,7 @@ class _EventComparison:
         """Describe how an event differs from its replay; "" if it does not."""
         if isinstance(logged, EpisodeStarted):
             is_drawn_here = self._is_drawn_here.get(logged.plan.world, False)
-            self._skips_hashes = is_drawn_here and not self._has_same_images
+            self._skips_hashes = is_drawn_here and not renders_same_images(self._facts, logged.plan.options)
         if self._skips_hashes and isinstance(logged, EpisodeStarted | Stepped) and type(replayed) is type(logged):
             logged = replace(logged, observation_hash=replayed.observation_hash)
         if is_same_event(logged, replayed):

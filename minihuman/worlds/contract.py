@@ -36,6 +36,7 @@ UNKNOWN_BOUNDS = PathLengthBounds()
 
 
 PICTURES_VERSION = 2  # goes up when first-person worlds are drawn differently; a log names the version of its pictures
+SHADOWS_VERSION = 2  # as PICTURES_VERSION, for worlds with contact shadows alone
 CLAUSES_VERSION = 2  # goes up when more worlds report their subgoals; a log names the version that recorded it
 
 

@@ -8,6 +8,7 @@ from contextlib import closing
 from dataclasses import dataclass
 from itertools import groupby, permutations
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -55,7 +56,7 @@ def are_proven_by_events(log: SessionLog) -> bool:
     compared, too.
     """
     has_current_rules = all(facts.get("session_rules") == str(MACHINE_VERSION) for facts in log.metadata["segments"])
-    has_same_images = all(renders_same_images(segment.facts) for segment in log.segments)
+    has_same_images = all(_has_same_images(log, episode.world_options) for episode in log.episodes)
     has_failed = any(segment.end_reason == "world_error" for segment in log.segments)
     has_team = any(episode.team is not None for episode in log.episodes)
     return has_current_rules and has_same_images and not has_failed and not has_team
@@ -75,12 +76,11 @@ def verify_episodes(log: SessionLog, make_world: WorldFactory = World) -> Episod
         WorldError: if a world in the log cannot be created here.
     """
     episodes = steps = n_other_renderer = 0
-    has_same_images = all(renders_same_images(segment.facts) for segment in log.segments)
     for (world_id, options), group in groupby(
         log.episodes, lambda episode: (episode.plan.world, episode.world_options)
     ):
         with closing(make_world(world_id, options)) as world:
-            skips_observations = world.drawn and not has_same_images
+            skips_observations = world.drawn and not _has_same_images(log, options)
             for episode in group:
                 difference = _find_first_difference(episode, world, compare_observations=not skips_observations)
                 if difference:
@@ -89,6 +89,11 @@ def verify_episodes(log: SessionLog, make_world: WorldFactory = World) -> Episod
                 episodes += 1
                 steps += len(episode.actions)
     return EpisodeVerification(episodes, steps, "", n_other_renderer)
+
+
+def _has_same_images(log: SessionLog, options: Mapping[str, Any]) -> bool:
+    """Return whether this version draws a world with these options as those that recorded a log's segments did."""
+    return all(renders_same_images(segment.facts, options) for segment in log.segments)
 
 
 def _find_first_difference(episode: EpisodeLog, world: World, *, compare_observations: bool) -> str:

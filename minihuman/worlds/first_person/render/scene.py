@@ -20,7 +20,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from minihuman.errors import WorldError
-from minihuman.worlds.first_person.render.assets import CUBE, SHADOW_FACES, SHADOW_REACH, Library, join, pack
+from minihuman.worlds.first_person.render.assets import (
+    CUBE,
+    SHADOW_CORNERS,
+    SHADOW_FACES,
+    SHADOW_REACH,
+    Library,
+    join,
+    pack,
+)
 from minihuman.worlds.first_person.render.draw_buffers import packed_faces, packed_rooms
 from minihuman.worlds.first_person.render.kernel_tables import (
     F64,
@@ -244,6 +252,7 @@ def add_things(
     thing_faces, things = _pack_things(looks, library)
     face_floats, face_wholes = packed_faces(faces)
     room_floats, room_wholes = packed_rooms(room_table)
+    has_shadows = any(isinstance(look, ShadowLook) for look in looks)
     layout = SceneTables(
         room_table,
         (np.concatenate([face_floats, room_floats]), np.concatenate([face_wholes, room_wholes])),
@@ -251,7 +260,7 @@ def add_things(
         things,
         library.textures,
         capacity=len(faces.texture) + int(np.sum(things[:, LAST] - things[:, FIRST])) + 6 * len(looks) + 2,
-        most_corners=max(int(np.max(np.diff(faces.start))), 4) + 8,
+        most_corners=max(int(np.max(np.diff(faces.start))), SHADOW_CORNERS if has_shadows else 4) + 8,
     )
     if places is None:
         place_table = np.full((len(looks), 4), np.nan)
