@@ -443,9 +443,7 @@ class ReplayedStudy:
 def _replay_observations(included: IncludedEpisode, world: World, draw: Callable[[], None]) -> tuple[Any, ...]:
     """Replay an episode and return its observations; ``draw`` is called at the reset and after each step."""
     episode = included.episode
-    drawn_anew = world.drawn and not all(
-        renders_same_images(segment.facts, episode.plan.options) for segment in included.log.segments
-    )
+    drawn_anew = world.drawn and not all(renders_same_images(segment.facts) for segment in included.log.segments)
     if drawn_anew:
         LOG.warning(
             "%s: %s: its pictures are drawn by this version; the participant saw those of an earlier one",

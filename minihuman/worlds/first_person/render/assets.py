@@ -18,7 +18,6 @@ CUBE = "cube"
 CUBE_FACES = (0, 6)
 ARROW_FACES = (6, 7)
 SHADOW_FACES = (7, 9)
-SHADOW_CORNERS = 16  # of each disc
 SHADOW_REACH = 1.35  # the radius of the shadow's outer disc
 _ABOVE_GROUND_M = 0.002
 
@@ -275,7 +274,7 @@ def unit_cube() -> list[F64]:
 
 
 def _disc(radius: float) -> F64:
-    """Return the corners of a disc around the origin, just above the ground."""
+    """Return the sixteen corners of a disc around the origin, just above the ground."""
     # the cosine and sine of 0, 22.5, 45 and 67.5 degrees; three quarter turns give the other corners
     corners = [(1.0, 0.0), (0.9238795, 0.3826834), (0.7071068, 0.7071068), (0.3826834, 0.9238795)]
     for _ in range(3):

@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 from minihuman.errors import WorldError
 from minihuman.worlds.first_person.render.assets import (
     CUBE,
-    SHADOW_CORNERS,
     SHADOW_FACES,
     SHADOW_REACH,
     Library,
@@ -252,7 +251,6 @@ def add_things(
     thing_faces, things = _pack_things(looks, library)
     face_floats, face_wholes = packed_faces(faces)
     room_floats, room_wholes = packed_rooms(room_table)
-    has_shadows = any(isinstance(look, ShadowLook) for look in looks)
     layout = SceneTables(
         room_table,
         (np.concatenate([face_floats, room_floats]), np.concatenate([face_wholes, room_wholes])),
@@ -260,13 +258,20 @@ def add_things(
         things,
         library.textures,
         capacity=len(faces.texture) + int(np.sum(things[:, LAST] - things[:, FIRST])) + 6 * len(looks) + 2,
-        most_corners=max(int(np.max(np.diff(faces.start))), SHADOW_CORNERS if has_shadows else 4) + 8,
+        most_corners=_count_most_corners(faces, thing_faces, things) + 8,
     )
     if places is None:
         place_table = np.full((len(looks), 4), np.nan)
     else:
         place_table = places
     return Scene(layout, place_table, light if light is not None else Light(), sky, display)
+
+
+def _count_most_corners(faces: FaceTable, thing_faces: FaceTable, things: F64) -> int:
+    """Return the largest number of corners of a face in the rooms or of a thing, at least four."""
+    counts = np.diff(thing_faces.start)
+    counts_by_thing = [counts[first:last] for first, last in things[:, (FIRST, LAST)].astype(int).tolist()]
+    return int(max(4, *(face_counts.max(initial=0) for face_counts in (np.diff(faces.start), *counts_by_thing))))
 
 
 def _pack_rooms(rooms: Sequence[SceneRoom], library: Library) -> tuple[FaceTable, RoomTable]:
